@@ -1,0 +1,27 @@
+"""Exact rate-independent crawlers: set-valued Coulomb friction, no masses, no regularisation, no step-size error.
+
+    0 in dR(t, xdot) + D_x E(t, x),   E = sum k/2 (z - L)^2,   R = sum mu_plus v^+ + mu_minus v^-
+
+after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
+"""
+
+from .crawler import Certificate, Crawler, Step
+from .errors import CommandError, CrawlerError, SceneError
+from .scene import Scene, gallery, load_scene, parse_scene
+from .simulate import Energy, Trajectory, simulate
+
+__all__ = [
+    "Certificate",
+    "CommandError",
+    "Crawler",
+    "CrawlerError",
+    "Energy",
+    "Scene",
+    "SceneError",
+    "Step",
+    "Trajectory",
+    "gallery",
+    "load_scene",
+    "parse_scene",
+    "simulate",
+]

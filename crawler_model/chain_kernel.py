@@ -1,0 +1,186 @@
+"""The projection onto the stasis domain of a chain, exact and in linear time.
+
+    minimise    sum_i (T_i - a_i)^2 / (2 k_i)
+    subject to  lower_i <= T_i - T_{i-1} <= upper_i,    T_{-1} = T_{n} = 0
+
+for n links and n + 1 contacts. It is a catch-up step when the bounds are frictions, and the rates inside an
+exact tick when the bounds are rates of friction, infinite where a contact is free.
+
+Dynamic programming from the first link to the last. The derivative of the cost-to-come is a non-decreasing,
+piecewise-linear function of T_i. A link adds the line (T - a_i) / k_i. A contact splits the curve at its zero,
+moves the left part by `lower`, the right part by `upper` and leaves a plateau of zero between. Only the
+breakpoints are kept, on two stacks that meet at the zero, each with a shift common to all its members; a
+breakpoint knows by how much the slope grows outwards, and how high the curve jumps there (the ends of the
+domain are infinite jumps). The same family as Johnson's algorithm for the fused lasso.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ._compiled import compiled
+
+EPS = float(np.finfo(np.float64).eps)
+POSITION, SLOPE, JUMP = 0, 1, 2
+
+
+def workspace(links: int) -> np.ndarray:
+    """Make the scratch memory that `project` wants for a chain.
+
+    Args:
+        links: the largest number of links that will be asked for.
+
+    Returns:
+        An array of shape (2, 3, 2 links + 4) for the two stacks of breakpoints.
+    """
+    return np.empty((2, 3, 2 * links + 4))
+
+
+@compiled
+def project(target, stiffness, lower, upper, tension, side, stacks):
+    """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
+
+    Args:
+        target: trial tensions a, shape (n,) [N].
+        stiffness: k > 0, shape (n,) [N/m].
+        lower: least T_i - T_{i-1}, shape (n + 1,) [N], -inf where there is none.
+        upper: greatest T_i - T_{i-1}, shape (n + 1,) [N], inf where there is none; lower <= upper.
+        tension: output, shape (n,) [N].
+        side: output, int8, shape (n + 1,): 1 where `upper` holds with equality, -1 where `lower` does, else 0.
+            What lies within rounding of a bound counts as on it.
+        stacks: scratch from `workspace(n)` or larger.
+    """
+    n = target.shape[0]
+    left = stacks[0]
+    right = stacks[1]
+    n_left = 0
+    n_right = 0
+    shift_left = 0.0
+    shift_right = 0.0
+    reach = 0.0  # how far the curve has been moved in all: the size of what rounding can do
+    if lower[0] > -np.inf:
+        left[POSITION, 0] = lower[0]
+        left[SLOPE, 0] = 0.0
+        left[JUMP, 0] = np.inf
+        n_left = 1
+        reach -= lower[0]
+    if upper[0] < np.inf:
+        right[POSITION, 0] = upper[0]
+        right[SLOPE, 0] = 0.0
+        right[JUMP, 0] = np.inf
+        n_right = 1
+        reach += upper[0]
+
+    for i in range(n):
+        flat = 1.0 / stiffness[i]
+        zero = target[i]
+        slope_left = flat
+        slope_right = flat
+        value_left = 0.0
+        value_right = 0.0
+        if n_left > 0 and zero < left[POSITION, n_left - 1] + shift_left:
+            here = left[POSITION, n_left - 1] + shift_left
+            value = (here - zero) * flat
+            slope = flat
+            while True:
+                jump = left[JUMP, n_left - 1]
+                outer = max(slope + left[SLOPE, n_left - 1], flat)
+                n_left -= 1
+                if jump >= value:
+                    zero = here
+                    value_left = value - jump
+                    value_right = value
+                    slope_left = outer
+                    slope_right = slope
+                    break
+                value -= jump
+                right[POSITION, n_right] = here - shift_right
+                right[SLOPE, n_right] = slope - outer
+                right[JUMP, n_right] = jump
+                n_right += 1
+                slope = outer
+                zero = here - value / slope
+                if n_left == 0 or zero >= left[POSITION, n_left - 1] + shift_left:
+                    slope_left = slope
+                    slope_right = slope
+                    break
+                further = left[POSITION, n_left - 1] + shift_left
+                value -= slope * (here - further)
+                here = further
+        elif n_right > 0 and zero > right[POSITION, n_right - 1] + shift_right:
+            here = right[POSITION, n_right - 1] + shift_right
+            value = (here - zero) * flat
+            slope = flat
+            while True:
+                jump = right[JUMP, n_right - 1]
+                outer = max(slope + right[SLOPE, n_right - 1], flat)
+                n_right -= 1
+                if -jump <= value:
+                    zero = here
+                    value_left = value
+                    value_right = value + jump
+                    slope_left = slope
+                    slope_right = outer
+                    break
+                value += jump
+                left[POSITION, n_left] = here - shift_left
+                left[SLOPE, n_left] = slope - outer
+                left[JUMP, n_left] = jump
+                n_left += 1
+                slope = outer
+                zero = here - value / slope
+                if n_right == 0 or zero <= right[POSITION, n_right - 1] + shift_right:
+                    slope_left = slope
+                    slope_right = slope
+                    break
+                further = right[POSITION, n_right - 1] + shift_right
+                value += slope * (further - here)
+                here = further
+
+        tension[i] = zero
+        low = lower[i + 1]
+        high = upper[i + 1]
+        if low > -np.inf:
+            shift_left += low
+            left[POSITION, n_left] = zero + low - shift_left
+            left[SLOPE, n_left] = slope_left
+            left[JUMP, n_left] = -value_left
+            n_left += 1
+            reach += abs(low)
+        else:
+            n_left = 0
+            shift_left = 0.0
+        if high < np.inf:
+            shift_right += high
+            right[POSITION, n_right] = zero + high - shift_right
+            right[SLOPE, n_right] = slope_right
+            right[JUMP, n_right] = value_right
+            n_right += 1
+            reach += abs(high)
+        else:
+            n_right = 0
+            shift_right = 0.0
+
+    near = 8.0 * EPS * reach
+    after = 0.0
+    for i in range(n - 1, -1, -1):
+        zero = tension[i]
+        close = near + 8.0 * EPS * (abs(zero) + abs(after))
+        least = after - upper[i + 1]
+        most = after - lower[i + 1]
+        if zero <= least + close:
+            tension[i] = least
+            side[i + 1] = 1
+        elif zero >= most - close:
+            tension[i] = most
+            side[i + 1] = -1
+        else:
+            side[i + 1] = 0
+        after = tension[i]
+    close = near + 8.0 * EPS * abs(after)
+    if after >= upper[0] - close:
+        side[0] = 1
+    elif after <= lower[0] + close:
+        side[0] = -1
+    else:
+        side[0] = 0

@@ -1,0 +1,199 @@
+"""Open-loop commands: waypoints with straight lines between, waves, the strategies of [G] section 5.2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .body import Body, frozen
+from .errors import SceneError
+from .friction import Friction
+
+NS = 1_000_000_000
+"""Nanoseconds in a second. Waypoints fall on whole nanoseconds; what is commanded there is not rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A polygonal path of commands.
+
+    Attributes:
+        times: waypoint times, increasing from 0, shape (W,) [s].
+        period: after it the waypoints repeat [s]; None: once, then hold.
+        actuation: L, shape (W, links) [m].
+        forward: mu_plus, shape (W, N) [N].
+        backward: mu_minus, shape (W, N) [N].
+    """
+
+    times: np.ndarray
+    period: float | None
+    actuation: np.ndarray
+    forward: np.ndarray
+    backward: np.ndarray
+
+    def targets(self) -> np.ndarray:
+        """Stack the waypoints as `integrate.follow` takes them.
+
+        Returns:
+            Rows of L (its last entry 0), mu_plus and mu_minus, shape (W, 3, N).
+        """
+        last = np.zeros((self.actuation.shape[0], 1))
+        return np.stack((np.hstack((self.actuation, last)), self.forward, self.backward), axis=1)
+
+    def waypoints_between(self, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Find the waypoints in a stretch of time.
+
+        Args:
+            after_ns: the stretch's open start [ns], >= -1.
+            until_ns: its closed end [ns].
+
+        Returns:
+            Their times [ns], int64, and their rows, each of shape (K,). With a period, its end and the next
+            one's start are the same waypoint, the first row.
+        """
+        if self.period is None:
+            times = np.rint(self.times * NS).astype(np.int64)
+            rows = np.arange(times.size)
+        else:
+            rows = np.flatnonzero(self.times < self.period)
+            span = self.period * NS
+            first = max(int(np.floor((after_ns + 1) / span)) - 1, 0)
+            count = int(np.ceil((until_ns - first * span) / span)) + 2
+            starts = self.period * np.arange(first, first + max(count, 0))
+            times = np.rint((starts[:, None] + self.times[rows]) * NS).astype(np.int64).ravel()
+            rows = np.tile(rows, starts.size)
+        inside = (times > after_ns) & (times <= until_ns)
+        return times[inside], rows[inside]
+
+    def sample(self, times_ns: np.ndarray) -> np.ndarray:
+        """Read the commands at any times.
+
+        Args:
+            times_ns: shape (K,), int64, >= 0 and increasing [ns].
+
+        Returns:
+            Rows as in `targets`, shape (K, 3, N).
+        """
+        targets = self.targets()
+        if times_ns.size == 0:
+            return targets[:0]
+        if self.period is None:
+            known, rows = self.waypoints_between(-1, int(np.rint(self.times[-1] * NS)))
+        else:
+            margin = int(self.period * NS) + 2
+            known, rows = self.waypoints_between(int(times_ns[0]) - margin, int(times_ns[-1]) + margin)
+        before = np.clip(np.searchsorted(known, times_ns, side="right") - 1, 0, known.size - 1)
+        after = np.minimum(before + 1, known.size - 1)
+        gap = np.maximum(known[after] - known[before], 1)
+        part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None, None]
+        start = targets[rows[before]]
+        return start + part * (targets[rows[after]] - start)
+
+
+def build_waypoints(
+    times: np.ndarray, period: float | None, actuation: np.ndarray, forward: np.ndarray, backward: np.ndarray
+) -> Drive:
+    """Build a drive from waypoints and check that they make a path.
+
+    Args:
+        times: shape (W,), increasing from 0 [s].
+        period: >= the last time [s], or None.
+        actuation: shape (W, links) [m].
+        forward: shape (W, N) [N].
+        backward: shape (W, N) [N].
+
+    Returns:
+        The drive, its arrays read-only.
+
+    Raises:
+        SceneError: naming the first time, row or column that does not fit.
+    """
+    if times.size == 0 or times[0] != 0.0:
+        raise SceneError("drive.times: the first time must be 0")
+    for i in np.flatnonzero(np.diff(times) * NS < 1.0):
+        raise SceneError(
+            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s)"
+        )
+    if period is not None:
+        if not period * NS >= 1.0:
+            raise SceneError(f"drive.period: {period:g} s; it must be > 0")
+        if period < times[-1]:
+            raise SceneError(f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s")
+    for name, rows in (("friction.forward", forward), ("friction.backward", backward)):
+        for row, i in np.argwhere(~(rows >= 0.0)):
+            raise SceneError(f"drive.{name}: row {row}, contact {i}: {rows[row, i]:g} N; friction must be >= 0")
+    if period is not None and period == times[-1]:
+        for name, rows in (("actuation", actuation), ("friction", forward), ("friction", backward)):
+            for i in np.flatnonzero(rows[0] != rows[-1]):
+                raise SceneError(
+                    f"drive.{name}: the last row, at the period's end, has {rows[-1, i]:g} in column {i} and the "
+                    f"first {rows[0, i]:g}; a drive with a period must end as it begins"
+                )
+    return Drive(frozen(times), period, frozen(actuation), frozen(forward), frozen(backward))
+
+
+def wave(mean: float, amplitude: float, wavelength: float, phase: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Compute a wave that travels towards +x, mean + amplitude sin 2 pi (phase - position / wavelength).
+
+    Args:
+        mean: its mean.
+        amplitude: its amplitude, in the same unit.
+        wavelength: not 0 [m]; negative for a wave towards -x.
+        phase: time over period, shape (W,).
+        position: shape (M,) [m].
+
+    Returns:
+        Its values, shape (W, M). Whole periods give the same bits as phase 0.
+    """
+    angle = 2.0 * np.pi * (np.mod(phase, 1.0)[:, None] - position[None, :] / wavelength)
+    return mean + amplitude * np.sin(angle)
+
+
+def strategy_waypoints(strategy: str, length: float, friction: float, period: float) -> tuple[np.ndarray, ...]:
+    """Make the waypoints of strategies A, B and C.
+
+    Args:
+        strategy: "A", "B" or "C".
+        length: Lmax, the greatest actuation [m].
+        friction: mu, around which the friction of both contacts goes up and down [N].
+        period: [s].
+
+    Returns:
+        times (5,) [s], actuation (5, 1) [m] and isotropic friction (5, 2) [N], a row each quarter of a period.
+
+    Source: [G] section 5.2, Examples "Strategy A", "Strategy B", "Strategy C".
+    """
+    first = {"A": (1.0, 1.5, 1.0, 0.5, 1.0), "B": (0.5, 1.0, 1.5, 1.0, 0.5), "C": (0.5, 1.5, 1.5, 0.5, 0.5)}
+    second = {"A": (1.0, 0.5, 1.0, 1.5, 1.0), "B": (1.5, 1.0, 0.5, 1.0, 1.5), "C": (0.5, 0.5, 1.5, 1.5, 0.5)}
+    times = np.array([0.0, 0.25, 0.5, 0.75, 1.0]) * period
+    actuation = length * np.array([[0.0], [0.5], [1.0], [0.5], [0.0]])
+    return times, actuation, friction * np.column_stack((first[strategy], second[strategy]))
+
+
+def merge_times(*grids: np.ndarray) -> np.ndarray:
+    """Merge waypoint times of several waves of one period.
+
+    Args:
+        grids: times of each, shape (W_i,) [s].
+
+    Returns:
+        All of them, those within a nanosecond taken as one, shape (W,) [s].
+    """
+    times = np.unique(np.concatenate(grids))
+    return times[np.concatenate(([True], np.diff(times) * NS >= 1.0))]
+
+
+def hold(body: Body, friction: Friction) -> Drive:
+    """Make the drive of a crawler that waits for commands: L = 0, its own friction, for ever.
+
+    Args:
+        body: the crawler's body.
+        friction: the scene's.
+
+    Returns:
+        A drive of one waypoint.
+    """
+    return Drive(
+        frozen([0.0]), None, frozen(np.zeros((1, body.links))), friction.forward[None], friction.backward[None]
+    )

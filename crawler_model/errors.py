@@ -1,0 +1,15 @@
+"""What can go wrong with a value that someone handed in."""
+
+from __future__ import annotations
+
+
+class CrawlerError(ValueError):
+    """The root of every error that this package raises on purpose: one line that names field, value and bound."""
+
+
+class SceneError(CrawlerError):
+    """A scene that cannot be used: unknown keys, wrong lengths, values out of bounds, an inadmissible start."""
+
+
+class CommandError(CrawlerError):
+    """A command that cannot be followed: wrong length, not finite, negative friction. The state is untouched."""

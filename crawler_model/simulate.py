@@ -1,0 +1,326 @@
+"""A scene run offline: its drive followed at a fixed rate, every waypoint an end of a ramp."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from .crawler import Crawler, Method
+from .drive import NS, Drive
+from .errors import CommandError
+from .integrate import RECORD_TENSION, RECORD_X, RECORD_X_REST
+from .scene import Scene
+from .uniqueness import uniqueness_margin
+
+_CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The energy account of a run; stored + dissipation - work = residual [J]."""
+
+    work: float
+    dissipation: float
+    stored: float
+    residual: float
+
+    @property
+    def relative_residual(self) -> float:
+        """The residual relative to the work done."""
+        size = max(abs(self.work), abs(self.dissipation), abs(self.stored))
+        return abs(self.residual) / size if size > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A run. Arrays are read-only; T counts the ticks and the start, W the start and the waypoints passed.
+
+    Attributes:
+        time: of the start and each tick's end, shape (T,) [s].
+        displacement: x, shape (T, N) [m].
+        tension: shape (T, links) [N].
+        net_translation: y, shape (T,) [m].
+        contact_state: what each contact did in the tick: 1 forward, -1 backward, 0 stuck; int8, shape (T, N).
+        waypoint_time: of the start and each waypoint passed, or of each period's end, shape (W,) [s].
+        waypoint_displacement: x there, shape (W, N) [m].
+        waypoint_net_translation: y there, shape (W,) [m].
+        per_period: y gained in each whole period, shape (P,) [m].
+        energy: the account of the whole run.
+        violation: largest excess of a spring force over its bound [N].
+        unique: False when on some stretch the translation was not determined.
+        uniqueness_margin: of the friction commanded (its least over the waypoints); None when not decided.
+        visited_margin: how near all contacts came to sliding at once.
+        events: linear pieces.
+        overspent: ramps whose budget of events was spent.
+        ticks: number of ticks.
+        wall_s: how long the run took [s].
+    """
+
+    scene: Scene
+    method: Method
+    rate: float
+    time: np.ndarray
+    displacement: np.ndarray
+    tension: np.ndarray
+    net_translation: np.ndarray
+    contact_state: np.ndarray
+    waypoint_time: np.ndarray
+    waypoint_displacement: np.ndarray
+    waypoint_net_translation: np.ndarray
+    per_period: np.ndarray
+    energy: Energy
+    violation: float
+    unique: bool
+    uniqueness_margin: float | None
+    visited_margin: float
+    events: int
+    overspent: int
+    ticks: int
+    wall_s: float
+
+    def summary(self) -> dict[str, Any]:
+        """Lay the run out as `crawler simulate --json` prints it.
+
+        Returns:
+            Plain numbers, lists and text; schema 1.
+        """
+        energy = self.energy
+        return {
+            "schema": 1,
+            "scene": self.scene.name,
+            "method": self.method,
+            "rate_hz": self.rate,
+            "time": self.waypoint_time.tolist(),
+            "displacement": self.waypoint_displacement.tolist(),
+            "net_translation": self.waypoint_net_translation.tolist(),
+            "per_period": self.per_period.tolist(),
+            "energy": {
+                "work": energy.work,
+                "dissipation": energy.dissipation,
+                "stored": energy.stored,
+                "residual": energy.relative_residual,
+            },
+            "violation": self.violation,
+            "unique": self.unique,
+            "uniqueness_margin": self.uniqueness_margin,
+            "visited_margin": self.visited_margin,
+            "events": self.events,
+            "ticks": self.ticks,
+            "wall_s": self.wall_s,
+        }
+
+
+def tick_end_ns(tick: int, rate: Fraction) -> int:
+    """Compute when a tick ends: floor(k 10^9 / rate), without drift.
+
+    Args:
+        tick: k, counted from 0 at the start.
+        rate: [Hz].
+
+    Returns:
+        Simulated time [ns].
+    """
+    return tick * NS * rate.denominator // rate.numerator
+
+
+def rational_rate(rate: float) -> Fraction:
+    """Read a rate as the rational number that was meant.
+
+    Args:
+        rate: [Hz], between 1e-9 and 1e9.
+
+    Returns:
+        The nearest fraction with a denominator of at most 10^6, or the exact one for slow rates.
+
+    Raises:
+        CommandError: when it is out of range.
+    """
+    if not 1e-9 <= rate <= 1e9:
+        raise CommandError(f"rate: {rate:g} Hz; it must be between 1e-9 and 1e9")
+    near = Fraction(rate).limit_denominator(10**6)
+    return near if abs(near - Fraction(rate)) <= Fraction(rate) / 10**12 else Fraction(rate)
+
+
+def default_duration(drive: Drive) -> float:
+    """Tell how long a run lasts when nobody says so: ten periods, or up to the last waypoint.
+
+    Args:
+        drive: the scene's.
+
+    Returns:
+        Duration [s]; 0 for a scene without a drive.
+    """
+    return float(drive.times[-1]) if drive.period is None else 10.0 * drive.period
+
+
+def commanded_margin(scene: Scene) -> float | None:
+    """Compute the uniqueness margin of the friction that a scene commands.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The least over the drive's waypoints, in [0, 1/2]; None when one of them is not decided.
+    """
+    drive = scene.commands
+    rows = np.unique(np.hstack((drive.forward, drive.backward)), axis=0)
+    n = scene.chain.contacts
+    margins = [uniqueness_margin(row[:n], row[n:]) for row in rows]
+    decided = [m for m in margins if m is not None]
+    if 0.0 in decided:
+        return 0.0
+    return min(decided) if len(decided) == len(margins) else None
+
+
+def simulate(
+    scene: Scene,
+    duration: float | None = None,
+    rate: float = 100.0,
+    method: Method = "exact",
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Run a scene's drive.
+
+    A tick goes in straight lines through the waypoints that it contains to the drive's value at its end, so that
+    `exact` is exact at any rate.
+
+    Args:
+        scene: what to run.
+        duration: [s]; None for ten periods, or up to the last waypoint.
+        rate: ticks per second [Hz].
+        method: "exact" or "catch_up".
+        progress: called with the part done, in [0, 1].
+
+    Returns:
+        The run, sampled at every tick and at every waypoint.
+
+    Raises:
+        CommandError: when duration, rate or method is out of range.
+    """
+    began = time.perf_counter()
+    drive = scene.commands
+    seconds = default_duration(drive) if duration is None else float(duration)
+    if not 0.0 <= seconds < 9e9:
+        raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
+    ratio = rational_rate(rate)
+    end_ns = round(seconds * NS)
+    ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))  # the last one may be cut short
+    crawler = Crawler(scene, method)
+    run = _Run(crawler, ticks)
+    for first in range(0, ticks, _CHUNK):
+        last = min(first + _CHUNK, ticks)
+        ends = np.array([min(tick_end_ns(k, ratio), end_ns) for k in range(first + 1, last + 1)], dtype=np.int64)
+        run.go(drive, min(tick_end_ns(first, ratio), end_ns), ends, first)
+        if progress is not None:
+            progress(last / ticks)
+    return run.finish(rate, began)
+
+
+class _Run:
+    """The tables that a run fills."""
+
+    def __init__(self, crawler: Crawler, ticks: int) -> None:
+        n, links = crawler.body.contacts, crawler.body.links
+        self.crawler = crawler
+        self.start = crawler.copy()
+        self.ticks = ticks
+        self.time_ns = np.zeros(ticks + 1, np.int64)
+        self.x = np.empty((ticks + 1, n))
+        self.tension = np.empty((ticks + 1, links))
+        self.state = np.zeros((ticks + 1, n), np.int8)
+        self.x[0], self.tension[0] = crawler.displacement, crawler.tension
+        self.waypoint_ns: list[int] = [0]
+        self.waypoint_row: list[int] = [0]
+        self.waypoint_x: list[np.ndarray] = [crawler.displacement]
+        self.waypoint_rest: list[np.ndarray] = [np.zeros(n)]
+        self.last = (crawler.displacement, np.zeros(n))
+        self.work = self.dissipation = self.residual = self.violation = 0.0
+        self.visited = crawler.visited_margin
+        self.unique = True
+        self.events = self.overspent = 0
+
+    def go(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
+        """Run the ticks that end at `tick_ns`, tick number `first` starting at `after_ns`."""
+        until = int(tick_ns[-1])
+        way_ns, way_rows = drive.waypoints_between(after_ns, until)
+        vertex_ns = np.union1d(tick_ns, way_ns)
+        targets = drive.sample(vertex_ns)
+        at = np.searchsorted(vertex_ns, way_ns)
+        targets[at] = drive.targets()[way_rows]
+        records = np.empty((vertex_ns.size, 3, self.x.shape[1]))
+        step = self.crawler.follow(np.ascontiguousarray(targets), records)
+        self.work += step.work
+        self.dissipation += step.dissipation
+        self.residual += step.certificate.energy_residual
+        self.violation = max(self.violation, step.certificate.violation)
+        self.visited = min(self.visited, step.visited_margin)
+        self.unique = self.unique and step.unique
+        self.events += step.events
+        self.overspent += step.overspent
+
+        x, rest = records[:, RECORD_X], records[:, RECORD_X_REST]
+        ends = np.searchsorted(vertex_ns, tick_ns)
+        rows = slice(first + 1, first + 1 + tick_ns.size)
+        self.time_ns[rows] = tick_ns
+        self.x[rows] = x[ends]
+        self.tension[rows] = records[ends, RECORD_TENSION, :-1]
+        before_x = np.vstack((self.last[0], x[ends[:-1]]))
+        before_rest = np.vstack((self.last[1], rest[ends[:-1]]))
+        self.state[rows] = np.sign((x[ends] - before_x) + (rest[ends] - before_rest)).astype(np.int8)
+        self.last = (x[-1].copy(), rest[-1].copy())
+        for i, ns, row in zip(at, way_ns, way_rows, strict=True):
+            if ns > 0 and (drive.period is None or row == 0):
+                self.waypoint_ns.append(int(ns))
+                self.waypoint_row.append(int(row))
+                self.waypoint_x.append(x[i].copy())
+                self.waypoint_rest.append(rest[i].copy())
+
+    def finish(self, rate: float, began: float) -> Trajectory:
+        """Close the account and freeze the tables."""
+        scene, drive = self.crawler.scene, self.crawler.scene.commands
+        way_x, way_rest = np.array(self.waypoint_x), np.array(self.waypoint_rest)
+        if drive.period is not None:
+            way_time = drive.period * np.arange(len(self.waypoint_ns))
+            gain = np.diff(way_x, axis=0) + np.diff(way_rest, axis=0)
+            per_period = gain.mean(axis=1)
+        else:
+            way_time = drive.times[self.waypoint_row]
+            per_period = np.zeros(0)
+        if scene.drive is None and self.ticks > 0:
+            way_time = np.array([0.0, self.time_ns[-1] / NS])
+            way_x = np.vstack((way_x[0], self.x[-1]))
+        k = self.crawler.body.stiffness
+        stored = float((0.5 * self.crawler.tension**2 / k).sum() - (0.5 * self.start.tension**2 / k).sum())
+        arrays = (
+            self.time_ns / NS,
+            self.x,
+            self.tension,
+            self.x.mean(axis=1),
+            self.state,
+            np.array(way_time, dtype=np.float64),
+            way_x,
+            way_x.mean(axis=1),
+            per_period,
+        )
+        for array in arrays:
+            array.flags.writeable = False
+        return Trajectory(
+            scene,
+            self.crawler.method,
+            rate,
+            *arrays,
+            energy=Energy(self.work, self.dissipation, stored, self.residual),
+            violation=max(self.violation, 0.0),
+            unique=self.unique,
+            uniqueness_margin=commanded_margin(scene),
+            visited_margin=self.visited,
+            events=self.events,
+            overspent=self.overspent,
+            ticks=self.ticks,
+            wall_s=time.perf_counter() - began,
+        )

@@ -1,0 +1,122 @@
+"""When is the net translation determined, and which translation is chosen when it is not.
+
+The shape of a crawler is always unique. Its translation is unique unless, for some set J of contacts, the
+backward friction of J balances the forward friction of the others (condition (*), [G] section 2.2):
+
+    sum_{i in J} mu_minus_i - sum_{i not in J} mu_plus_i = 0.
+
+Then the translation rates v that minimise the dissipation R(chi(w, v)) fill an interval. The rule everywhere in
+this package: of that interval take the translation nearest to zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ._compiled import compiled
+
+CRITICAL = 1e-12
+"""Below this relative margin a balance of friction forces counts as exact: 0.1 and 0.3 are not 1/10 and 3/10."""
+
+_MOST_DECIDED = 30
+
+
+def uniqueness_margin(forward: ArrayLike, backward: ArrayLike) -> float | None:
+    """Compute how far the friction is from violating condition (*).
+
+        margin = min_J |sum_J mu_minus - sum_{not J} mu_plus| / sum_i (mu_plus_i + mu_minus_i)
+
+    Args:
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The margin in [0, 1/2]; 0 when it is below 1e-12, where it counts as critical, and when there is no
+        friction at all; None when it is not decided: unequal contacts, more than 30 of them.
+
+    Source: [G] Lemma on heterogeneous models, with the sign corrected; meet in the middle.
+    """
+    plus = np.asarray(forward, dtype=np.float64)
+    minus = np.asarray(backward, dtype=np.float64)
+    weight = plus + minus
+    total = float(weight.sum())
+    if total == 0.0:
+        return 0.0
+    goal = float(plus.sum())  # sum_J minus - sum_{not J} plus = sum_J weight - goal
+    if np.ptp(weight) == 0.0:
+        nearest = min(max(round(goal / weight[0]), 0), weight.size)
+        gap = abs(nearest * weight[0] - goal)
+    elif weight.size <= _MOST_DECIDED:
+        half = weight.size // 2
+        some, rest = _subset_sums(weight[:half]), np.sort(_subset_sums(weight[half:]))
+        place = np.searchsorted(rest, goal - some)
+        above = rest[np.minimum(place, rest.size - 1)]
+        below = rest[np.maximum(place - 1, 0)]
+        gap = float(min(np.abs(some + above - goal).min(), np.abs(some + below - goal).min()))
+    else:
+        return None
+    margin = gap / total
+    return 0.0 if margin < CRITICAL else float(margin)
+
+
+def _subset_sums(weight: np.ndarray) -> np.ndarray:
+    sums = np.zeros(1)
+    for value in weight:
+        sums = np.concatenate((sums, sums + value))
+    return sums
+
+
+def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> float:
+    """Compute how near all contacts are to sliding at once in one state.
+
+        sum_i min(mu_plus_i - g_i, g_i + mu_minus_i) / sum_i (mu_plus_i + mu_minus_i)
+
+    It is never smaller than `uniqueness_margin` of the same friction.
+
+    Args:
+        force: spring force g on each contact, shape (N,) [N].
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The margin; 0 when all contacts are at a bound and when there is no friction at all.
+    """
+    g, plus, minus = (np.asarray(a, dtype=np.float64) for a in (force, forward, backward))
+    total = float((plus + minus).sum())
+    return float(np.maximum(np.minimum(plus - g, g + minus), 0.0).sum()) / total if total > 0.0 else 0.0
+
+
+@compiled
+def translation_interval(velocity, forward, backward):
+    """Find all c that minimise R(velocity + c): a weighted quantile, [G] section 2.2.
+
+    Args:
+        velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The least and the greatest minimiser; they are equal when the translation is determined. Infinite where
+        nothing resists.
+    """
+    n = velocity.shape[0]
+    total = 0.0
+    slope = 0.0
+    for i in range(n):
+        total += forward[i] + backward[i]
+        slope -= backward[i]
+    near = CRITICAL * total
+    least = -np.inf
+    if slope < -near:
+        least = np.inf
+    order = np.argsort(-velocity)
+    for j in range(n):
+        i = order[j]
+        c = -velocity[i]
+        slope += forward[i] + backward[i]
+        if least == np.inf and slope >= -near:
+            least = c
+        if slope > near:
+            return least, c
+    return least, np.inf

@@ -1,0 +1,1 @@
+"""Data: topics, node parameters and the gallery of scenes."""
