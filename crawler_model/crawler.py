@@ -23,6 +23,7 @@ from .integrate import (
     DISSIPATION,
     EVENTS,
     FORWARD,
+    GAINED,
     GAIN_LEAST,
     GAIN_MOST,
     OVERSPENT,
@@ -34,7 +35,6 @@ from .integrate import (
     VISITED,
     WORK,
     X,
-    X_REST,
 )
 from .scene import Scene
 from .stasis import spring_force, stasis_margins
@@ -120,7 +120,8 @@ class Crawler:
         self._status = (
             AT_FORWARD * (g >= state[FORWARD] - near) + AT_BACKWARD * (g <= near - state[BACKWARD])
         ).astype(np.int8)
-        self._contact_state = np.zeros(n, np.int8)
+        self._stiffness = body.stiffness
+        self._no_records = np.empty((0, 3, n))
         self._scratch = integrate.scratch(n)
 
     @property
@@ -166,7 +167,7 @@ class Crawler:
     @property
     def contact_state(self) -> np.ndarray:
         """What each contact did on the last command: 1 slid forward, -1 slid backward, 0 stuck; int8, shape (N,)."""
-        state = self._contact_state.copy()
+        state = np.sign(self._state[GAINED]).astype(np.int8)
         state.flags.writeable = False
         return state
 
@@ -189,7 +190,6 @@ class Crawler:
         other = copy.copy(self)
         other._state = self._state.copy()
         other._status = self._status.copy()
-        other._contact_state = self._contact_state.copy()
         other._scratch = integrate.scratch(self.body.contacts)
         return other
 
@@ -270,11 +270,8 @@ class Crawler:
         """
         account = np.zeros(integrate.ACCOUNT_SIZE)
         account[VISITED] = np.inf
-        before, before_rest = self._state[X].copy(), self._state[X_REST].copy()
-        if records is None:
-            records = np.empty((0, 3, self.body.contacts))
         integrate.follow(
-            self.body.stiffness,
+            self._stiffness,
             self._state,
             self._status,
             targets,
@@ -282,22 +279,23 @@ class Crawler:
             self.budget,
             *self._scratch,
             account,
-            records,
+            self._no_records if records is None else records,
         )
-        velocity = (self._state[X] - before) + (self._state[X_REST] - before_rest)
-        self._contact_state = np.sign(velocity).astype(np.int8)
-        gain = float(velocity.mean())
+        velocity = self._state[GAINED].copy()
         velocity.flags.writeable = False
+        gain = float(velocity.sum()) / velocity.size
+        if account[VISITED] == np.inf:  # nothing but holding
+            account[VISITED] = self.visited_margin
         return Step(
             events=int(account[EVENTS]),
             work=float(account[WORK]),
             dissipation=float(account[DISSIPATION]),
             velocity=velocity,
-            unique=account[AMBIGUOUS] == 0.0,
+            unique=bool(account[AMBIGUOUS] == 0.0),
             translation_interval=(gain + float(account[GAIN_LEAST]), gain + float(account[GAIN_MOST])),
             certificate=Certificate(
                 float(account[RESIDUAL]), float(account[VIOLATION]), float(account[COMPLEMENTARITY])
             ),
-            visited_margin=min(float(account[VISITED]), self.visited_margin),
+            visited_margin=float(account[VISITED]),
             overspent=int(account[OVERSPENT]),
         )

@@ -24,13 +24,14 @@ import numpy as np
 
 from . import chain_kernel
 from ._compiled import compiled
-from .chain_kernel import project
+from .chain_kernel import EPS, project
 from .uniqueness import CRITICAL, translation_interval
 
 # Rows of a state, each of one number per contact (links leave the last one unused).
-X, X_REST, SHAPE, TENSION, ACTUATION, FORWARD, BACKWARD, TENSION_REF, ACTUATION_REF = range(9)
-"""Displacement and what rounding took from it; z; T; L; mu_plus; mu_minus; and T, L when the link last moved."""
-STATE_ROWS = 9
+X, X_REST, SHAPE, TENSION, ACTUATION, FORWARD, BACKWARD, TENSION_REF, ACTUATION_REF, GAINED = range(10)
+"""Displacement and what rounding took from it; z; T; L; mu_plus; mu_minus; T and L when the link last moved;
+displacement gained since `follow` was called."""
+STATE_ROWS = 10
 
 # Rows of a target: where the ramp goes.
 TO_ACTUATION, TO_FORWARD, TO_BACKWARD = range(3)
@@ -111,11 +112,19 @@ def _announce(tree, leaves, next_event, i):
 @compiled
 def _shift(state, velocity, ds, i):
     """Move contact i, keeping what rounding takes (compensated summation)."""
+    state[GAINED, i] += velocity * ds
     step = velocity * ds + state[X_REST, i]
     before = state[X, i]
     after = before + step
     state[X, i] = after
     state[X_REST, i] = (before - after) + step
+
+
+@compiled
+def _shape_gain(tension, trial, stiffness):
+    """Compute by how much a link's shape changes when its tension comes out other than tried; rounding is none."""
+    change = tension - trial
+    return change / stiffness if abs(change) > 16.0 * EPS * (abs(tension) + abs(trial)) else 0.0
 
 
 @compiled
@@ -237,9 +246,8 @@ def _solve(stiffness, state, status, floats, bytes_, stacks, account, s, first, 
         stacks,
     )
     for i in range(start, stop):
-        rate = (floats[_RATE, i] - floats[_TRIAL, i]) / stiffness[i]
-        floats[_TRIAL, i] = rate
-        if rate != 0.0:
+        floats[_TRIAL, i] = _shape_gain(floats[_RATE, i], floats[_TRIAL, i], stiffness[i])
+        if floats[_TRIAL, i] != 0.0:
             bytes_[_MOVED, i] = 1
     free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], floats[_V], first, last)
     for i in range(first, last + 1):
@@ -280,7 +288,7 @@ def _visited(state, floats, s):
     total = 0.0
     for i in range(state.shape[1]):
         above, below = _slack(state, floats, s, i)
-        near += max(min(above, below), 0.0)
+        near += abs(min(above, below))
         total += max(above + below, 0.0)
     return near, total
 
@@ -298,11 +306,17 @@ def _choose_translation(velocity, forward, backward):
 
 @compiled
 def _near_criticality(state, floats, account, s):
-    """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end."""
+    """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
+
+    A distance from the nearest bound is concave in s: what vanishes at three instants vanishes between them.
+    """
     near, total = _visited(state, floats, s)
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
-    later, total_later = _visited(state, floats, 1.0)
-    return near <= CRITICAL * total and later <= CRITICAL * total_later
+    if near > CRITICAL * total:
+        return False
+    halfway, total_halfway = _visited(state, floats, 0.5 * (s + 1.0))
+    at_end, total_at_end = _visited(state, floats, 1.0)
+    return halfway <= CRITICAL * total_halfway and at_end <= CRITICAL * total_at_end
 
 
 @compiled
@@ -367,7 +381,7 @@ def _catch_up(stiffness, state, status, target, floats, bytes_, stacks, account)
         floats[_TRIAL, : n - 1], stiffness, floats[_LOWER], floats[_UPPER], new[: n - 1], bytes_[_SIDE], stacks
     )
     for i in range(n - 1):
-        shape_rate = (new[i] - floats[_TRIAL, i]) / stiffness[i]
+        shape_rate = _shape_gain(new[i], floats[_TRIAL, i], stiffness[i])
         if shape_rate != 0.0:
             bytes_[_MOVED, i] = 1
         account[WORK] -= 0.5 * (state[TENSION, i] + new[i]) * floats[_D_ACTUATION, i]
@@ -545,7 +559,7 @@ def follow(stiffness, state, status, targets, exact, budget, floats, bytes_, tre
 
     Args:
         stiffness: k, shape (N - 1,) [N/m].
-        state: rows X .. ACTUATION_REF, shape (9, N), changed in place.
+        state: rows X .. GAINED, shape (10, N), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         targets: rows TO_ACTUATION, TO_FORWARD, TO_BACKWARD of each ramp's end, shape (V, 3, N).
         exact: True to follow every event, False for one catch-up step a ramp.
@@ -556,6 +570,8 @@ def follow(stiffness, state, status, targets, exact, budget, floats, bytes_, tre
     """
     n = state.shape[1]
     ramp = np.zeros(account.shape[0])
+    for i in range(n):
+        state[GAINED, i] = 0.0
     for v in range(targets.shape[0]):
         target = targets[v]
         still = True
