@@ -1,0 +1,108 @@
+"""Reading recordings: bag folders, bare .mcap files, and files whose end is missing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Chunk, Footer, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from crawler_model import CrawlerError
+
+
+class BagError(CrawlerError):
+    """A recording that cannot be read."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One message: where it was heard, what it is, when, and its bytes."""
+
+    topic: str
+    type: str
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+def find_file(path: Path) -> Path:
+    """Find the .mcap file of a bag folder, or take the file itself.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        The file.
+
+    Raises:
+        BagError: when there is none, or it is something else.
+    """
+    if path.is_dir():
+        files = sorted(path.glob("*.mcap"))
+        if not files:
+            raise BagError(f"{path}: no .mcap file in this folder")
+        return files[0]
+    if not path.is_file():
+        raise BagError(f"{path}: no such file or folder")
+    with path.open("rb") as stream:
+        if stream.read(8) != b"\x89MCAP0\r\n":
+            raise BagError(f"{path}: not an MCAP file")
+    return path
+
+
+@dataclass
+class Bag:
+    """What a recording holds besides messages, known once it has been read to the end."""
+
+    attachments: dict[str, Any]
+    complete: bool = False
+
+
+def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
+    """Read all messages in the order of the file, up to its end or to where it breaks off.
+
+    Args:
+        path: a bag folder or an .mcap file.
+        bag: filled with the attachments as they come, and with whether the file is whole.
+
+    Yields:
+        The messages.
+
+    Raises:
+        BagError: when it is no recording at all.
+    """
+    file = find_file(path)
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    with file.open("rb") as stream:
+        records = StreamReader(stream, emit_chunks=True).records
+        while True:
+            try:
+                record = next(records)
+                inside = breakup_chunk(record) if isinstance(record, Chunk) else [record]
+            except (StopIteration, McapError, EOFError, ValueError, OSError):
+                return
+            except Exception as error:  # struct.error and the decompressor's own, on a torn chunk
+                if type(error).__name__ not in ("error", "ZstdError"):
+                    raise
+                return
+            for item in inside:
+                if isinstance(item, Schema):
+                    schemas[item.id] = item
+                elif isinstance(item, Channel):
+                    channels[item.id] = item
+                elif isinstance(item, Message):
+                    channel = channels[item.channel_id]
+                    kind = schemas[channel.schema_id].name
+                    yield Record(channel.topic, kind, item.log_time, item.publish_time, item.data)
+                elif bag is not None and isinstance(item, Attachment):
+                    if item.media_type == "application/json":
+                        bag.attachments[item.name] = json.loads(item.data)
+                elif bag is not None and isinstance(item, Footer):
+                    bag.complete = True
+

@@ -1,0 +1,255 @@
+"""Commands between their arrival and the tick that follows them: checked on arrival, ordered, never dropped."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from crawler_model.errors import CommandError
+from crawler_model.friction import spread_command
+
+from .messages import command_names
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A checked trajectory: when it starts, and its waypoints.
+
+    Attributes:
+        start_ns: simulated time [ns]; None for as soon as possible.
+        columns: which numbers of a command row it sets, one array of indices per name.
+        times_ns: time_from_start of each point [ns].
+        positions: shape (points, names).
+    """
+
+    start_ns: int | None
+    columns: list[np.ndarray]
+    times_ns: list[int]
+    positions: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Vertex:
+    """One end of a ramp within a tick: the simulated time it is due [ns] and the row commanded there."""
+
+    due_ns: int
+    row: np.ndarray
+
+
+class CommandQueue:
+    """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread.
+
+    A command row has the order of `messages.command_names`: links, contacts forward, contacts backward.
+    """
+
+    def __init__(self, contacts: int, in_force: np.ndarray) -> None:
+        """Start with nothing pending.
+
+        Args:
+            contacts: N.
+            in_force: the row in force, shape (3 N - 1,).
+        """
+        self._contacts = contacts
+        self._links = contacts - 1
+        self._names = {name: np.array([i]) for i, name in enumerate(command_names(contacts))}
+        for i in range(contacts):
+            both = np.array([self._links + i, self._links + contacts + i])
+            self._names[f"contact_{i}/friction"] = both
+        self._lock = threading.Lock()
+        self.reset(in_force)
+
+    def reset(self, in_force: np.ndarray) -> None:
+        """Drop what is pending or running."""
+        with self._lock:
+            self._actuation: list[np.ndarray] = []
+            self._friction: list[np.ndarray] = []
+            self._trajectories: list[Trajectory] = []
+            self._last_was_trajectory = False
+        self._in_force = np.array(in_force)
+        self._anchor = Vertex(0, self._in_force)
+        self._path: list[Vertex] = []
+
+    def accept_actuation(self, values: Sequence[float]) -> None:
+        """Take a command for all links.
+
+        Args:
+            values: L, one per link [m].
+
+        Raises:
+            CommandError: on a wrong length or a value that is not finite.
+        """
+        array = np.asarray(values, dtype=np.float64)
+        if array.size != self._links:
+            raise CommandError(f"actuation command has {array.size} value(s); give {self._links}, one per link")
+        _check_finite("actuation command", array)
+        with self._lock:
+            self._actuation.append(array)
+            self._last_was_trajectory = False
+
+    def accept_friction(self, values: Sequence[float]) -> None:
+        """Take a command for all frictions.
+
+        Args:
+            values: one, one per contact, or all forward and then all backward [N].
+
+        Raises:
+            CommandError: on a wrong length, a negative value or one that is not finite.
+        """
+        array = np.asarray(values, dtype=np.float64)
+        _check_finite("friction command", array)
+        forward, backward = spread_command(array, self._contacts)
+        if array.min() < 0.0:
+            i = int(np.argmin(array))
+            raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
+        with self._lock:
+            self._friction.append(np.concatenate((forward, backward)))
+            self._last_was_trajectory = False
+
+    def accept_trajectory(
+        self, names: Sequence[str], times_ns: Sequence[int], positions: Sequence[Sequence[float]], stamp_ns: int
+    ) -> None:
+        """Take a trajectory: straight lines through its points, replacing what runs from its start.
+
+        Args:
+            names: which numbers it commands.
+            times_ns: time_from_start of each point, not decreasing [ns].
+            positions: of each point, one number per name.
+            stamp_ns: when it starts [ns, simulated]; 0 for as soon as possible.
+
+        Raises:
+            CommandError: naming the name, point or value that does not fit.
+        """
+        columns = []
+        for name in names:
+            if name not in self._names:
+                raise CommandError(
+                    f"trajectory: no joint is called {name!r}; there are link_0 .. link_{self._links - 1} and "
+                    f"contact_0 .. contact_{self._contacts - 1} with /forward, /backward or /friction"
+                )
+            columns.append(self._names[name])
+        taken = np.concatenate(columns) if columns else np.zeros(0, int)
+        if np.unique(taken).size != taken.size:
+            raise CommandError("trajectory: a joint is named twice")
+        table = np.zeros((len(positions), len(columns)))
+        before = 0
+        for i, (ns, row) in enumerate(zip(times_ns, positions, strict=True)):
+            if len(row) != len(columns):
+                raise CommandError(f"trajectory: point {i} has {len(row)} position(s) for {len(columns)} name(s)")
+            if ns < before:
+                raise CommandError(f"trajectory: point {i} at {ns} ns comes before {before} ns; times must not fall")
+            before = ns
+            table[i] = row
+            _check_finite(f"trajectory: point {i}", table[i])
+            for name, column, value in zip(names, columns, table[i], strict=True):
+                if column[0] >= self._links and value < 0.0:
+                    raise CommandError(f"trajectory: point {i}: {name} is {value:g} N; friction must be >= 0")
+        if stamp_ns < 0:
+            raise CommandError(f"trajectory: stamp {stamp_ns} ns; simulated time starts at 0")
+        with self._lock:
+            self._trajectories.append(Trajectory(stamp_ns or None, columns, list(times_ns), table))
+            self._last_was_trajectory = True
+
+    def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
+
+        The k-th actuation and the k-th friction array make one vertex; those without a partner follow alone. Arrays
+        take equal shares of the tick. A trajectory's points stand at their own times, those already past first, and
+        where it runs on beyond the tick its straight line is followed up to the end. Arrays and trajectories replace
+        each other, whichever came last.
+
+        Args:
+            start_ns: simulated time [ns].
+            end_ns: simulated time [ns].
+
+        Returns:
+            The vertices; none to hold.
+        """
+        with self._lock:
+            actuation, self._actuation = self._actuation, []
+            friction, self._friction = self._friction, []
+            trajectories, self._trajectories = self._trajectories, []
+            trajectory_last = self._last_was_trajectory
+        arrays = max(len(actuation), len(friction)) > 0
+        if arrays and trajectory_last:
+            vertices = self._pair(actuation, friction, start_ns, start_ns)
+            for trajectory in trajectories:
+                self._join(trajectory, start_ns)
+            return self._news(vertices + self._follow_path(start_ns, end_ns))
+        for trajectory in trajectories:
+            self._join(trajectory, start_ns)
+        if not arrays:
+            return self._news(self._follow_path(start_ns, end_ns)) if self._path else []
+        past = [v for v in self._path if v.due_ns <= start_ns]
+        if past:
+            self._anchor = past[-1]
+        return self._news(past + self._pair(actuation, friction, start_ns, end_ns))
+
+    def _news(self, vertices: list[Vertex]) -> list[Vertex]:
+        """Leave out the vertices that only repeat what is in force."""
+        kept = []
+        for vertex in vertices:
+            if not np.array_equal(vertex.row, self._in_force):
+                kept.append(vertex)
+                self._in_force = vertex.row
+        return kept
+
+    def _pair(
+        self, actuation: list[np.ndarray], friction: list[np.ndarray], start_ns: int, end_ns: int
+    ) -> list[Vertex]:
+        count = max(len(actuation), len(friction))
+        row = self._value_at(start_ns) if self._path else self._anchor.row
+        vertices = []
+        for k in range(count):
+            row = row.copy()
+            if k < len(actuation):
+                row[: self._links] = actuation[k]
+            if k < len(friction):
+                row[self._links :] = friction[k]
+            vertices.append(Vertex(start_ns + (end_ns - start_ns) * (k + 1) // count, row))
+        self._path = []
+        self._anchor = Vertex(end_ns, row)
+        return vertices
+
+    def _value_at(self, ns: int) -> np.ndarray:
+        before = self._anchor
+        for vertex in self._path:
+            if vertex.due_ns > ns:
+                if ns <= before.due_ns:
+                    return before.row
+                part = (ns - before.due_ns) / (vertex.due_ns - before.due_ns)
+                return before.row + part * (vertex.row - before.row)
+            before = vertex
+        return before.row
+
+    def _join(self, trajectory: Trajectory, now_ns: int) -> None:
+        start = now_ns if trajectory.start_ns is None else trajectory.start_ns
+        cut = max(start, now_ns)
+        row = self._value_at(cut)
+        kept = [v for v in self._path if v.due_ns <= cut]
+        kept.append(Vertex(cut, row))
+        for ns, values in zip(trajectory.times_ns, trajectory.positions, strict=True):
+            row = row.copy()
+            for column, value in zip(trajectory.columns, values, strict=True):
+                row[column] = value
+            kept.append(Vertex(start + ns, row))
+        self._path = kept
+
+    def _follow_path(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        passed = [v for v in self._path if v.due_ns <= end_ns]
+        ahead = self._path[len(passed) :]
+        vertices = [v if v.due_ns >= start_ns else Vertex(start_ns, v.row) for v in passed]
+        if ahead:
+            vertices.append(Vertex(end_ns, self._value_at(end_ns)))
+        if passed:
+            self._anchor = passed[-1]
+        self._path = ahead
+        return vertices
+
+
+def _check_finite(what: str, values: np.ndarray) -> None:
+    if not np.isfinite(values).all():
+        i = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise CommandError(f"{what}: entry {i} is {values[i]}; it must be finite")

@@ -1,0 +1,142 @@
+"""The node `gait_player`: plays a scene's drive over `joint_trajectory`, as a controller would.
+
+It waits for a simulator, then sends the drive period by period, each as one stamped trajectory on simulated time, at
+least half a period ahead: the crawler passes through every waypoint whatever the delays between the processes are.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from crawler_model import CrawlerError, load_scene
+
+from . import interface
+from .messages import TrajectoryMessage, command_names, command_row
+
+NS = 1_000_000_000
+
+
+class GaitPlayer(Node):
+    """Sends trajectories ahead of the simulated time that it reads from joint_states."""
+
+    def __init__(self, **options: Any) -> None:
+        """Load the scene's drive and open topics.
+
+        Args:
+            **options: for rclpy's Node.
+
+        Raises:
+            CrawlerError: when the scene is wrong or has no drive.
+        """
+        super().__init__("gait_player", **options)
+        scene = load_scene(self.declare_parameter("scene", "three_contacts_one_way").value)
+        self.periods = int(self.declare_parameter("periods", 0).value)
+        if scene.drive is None:
+            raise CrawlerError(f"scene: {scene.name} has no drive to play")
+        self.drive = scene.commands
+        self._rows = [command_row(t) for t in self.drive.targets()]
+        self._message = TrajectoryMessage(command_names(scene.chain.contacts))
+        topic = interface.topics()["joint_trajectory"]
+        self._publisher = self.create_publisher(
+            interface.message_class(topic.type), topic.name, interface.qos_profile(topic)
+        )
+        states = interface.topics()["joint_states"]
+        self.create_subscription(
+            interface.message_class(states.type), states.name, self._on_state, interface.qos_profile(states)
+        )
+        self._start_ns: int | None = None
+        self._sent = 0
+        self.end_ns: int | None = None
+        self.now_ns = -1
+        self.done = threading.Event()
+
+    def _on_state(self, message: Any) -> None:
+        self.now_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        if self._publisher.get_subscription_count() == 0:
+            return
+        if self._start_ns is None:
+            self._start_ns = self._choose_start()
+            self.get_logger().info(f"playing from simulated time {self._start_ns / NS:.3f} s")
+        if self.drive.period is None:
+            if self._sent == 0:
+                self._send_once()
+        else:
+            self._send_ahead()
+        if self.end_ns is not None and self.now_ns >= self.end_ns:
+            self.done.set()
+
+    def _choose_start(self) -> int:
+        """Take a round tenth of a second, far enough ahead that the first message arrives before it."""
+        return (self.now_ns // (NS // 10) + 3) * (NS // 10)
+
+    def _send_once(self) -> None:
+        assert self._start_ns is not None
+        times = np.rint(self.drive.times * NS).astype(np.int64)
+        self._publish(self._start_ns, times.tolist(), list(range(times.size)))
+        self.end_ns = self._start_ns + int(times[-1])
+
+    def _send_ahead(self) -> None:
+        assert self._start_ns is not None and self.drive.period is not None
+        span = self.drive.period * NS
+        while self.periods == 0 or self._sent < self.periods:
+            begin = self._start_ns + round(self._sent * span)
+            if begin - self.now_ns > max(span / 2, NS):
+                return
+            rows = list(range(self.drive.times.size))
+            times = [round(t * NS) for t in self.drive.times.tolist()]
+            if times[-1] < round(span):  # close the path
+                rows.append(0)
+                times.append(round(span))
+            self._publish(begin, times, rows)
+            self._sent += 1
+        self.end_ns = self._start_ns + round(self.periods * span)
+
+    def _publish(self, start_ns: int, times: list[int], rows: list[int]) -> None:
+        self._publisher.publish(self._message.encode(start_ns, times, [self._rows[r] for r in rows]))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Play until the periods asked for are over, or until SIGINT or SIGTERM.
+
+    Args:
+        args: command line, for ROS arguments; None for the process's own.
+
+    Returns:
+        The exit status: 0, or 1 when the scene was wrong.
+    """
+    interface.find_ament_prefix()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        try:
+            node = GaitPlayer()
+        except (CrawlerError, ValueError) as error:
+            print(f"gait_player: {error}", file=sys.stderr)
+            return 1
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: node.done.set())
+        executor = EventsExecutor()
+        executor.add_node(node)
+        said = time.monotonic()
+        while not node.done.is_set():
+            executor.spin_once(timeout_sec=0.1)
+            if node.now_ns < 0 and time.monotonic() - said > 5.0:
+                said = time.monotonic()
+                node.get_logger().info("waiting for joint_states of a simulator")
+        node.destroy_node()
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

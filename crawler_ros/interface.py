@@ -1,0 +1,201 @@
+"""What msgs_config says of topics, services and parameters, turned into ROS 2 objects. Nothing else names a topic's type."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import json
+import os
+import sys
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One row of msgs_config/topics.yaml."""
+
+    name: str
+    type: str
+    direction: str
+    qos: dict[str, Any]
+    meaning: str
+    unit: str = ""
+    frame: str = ""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of msgs_config/simulator.yaml."""
+
+    name: str
+    type: str
+    default: Any
+    meaning: str
+    range: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+    runtime: bool = False
+
+
+def _read(name: str) -> Any:
+    return yaml.safe_load((resources.files("msgs_config") / name).read_text(encoding="utf-8"))
+
+
+@functools.cache
+def topics() -> dict[str, Topic]:
+    """Read the table of topics, by name."""
+    table = _read("topics.yaml")
+    rows = table["topics"].items()
+    return {name: Topic(name=name, **{**row, "qos": table["qos"][row["qos"]]}) for name, row in rows}
+
+
+@functools.cache
+def services() -> dict[str, str]:
+    """Read the table of services: name under the node, type."""
+    return {name: row["type"] for name, row in _read("topics.yaml")["services"].items()}
+
+
+@functools.cache
+def parameters() -> dict[str, Parameter]:
+    """Read the table of the simulator's parameters, by name."""
+    found = {}
+    for name, row in _read("simulator.yaml").items():
+        bounds = tuple(row.pop("range")) if "range" in row else None
+        found[name] = Parameter(name=name, range=bounds, choices=tuple(row.pop("choices", ())), **row)
+    return found
+
+
+def find_ament_prefix() -> None:
+    """Let the ament index be found where ROS came as wheels, which set no AMENT_PREFIX_PATH."""
+    os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+
+
+def message_class(type_name: str) -> Any:
+    """Import the class of a message or service type.
+
+    Args:
+        type_name: as in "sensor_msgs/msg/JointState".
+
+    Returns:
+        The class that rclpy takes.
+    """
+    package, kind, name = type_name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), name)
+
+
+def qos_profile(topic: Topic) -> Any:
+    """Build the rclpy QoSProfile of a topic."""
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+    return QoSProfile(
+        history=HistoryPolicy[topic.qos["history"].upper()],
+        depth=topic.qos["depth"],
+        reliability=ReliabilityPolicy[topic.qos["reliability"].upper()],
+        durability=DurabilityPolicy[topic.qos["durability"].upper()],
+    )
+
+
+def offered_qos(topic: Topic) -> list[dict[str, Any]]:
+    """Lay a topic's QoS out as rosbag2's metadata, version 9, has it."""
+    forever = {"sec": 9223372036, "nsec": 854775807}
+    return [
+        {
+            "history": topic.qos["history"],
+            "depth": topic.qos["depth"],
+            "reliability": topic.qos["reliability"],
+            "durability": topic.qos["durability"],
+            "deadline": dict(forever),
+            "lifespan": dict(forever),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(forever),
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+
+
+def _share(package: str) -> Path:
+    from ament_index_python.packages import get_package_share_directory
+
+    find_ament_prefix()
+    return Path(get_package_share_directory(package))
+
+
+def message_definition(type_name: str) -> str:
+    """Read the definition of a message type and, behind it, of every type that it contains.
+
+    Args:
+        type_name: as in "sensor_msgs/msg/JointState".
+
+    Returns:
+        The text that a recording's ros2msg schema holds.
+    """
+    own: dict[str, str] = {}
+    waiting = [type_name]
+    while waiting:
+        current = waiting.pop(0)
+        if current in own:
+            continue
+        package, kind, name = current.split("/")
+        own[current] = (_share(package) / kind / f"{name}.msg").read_text(encoding="utf-8")
+        for line in own[current].splitlines():
+            word = line.split("#")[0].split()
+            if len(word) < 2 or "=" in word[1]:
+                continue
+            field = word[0].split("[")[0].split("<")[0]
+            if field[:1].isupper() and field != "Header":
+                field = f"{package}/{field}"
+            elif field == "Header":
+                field = "std_msgs/Header"
+            if "/" in field:
+                parts = field.split("/")
+                waiting.append(f"{parts[0]}/msg/{parts[-1]}")
+    first, *rest = own
+    pieces = [own[first]]
+    for name in rest:
+        package, _, short = name.split("/")
+        pieces.append(f"{'=' * 80}\nMSG: {package}/{short}\n{own[name]}")
+    return "\n".join(pieces)
+
+
+def type_hash(type_name: str) -> str:
+    """Read the RIHS01 hash of a message type."""
+    package, kind, name = type_name.split("/")
+    described = json.loads((_share(package) / kind / f"{name}.json").read_text(encoding="utf-8"))
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in described["type_hashes"]}
+    return str(hashes[type_name])
+
+
+def declare_parameters(node: Any) -> dict[str, Any]:
+    """Declare the simulator's parameters on a node, with type, range, description and read-only flag.
+
+    Args:
+        node: an rclpy node.
+
+    Returns:
+        The values, by name.
+    """
+    from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+    from rclpy.parameter import Parameter as RosParameter
+
+    kinds = {
+        "string": RosParameter.Type.STRING,
+        "double": RosParameter.Type.DOUBLE,
+        "bool": RosParameter.Type.BOOL,
+    }
+    values = {}
+    for name, row in parameters().items():
+        descriptor = ParameterDescriptor(
+            name=name, type=kinds[row.type].value, description=row.meaning, read_only=not row.runtime
+        )
+        if row.range is not None:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=row.range[0], to_value=row.range[1])]
+        if row.choices:
+            descriptor.additional_constraints = f"one of {', '.join(row.choices)}"
+        values[name] = node.declare_parameter(name, row.default, descriptor).value
+        if row.choices and values[name] not in row.choices:
+            raise ValueError(f"parameter {name}: {values[name]!r}; it must be one of {', '.join(row.choices)}")
+    return values

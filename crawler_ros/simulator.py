@@ -1,0 +1,430 @@
+"""The node `crawler`: parameters in, commands in, states out, at a fixed rate."""
+
+from __future__ import annotations
+
+import platform
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rclpy
+from rclpy.exceptions import InvalidParameterValueException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+
+import crawler_ros
+from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
+from crawler_model._compiled import said_if_slow
+from crawler_model.crawler import Step
+from crawler_model.simulate import commanded_margin, rational_rate
+from crawler_model.stasis import spring_force
+
+from . import interface
+from .commands import CommandQueue
+from .messages import (
+    JointStateMessage,
+    PoseMessage,
+    TrajectoryMessage,
+    command_names,
+    command_row,
+    command_target,
+    encode_clock,
+    encode_diagnostics,
+)
+from .stepper import Stepper
+
+if TYPE_CHECKING:
+    from .recorder import Recorder
+    from .visualizer import ViewerFeed
+
+NS = 1_000_000_000
+OK, WARN, ERROR = 0, 1, 2
+_QUIET_S = 1.0
+
+
+class Simulator(Node):
+    """Wires a `Crawler` to topics. `spin` runs it; everything else happens under one lock."""
+
+    def __init__(self, **options: Any) -> None:
+        """Declare parameters, load the scene, open topics, services, recording and viewer.
+
+        Args:
+            **options: for rclpy's Node.
+
+        Raises:
+            CrawlerError: when a parameter or the scene is wrong.
+            OSError: when the recording cannot be opened.
+        """
+        super().__init__("crawler", **options)
+        self.values = interface.declare_parameters(self)
+        self.scene = load_scene(self.values["scene"])
+        rate = rational_rate(self.values["rate"])
+        with said_if_slow():
+            self.crawler = Crawler(self.scene, self.values["method"])
+            self.crawler.copy().advance(self.crawler.actuation + 1e-9)  # compiles, if it must
+        self.start = self.crawler.copy()
+        self.stepper = Stepper(rate, self.values["real_time_factor"])
+        self.commands = CommandQueue(self.crawler.body.contacts, command_row(self._in_force()))
+        self.refused: dict[str, int] = {}
+        self.refusal = ""
+        self._quiet_until = 0.0
+        self.certificate = np.zeros(3)
+        self.ambiguous = self.overspent = 0
+        self.margin = commanded_margin(self.scene)
+        self.lock = threading.Lock()
+        self.stopping = threading.Event()
+
+        n = self.crawler.body.contacts
+        frame = self.values["frame_id"]
+        links = [f"link_{i}" for i in range(n - 1)]
+        self._ledger = TrajectoryMessage(command_names(n))
+        self._joints = JointStateMessage(["contact_0", *links])
+        self._contacts = JointStateMessage([f"contact_{i}" for i in range(n)], frame)
+        self._pose = PoseMessage(frame)
+        self._recorder: Recorder | None = None
+        self._feed: ViewerFeed | None = None
+        self._outlets: dict[str, tuple[Any, int | None]] = {}
+        if self.values["record"]:
+            from .recorder import Recorder
+
+            self._recorder = Recorder(Path(self.values["record"]), "crawler", self._attachments())
+            self.get_logger().info(f"recording to {self._recorder.folder}")
+        self._open_topics()
+        self._open_services()
+        self.add_on_set_parameters_callback(self._on_parameters)
+        if self.values["view"] != "off":
+            from .visualizer import ViewerFeed
+
+            self._feed = ViewerFeed(self.scene, self.values["view"], self.get_logger().info)
+        self._next_diagnostics = 0.0
+
+    def _in_force(self) -> np.ndarray:
+        return self.crawler.target(self.crawler.actuation)
+
+    def _attachments(self) -> dict[str, Any]:
+        return {
+            "scene": scene_document(self.scene),
+            "parameters": self.values,
+            "versions": versions(),
+            "start": {
+                "displacement": self.crawler.displacement.tolist(),
+                "tension": self.crawler.tension.tolist(),
+                "actuation": self.crawler.actuation.tolist(),
+                "forward": self.crawler.forward.tolist(),
+                "backward": self.crawler.backward.tolist(),
+            },
+        }
+
+    def _open_topics(self) -> None:
+        wanted = {
+            "joint_states": True,
+            "contact_states": self.values["publish.contact_states"],
+            "pose": self.values["publish.pose"],
+            "applied_commands": self.values["publish.applied_commands"],
+            "/diagnostics": self.values["publish.diagnostics"],
+            "/clock": self.values["publish_clock"],
+        }
+        accept: dict[str, Callable[[Any], None]] = {
+            "joint_trajectory": self._accept_trajectory,
+            "actuation_controller/commands": lambda m: self.commands.accept_actuation(m.data),
+            "friction_controller/commands": lambda m: self.commands.accept_friction(m.data),
+        }
+        for name, topic in interface.topics().items():
+            kind, qos = interface.message_class(topic.type), interface.qos_profile(topic)
+            full = self.resolve_topic_name(name)
+            channel = None
+            recorded = topic.direction == "in" or wanted[name] or name == "applied_commands"
+            if self._recorder is not None and recorded:
+                channel = self._recorder.add_topic(topic, full)
+            if topic.direction == "out":
+                publisher = self.create_publisher(kind, name, qos) if wanted[name] else None
+                self._outlets[name] = (publisher, channel)
+            else:
+                receive = self._receiver(name, kind, channel, accept[name])
+                self.create_subscription(kind, name, receive, qos, raw=True)
+
+    def _open_services(self) -> None:
+        answers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
+        for name, kind in interface.services().items():
+            self.create_service(interface.message_class(kind), f"~/{name}", answers[name])
+
+    # -- in ---------------------------------------------------------------------------------------------------------
+
+    def _receiver(
+        self, name: str, kind: Any, channel: int | None, accept: Callable[[Any], None]
+    ) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            if self._recorder is not None and channel is not None:
+                now = time.time_ns()
+                self._recorder.record(channel, now, now, bytes(data))
+            try:
+                accept(deserialize_message(data, kind))
+            except CommandError as error:
+                self._refuse(name, str(error))
+            except Exception as error:  # bytes that do not decode must not end the node
+                self._refuse(name, f"not a message of this type: {error}")
+
+        return receive
+
+    def _accept_trajectory(self, message: Any) -> None:
+        stamp = message.header.stamp
+        self.commands.accept_trajectory(
+            message.joint_names,
+            [p.time_from_start.sec * NS + p.time_from_start.nanosec for p in message.points],
+            [p.positions for p in message.points],
+            stamp.sec * NS + stamp.nanosec,
+        )
+
+    def _refuse(self, name: str, why: str) -> None:
+        self.refused[name] = self.refused.get(name, 0) + 1
+        self.refusal = f"{name}: {why}"
+        if time.monotonic() >= self._quiet_until:
+            self._quiet_until = time.monotonic() + _QUIET_S
+            self.get_logger().warning(f"refused a message on {name}: {why}")
+
+    # -- services and parameters ------------------------------------------------------------------------------------
+
+    def _on_reset(self, _: Any, response: Any) -> Any:
+        with self.lock:
+            self.crawler = self.start.copy()
+            self.stepper.reset()
+            self.commands.reset(command_row(self._in_force()))
+            self._send_states(None)
+        response.success, response.message = True, "at the scene's start, simulated time 0"
+        return response
+
+    def _on_step(self, _: Any, response: Any) -> Any:
+        with self.lock:
+            if not self.stepper.paused:
+                response.success, response.message = False, "not paused: call ~/pause with data true first"
+                return response
+            self._tick()
+            seconds = self.stepper.now_ns / NS
+        response.success, response.message = True, f"at simulated time {seconds:.9f} s"
+        return response
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        with self.lock:
+            self.stepper.pause(bool(request.data))
+        response.success, response.message = True, "paused" if request.data else "playing"
+        return response
+
+    def _on_parameters(self, changes: list[Any]) -> Any:
+        from rcl_interfaces.msg import SetParametersResult
+
+        for change in changes:
+            if change.name == "real_time_factor":
+                with self.lock:
+                    self.stepper.real_time_factor = float(change.value)
+        return SetParametersResult(successful=True)
+
+    # -- the loop ---------------------------------------------------------------------------------------------------
+
+    def spin(self) -> None:
+        """Tick until `stopping` is set; topics and services are served by a second thread."""
+        executor = EventsExecutor()
+        executor.add_node(self)
+        server = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
+        server.start()
+        self._send_states(None)
+        try:
+            while not self.stopping.is_set():
+                wait = self.stepper.wait_ns(time.monotonic_ns())
+                if wait is None:
+                    self.stopping.wait(0.01)
+                elif wait > 0:
+                    time.sleep(min(wait / NS, 0.1))
+                else:
+                    with self.lock:
+                        if not self.stepper.paused:
+                            self.stepper.begin(time.monotonic_ns())
+                            self._tick()
+                self._report()
+        finally:
+            self.stopping.set()
+            server.join()
+            self.close()
+
+    def _serve(self, executor: EventsExecutor) -> None:
+        while not self.stopping.is_set():
+            executor.spin_once(timeout_sec=0.1)
+        executor.remove_node(self)
+
+    def _tick(self) -> None:
+        start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
+        vertices = self.commands.take(start_ns, end_ns)
+        targets = np.array([command_target(v.row) for v in vertices]) if vertices else self._in_force()[None]
+        step = self.crawler.follow(targets)
+        self.stepper.finish()
+        if any(self._outlets["applied_commands"]):
+            times = [max(v.due_ns - start_ns, 0) for v in vertices]
+            rows = [v.row for v in vertices]
+            self._send("applied_commands", self._ledger.encode(start_ns, times, rows))
+        self._send_states(step)
+        certificate = step.certificate
+        np.maximum(
+            self.certificate,
+            (abs(certificate.energy_residual), certificate.violation, certificate.complementarity),
+            out=self.certificate,
+        )
+        self.ambiguous += not step.unique
+        self.overspent += step.overspent
+
+    def _send_states(self, step: Step | None) -> None:
+        crawler, now = self.crawler, self.stepper.now_ns
+        x, tension = crawler.displacement, crawler.tension
+        force = spring_force(tension)
+        velocity = np.zeros_like(x)
+        if step is not None:
+            velocity = step.velocity / ((now - self._last_ns) / NS)
+        self._last_ns = now
+        joints, contacts = self._joints, self._contacts
+        joints.position[0], joints.position[1:] = x[0], crawler.shape
+        joints.velocity[0], joints.velocity[1:] = velocity[0], velocity[1:] - velocity[:-1]
+        joints.effort[0], joints.effort[1:] = -force[0], tension
+        self._send("joint_states", joints.encode(now))
+        if any(self._outlets["contact_states"]):
+            contacts.position[:] = crawler.body.position + x
+            contacts.velocity[:] = velocity
+            contacts.effort[:] = -force
+            self._send("contact_states", contacts.encode(now))
+        if any(self._outlets["pose"]):
+            self._send("pose", self._pose.encode(now, crawler.net_translation))
+        if self._outlets["/clock"][0] is not None:
+            self._send("/clock", encode_clock(now))
+        if self._feed is not None:
+            self._feed.show(now, crawler)
+
+    def _send(self, name: str, data: bytes) -> None:
+        publisher, channel = self._outlets[name]
+        if publisher is not None:
+            publisher.publish(data)
+        if self._recorder is not None and channel is not None:
+            now = time.time_ns()
+            self._recorder.record(channel, now, now, data)
+
+    # -- reports ----------------------------------------------------------------------------------------------------
+
+    def _report(self) -> None:
+        if time.monotonic() < self._next_diagnostics:
+            return
+        self._next_diagnostics = time.monotonic() + 1.0
+        if any(self._outlets["/diagnostics"]):
+            self._send("/diagnostics", encode_diagnostics(time.time_ns(), self.diagnose()))
+
+    def diagnose(self) -> list[tuple[int, str, str, str, list[tuple[str, str]]]]:
+        """Say how the simulation, the commands, the recording and the viewer fare.
+
+        Returns:
+            Level, name, message, hardware id and key-value pairs of each.
+        """
+        me, hardware = self.get_fully_qualified_name().lstrip("/"), self.scene.name
+        late, refused = self.stepper.late, sum(self.refused.values())
+        now = self.crawler.visited_margin
+        level, message = OK, "ticking"
+        if self.ambiguous:
+            level, message = WARN, "the net translation was not determined in some ticks; the one nearest to zero was taken"
+        if self.overspent:
+            level, message = WARN, "the budget of events was spent in some ticks; a catch-up step did the rest"
+        if late:
+            level, message = WARN, f"{late} late tick(s): this machine cannot keep the rate; simulated time slows"
+        residual, violation, complementarity = (f"{v:.3e}" for v in self.certificate)
+        simulation = [
+            ("simulated time [s]", f"{self.stepper.now_ns / NS:.9f}"),
+            ("ticks", str(self.stepper.tick)),
+            ("late ticks", str(late)),
+            ("uniqueness margin", "not decided" if self.margin is None else f"{self.margin:.3e}"),
+            ("visited margin", f"{now:.3e}"),
+            ("ticks without a determined translation", str(self.ambiguous)),
+            ("ticks over the budget of events", str(self.overspent)),
+            ("largest energy residual of a tick [J]", residual),
+            ("largest violation of a bound [N]", violation),
+            ("largest complementarity [J]", complementarity),
+        ]
+        statuses = [(level, f"{me}: simulation", message, hardware, simulation)]
+        counts = [(f"refused on {name}", str(count)) for name, count in sorted(self.refused.items())]
+        message = f"{refused} message(s) refused; last: {self.refusal}" if refused else "all accepted"
+        statuses.append(
+            (WARN if refused else OK, f"{me}: commands", message, hardware, [("refused", str(refused)), *counts])
+        )
+        if self._recorder is not None:
+            recorder = self._recorder
+            entries = [
+                ("folder", str(recorder.folder)),
+                ("written", str(recorder.written)),
+                ("waiting", str(recorder.waiting)),
+            ]
+            broken = recorder.error
+            statuses.append((ERROR if broken else OK, f"{me}: recording", broken or "recording", hardware, entries))
+        if self._feed is not None:
+            dropped = self._feed.dropped
+            message = f"{dropped} frame(s) dropped: the viewer is slow" if dropped else "viewing"
+            statuses.append(
+                (WARN if dropped else OK, f"{me}: viewer", message, hardware, [("dropped", str(dropped))])
+            )
+        return statuses
+
+    def close(self) -> None:
+        """Finish recording and viewer and take the node out of the graph."""
+        if self._recorder is not None:
+            self._recorder.close()
+            self.get_logger().info(self._recorder.error or f"recorded {self._recorder.folder}")
+        if self._feed is not None:
+            self._feed.close()
+        late = self.stepper.late
+        self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late")
+        self.destroy_node()
+
+
+def scene_document(scene: Scene) -> dict[str, Any]:
+    """Lay a scene out as plain data that `Scene.model_validate` reads back."""
+    return scene.model_dump(mode="json", exclude_none=True)
+
+
+def versions() -> dict[str, str]:
+    """List the versions that decide the bits of a result."""
+    found = {"crawler": crawler_ros.__version__, "python": platform.python_version()}
+    for name in ("numpy", "numba", "llvmlite"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    found["machine"] = platform.machine()
+    return found
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM.
+
+    Args:
+        args: command line, for ROS arguments; None for the process's own.
+
+    Returns:
+        The exit status: 0, or 1 when scene or parameters were wrong.
+    """
+    interface.find_ament_prefix()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        try:
+            node = Simulator()
+        except (CrawlerError, ValueError, OSError, InvalidParameterValueException) as error:
+            print(f"simulator: {' '.join(str(error).split())}", file=sys.stderr)
+            return 1
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: node.stopping.set())
+        node.spin()
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,454 @@
+"""The crawler in rerun: the body on its track, tensions in their bounds, stick and slip, the path in the stasis polygon.
+
+Drawing happens in a process of its own (`python -m crawler_ros.visualizer`), fed through a pipe that never blocks: a
+slow or stopped viewer costs frames, never a tick. A recording is drawn by the same code from the same frames.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from crawler_model import Crawler, Scene
+from crawler_model.stasis import stasis_bounds, stasis_polygon
+
+NS = 1_000_000_000
+FRAME_EVERY_NS = 20_000_000
+LIVE_PORT = 9876
+_PIPE_BYTES = 1 << 20
+_STATE_NAMES = {-1: "slip back", 0: "stick", 1: "slip forward"}
+_STATE_COLORS = {-1: (176, 42, 30), 0: (80, 80, 80), 1: (26, 138, 58)}
+_LINK_COLORS = [(64, 110, 220), (230, 140, 30), (120, 80, 200), (20, 160, 160)]
+_BOUND_COLOR = (200, 60, 60)
+_SINGLE_PLOTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One instant to draw. Shapes: N contacts, N - 1 links; state is 1, 0 or -1 since the frame before."""
+
+    time_ns: int
+    displacement: np.ndarray
+    tension: np.ndarray
+    state: np.ndarray
+    forward: np.ndarray
+    backward: np.ndarray
+
+    def pack(self) -> bytes:
+        """Lay the frame out as 1 + 5 N doubles (tension padded)."""
+        padded = np.append(self.tension, 0.0)
+        numbers = (self.displacement, padded, self.state, self.forward, self.backward)
+        return struct.pack("<q", self.time_ns) + np.concatenate(numbers).astype("<f8").tobytes()
+
+    @staticmethod
+    def unpack(data: bytes, contacts: int) -> Frame:
+        """Undo `pack`."""
+        (ns,) = struct.unpack_from("<q", data)
+        x, tension, state, forward, backward = np.frombuffer(data, "<f8", 5 * contacts, 8).reshape(5, contacts)
+        return Frame(ns, x, tension[:-1], state.astype(np.int8), forward, backward)
+
+
+class ViewerFeed:
+    """The simulator's end of the pipe to a drawing process."""
+
+    def __init__(self, scene: Scene, view: str, say: Callable[[str], Any]) -> None:
+        """Start the drawing process.
+
+        Args:
+            scene: what is drawn.
+            view: "live", or the path of an .rrd file.
+            say: told where to look.
+
+        Raises:
+            FileExistsError: when the file exists: nothing is overwritten.
+        """
+        if view != "live":
+            path = Path(view)
+            if path.suffix != ".rrd":
+                raise ValueError(f"view: {view!r}; it must be off, live, or a path that ends in .rrd")
+            if path.exists():
+                raise FileExistsError(f"view: {view} exists; give a path that does not")
+            path.parent.mkdir(parents=True, exist_ok=True)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "crawler_ros.visualizer", view], stdin=subprocess.PIPE, start_new_session=True
+        )
+        assert self._process.stdin is not None
+        self._pipe = self._process.stdin
+        header = json.dumps(scene.model_dump(mode="json", exclude_none=True)).encode()
+        self._pipe.write(struct.pack("<I", len(header)) + header)
+        self._pipe.flush()
+        fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        os.set_blocking(self._pipe.fileno(), False)
+        self._waiting = b""
+        self._shown_ns: int | None = None
+        self._moved: np.ndarray | None = None
+        self.dropped = 0
+        where = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy (open it with: rerun --connect)" if view == "live" else view
+        say(f"drawing to {where}")
+
+    def show(self, time_ns: int, crawler: Crawler) -> None:
+        """Offer a frame; at most fifty a simulated second are taken, and none waits.
+
+        Args:
+            time_ns: simulated time.
+            crawler: its state is drawn.
+        """
+        state = crawler.contact_state
+        self._moved = state if self._moved is None else np.where(state != 0, state, self._moved)
+        if self._shown_ns is not None and 0 <= time_ns - self._shown_ns < FRAME_EVERY_NS:
+            return
+        self._shown_ns = time_ns
+        frame = Frame(time_ns, crawler.displacement, crawler.tension, self._moved, crawler.forward, crawler.backward)
+        self._moved = None
+        if not self._push():
+            self.dropped += 1
+            return
+        self._waiting = frame.pack()
+        self._push()
+
+    def _push(self) -> bool:
+        """Write what is waiting as far as it goes; tell whether it all went."""
+        try:
+            while self._waiting:
+                self._waiting = self._waiting[os.write(self._pipe.fileno(), self._waiting) :]
+        except BlockingIOError:
+            return False
+        except BrokenPipeError:
+            self._waiting = b""
+            return False
+        return True
+
+    def close(self) -> None:
+        """Let the drawing process finish its file; give a stuck one ten seconds."""
+        os.set_blocking(self._pipe.fileno(), True)
+        if self._process.poll() is None and len(self._waiting) < _PIPE_BYTES:
+            self._push()
+        self._pipe.close()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+
+def frames_of_recording(path: Path, scene: Scene | None = None) -> tuple[Scene, Iterator[Frame]]:
+    """Read frames from a recording.
+
+    Args:
+        path: a bag folder or an .mcap file, whole or torn.
+        scene: the body, for a recording that does not hold its scene.
+
+    Returns:
+        The scene and its frames, one per joint_states message.
+
+    Raises:
+        BagError: when it cannot be read, or its scene is missing.
+    """
+    from . import bag
+
+    head = bag.Bag({})
+    records = bag.read(path, head)
+    waiting = []
+    for record in records:  # attachments stand before the first message
+        waiting.append(record)
+        break
+    if scene is None:
+        if "scene" not in head.attachments:
+            raise bag.BagError(f"{path}: it does not hold its scene; give one with --scene")
+        scene = Scene.model_validate(head.attachments["scene"])
+
+    def all_records() -> Iterator[Any]:
+        yield from waiting
+        yield from records
+
+    return scene, _frames(all_records(), scene)
+
+
+def _frames(records: Iterable[Any], scene: Scene) -> Iterator[Frame]:
+    from rosbags.typesys import Stores, get_typestore
+
+    decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
+    drive, n = scene.commands, scene.chain.contacts
+    forward, backward = drive.forward[0], drive.backward[0]
+    for record in records:
+        name = record.topic.rsplit("/", 1)[-1]
+        if name == "applied_commands":
+            points = decode(record.data, record.type).points
+            if points:
+                row = np.asarray(points[-1].positions)
+                forward, backward = row[n - 1 : 2 * n - 1], row[2 * n - 1 :]
+        elif name == "joint_states":
+            message = decode(record.data, record.type)
+            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
+            x = _along(message.position)
+            v = _along(message.velocity)
+            moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
+            yield Frame(stamp, x, message.effort[1:], (np.sign(v) * moving).astype(np.int8), forward, backward)
+
+
+def _along(values: np.ndarray) -> np.ndarray:
+    """Turn the first contact's value and the links' into the contacts' values."""
+    return values[0] + np.concatenate(([0.0], np.cumsum(values[1:])))
+
+
+class Drawing:
+    """Logs frames of one crawler into a rerun recording."""
+
+    def __init__(self, scene: Scene, open_sinks: Callable[[Any], Any]) -> None:
+        """Open a recording, send what never changes and the blueprint.
+
+        Args:
+            scene: what is drawn.
+            open_sinks: is given the RecordingStream, to say where it goes.
+        """
+        import rerun as rr
+
+        self._rr = rr
+        self._scene = scene
+        self._xi = scene.chain.position
+        self._length = float(np.ptp(self._xi))
+        n = self._xi.size
+        self._plots = min(n - 1, _SINGLE_PLOTS)
+        self._last_state = np.full(n, 99)
+        self._last_polygon = b""
+        self._tick = 10.0 ** np.floor(np.log10(self._length))
+        self._last_mark = -1
+        self.stream = rr.RecordingStream(f"crawler: {scene.name}")
+        open_sinks(self.stream)
+        self._blueprint()
+        self._constants()
+
+    def _blueprint(self) -> None:
+        import rerun.blueprint as rrb
+
+        n, length = self._xi.size, self._length
+        follow = rrb.VisualBounds2D(
+            x_range=[float(self._xi[0]) - 0.6 * length, float(self._xi[0]) + 3.0 * length],
+            y_range=[-0.45 * length, 0.35 * length],
+        )
+        tensions = [
+            rrb.TimeSeriesView(origin=f"tension/link_{i}", name=f"Tension of link {i} [N] in its stasis bounds")
+            for i in range(self._plots)
+        ]
+        lanes = rrb.StateTimelineView(origin="contacts", name="Stick / slip")
+        left = rrb.Vertical(*tensions, lanes, row_shares=[1.0] * len(tensions) + [1.2])
+        right: list[Any] = [rrb.TimeSeriesView(origin="net_translation", name="Net translation [m]")]
+        if n == 3:
+            right.append(
+                rrb.Spatial2DView(
+                    origin="stasis",
+                    name="Stasis polygon: T_0 right, T_1 up [N]",
+                    background=[250, 250, 250],
+                    visual_bounds=self._polygon_bounds(),
+                    time_ranges=rrb.VisibleTimeRange(
+                        "sim_time",
+                        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-2.0),
+                        end=rrb.TimeRangeBoundary.cursor_relative(),
+                    ),
+                    overrides={},
+                )
+            )
+        body = rrb.Spatial2DView(
+            origin="world", name="Crawler on its track", background=[250, 250, 250], visual_bounds=follow
+        )
+        layout = rrb.Vertical(
+            body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=[1, 3]
+        )
+        blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
+        self.stream.send_blueprint(blueprint)
+
+    def _polygon_bounds(self) -> Any:
+        import rerun.blueprint as rrb
+
+        drive = self._scene.commands
+        reach = 1.3 * float(max(drive.forward.max(), drive.backward.max()))
+        return rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach])
+
+    def _constants(self) -> None:
+        rr, stream = self._rr, self.stream
+        for i in range(self._plots):
+            color = _LINK_COLORS[i % len(_LINK_COLORS)]
+            lines = rr.SeriesLines(
+                colors=[color, _BOUND_COLOR, _BOUND_COLOR],
+                names=[f"T_{i}", "upper bound", "lower bound"],
+                widths=[2.5, 1.0, 1.0],
+            )
+            stream.log(f"tension/link_{i}", lines, static=True)
+        stream.log("net_translation", rr.SeriesLines(colors=[(30, 30, 30)], names=["y"], widths=[2.0]), static=True)
+        names = list(_STATE_NAMES.values())
+        colors = [_STATE_COLORS[k] for k in _STATE_NAMES]
+        for i in range(self._xi.size):
+            configuration = rr.StateConfiguration(values=names, labels=names, colors=colors)
+            stream.log(f"contacts/contact_{i}", configuration, static=True)
+        if self._xi.size == 3:
+            reach = 10.0 * float(max(self._scene.commands.forward.max(), self._scene.commands.backward.max()))
+            cross = [[[-reach, 0], [reach, 0]], [[0, -reach], [0, reach]]]
+            axes = rr.LineStrips2D(cross, colors=[(200, 200, 200)], radii=rr.Radius.ui_points(0.5))
+            stream.log("stasis/axes", axes, static=True)
+
+    def draw(self, frame: Frame) -> None:
+        """Log one frame at its simulated time.
+
+        Args:
+            frame: what to draw.
+        """
+        rr, stream = self._rr, self.stream
+        stream.set_time("sim_time", duration=frame.time_ns / NS)
+        place = self._xi + frame.displacement
+        radius = 0.035 * self._length
+        colors = [_STATE_COLORS[int(s)] for s in frame.state]
+        points = np.column_stack((place, np.full(place.size, -radius)))
+        stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radius, draw_order=2.0))
+        springs = [_spring(a, b, radius) for a, b in zip(place[:-1], place[1:], strict=True)]
+        stream.log(
+            "world/links",
+            rr.LineStrips2D(
+                springs,
+                colors=[_LINK_COLORS[i % len(_LINK_COLORS)] for i in range(len(springs))],
+                radii=0.12 * radius,
+                draw_order=1.0,
+            ),
+        )
+        self._extend_track(place)
+        least, most = stasis_bounds(frame.tension, frame.forward, frame.backward)
+        for i in range(self._plots):
+            stream.log(f"tension/link_{i}", rr.Scalars([frame.tension[i], most[i], least[i]]))
+        stream.log("net_translation", rr.Scalars([float(frame.displacement.mean())]))
+        for i in np.flatnonzero(frame.state != self._last_state):
+            stream.log(f"contacts/contact_{i}", rr.StateChange(state=_STATE_NAMES[int(frame.state[i])]))
+        self._last_state = frame.state
+        if place.size == 3:
+            self._draw_polygon(frame)
+
+    def _extend_track(self, place: np.ndarray) -> None:
+        """Draw ground and marks as far as the crawler has come."""
+        reach = int(np.ceil((max(abs(place.min()), abs(place.max())) + 2.0 * self._length) / self._tick))
+        if reach <= self._last_mark:
+            return
+        self._last_mark = 2 * reach
+        marks = np.arange(-self._last_mark, self._last_mark + 1) * self._tick
+        depth = 0.05 * self._length
+        lines = [[[m, 0.0], [m, depth]] for m in marks] + [[[marks[0], 0.0], [marks[-1], 0.0]]]
+        rr = self._rr
+        track = rr.LineStrips2D(lines, colors=[(150, 150, 150)], radii=rr.Radius.ui_points(1.0))
+        self.stream.log("world/track", track)
+        labels = rr.Points2D(
+            np.column_stack((marks, np.full(marks.size, 3.0 * depth))),
+            labels=[f"{m:g} m" for m in marks],
+            colors=[(150, 150, 150)],
+            radii=rr.Radius.ui_points(0.0),
+            show_labels=True,
+        )
+        self.stream.log("world/marks", labels)
+
+    def _draw_polygon(self, frame: Frame) -> None:
+        rr = self._rr
+        corners = stasis_polygon(frame.forward, frame.backward)
+        key = corners.tobytes()
+        if key != self._last_polygon:
+            self._last_polygon = key
+            outline = np.vstack((corners, corners[:1])) * (1.0, -1.0)  # y points down in rerun
+            lines = rr.LineStrips2D([outline], colors=[_BOUND_COLOR], radii=rr.Radius.ui_points(1.5))
+            self.stream.log("stasis/domain", lines, static=True)
+        moves = int(np.sign(frame.displacement.mean() - getattr(self, "_last_y", frame.displacement.mean())))
+        self._last_y = frame.displacement.mean()
+        point = [[frame.tension[0], -frame.tension[1]]]
+        color = _STATE_COLORS[moves if frame.state.any() else 0]
+        self.stream.log("stasis/path", rr.Points2D(point, colors=[color], radii=rr.Radius.ui_points(3.0)))
+
+    def close(self) -> None:
+        """Write out everything."""
+        self.stream.flush()
+        self.stream.disconnect()
+
+
+def _spring(start: float, end: float, radius: float, teeth: int = 4) -> np.ndarray:
+    """Draw a spring between two contacts as a zigzag, shape (2 teeth + 3, 2) [m]."""
+    x = np.concatenate(([start], np.linspace(start + radius, end - radius, 2 * teeth + 1), [end]))
+    y = np.full(x.size, -radius)
+    y[2:-2:2] -= 0.8 * radius
+    y[3:-2:2] += 0.8 * radius
+    return np.column_stack((x, y))
+
+
+def to_file(path: Path) -> Callable[[Any], None]:
+    """Send a recording stream to an .rrd file."""
+    return lambda stream: stream.save(str(path))
+
+
+def to_viewer(stream: Any) -> None:
+    """Serve a recording stream on 127.0.0.1, and open a viewer on it where there is a display."""
+    import rerun as rr
+
+    stream.set_sinks(rr.GrpcServerSink(bind_ip="127.0.0.1", port=LIVE_PORT))
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        url = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy"
+        subprocess.Popen([sys.executable, "-m", "rerun", "--connect", url], start_new_session=True)
+
+
+def draw_recording(recording: Path, rrd: Path) -> int:
+    """Draw a recording into an .rrd file.
+
+    Args:
+        recording: a bag folder or an .mcap file.
+        rrd: the file to write.
+
+    Returns:
+        The number of frames drawn: at most fifty a simulated second.
+
+    Raises:
+        BagError: when the recording cannot be read.
+    """
+    scene, frames = frames_of_recording(recording)
+    drawing = Drawing(scene, to_file(rrd))
+    count = 0
+    for frame in thin(frames):
+        drawing.draw(frame)
+        count += 1
+    drawing.close()
+    return count
+
+
+def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:
+    """Keep frames at least `every_ns` apart; a slip between two of them shows in the later one."""
+    shown: int | None = None
+    moved: np.ndarray | None = None
+    for frame in frames:
+        moved = frame.state if moved is None else np.where(frame.state != 0, frame.state, moved)
+        if shown is not None and 0 <= frame.time_ns - shown < every_ns:
+            continue
+        shown = frame.time_ns
+        yield Frame(frame.time_ns, frame.displacement, frame.tension, moved, frame.forward, frame.backward)
+        moved = None
+
+
+def _read_exactly(stream: IO[bytes], size: int) -> bytes | None:
+    data = stream.read(size)
+    return data if data is not None and len(data) == size else None
+
+
+def main() -> int:
+    """Draw the frames that arrive on standard input until it ends."""
+    view = sys.argv[1]
+    source = sys.stdin.buffer
+    (size,) = struct.unpack("<I", source.read(4))
+    scene = Scene.model_validate(json.loads(source.read(size)))
+    drawing = Drawing(scene, to_viewer if view == "live" else to_file(Path(view)))
+    n = scene.chain.contacts
+    while (data := _read_exactly(source, 8 + 8 * 5 * n)) is not None:
+        drawing.draw(Frame.unpack(data, n))
+    drawing.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
