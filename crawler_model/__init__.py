@@ -5,7 +5,7 @@
 after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 """
 
-from .crawler import Certificate, Crawler, Step
+from .crawler import Certificate, Crawler, Step, prepare
 from .errors import CommandError, CrawlerError, SceneError
 from .scene import Scene, gallery, load_scene, parse_scene
 from .simulate import Energy, Trajectory, simulate
@@ -23,5 +23,6 @@ __all__ = [
     "gallery",
     "load_scene",
     "parse_scene",
+    "prepare",
     "simulate",
 ]

@@ -13,7 +13,7 @@ import numba
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function with numba, without the interpreter's lock, cached on disk where a place is writable."""
-    options = {"nogil": True, "error_model": "numpy"}
+    options: Any = {"nogil": True, "error_model": "numpy"}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "no locator available": a read-only install without a home to write to

@@ -33,9 +33,7 @@ class Body:
         return int(self.stiffness.size)
 
 
-def build_body(
-    contacts: ArrayLike, stiffness: ArrayLike, between: list[tuple[int, int]] | None = None
-) -> Body:
+def build_body(contacts: ArrayLike, stiffness: ArrayLike, between: list[tuple[int, int]] | None = None) -> Body:
     """Build a chain from what a scene says of it.
 
     Args:

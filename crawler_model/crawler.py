@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import integrate
+from ._compiled import said_if_slow
 from .body import Body, frozen
 from .errors import CommandError
 from .integrate import (
@@ -23,9 +24,9 @@ from .integrate import (
     DISSIPATION,
     EVENTS,
     FORWARD,
-    GAINED,
     GAIN_LEAST,
     GAIN_MOST,
+    GAINED,
     OVERSPENT,
     RESIDUAL,
     SHAPE,
@@ -117,9 +118,9 @@ class Crawler:
         g = spring_force(tension)
         near = 1e-12 * (np.abs(tension).max() + state[FORWARD].max() + state[BACKWARD].max())
         self._state = state
-        self._status = (
-            AT_FORWARD * (g >= state[FORWARD] - near) + AT_BACKWARD * (g <= near - state[BACKWARD])
-        ).astype(np.int8)
+        self._status = (AT_FORWARD * (g >= state[FORWARD] - near) + AT_BACKWARD * (g <= near - state[BACKWARD])).astype(
+            np.int8
+        )
         self._stiffness = body.stiffness
         self._no_records = np.empty((0, 3, n))
         self._scratch = integrate.scratch(n)
@@ -299,3 +300,11 @@ class Crawler:
             visited_margin=float(account[VISITED]),
             overspent=int(account[OVERSPENT]),
         )
+
+
+def prepare() -> None:
+    """Load the compiled kernels, or compile them on their first use on this machine and say so on standard error."""
+    body = {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}}
+    scene = Scene.model_validate({"name": "prepare", "body": body, "friction": {"isotropic": 1.0}})
+    with said_if_slow():
+        Crawler(scene).advance([0.5])

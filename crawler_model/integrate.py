@@ -37,7 +37,19 @@ STATE_ROWS = 10
 TO_ACTUATION, TO_FORWARD, TO_BACKWARD = range(3)
 
 # Entries of the account that a ramp adds to.
-(WORK, DISSIPATION, RESIDUAL, VIOLATION, COMPLEMENTARITY, VISITED, EVENTS, AMBIGUOUS, OVERSPENT, GAIN_LEAST, GAIN_MOST) = range(11)
+(
+    WORK,
+    DISSIPATION,
+    RESIDUAL,
+    VIOLATION,
+    COMPLEMENTARITY,
+    VISITED,
+    EVENTS,
+    AMBIGUOUS,
+    OVERSPENT,
+    GAIN_LEAST,
+    GAIN_MOST,
+) = range(11)
 ACCOUNT_SIZE = 11
 
 # Rows of a record, one record per ramp.
@@ -377,9 +389,7 @@ def _catch_up(stiffness, state, status, target, floats, bytes_, stacks, account)
         floats[_UPPER, i] = target[TO_FORWARD, i]
         floats[_LOWER, i] = -target[TO_BACKWARD, i]
     new = floats[_RATE]
-    project(
-        floats[_TRIAL, : n - 1], stiffness, floats[_LOWER], floats[_UPPER], new[: n - 1], bytes_[_SIDE], stacks
-    )
+    project(floats[_TRIAL, : n - 1], stiffness, floats[_LOWER], floats[_UPPER], new[: n - 1], bytes_[_SIDE], stacks)
     for i in range(n - 1):
         shape_rate = _shape_gain(new[i], floats[_TRIAL, i], stiffness[i])
         if shape_rate != 0.0:
@@ -564,7 +574,10 @@ def follow(stiffness, state, status, targets, exact, budget, floats, bytes_, tre
         targets: rows TO_ACTUATION, TO_FORWARD, TO_BACKWARD of each ramp's end, shape (V, 3, N).
         exact: True to follow every event, False for one catch-up step a ramp.
         budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
-        floats, bytes_, tree, stacks: from `scratch(N)`.
+        floats: from `scratch(N)`, as are the next three.
+        bytes_: statuses within a ramp.
+        tree: a tournament of the contacts' next events.
+        stacks: for `project`.
         account: shape (11,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 3, N) or (0, 3, N) for none.
     """
@@ -587,9 +600,7 @@ def follow(stiffness, state, status, targets, exact, budget, floats, bytes_, tre
             for i in range(ramp.shape[0]):
                 ramp[i] = 0.0
             ramp[VISITED] = np.inf
-            finished = exact and _exact(
-                stiffness, state, status, target, floats, bytes_, tree, stacks, ramp, budget
-            )
+            finished = exact and _exact(stiffness, state, status, target, floats, bytes_, tree, stacks, ramp, budget)
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0

@@ -233,7 +233,7 @@ class Scene(_Part):
 
     @functools.cached_property
     def start_displacement(self) -> np.ndarray:
-        """x at the start, shape (N,) [m]."""
+        """X at the start, shape (N,) [m]."""
         given = 0.0 if self.start is None else self.start.displacement
         return spread(given, self.chain.contacts, "start.displacement", "contact")
 
@@ -256,7 +256,8 @@ def build_drive(scene: Scene) -> Drive:
     if part.strategy is not None:
         if body.contacts != 2:
             raise SceneError(f"drive.strategy: strategies drive 2 contacts, this body has {body.contacts}")
-        assert isinstance(part.friction, float) and part.length is not None
+        assert isinstance(part.friction, float)
+        assert part.length is not None
         period = 1.0 if part.period is None else part.period
         times, actuation, mu = drives.strategy_waypoints(part.strategy, part.length, part.friction, period)
         return drives.build_waypoints(times, period, actuation, mu, mu)
@@ -342,7 +343,7 @@ class _Loader(yaml.SafeLoader):
 def _mapping_once(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
     seen: set[Any] = set()
     for key_node, _ in node.value:
-        key = loader.construct_object(key_node)  # type: ignore[no-untyped-call]
+        key = loader.construct_object(key_node)
         if not isinstance(key, str):
             raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not text", key_node.start_mark)
         if key in seen:
@@ -368,7 +369,7 @@ def parse_scene(text: str, source: str = "scene") -> Scene:
         SceneError: one line that names the field, the value and what would be right.
     """
     try:
-        data = yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
+        data = yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f" in line {mark.line + 1}" if mark is not None else ""
@@ -469,5 +470,6 @@ def load_scene(path_or_name: str | Path) -> Scene:
         return parse_scene(file.read_text(encoding="utf-8"), text)
     if path.suffix or len(path.parts) > 1:
         raise SceneError(f"{text}: no such file")
-    nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.0)
-    raise SceneError(f"{text}: no such scene in the gallery; the nearest is {nearest[0]!r} (see `crawler scenes`)")
+    nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
+    hint = f"the nearest is {nearest[0]!r}" if nearest else f"there are {', '.join(known)}"
+    raise SceneError(f"{text}: no such file, nor a scene of the gallery; {hint}")

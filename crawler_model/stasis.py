@@ -75,6 +75,25 @@ def stasis_bounds(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -
     return least, most
 
 
+def tension_ranges(forward: ArrayLike, backward: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the projection of the stasis domain onto each link's tension.
+
+    Link i can be held from either side: -min(sum_{j<=i} mu_minus_j, sum_{j>i} mu_plus_j) <= T_i <=
+    min(sum_{j<=i} mu_plus_j, sum_{j>i} mu_minus_j).
+
+    Args:
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The least and the greatest tension of each link, each of shape (N - 1,) [N].
+    """
+    plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
+    behind_plus, behind_minus = np.cumsum(plus)[:-1], np.cumsum(minus)[:-1]
+    ahead_plus, ahead_minus = np.cumsum(plus[::-1])[::-1][1:], np.cumsum(minus[::-1])[::-1][1:]
+    return -np.minimum(behind_minus, ahead_plus), np.minimum(behind_plus, ahead_minus)
+
+
 def stasis_polygon(forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
     """Compute the stasis domain of three contacts: a triangle if one friction exceeds the two others, else more sides.
 

@@ -105,4 +105,3 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
                         bag.attachments[item.name] = json.loads(item.data)
                 elif bag is not None and isinstance(item, Footer):
                     bag.complete = True
-

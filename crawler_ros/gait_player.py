@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -56,6 +57,7 @@ class GaitPlayer(Node):
         )
         self._start_ns: int | None = None
         self._sent = 0
+        self._said = 0
         self.end_ns: int | None = None
         self.now_ns = -1
         self.done = threading.Event()
@@ -72,8 +74,17 @@ class GaitPlayer(Node):
                 self._send_once()
         else:
             self._send_ahead()
+            self._say_progress()
         if self.end_ns is not None and self.now_ns >= self.end_ns:
             self.done.set()
+
+    def _say_progress(self) -> None:
+        assert self._start_ns is not None
+        assert self.drive.period is not None
+        done = int((self.now_ns - self._start_ns) / (self.drive.period * NS))
+        if self.periods and done > self._said:
+            self._said = done
+            self.get_logger().info(f"period {done} of {self.periods}")
 
     def _choose_start(self) -> int:
         """Take a round tenth of a second, far enough ahead that the first message arrives before it."""
@@ -86,7 +97,8 @@ class GaitPlayer(Node):
         self.end_ns = self._start_ns + int(times[-1])
 
     def _send_ahead(self) -> None:
-        assert self._start_ns is not None and self.drive.period is not None
+        assert self._start_ns is not None
+        assert self.drive.period is not None
         span = self.drive.period * NS
         while self.periods == 0 or self._sent < self.periods:
             begin = self._start_ns + round(self._sent * span)
@@ -99,7 +111,8 @@ class GaitPlayer(Node):
                 times.append(round(span))
             self._publish(begin, times, rows)
             self._sent += 1
-        self.end_ns = self._start_ns + round(self.periods * span)
+        if self.periods:
+            self.end_ns = self._start_ns + round(self.periods * span)
 
     def _publish(self, start_ns: int, times: list[int], rows: list[int]) -> None:
         self._publisher.publish(self._message.encode(start_ns, times, [self._rows[r] for r in rows]))
@@ -119,7 +132,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         try:
             node = GaitPlayer()
-        except (CrawlerError, ValueError) as error:
+        except (CrawlerError, ValueError, ParameterException) as error:
             print(f"gait_player: {error}", file=sys.stderr)
             return 1
         for number in (signal.SIGINT, signal.SIGTERM):

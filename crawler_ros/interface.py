@@ -1,4 +1,4 @@
-"""What msgs_config says of topics, services and parameters, turned into ROS 2 objects. Nothing else names a topic's type."""
+"""What msgs_config says of topics, services and parameters, turned into ROS 2 objects: the one place for types."""
 
 from __future__ import annotations
 
@@ -179,6 +179,7 @@ def declare_parameters(node: Any) -> dict[str, Any]:
         The values, by name.
     """
     from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+    from rclpy.exceptions import InvalidParameterTypeException
     from rclpy.parameter import Parameter as RosParameter
 
     kinds = {
@@ -195,7 +196,11 @@ def declare_parameters(node: Any) -> dict[str, Any]:
             descriptor.floating_point_range = [FloatingPointRange(from_value=row.range[0], to_value=row.range[1])]
         if row.choices:
             descriptor.additional_constraints = f"one of {', '.join(row.choices)}"
-        values[name] = node.declare_parameter(name, row.default, descriptor).value
+        try:
+            values[name] = node.declare_parameter(name, row.default, descriptor).value
+        except InvalidParameterTypeException as error:
+            example = {"double": "1000.0", "bool": "true", "string": "text"}[row.type]
+            raise ValueError(f"{error}; write it as in {name}:={example}") from None
         if row.choices and values[name] not in row.choices:
             raise ValueError(f"parameter {name}: {values[name]!r}; it must be one of {', '.join(row.choices)}")
     return values

@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rclpy
-from rclpy.exceptions import InvalidParameterValueException
+from rclpy.exceptions import ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
 import crawler_ros
-from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
-from crawler_model._compiled import said_if_slow
+from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.crawler import Step
 from crawler_model.simulate import commanded_margin, rational_rate
 from crawler_model.stasis import spring_force
@@ -67,9 +66,8 @@ class Simulator(Node):
         self.values = interface.declare_parameters(self)
         self.scene = load_scene(self.values["scene"])
         rate = rational_rate(self.values["rate"])
-        with said_if_slow():
-            self.crawler = Crawler(self.scene, self.values["method"])
-            self.crawler.copy().advance(self.crawler.actuation + 1e-9)  # compiles, if it must
+        prepare()
+        self.crawler = Crawler(self.scene, self.values["method"])
         self.start = self.crawler.copy()
         self.stepper = Stepper(rate, self.values["real_time_factor"])
         self.commands = CommandQueue(self.crawler.body.contacts, command_row(self._in_force()))
@@ -331,7 +329,10 @@ class Simulator(Node):
         now = self.crawler.visited_margin
         level, message = OK, "ticking"
         if self.ambiguous:
-            level, message = WARN, "the net translation was not determined in some ticks; the one nearest to zero was taken"
+            level, message = (
+                WARN,
+                "translation not determined in some ticks; the one nearest to zero was taken",
+            )
         if self.overspent:
             level, message = WARN, "the budget of events was spent in some ticks; a catch-up step did the rest"
         if late:
@@ -367,9 +368,7 @@ class Simulator(Node):
         if self._feed is not None:
             dropped = self._feed.dropped
             message = f"{dropped} frame(s) dropped: the viewer is slow" if dropped else "viewing"
-            statuses.append(
-                (WARN if dropped else OK, f"{me}: viewer", message, hardware, [("dropped", str(dropped))])
-            )
+            statuses.append((WARN if dropped else OK, f"{me}: viewer", message, hardware, [("dropped", str(dropped))]))
         return statuses
 
     def close(self) -> None:
@@ -415,7 +414,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         try:
             node = Simulator()
-        except (CrawlerError, ValueError, OSError, InvalidParameterValueException) as error:
+        except (CrawlerError, ValueError, OSError, ParameterException) as error:
             print(f"simulator: {' '.join(str(error).split())}", file=sys.stderr)
             return 1
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,4 +1,4 @@
-"""The crawler in rerun: the body on its track, tensions in their bounds, stick and slip, the path in the stasis polygon.
+"""The crawler in rerun: body on its track, tensions in their bounds, stick and slip, path in the stasis polygon.
 
 Drawing happens in a process of its own (`python -m crawler_ros.visualizer`), fed through a pipe that never blocks: a
 slow or stopped viewer costs frames, never a tick. A recording is drawn by the same code from the same frames.
@@ -7,11 +7,13 @@ slow or stopped viewer costs frames, never a tick. A recording is drawn by the s
 from __future__ import annotations
 
 import fcntl
+import itertools
 import json
 import os
 import struct
 import subprocess
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +33,7 @@ _STATE_COLORS = {-1: (176, 42, 30), 0: (80, 80, 80), 1: (26, 138, 58)}
 _LINK_COLORS = [(64, 110, 220), (230, 140, 30), (120, 80, 200), (20, 160, 160)]
 _BOUND_COLOR = (200, 60, 60)
 _SINGLE_PLOTS = 4
+_TRAIL = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +223,7 @@ class Drawing:
         self._plots = min(n - 1, _SINGLE_PLOTS)
         self._last_state = np.full(n, 99)
         self._last_polygon = b""
+        self._trail: deque[tuple[tuple[float, float], tuple[int, int, int]]] = deque(maxlen=_TRAIL)
         self._tick = 10.0 ** np.floor(np.log10(self._length))
         self._last_mark = -1
         self.stream = rr.RecordingStream(f"crawler: {scene.name}")
@@ -249,20 +253,12 @@ class Drawing:
                     name="Stasis polygon: T_0 right, T_1 up [N]",
                     background=[250, 250, 250],
                     visual_bounds=self._polygon_bounds(),
-                    time_ranges=rrb.VisibleTimeRange(
-                        "sim_time",
-                        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-2.0),
-                        end=rrb.TimeRangeBoundary.cursor_relative(),
-                    ),
-                    overrides={},
                 )
             )
         body = rrb.Spatial2DView(
             origin="world", name="Crawler on its track", background=[250, 250, 250], visual_bounds=follow
         )
-        layout = rrb.Vertical(
-            body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=[1, 3]
-        )
+        layout = rrb.Vertical(body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=[1, 3])
         blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
         self.stream.send_blueprint(blueprint)
 
@@ -283,7 +279,7 @@ class Drawing:
                 widths=[2.5, 1.0, 1.0],
             )
             stream.log(f"tension/link_{i}", lines, static=True)
-        stream.log("net_translation", rr.SeriesLines(colors=[(30, 30, 30)], names=["y"], widths=[2.0]), static=True)
+        stream.log("net_translation", rr.SeriesLines(colors=[(225, 225, 225)], names=["y"], widths=[2.0]), static=True)
         names = list(_STATE_NAMES.values())
         colors = [_STATE_COLORS[k] for k in _STATE_NAMES]
         for i in range(self._xi.size):
@@ -308,7 +304,7 @@ class Drawing:
         colors = [_STATE_COLORS[int(s)] for s in frame.state]
         points = np.column_stack((place, np.full(place.size, -radius)))
         stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radius, draw_order=2.0))
-        springs = [_spring(a, b, radius) for a, b in zip(place[:-1], place[1:], strict=True)]
+        springs = [_spring(a, b, radius) for a, b in itertools.pairwise(place)]
         stream.log(
             "world/links",
             rr.LineStrips2D(
@@ -343,8 +339,8 @@ class Drawing:
         self.stream.log("world/track", track)
         labels = rr.Points2D(
             np.column_stack((marks, np.full(marks.size, 3.0 * depth))),
-            labels=[f"{m:g} m" for m in marks],
-            colors=[(150, 150, 150)],
+            labels=[f"{m:.6g} m" for m in marks],
+            colors=[(235, 235, 235)],
             radii=rr.Radius.ui_points(0.0),
             show_labels=True,
         )
@@ -353,17 +349,16 @@ class Drawing:
     def _draw_polygon(self, frame: Frame) -> None:
         rr = self._rr
         corners = stasis_polygon(frame.forward, frame.backward)
-        key = corners.tobytes()
-        if key != self._last_polygon:
-            self._last_polygon = key
+        if corners.tobytes() != self._last_polygon:
+            self._last_polygon = corners.tobytes()
             outline = np.vstack((corners, corners[:1])) * (1.0, -1.0)  # y points down in rerun
             lines = rr.LineStrips2D([outline], colors=[_BOUND_COLOR], radii=rr.Radius.ui_points(1.5))
-            self.stream.log("stasis/domain", lines, static=True)
-        moves = int(np.sign(frame.displacement.mean() - getattr(self, "_last_y", frame.displacement.mean())))
-        self._last_y = frame.displacement.mean()
-        point = [[frame.tension[0], -frame.tension[1]]]
-        color = _STATE_COLORS[moves if frame.state.any() else 0]
-        self.stream.log("stasis/path", rr.Points2D(point, colors=[color], radii=rr.Radius.ui_points(3.0)))
+            self.stream.log("stasis/domain", lines)
+        color = _STATE_COLORS[int(np.sign(int(frame.state.sum())))]
+        self._trail.append(((frame.tension[0], -frame.tension[1]), color))
+        points, colors = zip(*self._trail, strict=True)
+        sizes = rr.Radius.ui_points([2.5] * (len(points) - 1) + [6.0])
+        self.stream.log("stasis/path", rr.Points2D(points, colors=colors, radii=sizes, draw_order=30.0))
 
     def close(self) -> None:
         """Write out everything."""

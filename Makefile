@@ -1,0 +1,36 @@
+# `make demo` and `make test` do all the set-up: a virtual environment from pyproject.toml, made anew when that changes.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: demo test lint bench docs soak clean
+
+demo: $(READY)
+	$(BIN)/crawler demo
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(READY)
+	$(BIN)/python benchmarks/speed_against_error.py
+
+docs: $(READY)
+	$(BIN)/python docs/generate.py
+
+soak: $(READY)
+	$(BIN)/python -m pytest -m soak
+
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,test]'
+	touch $(READY)
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,268 @@
+"""The `crawler` command: thin verbs over the model, the nodes and the recordings."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from crawler_model import CrawlerError, Trajectory, gallery, load_scene, prepare, simulate
+
+app = typer.Typer(
+    help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists what can be run.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+screen = Console(highlight=False)
+SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a name that `crawler scenes` lists.")]
+
+
+class MethodName(str, Enum):
+    """How a tick is integrated."""
+
+    exact = "exact"
+    catch_up = "catch_up"
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """Show a progress bar on a terminal and nothing in a pipe.
+
+    Args:
+        what: the bar's label.
+
+    Yields:
+        A function that takes the part done, in [0, 1].
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    console = Console(stderr=True)
+    with Progress(
+        *columns, TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda part: bar.update(task, completed=part)
+
+
+def _run(scene_name: str, duration: float | None, rate: float, method: str) -> Trajectory:
+    scene = load_scene(scene_name)
+    prepare()
+    if scene.drive is None and duration is None:
+        raise CrawlerError(f"{scene_name}: the scene has no drive; say how long to run with --duration")
+    with progress_bar("simulating") as progress:
+        return simulate(scene, duration, rate, method, progress)  # type: ignore[arg-type]
+
+
+@app.command("simulate")
+def simulate_command(
+    scene: SceneArgument,
+    duration: Annotated[
+        float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = 100.0,
+    method: Annotated[MethodName, typer.Option(help="How a tick is integrated.")] = MethodName.exact,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+) -> None:
+    """Run a scene offline, without ROS, and print where it went."""
+    run = _run(scene, duration, rate, method.value)
+    if as_json:
+        print(json.dumps(run.summary(), allow_nan=False))
+        return
+    table = Table(title=f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz", title_justify="left")
+    periods = run.per_period.size > 0
+    table.add_column("time [s]", justify="right")
+    table.add_column("net translation [m]", justify="right")
+    table.add_column("gained in the period [m]" if periods else "gained [m]", justify="right")
+    y = run.waypoint_net_translation
+    rows = range(y.size) if y.size <= 24 else [*range(12), *range(y.size - 11, y.size)]
+    last = -1
+    for i in rows:
+        if i != last + 1:
+            table.add_row("...", "...", "...")
+        last = i
+        gained = "" if i == 0 else f"{y[i] - y[i - 1]:.12g}"
+        table.add_row(f"{run.waypoint_time[i]:g}", f"{y[i]:.12g}", gained)
+    screen.print(table)
+    _print_account(run)
+
+
+def _print_account(run: Trajectory) -> None:
+    energy = run.energy
+    screen.print(
+        f"work {energy.work:.6g} J, dissipation {energy.dissipation:.6g} J, stored {energy.stored:.6g} J, "
+        f"residual {energy.relative_residual:.1e} of the work"
+    )
+    screen.print(f"largest excess over a bound {run.violation:.1e} N; {run.events} linear pieces in {run.wall_s:.3g} s")
+    if not run.unique:
+        screen.print(
+            "[yellow]not unique:[/] on some stretch the translation was not determined; "
+            "the one nearest to zero was taken"
+        )
+    if run.overspent:
+        screen.print(f"[yellow]{run.overspent} ramp(s)[/] had too many events; a catch-up step did their rest")
+
+
+@app.command()
+def check(
+    scene: SceneArgument,
+    png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
+) -> None:
+    """Validate a scene; print its stasis domain, its uniqueness margin and what does not move."""
+    run = _run(scene, None if load_scene(scene).drive is not None else 0.0, 100.0, "exact")
+    checked = run.scene
+    drive = checked.commands
+    body = checked.chain
+    screen.print(f"{checked.name}: {body.contacts} contacts, {body.links} links; valid")
+    table = Table(
+        title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
+    )
+    for column in ("contact", "at [m]", "-backward [N]", "forward [N]", "force at the start [N]", "slides"):
+        table.add_column(column, justify="right")
+    from crawler_model.stasis import spring_force
+
+    force = spring_force(run.tension[0])
+    shown = range(body.contacts) if body.contacts <= 20 else [*range(10), *range(body.contacts - 10, body.contacts)]
+    for i in shown:
+        ways = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
+        table.add_row(
+            str(i),
+            f"{body.position[i]:g}",
+            _span(-drive.backward[:, i]),
+            _span(drive.forward[:, i]),
+            f"{force[i]:g}",
+            " and ".join(ways) or "never",
+        )
+    screen.print(table)
+    _print_verdict(run)
+    if png is not None:
+        from .picture import draw_domain
+
+        draw_domain(checked, png)
+        screen.print(f"drawn: {png}")
+
+
+def _span(values: Any) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f"{low:g}" if low == high else f"{low:g} .. {high:g}"
+
+
+def _print_verdict(run: Trajectory) -> None:
+    scene = run.scene
+    margin = run.uniqueness_margin
+    if margin is None:
+        screen.print("uniqueness margin: not decided (more than 30 unequal contacts)")
+    elif margin == 0.0:
+        screen.print(
+            "uniqueness margin: 0, critical: for this friction the forward friction of some contacts balances the "
+            "backward friction of the others"
+        )
+    else:
+        screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
+    k = scene.chain.stiffness
+    if k.max() > 1e9 * k.min():
+        screen.print(
+            f"too stiff: link {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than link {int(k.argmin())}"
+        )
+    if scene.drive is None:
+        screen.print("no drive: the crawler waits for commands")
+        return
+    screen.print(f"visited margin: {run.visited_margin:.4g}; unique along the drive: {'yes' if run.unique else 'no'}")
+    still = [i for i in range(scene.chain.contacts) if not run.contact_state[:, i].any()]
+    if len(still) == scene.chain.contacts:
+        screen.print("too weak: the drive never leaves the stasis domain, nothing moves")
+    elif still:
+        screen.print(f"contacts that never slide: {', '.join(map(str, still[:10]))}{' ...' if len(still) > 10 else ''}")
+    if run.per_period.size:
+        screen.print(f"net translation per period, at the end: {run.per_period[-1]:.12g} m")
+
+
+@app.command()
+def scenes(
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object, name to description.")] = False,
+) -> None:
+    """List the gallery, a line each."""
+    listed = gallery()
+    if as_json:
+        print(json.dumps(listed))
+        return
+    width = max(map(len, listed))
+    for name, text in listed.items():
+        print(f"{name:<{width}}  {text}")
+
+
+@app.command()
+def view(
+    recording: Annotated[Path, typer.Argument(help="A bag folder, an .mcap file or an .rrd file.")],
+    png: Annotated[Path | None, typer.Option(help="Render into this file instead of opening a window.")] = None,
+    at: Annotated[float | None, typer.Option(help="With --png: the simulated time to show, s.")] = None,
+) -> None:
+    """Open rerun on a recording with our blueprint, or render that view without a screen."""
+    import os
+    import subprocess
+    import tempfile
+
+    from .picture import screenshot, viewer_binary
+
+    if not recording.exists():
+        raise CrawlerError(f"{recording}: no such file or folder")
+    if png is None and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise CrawlerError(
+            "there is no display here; render the view with --png FILE, or copy the .rrd to your desktop"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        rrd = recording
+        if recording.suffix != ".rrd":
+            from .visualizer import draw_recording
+
+            rrd = Path(folder) / "recording.rrd"
+            draw_recording(recording, rrd)
+        if png is not None:
+            screenshot(rrd, png, at)
+            screen.print(f"rendered: {png}")
+            return
+        raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder in which recording, .rrd and .png are left.")] = Path("demo"),
+) -> None:
+    """Watch a three-contact crawler walk: two ROS 2 processes, a recording, a picture, a summary."""
+    from .demo import run_demo
+
+    with progress_bar("walking") as progress:
+        summary = run_demo(out, progress)
+    print("\n".join(summary))
+
+
+def main() -> None:
+    """Run the command; every expected error is one line on standard error and exit status 1."""
+    try:
+        app()
+    except (CrawlerError, OSError) as error:
+        print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(1)
+    except ModuleNotFoundError as error:
+        extra = "viz" if (error.name or "").split(".")[0] in ("rerun", "matplotlib", "rosbags", "mcap") else "ros"
+        print(
+            f"crawler: {error.name} is not installed; it comes with: pip install 'crawler-ros[{extra}]'",
+            file=sys.stderr,
+        )
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("crawler: stopped", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,218 @@
+"""The demonstration: a simulator and a gait player as two processes, then what their recording says."""
+
+from __future__ import annotations
+
+import os
+import queue
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from crawler_model import CrawlerError, Scene, load_scene
+
+from . import bag
+
+NS = 1_000_000_000
+SCENE = "three_contacts_one_way"
+PERIODS = 10
+PATIENCE_S = 120.0
+
+
+class DemoError(CrawlerError):
+    """The demonstration did not come to its end."""
+
+
+def closed_form(scene: Scene) -> float:
+    """Compute the net translation per period of the stepped wave on three one-way contacts.
+
+        2 (D - 3 mu_plus / k)   for D >= 6 mu_plus / k and mu_minus > 2 mu_plus
+
+    Args:
+        scene: three equal contacts whose links lengthen in turn by D.
+
+    Returns:
+        Net translation per period, after the first [m].
+    """
+    stroke = float(np.ptp(scene.commands.actuation))
+    return 2.0 * (stroke - 3.0 * float(scene.ground.forward[0]) / float(scene.chain.stiffness[0]))
+
+
+def own_domain() -> dict[str, str]:
+    """Make an environment in which two processes find each other on this machine and nobody else."""
+    environment = dict(os.environ)
+    environment.pop("ROS_LOCALHOST_ONLY", None)
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    environment["ROS_DOMAIN_ID"] = str(random.randint(1, 99))
+    return environment
+
+
+def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
+    """Run the demonstration.
+
+    Args:
+        out: folder in which the files are left.
+        progress: called with the part done, in [0, 1].
+
+    Returns:
+        The summary's lines.
+
+    Raises:
+        DemoError: when a process fails or does not come to its end.
+    """
+    import rclpy  # noqa: F401  (say what is missing before anything is started)
+
+    from .picture import draw_page
+    from .visualizer import draw_recording, frames_of_recording, thin
+
+    began = time.monotonic()
+    out.mkdir(parents=True, exist_ok=True)
+    before = set(out.iterdir())
+    environment = own_domain()
+    node = [sys.executable, "-m"]
+    simulator = _Process(
+        [*node, "crawler_ros.simulator", "--ros-args", "-p", f"scene:={SCENE}", "-p", f"record:={out}"], environment
+    )
+    player = _Process(
+        [*node, "crawler_ros.gait_player", "--ros-args", "-p", f"scene:={SCENE}", "-p", f"periods:={PERIODS}"],
+        environment,
+    )
+    try:
+        _watch(simulator, player, progress)
+    finally:
+        player.end()
+        simulator.end()
+    if simulator.process.returncode != 0:
+        raise DemoError(f"the simulator failed: {simulator.last_words()}")
+    recording = next(iter(set(out.iterdir()) - before))
+    rrd, png = out / f"{recording.name}.rrd", out / f"{recording.name}.png"
+    draw_recording(recording, rrd)
+    scene, frames = frames_of_recording(recording)
+    draw_page(scene, list(thin(frames)), png)
+    return _summary(recording, rrd, png, time.monotonic() - began)
+
+
+def _watch(simulator: _Process, player: _Process, progress: Callable[[float], None]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while player.process.poll() is None:
+        if simulator.process.poll() is not None:
+            raise DemoError(f"the simulator ended early: {simulator.last_words()}")
+        if time.monotonic() > deadline:
+            raise DemoError(f"not at its end after {PATIENCE_S:g} s; the simulator says: {simulator.last_words()}")
+        for process in (simulator, player):
+            for line in process.new_lines():
+                done = re.search(r"period (\d+) of (\d+)", line)
+                if done:
+                    progress(int(done[1]) / int(done[2]))
+                elif "compiling" in line:
+                    print(line, file=sys.stderr)
+        time.sleep(0.05)
+    if player.process.returncode != 0:
+        raise DemoError(f"the gait player failed: {player.last_words()}")
+
+
+def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]:
+    gains, late, messages = measure(recording)
+    steady = gains[1:]
+    exact = closed_form(load_scene(SCENE))
+    error = float(np.abs(steady - exact).max())
+    if gains.size != PERIODS or error > 1e-9:
+        raise DemoError(f"{recording}: per period {gains.tolist()} m instead of {PERIODS} times {exact:.12g} m")
+    mcap = bag.find_file(recording)
+    return [
+        f"A three-contact crawler walked {PERIODS} periods under commands from another process ({seconds:.0f} s).",
+        f"  distance per period  {steady.mean():.12f} m (closed form {exact:.12f} m, largest error {error:.1e} m)",
+        f"  first period         {gains[0]:.12f} m (with the transient from rest)",
+        f"  late ticks           {late}",
+        "Left behind:",
+        f"  {mcap}  ({messages} messages; opens in rosbag2, Foxglove, PlotJuggler, rerun)",
+        f"  {rrd}",
+        f"  {png}",
+        "Next:",
+        f"  crawler view {rrd}",
+        "  crawler scenes                     what else can be run",
+        "  crawler simulate two_anchor_a      the model alone, without ROS",
+    ]
+
+
+def measure(recording: Path) -> tuple[np.ndarray, int, int]:
+    """Read from a recording of the demonstration what it gained in each period.
+
+    Args:
+        recording: a bag folder.
+
+    Returns:
+        Net translation gained in each whole period [m], the number of late ticks, the number of messages.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
+    period_ns = round((load_scene(SCENE).commands.period or 0.0) * NS)
+    start_ns: int | None = None
+    y: dict[int, float] = {}
+    late = messages = 0
+    for record in bag.read(recording):
+        messages += 1
+        message = decode(record.data, record.type)
+        if record.topic.endswith("applied_commands") and start_ns is None and message.points:
+            start_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        elif record.topic.endswith("pose"):
+            y[message.header.stamp.sec * NS + message.header.stamp.nanosec] = message.pose.position.x
+        elif record.topic.endswith("diagnostics"):
+            values = {v.key: v.value for s in message.status for v in s.values}
+            late = int(values["late ticks"])
+    if start_ns is None:
+        raise DemoError(f"{recording}: no command arrived")
+    ends = [start_ns + k * period_ns for k in range(PERIODS + 1)]
+    return np.diff([y[ns] for ns in ends if ns in y]), late, messages
+
+
+class _Process:
+    """A node in a process of its own, whose output is kept."""
+
+    def __init__(self, command: list[str], environment: dict[str, str]) -> None:
+        self.process = subprocess.Popen(
+            command,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self._lines: queue.Queue[str] = queue.Queue()
+        self._last = "it said nothing"
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if line.strip():
+                self._last = line.strip()
+                self._lines.put(line.strip())
+
+    def new_lines(self) -> list[str]:
+        lines = []
+        while not self._lines.empty():
+            lines.append(self._lines.get())
+        return lines
+
+    def last_words(self) -> str:
+        self._thread.join(1.0)
+        return self._last
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            try:
+                self.process.wait(20.0)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()

@@ -1,0 +1,185 @@
+"""Pictures of a run: one page by matplotlib, and screenshots of our rerun view without a screen."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crawler_model import CrawlerError, Scene
+from crawler_model.stasis import stasis_bounds, stasis_polygon, tension_ranges
+
+if TYPE_CHECKING:
+    from .visualizer import Frame
+
+NS = 1_000_000_000
+_SLIP_FORWARD, _SLIP_BACK, _STICK = "#1a8a3a", "#b02a1e", "#c8c8c8"
+_MOST_LINKS = 4
+
+
+class PictureError(CrawlerError):
+    """A picture that cannot be made on this machine."""
+
+
+def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
+    """Draw positions, tensions in their bounds, stick and slip, and net translation over time, on one page.
+
+    Args:
+        scene: what ran.
+        frames: at least one.
+        png: the file to write.
+
+    Raises:
+        PictureError: when there is no frame.
+    """
+    if not frames:
+        raise PictureError(f"{png}: there is no state to draw")
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+    from matplotlib.colors import ListedColormap
+
+    time_s = np.array([f.time_ns for f in frames]) / NS
+    x = np.array([f.displacement for f in frames])
+    tension = np.array([f.tension for f in frames])
+    state = np.array([f.state for f in frames])
+    friction = [np.array([getattr(f, side) for f in frames]) for side in ("forward", "backward")]
+    least, most = stasis_bounds(tension, *friction)
+    contacts, plots = x.shape[1], min(tension.shape[1], _MOST_LINKS)
+
+    heights = [2.2] + [1.0] * plots + [0.35 + 0.12 * min(contacts, 12), 1.4]
+    figure, axes = plt.subplots(
+        len(heights), 1, sharex=True, figsize=(11, 1.5 * sum(heights)), height_ratios=heights, layout="constrained"
+    )
+    figure.suptitle(f"crawler: {scene.name}")
+    place = scene.chain.position + x
+    axes[0].plot(time_s, place, color="#9a9a9a", linewidth=0.8)
+    for sign, color in ((1, _SLIP_FORWARD), (-1, _SLIP_BACK)):
+        axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
+    axes[0].set_ylabel("contacts [m]")
+    for i in range(plots):
+        axes[1 + i].fill_between(time_s, least[:, i], most[:, i], color="#f2dcda", linewidth=0)
+        axes[1 + i].plot(time_s, tension[:, i], color="#2f5fc4", linewidth=1.4)
+        axes[1 + i].set_ylabel(f"$T_{{{i}}}$ [N]")
+    edges = np.append(time_s, time_s[-1] + (time_s[-1] - time_s[-2] if time_s.size > 1 else 1.0))
+    colors = ListedColormap([_SLIP_BACK, _STICK, _SLIP_FORWARD])
+    axes[-2].pcolormesh(edges, np.arange(contacts + 1) - 0.5, state.T, cmap=colors, vmin=-1, vmax=1)
+    axes[-2].set_yticks(range(contacts) if contacts <= 12 else [0, contacts - 1])
+    axes[-2].set_ylabel("contact")
+    axes[-2].set_title("slip forward (green), slip back (red), stick (grey)", fontsize=8)
+    axes[-1].plot(time_s, x.mean(axis=1), color="black")
+    axes[-1].set_ylabel("net translation [m]")
+    axes[-1].set_xlabel("simulated time [s]")
+    for axis in axes:
+        axis.margins(x=0)
+    figure.savefig(png, dpi=110)
+    plt.close(figure)
+
+
+def draw_domain(scene: Scene, png: Path) -> None:
+    """Draw the stasis domain at each waypoint of the drive: a polygon for three contacts, else the links' ranges.
+
+    Args:
+        scene: the scene.
+        png: the file to write.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    drive, body = scene.commands, scene.chain
+    rows = np.unique(np.hstack((drive.forward, drive.backward)), axis=0)[:64]
+    figure, axis = plt.subplots(figsize=(6, 6), layout="constrained")
+    axis.set_title(f"stasis domain: {scene.name}")
+    if body.contacts == 3:
+        for row in rows:
+            corners = stasis_polygon(row[:3], row[3:])
+            axis.fill(*corners.T, facecolor="#f2dcda", edgecolor="#c83c3c", alpha=0.7)
+        axis.set_xlabel("$T_0$ [N]")
+        axis.set_ylabel("$T_1$ [N]")
+        axis.set_aspect("equal")
+        axis.axhline(0.0, color="#c0c0c0", linewidth=0.8)
+        axis.axvline(0.0, color="#c0c0c0", linewidth=0.8)
+    else:
+        for row in rows:
+            least, most = tension_ranges(row[: body.contacts], row[body.contacts :])
+            axis.bar(range(body.links), most - least, bottom=least, color="#f2dcda", edgecolor="#c83c3c", alpha=0.7)
+        axis.set_xlabel("link")
+        axis.set_ylabel("tension that some state of stasis has [N]")
+        axis.set_xticks(range(body.links) if body.links <= 20 else [0, body.links - 1])
+    figure.savefig(png, dpi=110)
+    plt.close(figure)
+
+
+def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
+    """Render our rerun view without a screen; needs a Vulkan driver (Debian: mesa-vulkan-drivers).
+
+    Args:
+        rrd: the recording to show.
+        png: the file to write.
+        at_s: simulated time to show [s]; None for the end.
+
+    Raises:
+        PictureError: when the viewer does not start or does not answer.
+    """
+    from rerun.experimental import ViewerClient
+
+    port = _free_port()
+    viewer = subprocess.Popen(
+        [
+            *(viewer_binary(), "--headless", "--bind", "127.0.0.1", "--port", str(port)),
+            *("--hide-welcome-screen", "--window-size", "1920x1080", str(rrd)),
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        client = _connect(ViewerClient, port, viewer)
+        time.sleep(2.0)  # the file is loaded and laid out
+        if at_s is not None:
+            client.set_time("sim_time", duration=at_s, play_state="paused")
+            time.sleep(1.0)
+        client.save_screenshot(str(png))
+    except Exception as error:
+        raise PictureError(f"{png}: the viewer did not answer: {' '.join(str(error).split())[:200]}") from None
+    finally:
+        viewer.kill()
+        viewer.communicate()
+
+
+def viewer_binary() -> str:
+    """Find the viewer itself: its wrapper script would leave it behind when killed."""
+    import rerun_cli
+
+    return str(Path(rerun_cli.__file__).parent / "rerun")
+
+
+def _connect(client_type: type, port: int, viewer: subprocess.Popen[str]) -> object:
+    deadline = time.monotonic() + 20.0
+    while True:
+        if viewer.poll() is not None:
+            _, said = viewer.communicate()
+            last = said.strip().splitlines()[-1] if said.strip() else "it ended at once"
+            raise PictureError(f"the viewer does not start (is a Vulkan driver installed?): {last}")
+        try:
+            client = client_type(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.viewer_state()
+            return client
+        except Exception:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.3)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

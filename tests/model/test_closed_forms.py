@@ -1,0 +1,131 @@
+"""What the paper's examples come to, theory and gallery alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crawler_model import Crawler, load_scene, simulate
+
+from .chains import scene
+
+REACH = (0.5, 1.5, 2.5, 4.0, 6.0)
+STRATEGIES = {"A": (0, 0, 0.5, 2, 4), "B": (0, 0.5, 1.5, 2, 2), "C": (0, 0, 0.5, 2, 4)}
+START = {"A": 1.0, "B": 0.5, "C": 0.5}
+
+
+def strategy(name, length, friction=1.0, stiffness=1.0, **more):
+    drive = {"strategy": name, "length": length, "friction": friction, **more}
+    start = [0, START[name] * friction / stiffness]
+    return scene(2, stiffness, friction, friction, drive, start)
+
+
+@pytest.mark.parametrize("rate", [100.0, 4.0, 1.0, 37.0])
+@pytest.mark.parametrize(("name", "reach", "gain"), [(s, r, g) for s in STRATEGIES for r, g in zip(REACH, STRATEGIES[s], strict=True)])
+def test_strategies(name, reach, gain, rate):
+    run = simulate(strategy(name, reach), rate=rate)
+    assert run.per_period.size == 10
+    assert run.per_period[1:] == pytest.approx(gain, abs=1e-12)
+    assert run.unique
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_strategies_in_other_units(name):
+    k, mu = 250.0, 0.04
+    run = simulate(strategy(name, 4.0 * mu / k, mu, k, period=3.0))
+    assert run.per_period[1:] == pytest.approx(2.0 * mu / k, rel=1e-12)
+    assert run.waypoint_time[-1] == 30.0
+
+
+def test_strategy_a_below_threshold_steps_back_once_and_rests_for_ever():
+    run = simulate(strategy("A", 0.5), duration=50.0)
+    assert run.per_period[0] == pytest.approx(-1 / 8, abs=1e-15)
+    assert run.per_period[1:] == pytest.approx(0.0, abs=1e-15)
+    assert not run.contact_state[200:].any()
+
+
+def rates(crawler, targets):
+    """Shape rate per unit of time between successive times of a strategy, from states at the times given."""
+    shapes = []
+    for target in targets:
+        crawler.follow(target[None])
+        shapes.append(float(crawler.shape[0]))
+    return np.diff(shapes)
+
+
+def test_strategy_a_moves_from_t1_at_two_speeds():
+    case = strategy("A", 4.0)
+    times = np.array([0, 0.1, 0.2, 0.225, 0.25, 0.4, 0.5])
+    crawler = Crawler(case)
+    speed = rates(crawler, case.commands.sample(np.rint(times * 1e9).astype(np.int64))) / np.diff(times)
+    assert speed == pytest.approx([0, 0, 10, 10, 6, 6], abs=1e-11)
+
+
+def test_strategy_c_moves_back_from_t7():
+    length = 6.0
+    t7 = 0.5 + 3 / (2 * length + 4)
+    case = strategy("C", length)
+    times = np.array([0.0, 0.25, 0.5, t7, 0.75, 1.0])
+    run = Crawler(case)
+    rows = case.commands.targets()
+    middle = rows[2] + (t7 - 0.5) / 0.25 * (rows[3] - rows[2])
+    targets = [rows[0], rows[1], rows[2], middle, rows[3], rows[4]]
+    speed = rates(run, targets) / np.diff(times)
+    assert speed[2:] == pytest.approx([0, -2 * (length + 2), -2 * length], abs=1e-11)
+
+
+@pytest.mark.parametrize("stroke", [0.1, 0.35, 0.4, 0.5, 2.0, 100.0])
+@pytest.mark.parametrize(("forward", "backward"), [(0.2, 0.5), (0.5, 0.2)])
+def test_two_contacts_with_constant_anisotropic_friction(stroke, forward, backward):
+    drive = {"times": [0, 0.5, 1], "period": 1, "actuation": [0, stroke, 0]}
+    run = simulate(scene(2, 1.0, forward, backward, drive))
+    gain = max(0.0, stroke - 2 * min(forward, backward)) * (1 if forward < backward else -1)
+    assert run.per_period[1:] == pytest.approx(gain, abs=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 8])
+def test_one_way_chains_lengthening_together(n):
+    """With mu_minus > (N - 1) mu_plus no contact ever goes back: (N - 1) (D - N mu_plus / k) a period."""
+    stroke, mu, k = 3.0, 0.1, 2.0
+    drive = {"times": [0, 0.5, 1], "period": 1, "actuation": [0, stroke, 0]}
+    run = simulate(scene(n, k, mu, 1.01 * n * mu, drive))
+    assert run.per_period[1:] == pytest.approx((n - 1) * (stroke - n * mu / k), abs=1e-12)
+
+
+GALLERY = {
+    "two_contacts_anisotropic": 0.08,
+    "three_contacts_one_way": 0.14,
+    "three_contacts_two_ways": 0.07,
+    "two_anchor_a": 2.0,
+    "two_anchor_b": 2.0,
+    "two_anchor_c": 2.0,
+}
+
+
+@pytest.mark.parametrize("name", GALLERY)
+def test_the_gallery_moves_as_its_comments_say(name):
+    run = simulate(load_scene(name))
+    assert run.per_period[1:] == pytest.approx(GALLERY[name], abs=1e-12)
+
+
+def test_two_ways_played_backwards_walks_back():
+    there = load_scene("three_contacts_two_ways")
+    data = there.model_dump()
+    data["drive"]["actuation"] = data["drive"]["actuation"][::-1]
+    data["drive"]["times"] = [0.0, 0.25, 0.75, 1.0]
+    back = simulate(type(there).model_validate(data))
+    assert back.per_period[1:] == pytest.approx(-0.07, abs=1e-12)
+
+
+def test_the_ten_contact_wave_carries_the_body_forwards():
+    run = simulate(load_scene("ten_contact_wave"))
+    assert run.per_period.min() > 0.03
+    assert run.unique
+    assert {-1, 0, 1} == set(run.contact_state.ravel().tolist())
+
+
+def test_many_periods_do_not_drift():
+    run = simulate(strategy("A", 4.0), duration=100_000.0, rate=1.0)
+    assert run.per_period.size == 100_000
+    assert np.abs(run.per_period - 2.0).max() < 1e-12
+    assert run.waypoint_net_translation[-1] == pytest.approx(200_000.5, rel=1e-13)

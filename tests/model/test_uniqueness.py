@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from crawler_model import Crawler, simulate
+from crawler_model.uniqueness import translation_interval, uniqueness_margin
+
+from .chains import scene
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_margin_is_the_least_over_all_subsets(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 8))
+    plus, minus = rng.uniform(0, 2, (2, n))
+    gaps = [abs(sum(m if j else -p for p, m, j in zip(plus, minus, s, strict=True))) for s in product((0, 1), repeat=n)]
+    assert uniqueness_margin(plus, minus) == pytest.approx(min(gaps) / (plus + minus).sum(), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("n", "forward", "backward", "margin"),
+    [
+        (2, 1.0, 1.0, 0.0),
+        (3, 1.0, 1.0, 1 / 6),
+        (4, 0.1, 0.3, 0.0),  # m mu_minus = (N - m) mu_plus for m = 1, although 3 * 0.1 != 0.3 in a computer
+        (3, 0.1, 0.2, 0.0),
+        (10, 0.1, 0.3, 1 / 20),
+        (1_000_000, 1.0, 1.0, 0.0),
+    ],
+)
+def test_equal_contacts(n, forward, backward, margin):
+    assert uniqueness_margin(np.full(n, forward), np.full(n, backward)) == pytest.approx(margin, abs=1e-12)
+
+
+def test_thirty_unequal_contacts_are_decided_and_more_are_not():
+    rng = np.random.default_rng(0)
+    plus, minus = rng.uniform(0, 1, (2, 30))
+    assert uniqueness_margin(plus, minus) is not None
+    assert uniqueness_margin(np.append(plus, 1), np.append(minus, 1)) is None
+
+
+def test_no_friction_is_critical():
+    assert uniqueness_margin([0, 0], [0, 0]) == 0.0
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_interval_holds_all_minimisers(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 7))
+    velocity = rng.normal(size=n)
+    plus, minus = rng.integers(0, 4, (2, n)).astype(float)
+    if not (plus.sum() and minus.sum()):
+        return
+    least, most = translation_interval(velocity, plus, minus)
+
+    def dissipation(c):
+        v = velocity + c
+        return (plus * np.maximum(v, 0) - minus * np.minimum(v, 0)).sum()
+
+    best = min(dissipation(-v) for v in velocity)
+    assert dissipation(least) == pytest.approx(best)
+    assert dissipation(most) == pytest.approx(best)
+    assert dissipation(least - 1e-3) > best - 1e-12
+    assert dissipation(most + 1e-3) > best - 1e-12
+    if most == least:
+        assert dissipation(least - 1e-3) > best
+        assert dissipation(most + 1e-3) > best
+
+
+@pytest.mark.parametrize("method", ["exact", "catch_up"])
+def test_two_equal_isotropic_contacts_are_not_unique_and_stay_centred(method):
+    crawler = Crawler(scene(2), method)
+    step = crawler.advance([5.0])
+    assert not step.unique
+    assert crawler.net_translation == pytest.approx(0.0, abs=1e-15)
+    assert crawler.shape == pytest.approx([4.0])
+    # all of the 4 m of lengthening may go to one contact or the other
+    assert step.translation_interval == pytest.approx((-2.0, 2.0))
+
+
+def test_a_balance_that_holds_but_for_rounding_is_found():
+    drive = {"times": [0, 0.5, 1], "period": 1, "actuation": [0, 3, 0]}
+    run = simulate(scene(4, 1.0, 0.1, 0.3, drive))
+    assert run.uniqueness_margin == 0.0
+    assert not run.unique
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-6, 1e-9, 1e-11])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_beside_the_balance_the_answer_is_unique(distance, sign):
+    mu = 1.0 + sign * distance
+    run = simulate(scene(2, 1.0, [1.0, mu], [1.0, mu], {"times": [0, 0.5, 1], "period": 1, "actuation": [0, 4, 0]}))
+    assert run.unique
+    assert run.uniqueness_margin > 0
+    # the lighter contact does all the sliding, so the body goes nowhere on average
+    heavier = 1 if sign > 0 else 0
+    assert run.displacement[:, heavier] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_an_isolated_instant_does_not_count():
+    strategy = {"strategy": "A", "length": 4.0, "friction": 1.0}
+    run = simulate(scene(2, drive=strategy, start=[0, 1]))
+    assert run.visited_margin == 0.0
+    assert run.unique
+
+
+def test_nothing_resists_and_nothing_is_chosen_but_rest():
+    crawler = Crawler(scene(3, 1.0, 0.0, 0.0))
+    step = crawler.advance([1.0, -2.0])
+    assert not step.unique
+    assert step.translation_interval == (-np.inf, np.inf)
+    assert crawler.net_translation == pytest.approx(0.0, abs=1e-15)
+    assert crawler.tension == pytest.approx([0.0, 0.0], abs=0)
