@@ -3,21 +3,43 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numba
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function with numba, without the interpreter's lock, cached on disk where a place is writable."""
+    """Compile a function with numba, without the interpreter's lock, cached on disk where a place is writable.
+
+    numba takes a cached function as fresh when its own file is unchanged, even if a function of another file that was
+    compiled into it has changed since. Here the whole package must be unchanged.
+
+    Args:
+        function: what to compile.
+
+    Returns:
+        The compiled function.
+    """
     options: Any = {"nogil": True, "error_model": "numpy"}
     try:
-        return numba.njit(cache=True, **options)(function)
+        dispatcher = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "no locator available": a read-only install without a home to write to
         return numba.njit(**options)(function)
+    index = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if hasattr(index, "_source_stamp"):
+        index._source_stamp = _package_stamp()
+    return dispatcher
+
+
+@functools.cache
+def _package_stamp() -> tuple[tuple[str, float, int], ...]:
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return tuple((file.name, file.stat().st_mtime, file.stat().st_size) for file in files)
 
 
 @contextlib.contextmanager

@@ -63,13 +63,13 @@ def project(target, stiffness, lower, upper, tension, side, stacks):
         left[SLOPE, 0] = 0.0
         left[JUMP, 0] = np.inf
         n_left = 1
-        reach -= lower[0]
+        reach += abs(lower[0])
     if upper[0] < np.inf:
         right[POSITION, 0] = upper[0]
         right[SLOPE, 0] = 0.0
         right[JUMP, 0] = np.inf
         n_right = 1
-        reach += upper[0]
+        reach += abs(upper[0])
 
     for i in range(n):
         flat = 1.0 / stiffness[i]

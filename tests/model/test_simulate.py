@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from crawler_model import CommandError, load_scene, simulate
+from crawler_model.simulate import rational_rate, tick_end_ns
+
+from .chains import scene
+
+ONCE = {"times": [0, 0.25, 1.0], "actuation": [0, 3, -3]}
+
+
+def test_ticks_end_without_drift():
+    rate = Fraction(30000, 1001)
+    assert tick_end_ns(30000 * 10**6, rate) == 1001 * 10**15
+    assert [tick_end_ns(k, Fraction(3)) for k in range(4)] == [0, 333333333, 666666666, 10**9]
+
+
+@pytest.mark.parametrize("rate", [0.1, 1.0, 29.97, 100.0, 1000.0, 1e9, 1 / 3])
+def test_a_rate_is_read_as_it_was_meant(rate):
+    assert float(rational_rate(rate)) == pytest.approx(rate, rel=1e-12)
+    assert rational_rate(29.97) == Fraction(2997, 100)
+
+
+def test_the_summary_is_the_contract():
+    summary = simulate(load_scene("two_anchor_a"), duration=3.0).summary()
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert summary["schema"] == 1
+    assert summary["scene"] == "two_anchor_a"
+    assert summary["method"] == "exact"
+    assert summary["rate_hz"] == 100.0
+    assert summary["time"] == [0.0, 1.0, 2.0, 3.0]
+    assert summary["displacement"] == [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0], [6.0, 7.0]]
+    assert summary["net_translation"] == [0.5, 2.5, 4.5, 6.5]
+    assert summary["per_period"] == [2.0, 2.0, 2.0]
+    assert summary["energy"].keys() == {"work", "dissipation", "stored", "residual"}
+    assert summary["unique"] is True
+    assert summary["uniqueness_margin"] == 0.0
+    assert summary["ticks"] == 300
+    assert summary["events"] >= 300
+    assert {"violation", "visited_margin", "wall_s"} <= summary.keys()
+
+
+def test_without_a_period_the_waypoints_are_reported():
+    run = simulate(scene(2, drive=ONCE, backward=2.0))
+    assert run.waypoint_time.tolist() == [0.0, 0.25, 1.0]
+    assert run.per_period.size == 0
+    assert run.time[-1] == 1.0
+    longer = simulate(scene(2, drive=ONCE, backward=2.0), duration=2.0)
+    assert longer.waypoint_time.tolist() == [0.0, 0.25, 1.0]
+    assert (longer.displacement[100:] == longer.displacement[100]).all()
+
+
+def test_without_a_drive_nothing_happens():
+    run = simulate(scene(3), duration=1.0)
+    assert run.time.size == 101
+    assert not run.displacement.any()
+    assert run.summary()["time"] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("rate", [0.3, 3.0, 7.7, 1234.5])
+def test_waypoints_are_met_on_a_tick_or_not(rate):
+    one, other = (simulate(scene(2, drive=ONCE, backward=2.0), rate=r) for r in (rate, 100.0))
+    assert one.waypoint_displacement == pytest.approx(other.waypoint_displacement, abs=1e-14)
+
+
+def test_shapes_and_read_only_arrays():
+    run = simulate(load_scene("three_contacts_one_way"), duration=0.5, rate=10.0)
+    assert run.time == pytest.approx(np.arange(6) / 10)
+    assert run.displacement.shape == run.contact_state.shape == (6, 3)
+    assert run.tension.shape == (6, 2)
+    assert run.net_translation == pytest.approx(run.displacement.mean(axis=1))
+    for array in (run.time, run.displacement, run.tension, run.contact_state, run.per_period):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_a_tick_that_is_cut_short():
+    run = simulate(load_scene("two_anchor_a"), duration=0.55, rate=10.0)
+    assert run.ticks == 6
+    assert run.time[-1] == 0.55
+
+
+def test_a_tick_of_many_periods():
+    run = simulate(load_scene("two_anchor_a"), duration=3000.0, rate=0.001)
+    assert run.ticks == 3
+    assert run.per_period.size == 3000
+    assert run.per_period == pytest.approx(2.0, abs=1e-12)
+
+
+def test_ticks_a_billionth_of_a_period():
+    data = load_scene("two_anchor_a").model_dump()
+    data["drive"]["period"] = 1000.0
+    slow = type(load_scene("two_anchor_a")).model_validate(data)
+    run = simulate(slow, duration=2e-3, rate=1e6)  # 2000 ticks of 1e-9 periods
+    assert run.net_translation[-1] == run.net_translation[0]
+    assert run.energy.relative_residual < 1e-9
+
+
+def test_progress_is_told():
+    parts: list[float] = []
+    simulate(load_scene("two_anchor_a"), duration=100.0, progress=parts.append)
+    assert parts == sorted(parts)
+    assert parts[-1] == 1.0
+    assert len(parts) > 2
+
+
+@pytest.mark.parametrize(
+    "options", [{"duration": -1.0}, {"duration": float("nan")}, {"rate": 0.0}, {"rate": float("inf")}, {"method": "rk4"}]
+)
+def test_out_of_range_is_refused(options):
+    with pytest.raises(CommandError):
+        simulate(load_scene("two_anchor_a"), **options)
+
+
+def test_contact_states_are_those_of_the_tick():
+    run = simulate(load_scene("two_anchor_a"), duration=1.0)
+    moved = np.sign(np.diff(run.displacement, axis=0))
+    assert (run.contact_state[1:] == moved).all()
+    assert not run.contact_state[0].any()
