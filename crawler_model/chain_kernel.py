@@ -21,7 +21,7 @@ import numpy as np
 from ._compiled import compiled
 
 EPS = float(np.finfo(np.float64).eps)
-POSITION, SLOPE, JUMP = 0, 1, 2
+POSITION, SLOPE, JUMP, REACH = range(4)
 
 
 def workspace(links: int) -> np.ndarray:
@@ -31,13 +31,13 @@ def workspace(links: int) -> np.ndarray:
         links: the largest number of links that will be asked for.
 
     Returns:
-        An array of shape (2, 3, 2 links + 4) for the two stacks of breakpoints.
+        An array of shape (2, 4, 2 links + 4) for the two stacks of breakpoints.
     """
-    return np.empty((2, 3, 2 * links + 4))
+    return np.empty((2, 4, 2 * links + 4))
 
 
 @compiled
-def project(target, stiffness, lower, upper, tension, side, stacks):
+def project(target, stiffness, lower, upper, grain, tension, side, stacks):
     """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
 
     Args:
@@ -45,6 +45,8 @@ def project(target, stiffness, lower, upper, tension, side, stacks):
         stiffness: k > 0, shape (n,) [N/m].
         lower: least T_i - T_{i-1}, shape (n + 1,) [N], -inf where there is none.
         upper: greatest T_i - T_{i-1}, shape (n + 1,) [N], inf where there is none; lower <= upper.
+        grain: numbers that `lower` and `upper` are small differences of, shape (n + 1,) [N]; their rounding blurs
+            the bounds. Zeros where the bounds are data.
         tension: output, shape (n,) [N].
         side: output, int8, shape (n + 1,): 1 where `upper` holds with equality, -1 where `lower` does, else 0.
             What lies within rounding of a bound counts as on it.
@@ -57,7 +59,7 @@ def project(target, stiffness, lower, upper, tension, side, stacks):
     n_right = 0
     shift_left = 0.0
     shift_right = 0.0
-    reach = 0.0  # how far the curve has been moved in all: the size of what rounding can do
+    reach = grain[0]  # how far the curve has been moved since it last began anew: the size of what rounding can do
     if lower[0] > -np.inf:
         left[POSITION, 0] = lower[0]
         left[SLOPE, 0] = 0.0
@@ -140,6 +142,8 @@ def project(target, stiffness, lower, upper, tension, side, stacks):
         tension[i] = zero
         low = lower[i + 1]
         high = upper[i + 1]
+        stacks[0, REACH, i] = reach
+        reach = 0.0 if low == -np.inf and high == np.inf else reach + grain[i + 1]
         if low > -np.inf:
             shift_left += low
             left[POSITION, n_left] = zero + low - shift_left
@@ -161,13 +165,17 @@ def project(target, stiffness, lower, upper, tension, side, stacks):
             n_right = 0
             shift_right = 0.0
 
-    near = 8.0 * EPS * reach
     after = 0.0
+    behind = 0.0  # the same reach, from the other end
     for i in range(n - 1, -1, -1):
         zero = tension[i]
-        close = near + 8.0 * EPS * (abs(zero) + abs(after))
         least = after - upper[i + 1]
         most = after - lower[i + 1]
+        if least == -np.inf and most == np.inf:
+            behind = 0.0
+        else:
+            behind += grain[i + 1] + (abs(upper[i + 1]) if least > -np.inf else abs(lower[i + 1]))
+        close = 8.0 * EPS * (stacks[0, REACH, i] + behind + abs(zero) + abs(after))
         if zero <= least + close:
             tension[i] = least
             side[i + 1] = 1
@@ -177,7 +185,7 @@ def project(target, stiffness, lower, upper, tension, side, stacks):
         else:
             side[i + 1] = 0
         after = tension[i]
-    close = near + 8.0 * EPS * abs(after)
+    close = 8.0 * EPS * (grain[0] + behind + abs(after))
     if after >= upper[0] - close:
         side[0] = 1
     elif after <= lower[0] + close:

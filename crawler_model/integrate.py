@@ -59,8 +59,8 @@ AT_FORWARD, AT_BACKWARD = 1, 2
 """Bits of a contact's status: the spring force equals mu_plus, or -mu_minus. Both when there is no friction."""
 
 # Rows of the scratch floats.
-(_RATE, _LINK_SINCE, _V, _SINCE, _NEXT, _D_ACTUATION, _D_FORWARD, _D_BACKWARD, _TRIAL, _LOWER, _UPPER) = range(11)
-_FLOAT_ROWS = 11
+(_RATE, _LINK_SINCE, _V, _SINCE, _NEXT, _D_ACTUATION, _D_FORWARD, _D_BACKWARD, _TRIAL, _LOWER, _UPPER, _GRAIN) = range(12)
+_FLOAT_ROWS = 12
 # Rows of the scratch bytes.
 _SIDE, _LEAVING, _COMING, _MOVED = range(4)
 _BYTE_ROWS = 4
@@ -172,7 +172,7 @@ def _chain_velocities(shape_rate, side, velocity, first, last):
     if not free_translation:
         for i in range(first, last + 1):
             v = velocity[i]
-            if abs(v) <= _NOISE * size or v * side[i] < 0.0:
+            if abs(v) <= _NOISE * size or (v * side[i] < 0.0 and abs(v) <= CRITICAL * size):
                 velocity[i] = 0.0
     return free_translation
 
@@ -246,6 +246,7 @@ def _solve(stiffness, state, status, floats, bytes_, stacks, account, s, first, 
             lower = upper
         floats[_UPPER, i] = upper
         floats[_LOWER, i] = lower
+        floats[_GRAIN, i] = state[FORWARD, i] + state[BACKWARD, i]
     for i in range(start, stop):
         floats[_TRIAL, i] = -stiffness[i] * floats[_D_ACTUATION, i]
     project(
@@ -253,6 +254,7 @@ def _solve(stiffness, state, status, floats, bytes_, stacks, account, s, first, 
         stiffness[start:stop],
         floats[_LOWER, start : stop + 1],
         floats[_UPPER, start : stop + 1],
+        floats[_GRAIN, start : stop + 1],
         floats[_RATE, start:stop],
         bytes_[_SIDE, start : stop + 1],
         stacks,
@@ -388,8 +390,18 @@ def _catch_up(stiffness, state, status, target, floats, bytes_, stacks, account)
     for i in range(n):
         floats[_UPPER, i] = target[TO_FORWARD, i]
         floats[_LOWER, i] = -target[TO_BACKWARD, i]
+        floats[_GRAIN, i] = 0.0
     new = floats[_RATE]
-    project(floats[_TRIAL, : n - 1], stiffness, floats[_LOWER], floats[_UPPER], new[: n - 1], bytes_[_SIDE], stacks)
+    project(
+        floats[_TRIAL, : n - 1],
+        stiffness,
+        floats[_LOWER],
+        floats[_UPPER],
+        floats[_GRAIN],
+        new[: n - 1],
+        bytes_[_SIDE],
+        stacks,
+    )
     for i in range(n - 1):
         shape_rate = _shape_gain(new[i], floats[_TRIAL, i], stiffness[i])
         if shape_rate != 0.0:

@@ -40,7 +40,10 @@ def from_rows(stiffness: np.ndarray, actuation: np.ndarray, forward: np.ndarray,
 
 @st.composite
 def rows(draw: st.DrawFn, most: int = 7, commanded: bool | None = None) -> tuple[np.ndarray, ...]:
-    """Stiffness (N-1,), actuation (W, N-1), forward and backward friction (W, N) of a random driven chain."""
+    """Stiffness (N-1,), actuation (W, N-1), forward and backward friction (W, N) of a random driven chain.
+
+    Half of them are of quarters and whole numbers: contacts reach bounds together and frictions balance.
+    """
     n = draw(st.integers(2, most))
     seed = draw(st.integers(0, 2**32 - 1))
     rng = np.random.default_rng(seed)
@@ -48,6 +51,10 @@ def rows(draw: st.DrawFn, most: int = 7, commanded: bool | None = None) -> tuple
     stiffness = np.exp(rng.uniform(-2, 3, n - 1))
     actuation = np.vstack((np.zeros(n - 1), rng.uniform(-3, 3, (ways - 1, n - 1))))
     forward, backward = np.exp(rng.uniform(-2, 1, (2, ways, n)))
+    if draw(st.booleans()):
+        stiffness = np.ones(n - 1)
+        actuation[1:] = rng.integers(-3, 4, (ways - 1, n - 1))
+        forward, backward = rng.integers(1, 5, (2, ways, n)) / 4.0
     if not (draw(st.booleans()) if commanded is None else commanded):
         forward[:], backward[:] = forward[0], backward[0]
     return stiffness, actuation, forward, backward

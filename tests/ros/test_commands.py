@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crawler_model import CommandError, Crawler, load_scene
+from crawler_ros.commands import CommandQueue
+from crawler_ros.messages import command_target
+
+NS = 1_000_000_000
+TICK = NS // 100
+
+
+def queue(contacts=3) -> CommandQueue:
+    row = np.concatenate((np.zeros(contacts - 1), np.ones(contacts), np.full(contacts, 2.0)))
+    return CommandQueue(contacts, row)
+
+
+def take(commands, tick=0):
+    return commands.take(tick * TICK, (tick + 1) * TICK)
+
+
+def test_nothing_new_is_a_hold():
+    assert take(queue()) == []
+
+
+def test_an_actuation_array_is_one_vertex_at_the_ticks_end():
+    commands = queue()
+    commands.accept_actuation([0.1, 0.2])
+    (vertex,) = take(commands)
+    assert vertex.due_ns == TICK
+    assert vertex.row.tolist() == [0.1, 0.2, 1, 1, 1, 2, 2, 2]
+    assert take(commands, 1) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "forward", "backward"),
+    [([0.5], [0.5] * 3, [0.5] * 3), ([1, 2, 3], [1, 2, 3], [1, 2, 3]), ([1, 2, 3, 4, 5, 6], [1, 2, 3], [4, 5, 6])],
+)
+def test_friction_arrays_come_in_three_lengths(values, forward, backward):
+    commands = queue()
+    commands.accept_friction(values)
+    (vertex,) = take(commands)
+    assert vertex.row.tolist() == [0, 0, *forward, *backward]
+
+
+def test_several_in_a_tick_take_equal_shares_and_pair_by_count():
+    commands = queue(2)
+    for k in (1.0, 2.0, 3.0):
+        commands.accept_actuation([k])
+    for mu in (5.0, 6.0):
+        commands.accept_friction([mu])
+    vertices = take(commands, 7)
+    assert [v.row.tolist() for v in vertices] == [[1, 5, 5, 5, 5], [2, 6, 6, 6, 6], [3, 6, 6, 6, 6]]
+    assert [v.due_ns for v in vertices] == [7 * TICK + TICK * k // 3 for k in (1, 2, 3)]
+
+
+def test_pairing_makes_strategy_a_come_out_right():
+    """Four ticks a period: paired 2 m a period; actuation alone first 2.5 m, friction alone first 0.5 m."""
+    gains = {}
+    scene = load_scene("two_anchor_a")
+    rows = scene.commands.targets()
+    for order in ("paired", "actuation first", "friction first"):
+        crawler = Crawler(scene)
+        commands = CommandQueue(2, np.concatenate((rows[0][0, :1], rows[0][1], rows[0][2])))
+        y = []
+        for tick in range(12):
+            row = rows[tick % 4 + 1]
+            accept = [lambda r=row: commands.accept_actuation(r[0, :1]), lambda r=row: commands.accept_friction(r[1])]
+            for k, send in enumerate(accept[::-1] if order == "friction first" else accept):
+                send()
+                if order != "paired":
+                    for vertex in commands.take(2 * tick + k, 2 * tick + k + 1):
+                        crawler.follow(command_target(vertex.row)[None])
+            for vertex in take(commands, tick):
+                crawler.follow(command_target(vertex.row)[None])
+            if tick % 4 == 3:
+                y.append(crawler.net_translation)
+        gains[order] = y[2] - y[1]
+    assert gains == pytest.approx({"paired": 2.0, "actuation first": 2.5, "friction first": 0.5}, abs=1e-12)
+
+
+def test_a_trajectory_runs_in_straight_lines_through_its_points():
+    commands = queue(2)
+    commands.accept_trajectory(["link_0"], [0, 2 * TICK + TICK // 2, 3 * TICK], [[1.0], [6.0], [0.0]], 0)
+    ticks = [[(v.due_ns / TICK, v.row[0]) for v in take(commands, k)] for k in range(4)]
+    assert ticks[0] == [(0, 1.0), (1.0, 3.0)]
+    assert ticks[1] == [(2.0, 5.0)]
+    assert ticks[2] == [(2.5, 6.0), (3.0, 0.0)]
+    assert ticks[3] == []
+
+
+def test_names_left_out_hold_and_friction_names_both_sides():
+    commands = queue()
+    commands.accept_trajectory(["contact_1/friction", "link_1", "contact_0/backward"], [0], [[7.0, 0.3, 8.0]], 0)
+    (vertex,) = take(commands)
+    assert vertex.row.tolist() == [0, 0.3, 1, 7, 1, 8, 7, 2]
+
+
+def test_a_stamp_in_the_future_waits_and_one_in_the_past_loses_nothing():
+    commands = queue(2)
+    commands.accept_trajectory(["link_0"], [0, TICK], [[1.0], [2.0]], 3 * TICK)
+    assert [take(commands, k) for k in range(2)] == [[], []]
+    assert [v.row[0] for v in take(commands, 2)] == [1.0]
+    assert [v.row[0] for v in take(commands, 3)] == [2.0]
+    commands.accept_trajectory(["link_0"], [0, TICK, 30 * TICK], [[5.0], [6.0], [0.0]], TICK)
+    late = take(commands, 10)
+    assert [v.row[0] for v in late][:2] == [5.0, 6.0]
+    assert late[2].row[0] == pytest.approx(6.0 * 20 / 29)
+    assert all(10 * TICK <= v.due_ns <= 11 * TICK for v in late)
+
+
+def test_a_new_trajectory_replaces_what_runs_from_its_start():
+    commands = queue(2)
+    commands.accept_trajectory(["link_0"], [10 * TICK], [[10.0]], 0)
+    for k in range(3):
+        assert [v.row[0] for v in take(commands, k)] == pytest.approx([k + 1.0])
+    commands.accept_trajectory(["link_0"], [2 * TICK], [[0.0]], 5 * TICK)
+    values = [v.row[0] for k in range(3, 9) for v in take(commands, k)]
+    assert values == pytest.approx([4.0, 5.0, 2.5, 0.0])
+
+
+def test_periods_sent_ahead_join_without_a_seam():
+    commands = queue(2)
+    period = 4 * TICK
+    for n in range(3):
+        commands.accept_trajectory(["link_0"], [0, period // 2, period], [[0.0], [2.0], [0.0]], (n + 1) * period)
+    values = [[v.row[0] for v in take(commands, k)] for k in range(16)]
+    assert values[:4] == [[]] * 4
+    assert values[4:] == [[1.0], [2.0], [1.0], [0.0]] * 3
+
+
+def test_an_empty_trajectory_stops_where_it_is():
+    commands = queue(2)
+    commands.accept_trajectory(["link_0"], [10 * TICK], [[10.0]], 0)
+    take(commands, 0)
+    commands.accept_trajectory([], [], [], 0)
+    assert take(commands, 1) == []
+    assert take(commands, 2) == []
+
+
+def test_arrays_and_trajectories_replace_each_other():
+    commands = queue(2)
+    commands.accept_trajectory(["link_0"], [10 * TICK], [[10.0]], 0)
+    take(commands, 0)
+    commands.accept_actuation([0.5])
+    assert [v.row[0] for v in take(commands, 1)] == [0.5]
+    assert take(commands, 2) == []
+    commands.accept_actuation([0.7])
+    commands.accept_trajectory(["link_0"], [TICK], [[0.9]], 0)
+    assert [v.row[0] for v in take(commands, 3)] == [0.7, 0.9]
+
+
+def test_reset_drops_everything():
+    commands = queue(2)
+    commands.accept_actuation([1.0])
+    commands.accept_trajectory(["link_0"], [TICK], [[1.0]], 0)
+    commands.reset(np.zeros(5))
+    assert take(commands) == []
+
+
+NAMES = ["link_0"]
+REFUSED = [
+    ("accept_actuation", ([1.0],), "1 value(s); give 2, one per link"),
+    ("accept_actuation", ([],), "0 value(s); give 2"),
+    ("accept_actuation", ([1.0, float("nan")],), "entry 1 is nan"),
+    ("accept_friction", ([1.0, 1.0],), "2 value(s); give 1, 3 (one per contact) or 6"),
+    ("accept_friction", ([1.0, -1.0, 1.0],), "entry 1 is -1 N; friction must be >= 0"),
+    ("accept_friction", ([float("inf")],), "entry 0 is inf"),
+    ("accept_friction", ([],), "0 value(s)"),
+    ("accept_trajectory", (["link_9"], [0], [[1.0]], 0), "no joint is called 'link_9'"),
+    ("accept_trajectory", (["link_0", "link_0"], [0], [[1.0, 1.0]], 0), "named twice"),
+    ("accept_trajectory", (["contact_0/friction", "contact_0/forward"], [0], [[1.0, 1.0]], 0), "named twice"),
+    ("accept_trajectory", (NAMES, [0], [[1.0, 2.0]], 0), "point 0 has 2 position(s) for 1 name(s)"),
+    ("accept_trajectory", (NAMES, [5, 4], [[1.0], [2.0]], 0), "point 1 at 4 ns comes before 5 ns"),
+    ("accept_trajectory", (NAMES, [-5], [[1.0]], 0), "point 0 at -5 ns comes before 0 ns"),
+    ("accept_trajectory", (NAMES, [0], [[float("nan")]], 0), "point 0: entry 0 is nan"),
+    ("accept_trajectory", (["contact_2/forward"], [0], [[-1.0]], 0), "contact_2/forward is -1 N; friction must be >= 0"),
+    ("accept_trajectory", (NAMES, [0], [[1.0]], -1), "stamp -1 ns"),
+]
+
+
+@pytest.mark.parametrize(("method", "arguments", "said"), REFUSED)
+def test_what_cannot_be_followed_is_refused_whole(method, arguments, said):
+    commands = queue()
+    with pytest.raises(CommandError) as error:
+        getattr(commands, method)(*arguments)
+    assert said in str(error.value)
+    assert take(commands) == []

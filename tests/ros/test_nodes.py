@@ -1,0 +1,272 @@
+"""The nodes as processes, over real DDS on loopback."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from crawler_model import Crawler, load_scene
+from crawler_ros import interface
+
+from .graph import environment, graph, seconds, wait_until
+
+
+@pytest.fixture
+def ros(tmp_path):
+    with graph(tmp_path) as made:
+        yield made
+
+
+def trajectory(names, *points, stamp=0.0) -> JointTrajectory:
+    message = JointTrajectory(joint_names=names)
+    message.header.stamp.sec, message.header.stamp.nanosec = int(stamp), round(stamp % 1 * 1e9)
+    for at, positions in points:
+        point = JointTrajectoryPoint(positions=[float(p) for p in positions])
+        point.time_from_start.sec, point.time_from_start.nanosec = int(at), round(at % 1 * 1e9)
+        message.points.append(point)
+    return message
+
+
+def pause(ros, value=True, name="crawler"):
+    return ros.call(f"/{name}/pause", "std_srvs/srv/SetBool", data=value)
+
+
+def step(ros, name="crawler"):
+    return ros.call(f"/{name}/step", "std_srvs/srv/Trigger")
+
+
+def diagnostics(ros) -> dict[str, str]:
+    latest: DiagnosticArray = ros.heard["/diagnostics"][-1]
+    return {v.key: v.value for status in latest.status for v in status.values}
+
+
+def test_states_come_at_the_rate_with_exact_stamps(ros):
+    ros.simulator("rate:=200.0", hear=("joint_states", "contact_states", "pose"))
+    wait_until(lambda: len(ros.heard["joint_states"]) > 100)
+    stamps = np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in ros.heard["joint_states"]])
+    assert (np.diff(stamps) == 5_000_000).all()
+    state = ros.heard["joint_states"][-1]
+    assert list(state.name) == ["contact_0", "link_0", "link_1"]
+    contact = ros.heard["contact_states"][-1]
+    assert list(contact.name) == ["contact_0", "contact_1", "contact_2"]
+    assert list(contact.position) == [0.0, 0.15, 0.3]
+    assert contact.header.frame_id == "world"
+    assert ros.heard["pose"][-1].pose.orientation.w == 1.0
+
+
+def test_an_actuation_command_is_answered_exactly(ros):
+    ros.simulator("scene:=three_contacts_one_way", hear=("joint_states", "contact_states", "pose", "applied_commands"))
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, -0.05]))
+    moved = wait_until(lambda: [m for m in ros.heard["joint_states"] if m.effort[1] != 0.0])
+    crawler = Crawler(load_scene("three_contacts_one_way"))
+    answer = crawler.advance([0.1, -0.05])
+    first = moved[0]
+    assert first.position[0] == crawler.displacement[0]
+    assert list(first.position)[1:] == crawler.shape.tolist()
+    assert list(first.effort)[1:] == crawler.tension.tolist()
+    assert np.array(first.velocity)[1:] == pytest.approx(np.diff(answer.velocity) * 100.0)
+    at = seconds(first)
+    contact = wait_until(lambda: [m for m in ros.heard["contact_states"] if seconds(m) == at])[0]
+    assert list(contact.position) == (crawler.body.position + crawler.displacement).tolist()
+    pose = wait_until(lambda: [m for m in ros.heard["pose"] if seconds(m) == at])[0]
+    assert pose.pose.position.x == crawler.net_translation
+    ledger = wait_until(lambda: [m for m in ros.heard["applied_commands"] if m.points])[0]
+    assert list(ledger.points[0].positions)[:2] == [0.1, -0.05]
+    assert seconds(ledger) == pytest.approx(at - 0.01)
+
+
+def test_the_gait_player_walks_it_exactly_through_every_waypoint(ros):
+    ros.simulator("scene:=three_contacts_two_ways", "rate:=500.0", "real_time_factor:=4.0", hear=("pose", "applied_commands"))
+    player = ros.start("crawler_ros.gait_player", "scene:=three_contacts_two_ways", "periods:=4")
+    assert player.process.wait(60) == 0
+    start = seconds(next(m for m in ros.heard["applied_commands"] if m.points))
+    y = {round(seconds(m), 6): m.pose.position.x for m in ros.heard["pose"]}
+    wait_until(lambda: round(seconds(ros.heard["pose"][-1]), 6) >= start + 4)
+    y = {round(seconds(m), 6): m.pose.position.x for m in ros.heard["pose"]}
+    gained = np.diff([y[round(start + k, 6)] for k in range(5)])
+    assert gained[1:] == pytest.approx(0.07, abs=1e-12)
+    assert "period 4 of 4" in player.said
+
+
+def test_paused_it_steps_on_request_and_pairs_arrays_by_count(ros):
+    """Strategy A with four ticks a period: 2 m a period, as if both arrays were one message."""
+    ros.simulator("scene:=two_anchor_a", hear=("pose", "joint_states"))
+    assert pause(ros).success
+    rows = load_scene("two_anchor_a").commands
+    y = []
+    for tick in range(12):
+        k = tick % 4 + 1
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=rows.actuation[k].tolist()))
+        ros.publish("friction_controller/commands", Float64MultiArray(data=rows.forward[k].tolist()))
+        time.sleep(0.05)  # both have arrived: nothing else says so while it is paused
+        heard = len(ros.heard["pose"])
+        assert step(ros).success
+        wait_until(lambda n=heard: len(ros.heard["pose"]) > n)
+        if tick % 4 == 3:
+            y.append(ros.heard["pose"][-1].pose.position.x)
+    assert np.diff(y) == pytest.approx(2.0, abs=1e-12)
+
+
+def test_pause_step_and_reset(ros):
+    ros.simulator(hear=("joint_states",))
+    assert not step(ros).success  # it plays
+    ros.publish("joint_trajectory", trajectory(["link_0"], (0.0, [0.2])))
+    wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
+    assert pause(ros).success
+    time.sleep(0.2)
+    heard = len(ros.heard["joint_states"])
+    time.sleep(0.3)
+    assert len(ros.heard["joint_states"]) == heard
+    answer = step(ros)
+    assert answer.success
+    assert "simulated time" in answer.message
+    wait_until(lambda: len(ros.heard["joint_states"]) == heard + 1)
+    assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
+    first = wait_until(lambda: [m for m in ros.heard["joint_states"][heard + 1 :]])[0]
+    assert seconds(first) == 0.0
+    assert not np.any(first.position)
+    assert pause(ros, False).success
+    wait_until(lambda: len(ros.heard["joint_states"]) > heard + 20)
+    assert not np.any(ros.heard["joint_states"][-1].position)  # pending commands were dropped
+
+
+BAD = [
+    ("actuation_controller/commands", Float64MultiArray(data=[1.0]), "give 2, one per link"),
+    ("actuation_controller/commands", Float64MultiArray(data=[math.nan, 0.0]), "entry 0 is nan"),
+    ("friction_controller/commands", Float64MultiArray(data=[1.0, 1.0]), "give 1, 3"),
+    ("friction_controller/commands", Float64MultiArray(data=[-1.0]), "friction must be >= 0"),
+    ("friction_controller/commands", Float64MultiArray(data=[math.inf]), "entry 0 is inf"),
+    ("joint_trajectory", trajectory(["link_7"], (0.0, [1.0])), "no joint is called 'link_7'"),
+    ("joint_trajectory", trajectory(["link_0"], (0.0, [1.0, 2.0])), "2 position(s) for 1 name(s)"),
+    ("joint_trajectory", trajectory(["link_0"], (1.0, [1.0]), (0.5, [1.0])), "times must not fall"),
+    ("joint_trajectory", trajectory(["contact_0/friction"], (0.0, [math.nan])), "entry 0 is nan"),
+]
+
+
+def test_bad_messages_are_refused_whole_logged_and_counted(ros):
+    simulator = ros.simulator(hear=("joint_states", "/diagnostics"))
+    for count, (name, message, said) in enumerate(BAD, 1):
+        time.sleep(1.05)  # the log is throttled to one line a second
+        ros.publish(name, message)
+        wait_until(lambda s=said: s in simulator.said, what=said)
+        wait_until(lambda c=count: diagnostics(ros).get("refused") == str(c), what=f"{count} refused")
+    assert not np.any(ros.heard["joint_states"][-1].position)
+    assert not np.any(ros.heard["joint_states"][-1].effort)
+    assert simulator.process.poll() is None
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, 0.0]))
+    wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
+    level = {s.name: s.level for s in ros.heard["/diagnostics"][-1].status}
+    assert level["crawler: commands"] == b"\x01"
+    assert level["crawler: simulation"] == b"\x00"
+
+
+def test_names_left_out_hold(ros):
+    ros.simulator(hear=("applied_commands",))
+    ros.publish("joint_trajectory", trajectory(["contact_1/friction"], (0.0, [0.9])))
+    ledger = wait_until(lambda: [m for m in ros.heard["applied_commands"] if m.points])[0]
+    row = dict(zip(ledger.joint_names, ledger.points[0].positions, strict=True))
+    assert row["contact_1/forward"] == row["contact_1/backward"] == 0.9
+    assert row["contact_0/forward"] == 0.2
+    assert row["contact_0/backward"] == 0.5
+    assert row["link_0"] == 0.0
+
+
+def test_two_crawlers_in_namespaces(ros):
+    for name in ("left", "right"):
+        ros.hear(f"/{name}/joint_states", type_name="joint_states")
+        ros.start("crawler_ros.simulator", arguments=("-r", f"__ns:=/{name}"))
+    wait_until(lambda: ros.heard["/left/joint_states"] and ros.heard["/right/joint_states"])
+    ros.publish("/left/actuation_controller/commands", Float64MultiArray(data=[0.3, 0.3]), "actuation_controller/commands")
+    wait_until(lambda: np.any(ros.heard["/left/joint_states"][-1].position))
+    assert not np.any(ros.heard["/right/joint_states"][-1].position)
+
+
+def test_parameters_are_declared_with_ranges_and_mostly_read_only(ros):
+    ros.simulator(hear=("joint_states",))
+    names = list(interface.parameters())
+    described = ros.call("/crawler/describe_parameters", "rcl_interfaces/srv/DescribeParameters", names=names)
+    by_name = {d.name: d for d in described.descriptors}
+    assert set(by_name) == set(names)
+    assert all(d.description for d in described.descriptors)
+    assert by_name["rate"].read_only
+    assert by_name["rate"].floating_point_range[0].to_value == 100000.0
+    assert not by_name["real_time_factor"].read_only
+
+    from rcl_interfaces.msg import Parameter, ParameterValue
+
+    def change(name, value):
+        parameter = Parameter(name=name, value=ParameterValue(type=3, double_value=value))
+        answer = ros.call("/crawler/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[parameter])
+        return answer.results[0]
+
+    assert change("real_time_factor", 20.0).successful
+    before, began = seconds(ros.heard["joint_states"][-1]), time.monotonic()
+    wait_until(lambda: seconds(ros.heard["joint_states"][-1]) > before + 10.0)
+    assert time.monotonic() - began < 8.0
+    assert not change("real_time_factor", 1000.0).successful
+    refused = change("rate", 10.0)
+    assert not refused.successful
+    assert refused.reason
+
+
+def test_the_clock_is_simulated_time(ros):
+    ros.simulator("publish_clock:=true", "real_time_factor:=10.0", hear=("joint_states", "/clock"))
+    wait_until(lambda: len(ros.heard["/clock"]) > 50)
+    times = [m.clock.sec + m.clock.nanosec * 1e-9 for m in ros.heard["/clock"]]
+    assert np.diff(times) == pytest.approx(0.01)
+
+
+def test_as_fast_as_possible_still_listens(ros):
+    ros.simulator("real_time_factor:=0.0", "rate:=1000.0", hear=("joint_states",))
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, 0.0]))
+    wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_cleanly(ros, number):
+    simulator = ros.simulator("rate:=1000.0", "real_time_factor:=0.0")
+    assert simulator.end(number, 10.0) == 0
+    assert "stopped after" in simulator.said
+    assert "Traceback" not in simulator.said
+
+
+WRONG = [
+    (["scene:=nowhere"], "nowhere: no such file, nor a scene of the gallery"),
+    (["rate:=-1.0"], "rate"),
+    (["rate:=100"], "write it as in rate:=1000.0"),
+    (["method:=euler"], "it must be one of exact, catch_up"),
+    (["view:=window"], "it must be off, live, or a path that ends in .rrd"),
+    (["record:=/proc/nowhere"], "/proc/nowhere"),
+]
+
+
+@pytest.mark.parametrize(("parameters", "said"), WRONG)
+def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
+    words = [w for p in parameters for w in ("-p", p)]
+    command = [sys.executable, "-m", "crawler_ros.simulator", "--ros-args", *words]
+    done = subprocess.run(command, env=environment(1), capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert len([line for line in done.stderr.splitlines() if line.startswith("simulator: ")]) == 1
+    assert "Traceback" not in done.stderr
+
+
+def test_a_player_without_a_drive_says_so(tmp_path):
+    scene = Path(tmp_path) / "idle.yaml"
+    scene.write_text("{name: idle, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}")
+    command = [sys.executable, "-m", "crawler_ros.gait_player", "--ros-args", "-p", f"scene:={scene}"]
+    done = subprocess.run(command, env=environment(1), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "idle has no drive to play" in done.stderr

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+from fractions import Fraction
+
+from crawler_ros.stepper import Stepper
+
+MS = 1_000_000
+
+
+def run(stepper: Stepper, wall_ns: int) -> None:
+    stepper.begin(wall_ns)
+    stepper.finish()
+
+
+def test_simulated_time_is_exact():
+    stepper = Stepper(Fraction(30000, 1001))
+    for _ in range(30000):
+        stepper.finish()
+    assert stepper.now_ns == 1001 * 10**9
+
+
+def test_ticks_are_due_a_period_apart():
+    stepper = Stepper(Fraction(1000))
+    assert stepper.wait_ns(5 * MS) == MS
+    assert stepper.wait_ns(5 * MS + MS // 2) == MS // 2
+    assert stepper.wait_ns(6 * MS) == 0
+    run(stepper, 6 * MS)
+    assert stepper.wait_ns(6 * MS) == MS
+
+
+def test_a_little_behind_is_caught_up_and_not_late():
+    stepper = Stepper(Fraction(1000))
+    stepper.wait_ns(0)
+    run(stepper, MS + MS // 2)
+    assert stepper.late == 0
+    assert stepper.wait_ns(MS + MS // 2) == MS // 2
+
+
+def test_more_than_a_period_behind_is_late_and_simulated_time_slows():
+    stepper = Stepper(Fraction(1000))
+    stepper.wait_ns(0)
+    run(stepper, 11 * MS)
+    assert stepper.late == 1
+    assert stepper.tick == 1
+    assert stepper.wait_ns(11 * MS) == MS  # none is skipped, none is rushed
+
+
+def test_real_time_factors():
+    fast = Stepper(Fraction(100), 10.0)
+    assert fast.wait_ns(0) == MS
+    fast.real_time_factor = 0.0
+    assert fast.wait_ns(123) == 0
+    run(fast, 10**12)
+    assert fast.late == 0
+    fast.real_time_factor = 0.5
+    assert fast.wait_ns(0) == 20 * MS
+
+
+def test_paused_is_never_due_and_a_pause_makes_nothing_late():
+    stepper = Stepper(Fraction(1000))
+    stepper.wait_ns(0)
+    stepper.pause(True)
+    assert stepper.wait_ns(10**12) is None
+    run(stepper, 10**12)  # a single step
+    stepper.pause(False)
+    assert stepper.wait_ns(2 * 10**12) == MS
+    assert stepper.late == 0
+
+
+def test_reset_goes_back_to_zero():
+    stepper = Stepper(Fraction(1000))
+    stepper.wait_ns(0)
+    run(stepper, MS)
+    stepper.reset()
+    assert stepper.now_ns == 0
+    assert stepper.wait_ns(7 * MS) == MS
