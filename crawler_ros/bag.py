@@ -21,13 +21,15 @@ class BagError(CrawlerError):
 
 @dataclass(frozen=True)
 class Record:
-    """One message: where it was heard, what it is, when, and its bytes."""
+    """One message: where it was heard, what it is, when, and its bytes; and its channel and schema as recorded."""
 
     topic: str
     type: str
     log_ns: int
     publish_ns: int
     data: bytes
+    channel: Channel
+    schema: Schema
 
 
 def find_file(path: Path) -> Path:
@@ -98,10 +100,80 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
                     channels[item.id] = item
                 elif isinstance(item, Message):
                     channel = channels[item.channel_id]
-                    kind = schemas[channel.schema_id].name
-                    yield Record(channel.topic, kind, item.log_time, item.publish_time, item.data)
+                    schema = schemas[channel.schema_id]
+                    times = item.log_time, item.publish_time
+                    yield Record(channel.topic, schema.name, *times, item.data, channel, schema)
                 elif bag is not None and isinstance(item, Attachment):
                     if item.media_type == "application/json":
                         bag.attachments[item.name] = json.loads(item.data)
                 elif bag is not None and isinstance(item, Footer):
                     bag.complete = True
+
+
+@dataclass(frozen=True)
+class Health:
+    """What a look through a whole recording finds."""
+
+    complete: bool
+    counts: dict[str, int]
+    types: dict[str, str]
+    first_ns: int
+    last_ns: int
+
+
+def examine(path: Path) -> Health:
+    """Count a recording's messages and tell whether it is whole.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        What was found.
+
+    Raises:
+        BagError: when it is no recording at all.
+    """
+    bag = Bag({})
+    counts: dict[str, int] = {}
+    types: dict[str, str] = {}
+    first, last = 0, 0
+    for record in read(path, bag):
+        counts[record.topic] = counts.get(record.topic, 0) + 1
+        types[record.topic] = record.type
+        first = min(first or record.log_ns, record.log_ns)
+        last = max(last, record.log_ns)
+    return Health(bag.complete, counts, types, first, last)
+
+
+def recover(path: Path, folder: Path) -> int:
+    """Write what can be read of a torn recording as a whole one.
+
+    Args:
+        path: a bag folder or an .mcap file.
+        folder: the bag folder to make; it must not exist.
+
+    Returns:
+        The number of messages recovered.
+
+    Raises:
+        BagError: when it is no recording at all.
+        FileExistsError: when the folder exists.
+    """
+    from .recorder import BagWriter
+
+    bag = Bag({})
+    records = read(path, bag)
+    record = next(records, None)  # attachments stand before the first message
+    writer = BagWriter(folder, bag.attachments)
+    channels: dict[int, int] = {}
+    count = 0
+    while record is not None:
+        if record.channel.id not in channels:
+            channels[record.channel.id] = writer.add_channel(
+                record.topic, record.type, record.schema.data, record.channel.metadata
+            )
+        writer.write(channels[record.channel.id], record.log_ns, record.publish_ns, record.data)
+        count += 1
+        record = next(records, None)
+    writer.close()
+    return count

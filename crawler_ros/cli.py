@@ -234,6 +234,31 @@ def view(
 
 
 @app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="A bag folder or an .mcap file, whole or torn.")],
+    recover: Annotated[
+        bool, typer.Option("--recover", help="Write what can be read as a whole recording beside it.")
+    ] = False,
+) -> None:
+    """Tell whether a recording is whole, and recover one that was cut off."""
+    from . import bag
+
+    health = bag.examine(recording)
+    seconds = max((health.last_ns - health.first_ns) / 1e9, 0.0)
+    screen.print(f"{recording}: {'whole' if health.complete else 'cut off: its end is missing'}, {seconds:.1f} s")
+    for topic, count in sorted(health.counts.items()):
+        rate = f", {count / seconds:.1f} a second" if seconds else ""
+        screen.print(f"  {topic}: {count} of {health.types[topic]}{rate}")
+    if recover:
+        source = recording if recording.is_dir() else recording.with_suffix("")
+        folder = source.with_name(source.name + "_recovered")
+        count = bag.recover(recording, folder)
+        screen.print(f"recovered {count} messages: {folder}")
+    elif not health.complete:
+        raise CrawlerError(f"{recording}: its end is missing; crawler replay --recover writes what can be read")
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Folder in which recording, .rrd and .png are left.")] = Path("demo"),
 ) -> None:

@@ -161,7 +161,7 @@ def measure(recording: Path) -> tuple[np.ndarray, int, int]:
     for record in bag.read(recording):
         messages += 1
         message = decode(record.data, record.type)
-        if record.topic.endswith("applied_commands") and start_ns is None and message.points:
+        if record.topic.endswith("joint_trajectory") and start_ns is None:
             start_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
         elif record.topic.endswith("pose"):
             y[message.header.stamp.sec * NS + message.header.stamp.nanosec] = message.pose.position.x
@@ -170,6 +170,7 @@ def measure(recording: Path) -> tuple[np.ndarray, int, int]:
             late = int(values["late ticks"])
     if start_ns is None:
         raise DemoError(f"{recording}: no command arrived")
+    # a command that came late was followed all the same, well before its period's end
     ends = [start_ns + k * period_ns for k in range(PERIODS + 1)]
     return np.diff([y[ns] for ns in ends if ns in y]), late, messages
 

@@ -45,8 +45,8 @@ class BagWriter:
         now = time.time_ns()
         for name, data in attachments.items():
             self._writer.add_attachment(now, now, name, "application/json", json.dumps(data, indent=1).encode())
-        self._file.flush()
-        self._topics: dict[int, Topic] = {}
+        self._writer.flush()
+        self._topics: dict[int, tuple[str, str, dict[str, str]]] = {}
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
         self._first_ns: int | None = None
@@ -62,19 +62,26 @@ class BagWriter:
         Returns:
             The channel to write its messages to.
         """
-        if topic.type not in self._schemas:
-            text = message_definition(topic.type).encode()
-            self._schemas[topic.type] = self._writer.register_schema(topic.type, "ros2msg", text)
-        metadata = {
-            "offered_qos_profiles": yaml.safe_dump(offered_qos(topic), sort_keys=False),
-            "topic_type_hash": type_hash(topic.type),
-        }
-        return self.add_channel(Topic(name, topic.type, topic.direction, topic.qos, topic.meaning), metadata)
+        qos = yaml.safe_dump(offered_qos(topic), sort_keys=False)
+        metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash(topic.type)}
+        return self.add_channel(name, topic.type, message_definition(topic.type).encode(), metadata)
 
-    def add_channel(self, topic: Topic, metadata: dict[str, str]) -> int:
-        """Register a channel whose schema is known."""
-        channel = self._writer.register_channel(topic.name, "cdr", self._schemas[topic.type], metadata)
-        self._topics[channel] = topic
+    def add_channel(self, name: str, type_name: str, definition: bytes, metadata: dict[str, str]) -> int:
+        """Register a channel.
+
+        Args:
+            name: the topic's name in the graph.
+            type_name: its type.
+            definition: the type's definition and those of all that it contains.
+            metadata: offered_qos_profiles and topic_type_hash.
+
+        Returns:
+            The channel to write its messages to.
+        """
+        if type_name not in self._schemas:
+            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition)
+        channel = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
+        self._topics[channel] = (name, type_name, metadata)
         self._counts[channel] = 0
         return channel
 
@@ -113,15 +120,15 @@ class BagWriter:
         rows = [
             {
                 "topic_metadata": {
-                    "name": topic.name,
-                    "type": topic.type,
+                    "name": name,
+                    "type": type_name,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": offered_qos(topic),
-                    "type_description_hash": type_hash(topic.type),
+                    "offered_qos_profiles": yaml.safe_load(metadata.get("offered_qos_profiles", "[]")),
+                    "type_description_hash": metadata.get("topic_type_hash", ""),
                 },
                 "message_count": self._counts[channel],
             }
-            for channel, topic in self._topics.items()
+            for channel, (name, type_name, metadata) in self._topics.items()
         ]
         return {
             "version": 9,
