@@ -24,7 +24,7 @@ docs: $(READY)
 	$(BIN)/python docs/generate.py
 
 soak: $(READY)
-	$(BIN)/python -m pytest -m soak
+	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model --timeout=7200
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'

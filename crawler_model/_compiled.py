@@ -30,7 +30,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         dispatcher = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "no locator available": a read-only install without a home to write to
         return numba.njit(**options)(function)
-    index = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    index: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp"):
         index._source_stamp = _package_stamp()
     return dispatcher

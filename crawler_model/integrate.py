@@ -59,7 +59,9 @@ AT_FORWARD, AT_BACKWARD = 1, 2
 """Bits of a contact's status: the spring force equals mu_plus, or -mu_minus. Both when there is no friction."""
 
 # Rows of the scratch floats.
-(_RATE, _LINK_SINCE, _V, _SINCE, _NEXT, _D_ACTUATION, _D_FORWARD, _D_BACKWARD, _TRIAL, _LOWER, _UPPER, _GRAIN) = range(12)
+(_RATE, _LINK_SINCE, _V, _SINCE, _NEXT, _D_ACTUATION, _D_FORWARD, _D_BACKWARD, _TRIAL, _LOWER, _UPPER, _GRAIN) = range(
+    12
+)
 _FLOAT_ROWS = 12
 # Rows of the scratch bytes.
 _SIDE, _LEAVING, _COMING, _MOVED = range(4)

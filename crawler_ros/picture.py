@@ -110,7 +110,7 @@ def draw_domain(scene: Scene, png: Path) -> None:
     else:
         for row in rows:
             least, most = tension_ranges(row[: body.contacts], row[body.contacts :])
-            axis.bar(range(body.links), most - least, bottom=least, color="#f2dcda", edgecolor="#c83c3c", alpha=0.7)
+            axis.bar(range(body.links), most - least, bottom=least, color="#f2dcda", edgecolor="#c83c3c", linewidth=2.0)
         axis.set_xlabel("link")
         axis.set_ylabel("tension that some state of stasis has [N]")
         axis.set_xticks(range(body.links) if body.links <= 20 else [0, body.links - 1])
@@ -171,7 +171,8 @@ def _connect(client_type: type, port: int, viewer: subprocess.Popen[str]) -> obj
             raise PictureError(f"the viewer does not start (is a Vulkan driver installed?): {last}")
         try:
             client = client_type(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.viewer_state()
+            ask = getattr(client, "get_state", None) or client.viewer_state  # rerun 0.41, and before
+            ask()
             return client
         except Exception:
             if time.monotonic() > deadline:

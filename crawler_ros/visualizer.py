@@ -34,6 +34,7 @@ _LINK_COLORS = [(64, 110, 220), (230, 140, 30), (120, 80, 200), (20, 160, 160)]
 _BOUND_COLOR = (200, 60, 60)
 _SINGLE_PLOTS = 4
 _TRAIL = 50
+_PAGE = 1.6  # how far the body walks before the page turns, in body lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +225,9 @@ class Drawing:
         self._last_state = np.full(n, 99)
         self._last_polygon = b""
         self._trail: deque[tuple[tuple[float, float], tuple[int, int, int]]] = deque(maxlen=_TRAIL)
-        self._tick = 10.0 ** np.floor(np.log10(self._length))
-        self._last_mark = -1
+        self._window = float(self._xi[0]) + np.array([-0.6, 3.4]) * self._length
+        self._tick = _round_step(self._length / 3.0)
+        self._page: int | None = None
         self.stream = rr.RecordingStream(f"crawler: {scene.name}")
         open_sinks(self.stream)
         self._blueprint()
@@ -235,10 +237,7 @@ class Drawing:
         import rerun.blueprint as rrb
 
         n, length = self._xi.size, self._length
-        follow = rrb.VisualBounds2D(
-            x_range=[float(self._xi[0]) - 0.6 * length, float(self._xi[0]) + 3.0 * length],
-            y_range=[-0.45 * length, 0.35 * length],
-        )
+        page = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-0.25 * length, 0.25 * length])
         tensions = [
             rrb.TimeSeriesView(origin=f"tension/link_{i}", name=f"Tension of link {i} [N] in its stasis bounds")
             for i in range(self._plots)
@@ -256,7 +255,7 @@ class Drawing:
                 )
             )
         body = rrb.Spatial2DView(
-            origin="world", name="Crawler on its track", background=[250, 250, 250], visual_bounds=follow
+            origin="world", name="Crawler on its track", background=[250, 250, 250], visual_bounds=page
         )
         layout = rrb.Vertical(body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=[1, 3])
         blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
@@ -300,7 +299,8 @@ class Drawing:
         rr, stream = self._rr, self.stream
         stream.set_time("sim_time", duration=frame.time_ns / NS)
         place = self._xi + frame.displacement
-        radius = 0.035 * self._length
+        place = place - self._turn_page(float(place.mean()))
+        radius = 0.045 * self._length
         colors = [_STATE_COLORS[int(s)] for s in frame.state]
         points = np.column_stack((place, np.full(place.size, -radius)))
         stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radius, draw_order=2.0))
@@ -310,11 +310,10 @@ class Drawing:
             rr.LineStrips2D(
                 springs,
                 colors=[_LINK_COLORS[i % len(_LINK_COLORS)] for i in range(len(springs))],
-                radii=0.12 * radius,
+                radii=0.1 * radius,
                 draw_order=1.0,
             ),
         )
-        self._extend_track(place)
         least, most = stasis_bounds(frame.tension, frame.forward, frame.backward)
         for i in range(self._plots):
             stream.log(f"tension/link_{i}", rr.Scalars([frame.tension[i], most[i], least[i]]))
@@ -325,26 +324,31 @@ class Drawing:
         if place.size == 3:
             self._draw_polygon(frame)
 
-    def _extend_track(self, place: np.ndarray) -> None:
-        """Draw ground and marks as far as the crawler has come."""
-        reach = int(np.ceil((max(abs(place.min()), abs(place.max())) + 2.0 * self._length) / self._tick))
-        if reach <= self._last_mark:
-            return
-        self._last_mark = 2 * reach
-        marks = np.arange(-self._last_mark, self._last_mark + 1) * self._tick
-        depth = 0.05 * self._length
-        lines = [[[m, 0.0], [m, depth]] for m in marks] + [[[marks[0], 0.0], [marks[-1], 0.0]]]
+    def _turn_page(self, middle: float) -> float:
+        """Draw the stretch of track that the body's middle is on; return where its origin lies [m].
+
+        A view in two dimensions does not follow: the body walks across a page, then the page turns.
+        """
+        page = int(np.floor((middle - float(self._xi.mean())) / (_PAGE * self._length)))
+        origin = page * _PAGE * self._length
+        if page == self._page:
+            return origin
+        self._page = page
+        left, right = (self._window + origin) / self._tick
+        marks = np.arange(np.ceil(left), np.floor(right) + 1) * self._tick
+        at, depth = marks - origin, 0.05 * self._length
+        lines = [[[x, 0.0], [x, depth]] for x in at] + [[[self._window[0], 0.0], [self._window[1], 0.0]]]
         rr = self._rr
-        track = rr.LineStrips2D(lines, colors=[(150, 150, 150)], radii=rr.Radius.ui_points(1.0))
-        self.stream.log("world/track", track)
+        self.stream.log("world/track", rr.LineStrips2D(lines, colors=[(150, 150, 150)], radii=rr.Radius.ui_points(1.0)))
         labels = rr.Points2D(
-            np.column_stack((marks, np.full(marks.size, 3.0 * depth))),
+            np.column_stack((at, np.full(at.size, 2.6 * depth))),
             labels=[f"{m:.6g} m" for m in marks],
             colors=[(235, 235, 235)],
             radii=rr.Radius.ui_points(0.0),
             show_labels=True,
         )
         self.stream.log("world/marks", labels)
+        return origin
 
     def _draw_polygon(self, frame: Frame) -> None:
         rr = self._rr
@@ -366,12 +370,18 @@ class Drawing:
         self.stream.disconnect()
 
 
+def _round_step(size: float) -> float:
+    """Round a distance to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(size))
+    return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - size)))
+
+
 def _spring(start: float, end: float, radius: float, teeth: int = 4) -> np.ndarray:
     """Draw a spring between two contacts as a zigzag, shape (2 teeth + 3, 2) [m]."""
     x = np.concatenate(([start], np.linspace(start + radius, end - radius, 2 * teeth + 1), [end]))
     y = np.full(x.size, -radius)
-    y[2:-2:2] -= 0.8 * radius
-    y[3:-2:2] += 0.8 * radius
+    y[2:-2:2] -= 0.9 * radius
+    y[3:-2:2] += 0.9 * radius
     return np.column_stack((x, y))
 
 

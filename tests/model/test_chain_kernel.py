@@ -98,7 +98,7 @@ def test_agrees_with_brute_force(seed):
 
 @given(st.integers(0, 2**32 - 1))
 def test_says_at_which_bound_each_contact_is(seed):
-    target, stiffness, lower, upper = problem = random_problem(seed)
+    target, _stiffness, lower, upper = problem = random_problem(seed)
     tension, side = solve(*problem)
     force = np.diff(np.concatenate(([0.0], tension, [0.0])))
     size = 1e-12 * (1 + np.abs(target).max())

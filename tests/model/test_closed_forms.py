@@ -21,7 +21,9 @@ def strategy(name, length, friction=1.0, stiffness=1.0, **more):
 
 
 @pytest.mark.parametrize("rate", [100.0, 4.0, 1.0, 37.0])
-@pytest.mark.parametrize(("name", "reach", "gain"), [(s, r, g) for s in STRATEGIES for r, g in zip(REACH, STRATEGIES[s], strict=True)])
+@pytest.mark.parametrize(
+    ("name", "reach", "gain"), [(s, r, g) for s in STRATEGIES for r, g in zip(REACH, STRATEGIES[s], strict=True)]
+)
 def test_strategies(name, reach, gain, rate):
     run = simulate(strategy(name, reach), rate=rate)
     assert run.per_period.size == 10

@@ -67,7 +67,11 @@ WRONG = [
     ("friction", None, "friction: missing"),
     ("name", None, "name: missing"),
     ("start", {"displacement": [0, 1]}, "start.displacement: 2 value(s) for 3 contact(s)"),
-    ("start", {"displacement": [0, 2, 0]}, "start.displacement: contact 1 is pulled by 8 N, 6 N more than its backward"),
+    (
+        "start",
+        {"displacement": [0, 2, 0]},
+        "start.displacement: contact 1 is pulled by 8 N, 6 N more than its backward",
+    ),
     ("drive/times", [0, 0], "drive.times: entry 1 (0 s) does not come after entry 0"),
     ("drive/times", [1, 2], "drive.times: the first time must be 0"),
     ("drive/times", [0, 1, 2], "drive.actuation: 2 row(s) for 3 time(s)"),

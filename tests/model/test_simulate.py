@@ -110,7 +110,8 @@ def test_progress_is_told():
 
 
 @pytest.mark.parametrize(
-    "options", [{"duration": -1.0}, {"duration": float("nan")}, {"rate": 0.0}, {"rate": float("inf")}, {"method": "rk4"}]
+    "options",
+    [{"duration": -1.0}, {"duration": float("nan")}, {"rate": 0.0}, {"rate": float("inf")}, {"method": "rk4"}],
 )
 def test_out_of_range_is_refused(options):
     with pytest.raises(CommandError):

@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler_model import Crawler
-from crawler_model.stasis import is_in_stasis, spring_force, stasis_bounds, stasis_margins, stasis_polygon, tension_ranges
+from crawler_model.stasis import (
+    is_in_stasis,
+    spring_force,
+    stasis_bounds,
+    stasis_margins,
+    stasis_polygon,
+    tension_ranges,
+)
 
 from .chains import rows, scene
 

@@ -100,7 +100,9 @@ class Graph:
         self.processes.append(process)
         return process
 
-    def simulator(self, *parameters: str, arguments: tuple[str, ...] = (), hear: tuple[str, ...] = ("joint_states",)) -> Process:
+    def simulator(
+        self, *parameters: str, arguments: tuple[str, ...] = (), hear: tuple[str, ...] = ("joint_states",)
+    ) -> Process:
         for name in hear:
             self.hear(name)
         process = self.start("crawler_ros.simulator", *parameters, arguments=arguments)

@@ -66,9 +66,9 @@ def test_pairing_makes_strategy_a_come_out_right():
         y = []
         for tick in range(12):
             row = rows[tick % 4 + 1]
-            accept = [lambda r=row: commands.accept_actuation(r[0, :1]), lambda r=row: commands.accept_friction(r[1])]
-            for k, send in enumerate(accept[::-1] if order == "friction first" else accept):
-                send()
+            accept = [(commands.accept_actuation, row[0, :1]), (commands.accept_friction, row[1])]
+            for k, (send, values) in enumerate(accept[::-1] if order == "friction first" else accept):
+                send(values)
                 if order != "paired":
                     for vertex in commands.take(2 * tick + k, 2 * tick + k + 1):
                         crawler.follow(command_target(vertex.row)[None])
@@ -175,7 +175,11 @@ REFUSED = [
     ("accept_trajectory", (NAMES, [5, 4], [[1.0], [2.0]], 0), "point 1 at 4 ns comes before 5 ns"),
     ("accept_trajectory", (NAMES, [-5], [[1.0]], 0), "point 0 at -5 ns comes before 0 ns"),
     ("accept_trajectory", (NAMES, [0], [[float("nan")]], 0), "point 0: entry 0 is nan"),
-    ("accept_trajectory", (["contact_2/forward"], [0], [[-1.0]], 0), "contact_2/forward is -1 N; friction must be >= 0"),
+    (
+        "accept_trajectory",
+        (["contact_2/forward"], [0], [[-1.0]], 0),
+        "contact_2/forward is -1 N; friction must be >= 0",
+    ),
     ("accept_trajectory", (NAMES, [0], [[1.0]], -1), "stamp -1 ns"),
 ]
 

@@ -133,7 +133,7 @@ def test_pause_step_and_reset(ros):
     assert "simulated time" in answer.message
     wait_until(lambda: len(ros.heard["joint_states"]) == heard + 1)
     assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
-    first = wait_until(lambda: [m for m in ros.heard["joint_states"][heard + 1 :]])[0]
+    first = wait_until(lambda: list(ros.heard["joint_states"][heard + 1 :]))[0]
     assert seconds(first) == 0.0
     assert not np.any(first.position)
     assert pause(ros, False).success
@@ -187,7 +187,9 @@ def test_two_crawlers_in_namespaces(ros):
         ros.hear(f"/{name}/joint_states", type_name="joint_states")
         ros.start("crawler_ros.simulator", arguments=("-r", f"__ns:=/{name}"))
     wait_until(lambda: ros.heard["/left/joint_states"] and ros.heard["/right/joint_states"])
-    ros.publish("/left/actuation_controller/commands", Float64MultiArray(data=[0.3, 0.3]), "actuation_controller/commands")
+    ros.publish(
+        "/left/actuation_controller/commands", Float64MultiArray(data=[0.3, 0.3]), "actuation_controller/commands"
+    )
     wait_until(lambda: np.any(ros.heard["/left/joint_states"][-1].position))
     assert not np.any(ros.heard["/right/joint_states"][-1].position)
 

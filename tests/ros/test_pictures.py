@@ -1,0 +1,184 @@
+"""What is drawn: frames, the .rrd's content, the page, and the rendered view where a renderer is installed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rerun")
+from PIL import Image
+
+from crawler_model import Crawler, CrawlerError, load_scene
+from crawler_ros.picture import draw_domain, draw_page, screenshot
+from crawler_ros.visualizer import Drawing, Frame, ViewerFeed, thin, to_file
+
+GREEN, RED, GREY = (26, 138, 58), (176, 42, 30), (80, 80, 80)
+RENDERER = any(Path("/usr/share/vulkan/icd.d").glob("*.json")) if Path("/usr/share/vulkan/icd.d").is_dir() else False
+needs_renderer = pytest.mark.skipif(not RENDERER, reason="no Vulkan driver here (Debian: mesa-vulkan-drivers)")
+
+
+def frames(name: str, seconds: float = 2.0) -> list[Frame]:
+    scene = load_scene(name)
+    crawler = Crawler(scene)
+    made = []
+    for ns in range(0, int(seconds * 1e9) + 1, 10_000_000):
+        crawler.follow(scene.commands.sample(np.array([ns])))
+        made.append(
+            Frame(ns, crawler.displacement, crawler.tension, crawler.contact_state, crawler.forward, crawler.backward)
+        )
+    return made
+
+
+def draw(name: str, path: Path, seconds: float = 2.0) -> Path:
+    drawing = Drawing(load_scene(name), to_file(path))
+    for frame in thin(frames(name, seconds)):
+        drawing.draw(frame)
+    drawing.close()
+    return path
+
+
+def entities(rrd: Path) -> dict[str, int]:
+    try:
+        from rerun.chunk import RrdReader
+    except ImportError:  # before rerun 0.41
+        from rerun.experimental import RrdReader
+
+    rows: dict[str, int] = {}
+    for chunk in RrdReader(str(rrd)).stream():
+        rows[str(chunk.entity_path)] = rows.get(str(chunk.entity_path), 0) + chunk.num_rows
+    return rows
+
+
+def test_frames_survive_the_pipe():
+    frame = frames("three_contacts_two_ways")[77]
+    same = Frame.unpack(frame.pack(), 3)
+    for name in ("time_ns", "displacement", "tension", "state", "forward", "backward"):
+        assert np.array_equal(getattr(frame, name), getattr(same, name))
+
+
+def test_thinning_keeps_short_slips():
+    every = frames("three_contacts_two_ways")
+    kept = list(thin(every, 200_000_000))
+    assert len(kept) == 11
+    slips = {i for f in every for i in np.flatnonzero(f.state)}
+    assert {i for f in kept for i in np.flatnonzero(f.state)} == slips
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "three_contacts_two_ways", "ten_contact_wave"])
+def test_the_rrd_has_body_tensions_states_and_translation(name, tmp_path):
+    rows = entities(draw(name, tmp_path / "x.rrd"))
+    n = load_scene(name).chain.contacts
+    assert rows["/world/contacts"] == rows["/world/links"] == rows["/net_translation"] - 1 == 101
+    for i in range(min(n - 1, 4)):
+        assert rows[f"/tension/link_{i}"] == 102
+    assert all(rows[f"/contacts/contact_{i}"] > 2 for i in range(n))
+    assert ("/stasis/domain" in rows) == (n == 3)
+
+
+@needs_renderer
+def test_the_view_shows_a_slipping_and_two_standing_contacts(tmp_path):
+    rrd = draw("three_contacts_two_ways", tmp_path / "x.rrd")
+    screenshot(rrd, tmp_path / "x.png", 1.2)
+    picture = np.asarray(Image.open(tmp_path / "x.png").convert("RGB")).astype(int)
+    assert picture.shape == (1080, 1920, 3)
+    body, lanes = picture[60:280], picture[760:1000, :1150]
+
+    def count(area, color):
+        return int((np.abs(area - color).max(axis=2) < 24).sum())
+
+    assert count(body, GREEN) > 200  # the front contact steps
+    assert count(body, GREY) > 400  # two hold
+    assert count(body, RED) == 0
+    assert count(lanes, GREEN) > 1000
+    assert count(lanes, GREY) > 5000
+    polygon = picture[690:1050, 1155:]
+    assert count(polygon, (200, 60, 60)) > 300
+
+
+def test_the_page_shows_slips_in_their_colours(tmp_path):
+    draw_page(load_scene("three_contacts_two_ways"), frames("three_contacts_two_ways"), tmp_path / "p.png")
+    picture = np.asarray(Image.open(tmp_path / "p.png").convert("RGB")).astype(int)
+    assert picture.shape[1] > 1000
+    for color in ((26, 138, 58), (47, 95, 196)):
+        assert (np.abs(picture - color).max(axis=2) < 30).sum() > 500
+
+
+def test_a_page_of_nothing_is_refused(tmp_path):
+    with pytest.raises(CrawlerError, match="no state"):
+        draw_page(load_scene("two_anchor_a"), [], tmp_path / "p.png")
+
+
+@pytest.mark.parametrize("name", ["two_anchor_b", "three_contacts_two_ways", "ten_contact_wave"])
+def test_the_stasis_domain_is_drawn(name, tmp_path):
+    draw_domain(load_scene(name), tmp_path / "d.png")
+    picture = np.asarray(Image.open(tmp_path / "d.png").convert("RGB")).astype(int)
+    assert (np.abs(picture - (200, 60, 60)).max(axis=2) < 60).sum() > 300
+
+
+def show_many(feed: ViewerFeed, crawler: Crawler, count: int) -> float:
+    worst = 0.0
+    for k in range(count):
+        crawler.advance([0.1 * np.sin(0.3 * k), 0.0])
+        began = time.perf_counter()
+        feed.show(k * 20_000_000, crawler)
+        worst = max(worst, time.perf_counter() - began)
+    return worst
+
+
+def test_the_feed_writes_a_file_and_drops_nothing(tmp_path):
+    scene = load_scene("three_contacts_one_way")
+    feed = ViewerFeed(scene, str(tmp_path / "deep" / "x.rrd"), lambda text: None)
+    show_many(feed, Crawler(scene), 200)
+    feed.close()
+    assert feed.dropped == 0
+    assert entities(tmp_path / "deep" / "x.rrd")["/world/contacts"] == 200
+
+
+def test_a_stopped_viewer_costs_frames_and_never_a_wait(tmp_path):
+    scene = load_scene("three_contacts_one_way")
+    feed = ViewerFeed(scene, str(tmp_path / "x.rrd"), lambda text: None)
+    feed._process.send_signal(signal.SIGSTOP)
+    worst = show_many(feed, Crawler(scene), 20_000)
+    assert feed.dropped > 5_000
+    assert worst < 1.0  # it would be for ever
+    feed._process.send_signal(signal.SIGKILL)
+    show_many(feed, Crawler(scene), 10)
+    feed.close()
+
+
+def test_a_view_never_overwrites(tmp_path):
+    (tmp_path / "x.rrd").write_text("mine")
+    with pytest.raises(FileExistsError):
+        ViewerFeed(load_scene("two_anchor_a"), str(tmp_path / "x.rrd"), lambda text: None)
+
+
+def test_the_live_viewer_is_on_loopback_only(tmp_path):
+    header = json.dumps(load_scene("two_anchor_a").model_dump(mode="json", exclude_none=True)).encode()
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "crawler_ros.visualizer", "live"], stdin=subprocess.PIPE, env=environment
+    )
+    process.stdin.write(struct.pack("<I", len(header)) + header)
+    process.stdin.flush()
+    try:
+        deadline = time.monotonic() + 20
+        listening: set[str] = set()
+        while not listening and time.monotonic() < deadline:
+            time.sleep(0.1)
+            for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
+                address, port = line.split()[1].split(":")
+                if int(port, 16) == 9876 and line.split()[3] == "0A":
+                    listening.add(address)
+        assert listening == {"0100007F"}
+    finally:
+        process.stdin.close()
+        process.wait(20)

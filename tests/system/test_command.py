@@ -1,0 +1,140 @@
+"""The `crawler` command as a user types it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from crawler_model import gallery
+
+CRAWLER = str(Path(sys.executable).parent / "crawler")
+
+
+def crawler(*arguments: str, cwd: Path | None = None, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return subprocess.run(
+        [CRAWLER, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=timeout,
+        env=environment | {"COLUMNS": "120"},
+    )
+
+
+def good(*arguments: str, **options) -> str:
+    done = crawler(*arguments, **options)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def bad(*arguments: str, **options) -> str:
+    done = crawler(*arguments, **options)
+    assert done.returncode != 0
+    assert "Traceback" not in done.stderr
+    return done.stderr
+
+
+def test_help_teaches():
+    text = good("--help")
+    for verb in ("demo", "simulate", "check", "scenes", "view", "replay"):
+        assert verb in text
+        assert "Usage" in good(verb, "--help")
+
+
+def test_scenes_are_a_line_each():
+    lines = good("scenes").splitlines()
+    assert [line.split()[0] for line in lines] == list(gallery())
+    assert json.loads(good("scenes", "--json")) == gallery()
+
+
+@pytest.mark.parametrize("method", ["exact", "catch_up"])
+def test_simulate_prints_the_json_of_the_contract(method):
+    run = json.loads(good("simulate", "two_anchor_a", "--duration", "3", "--rate", "50", "--method", method, "--json"))
+    assert run["schema"] == 1
+    assert run["method"] == method
+    assert run["rate_hz"] == 50.0
+    assert run["ticks"] == 150
+    assert run["time"] == [0, 1, 2, 3]
+    assert run["per_period"] == pytest.approx([2.0] * 3, abs=1e-12 if method == "exact" else 0.2)
+
+
+def test_a_pipe_gets_json_and_nothing_else():
+    done = crawler("simulate", "two_anchor_a", "--json")
+    assert done.stderr == "" or "compiling" in done.stderr
+    assert len(done.stdout.splitlines()) == 1
+
+
+def test_simulate_for_people():
+    text = good("simulate", "three_contacts_two_ways")
+    assert "0.07" in text
+    assert "residual" in text
+
+
+@pytest.mark.parametrize("name", gallery())
+def test_check_every_scene_of_the_gallery(name, tmp_path):
+    text = good("check", name, "--png", str(tmp_path / "d.png"))
+    assert "valid" in text
+    assert "uniqueness margin" in text
+    assert (tmp_path / "d.png").stat().st_size > 5_000
+
+
+def test_check_says_what_is_too_weak(tmp_path):
+    scene = tmp_path / "weak.yaml"
+    scene.write_text(
+        "{name: weak, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1},"
+        " drive: {times: [0, 1], actuation: [0, 0.5]}}"
+    )
+    text = good("check", str(scene))
+    assert "too weak" in text
+    assert "critical" in text
+
+
+MISTAKES = [
+    (["simulate", "two_ancor_a"], "nearest is 'two_anchor_a'"),
+    (["simulate", "none.yaml"], "none.yaml: no such file"),
+    (["simulate", "two_anchor_a", "--rate", "0"], "rate: 0 Hz"),
+    (["simulate", "two_anchor_a", "--duration", "-1"], "duration: -1 s"),
+    (["simulate", "two_anchor_a", "--method", "rk4"], "rk4"),
+    (["simulate", "typo.yaml"], "body.links.stifness: unknown key; the nearest known key is 'stiffness'"),
+    (["check", "typo.yaml"], "unknown key"),
+    (["check", "code.yaml"], "not plain YAML"),
+    (["simulate", "idle.yaml"], "say how long to run with --duration"),
+    (["view", "nothing"], "nothing: no such file or folder"),
+    (["view", "."], "there is no display here"),
+    (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
+    (["replay", "text.mcap"], "not an MCAP file"),
+    (["replay", "nothing"], "nothing: no such file or folder"),
+    (["nonsense"], "nonsense"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "said"), MISTAKES)
+def test_a_mistake_is_one_clear_line(arguments, said, tmp_path):
+    (tmp_path / "typo.yaml").write_text(
+        "{name: x, body: {contacts: [0, 1], links: {stifness: 1}}, friction: {isotropic: 1}}"
+    )
+    (tmp_path / "code.yaml").write_text("name: !!python/object/apply:os.system [echo]")
+    (tmp_path / "idle.yaml").write_text(
+        "{name: i, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}"
+    )
+    (tmp_path / "text.mcap").write_text("hello")
+    text = bad(*arguments, cwd=tmp_path)
+    assert said in " ".join(text.split())
+    if text.startswith("crawler:"):
+        assert len(text.splitlines()) == 1
+
+
+def test_nothing_of_ros_is_needed_for_the_model():
+    code = "import sys; sys.modules['rclpy'] = None; sys.argv = ['crawler', 'scenes']; from crawler_ros.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0
+    code = code.replace("'scenes'", "'demo'")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "rclpy is not installed; it comes with: pip install 'crawler-ros[ros]'" in done.stderr
