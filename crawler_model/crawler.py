@@ -163,7 +163,7 @@ class Crawler:
     @property
     def net_translation(self) -> float:
         """y, the mean of x over the contacts [m]."""
-        return float(self._state[X].mean())
+        return float(self._state[X].sum()) / self._state.shape[1]
 
     @property
     def contact_state(self) -> np.ndarray:

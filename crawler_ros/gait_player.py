@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from crawler_model import CrawlerError, load_scene
 
 from . import interface
-from .messages import TrajectoryMessage, command_names, command_row
+from .messages import TrajectoryMessage, command_names, command_row, read_stamp
 
 NS = 1_000_000_000
 
@@ -53,7 +53,7 @@ class GaitPlayer(Node):
         )
         states = interface.topics()["joint_states"]
         self.create_subscription(
-            interface.message_class(states.type), states.name, self._on_state, interface.qos_profile(states)
+            interface.message_class(states.type), states.name, self._on_state, interface.qos_profile(states), raw=True
         )
         self._start_ns: int | None = None
         self._sent = 0
@@ -62,8 +62,8 @@ class GaitPlayer(Node):
         self.now_ns = -1
         self.done = threading.Event()
 
-    def _on_state(self, message: Any) -> None:
-        self.now_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
+    def _on_state(self, data: bytes) -> None:
+        self.now_ns = read_stamp(data)
         if self._publisher.get_subscription_count() == 0:
             return
         if self._start_ns is None:

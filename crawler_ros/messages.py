@@ -171,6 +171,19 @@ class TrajectoryMessage:
         return bytes(buffer)
 
 
+def read_stamp(data: bytes) -> int:
+    """Read the stamp of a message that begins with a std_msgs/Header, without decoding the rest.
+
+    Args:
+        data: its CDR bytes, little-endian.
+
+    Returns:
+        The stamp [ns].
+    """
+    seconds, ns = struct.unpack_from("<iI", data, len(_ENCAPSULATION))
+    return int(seconds * NS + ns)
+
+
 def encode_clock(ns: int) -> bytes:
     """Encode a rosgraph_msgs/Clock."""
     cdr = CdrWriter()

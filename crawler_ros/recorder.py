@@ -2,40 +2,51 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
-import queue
-import threading
+import os
+import select
+import struct
+import subprocess
+import sys
 import time
+from collections import deque
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
-from .interface import Topic, message_definition, offered_qos, type_hash
+from .interface import Topic, message_definition, offered_qos, topics, type_hash
 
 CHUNK_SIZE = 768 * 1024
 FLUSH_EVERY_S = 0.5
 DISTRO = "jazzy"
 
-_QUEUE_LIMIT = 200_000
+_FRAME = struct.Struct("<HqqI")  # channel, log time, publish time, size of the data that follows
+_PIPE_BYTES = 1 << 20
+_MOST_WAITING = 64 << 20
 
 
 class BagWriter:
     """One bag folder: an .mcap file and its metadata.yaml. Not for several threads."""
 
     def __init__(self, folder: Path, attachments: dict[str, Any]) -> None:
-        """Create the folder and open the recording.
+        """Open the recording in a new folder, or in an empty one.
 
         Args:
-            folder: must not exist; its parents are made.
+            folder: made where it does not exist, with its parents.
             attachments: name to plain data, stored as JSON before the first message.
 
         Raises:
-            FileExistsError: when the folder exists: a recording never overwrites another.
+            FileExistsError: when something is in the folder: a recording never overwrites another.
         """
-        folder.mkdir(parents=True)
+        from mcap.writer import CompressionType, Writer
+
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise FileExistsError(f"{folder}: the folder is not empty")
         self.folder = folder
         self.path = folder / f"{folder.name}_0.mcap"
         self._file: IO[bytes] = self.path.open("xb")
@@ -154,10 +165,13 @@ class BagWriter:
 
 
 class Recorder:
-    """Records in a thread of its own, so that a slow disk does not stall the loop."""
+    """The simulator's end of a pipe to a recording process.
+
+    The process outlives a killed simulator and finishes the file; a slow or full disk does not stall the loop.
+    """
 
     def __init__(self, parent: Path, name: str, attachments: dict[str, Any]) -> None:
-        """Open a new bag folder below `parent`, named after the crawler and the time.
+        """Make a new bag folder below `parent`, named after the crawler and the time.
 
         Args:
             parent: folder in which the bag folder is made.
@@ -167,65 +181,104 @@ class Recorder:
         Raises:
             OSError: when the folder cannot be made.
         """
-        self._bag = BagWriter(_new_folder(parent, name), attachments)
-        self._queue: queue.Queue[tuple[int, int, int, bytes] | None] = queue.Queue(_QUEUE_LIMIT)
-        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self.folder = _new_folder(parent, name)
+        self.folder.mkdir(parents=True)
         self.error: str | None = None
-        self.written = 0
-        self._started = False
-
-    @property
-    def folder(self) -> Path:
-        """The bag folder."""
-        return self._bag.folder
+        self.sent = 0
+        self._attachments = attachments
+        self._topics: list[tuple[str, str]] = []
+        self._process: subprocess.Popen[bytes] | None = None
+        self._arrived: deque[bytes] = deque()
+        self._waiting = b""
 
     def add_topic(self, topic: Topic, name: str) -> int:
-        """Register a topic; all of them before the first message."""
-        return self._bag.add_topic(topic, name)
+        """Register a topic; all of them before `start`.
+
+        Args:
+            topic: its row in the table of topics.
+            name: what it is called in the graph, namespace and all.
+
+        Returns:
+            The channel to record its messages on.
+        """
+        self._topics.append((topic.name, name))
+        return len(self._topics) - 1
+
+    def start(self) -> None:
+        """Start the recording process."""
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "crawler_ros.recorder"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        header = {"folder": str(self.folder), "attachments": self._attachments, "topics": self._topics}
+        data = json.dumps(header).encode()
+        self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
+        os.write(self._fd, struct.pack("<I", len(data)))
+        self._waiting = data
+        fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        os.set_blocking(self._fd, False)
 
     def record(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
-        """Hand a message over; waits only when the disk is two hundred thousand messages behind."""
-        if not self._started:
-            self._started = True
-            self._thread.start()
-        if self.error is None:
-            self._queue.put((channel, log_ns, publish_ns, data))
+        """Take a message; from any thread. `push` hands it on.
+
+        Args:
+            channel: from `add_topic`.
+            log_ns: when it was received [ns, wall].
+            publish_ns: when it was sent [ns, wall].
+            data: its CDR bytes.
+        """
+        self._arrived.append(_FRAME.pack(channel, log_ns, publish_ns, len(data)))
+        self._arrived.append(data)
+        self.sent += 1
+
+    def push(self) -> None:
+        """Hand over what has arrived, without waiting unless 64 MiB wait already; from one thread."""
+        if self._arrived:
+            pieces = [self._arrived.popleft() for _ in range(len(self._arrived) // 2 * 2)]
+            self._waiting = b"".join((self._waiting, *pieces))
+        if not self._waiting or self.error is not None:
+            self._waiting = b""
+            return
+        if len(self._waiting) > _MOST_WAITING:
+            os.set_blocking(self._fd, True)
+        try:
+            self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
+        except BlockingIOError:
+            pass
+        except BrokenPipeError:
+            self.error = self._last_words()
+        finally:
+            os.set_blocking(self._fd, False)
 
     @property
     def waiting(self) -> int:
-        """Messages handed over and not yet written."""
-        return self._queue.qsize()
+        """Bytes taken and not yet handed over."""
+        return len(self._waiting)
 
     def close(self) -> None:
-        """Write what is waiting, the end of the file and metadata.yaml."""
-        if self._started:
-            self._queue.put(None)
-            self._thread.join()
-        if self.error is None:
-            self._bag.close()
+        """Hand over the rest and let the process write the end of the file and metadata.yaml."""
+        assert self._process is not None
+        self.push()
+        os.set_blocking(self._fd, True)
+        try:
+            while self._waiting and self.error is None:
+                self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
+        except BrokenPipeError:
+            pass
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()  # type: ignore[union-attr]
+        self.error = self.error or self._last_words()
 
-    def _work(self) -> None:
-        flushed = time.monotonic()
-        while True:
-            wait = max(flushed + FLUSH_EVERY_S - time.monotonic(), 0.0)
-            try:
-                item = self._queue.get(timeout=wait) if wait > 0.0 else self._queue.get_nowait()
-            except queue.Empty:
-                item = ()
-            try:
-                if item is None:
-                    return
-                if item:
-                    self._bag.write(*item)
-                    self.written += 1
-                if time.monotonic() - flushed >= FLUSH_EVERY_S:
-                    self._bag.flush()
-                    flushed = time.monotonic()
-            except OSError as error:  # a full disk: keep what is written, let the crawler go on
-                self.error = f"recording stopped: {error}"
-                while self._queue.get() is not None:
-                    pass
-                return
+    def _last_words(self) -> str | None:
+        """Wait for the process and say what went wrong, if anything did."""
+        assert self._process is not None
+        said = self._process.stdout.read()  # type: ignore[union-attr]
+        self._process.wait()
+        if self._process.returncode == 0:
+            return None
+        return f"recording stopped: {said.decode().strip() or f'the process ended with {self._process.returncode}'}"
 
 
 def _new_folder(parent: Path, name: str) -> Path:
@@ -236,3 +289,53 @@ def _new_folder(parent: Path, name: str) -> Path:
         count += 1
         folder = parent / f"{stem}_{count}"
     return folder
+
+
+def main() -> int:
+    """Record the messages that arrive on standard input until it ends."""
+    fd = sys.stdin.fileno()
+    data = b""
+    while len(data) < 4 or len(data) < 4 + struct.unpack_from("<I", data)[0]:
+        block = os.read(fd, _PIPE_BYTES)
+        if not block:
+            return 0
+        data += block
+    size = 4 + struct.unpack_from("<I", data)[0]
+    header, data = json.loads(data[4:size]), data[size:]
+    try:
+        bag = BagWriter(Path(header["folder"]), header["attachments"])
+        table = topics()
+        channels = [bag.add_topic(table[topic], name) for topic, name in header["topics"]]
+        _record(fd, data, bag, channels)
+        bag.close()
+    except OSError as error:  # a full disk: what was flushed can be recovered
+        print(error)
+        return 1
+    return 0
+
+
+def _record(fd: int, data: bytes, bag: BagWriter, channels: list[int]) -> None:
+    flushed = time.monotonic()
+    while True:
+        place = 0
+        while len(data) - place >= _FRAME.size:
+            channel, log_ns, publish_ns, size = _FRAME.unpack_from(data, place)
+            end = place + _FRAME.size + size
+            if end > len(data):
+                break
+            bag.write(channels[channel], log_ns, publish_ns, data[place + _FRAME.size : end])
+            place = end
+        data = data[place:]
+        if time.monotonic() - flushed >= FLUSH_EVERY_S:
+            bag.flush()
+            flushed = time.monotonic()
+        ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
+        if ready:
+            block = os.read(fd, _PIPE_BYTES)
+            if not block:
+                return
+            data += block
+
+
+if __name__ == "__main__":
+    sys.exit(main())

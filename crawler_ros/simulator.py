@@ -24,7 +24,6 @@ import crawler_ros
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.crawler import Step
 from crawler_model.simulate import commanded_margin, rational_rate
-from crawler_model.stasis import spring_force
 
 from . import interface
 from .commands import CommandQueue
@@ -74,13 +73,14 @@ class Simulator(Node):
         self.refused: dict[str, int] = {}
         self.refusal = ""
         self._quiet_until = 0.0
-        self.certificate = np.zeros(3)
+        self.certificate = [0.0, 0.0, 0.0]
         self.ambiguous = self.overspent = 0
         self.margin = commanded_margin(self.scene)
         self.lock = threading.Lock()
         self.stopping = threading.Event()
 
         n = self.crawler.body.contacts
+        self._hold = np.empty((0, 3, n))
         frame = self.values["frame_id"]
         links = [f"link_{i}" for i in range(n - 1)]
         self._ledger = TrajectoryMessage(command_names(n))
@@ -96,6 +96,8 @@ class Simulator(Node):
             self._recorder = Recorder(Path(self.values["record"]), "crawler", self._attachments())
             self.get_logger().info(f"recording to {self._recorder.folder}")
         self._open_topics()
+        if self._recorder is not None:
+            self._recorder.start()
         self._open_services()
         self.add_on_set_parameters_callback(self._on_parameters)
         if self.values["view"] != "off":
@@ -245,6 +247,8 @@ class Simulator(Node):
                         if not self.stepper.paused:
                             self.stepper.begin(time.monotonic_ns())
                             self._tick()
+                if self._recorder is not None:
+                    self._recorder.push()
                 self._report()
         finally:
             self.stopping.set()
@@ -259,7 +263,7 @@ class Simulator(Node):
     def _tick(self) -> None:
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
         vertices = self.commands.take(start_ns, end_ns)
-        targets = np.array([command_target(v.row) for v in vertices]) if vertices else self._in_force()[None]
+        targets = np.array([command_target(v.row) for v in vertices]) if vertices else self._hold
         step = self.crawler.follow(targets)
         self.stepper.finish()
         if any(self._outlets["applied_commands"]):
@@ -268,18 +272,16 @@ class Simulator(Node):
             self._send("applied_commands", self._ledger.encode(start_ns, times, rows))
         self._send_states(step)
         certificate = step.certificate
-        np.maximum(
-            self.certificate,
-            (abs(certificate.energy_residual), certificate.violation, certificate.complementarity),
-            out=self.certificate,
-        )
+        worst = self.certificate
+        worst[0] = max(worst[0], abs(certificate.energy_residual))
+        worst[1] = max(worst[1], certificate.violation)
+        worst[2] = max(worst[2], certificate.complementarity)
         self.ambiguous += not step.unique
         self.overspent += step.overspent
 
     def _send_states(self, step: Step | None) -> None:
         crawler, now = self.crawler, self.stepper.now_ns
         x, tension = crawler.displacement, crawler.tension
-        force = spring_force(tension)
         velocity = np.zeros_like(x)
         if step is not None:
             velocity = step.velocity / ((now - self._last_ns) / NS)
@@ -287,12 +289,13 @@ class Simulator(Node):
         joints, contacts = self._joints, self._contacts
         joints.position[0], joints.position[1:] = x[0], crawler.shape
         joints.velocity[0], joints.velocity[1:] = velocity[0], velocity[1:] - velocity[:-1]
-        joints.effort[0], joints.effort[1:] = -force[0], tension
+        joints.effort[0], joints.effort[1:] = -tension[0], tension
         self._send("joint_states", joints.encode(now))
         if any(self._outlets["contact_states"]):
             contacts.position[:] = crawler.body.position + x
             contacts.velocity[:] = velocity
-            contacts.effort[:] = -force
+            contacts.effort[:-1], contacts.effort[-1] = -tension, 0.0
+            contacts.effort[1:] += tension
             self._send("contact_states", contacts.encode(now))
         if any(self._outlets["pose"]):
             self._send("pose", self._pose.encode(now, crawler.net_translation))
@@ -360,8 +363,8 @@ class Simulator(Node):
             recorder = self._recorder
             entries = [
                 ("folder", str(recorder.folder)),
-                ("written", str(recorder.written)),
-                ("waiting", str(recorder.waiting)),
+                ("messages", str(recorder.sent)),
+                ("bytes waiting", str(recorder.waiting)),
             ]
             broken = recorder.error
             statuses.append((ERROR if broken else OK, f"{me}: recording", broken or "recording", hardware, entries))
@@ -411,6 +414,7 @@ def main(args: list[str] | None = None) -> int:
     """
     interface.find_ament_prefix()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
     try:
         try:
             node = Simulator()

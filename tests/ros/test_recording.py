@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from pathlib import Path
@@ -140,12 +141,36 @@ def test_the_file_alone_runs_again_bit_for_bit(run):
     assert compared > 300
 
 
-def test_a_killed_simulator_loses_at_most_a_second(tmp_path):
+def children(pid: int) -> list[int]:
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def test_a_killed_simulator_leaves_a_whole_recording(tmp_path):
+    with graph(tmp_path) as ros:
+        simulator = ros.simulator(f"record:={tmp_path / 'bags'}")
+        heard = len(ros.heard["joint_states"])
+        wait_until(lambda: len(ros.heard["joint_states"]) > heard + 50)
+        simulator.process.send_signal(signal.SIGKILL)
+        simulator.process.wait()
+        last = seconds(ros.heard["joint_states"][-1])
+        path = only(tmp_path / "bags")
+        wait_until(lambda: (path / "metadata.yaml").exists())
+        with AnyReader([path]) as reader:
+            stamps = [
+                seconds(reader.deserialize(raw, c.msgtype))
+                for c, _, raw in reader.messages()
+                if c.topic == "/joint_states"
+            ]
+        assert stamps[-1] >= last - 0.02
+
+
+def test_with_its_recording_process_killed_too_at_most_a_second_is_lost(tmp_path):
     with graph(tmp_path) as ros:
         simulator = ros.simulator(f"record:={tmp_path / 'bags'}", "rate:=100.0")
         ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.2, 0.0]))
         time.sleep(3.3)
-        simulator.process.send_signal(signal.SIGKILL)
+        for pid in (*children(simulator.process.pid), simulator.process.pid):
+            os.kill(pid, signal.SIGKILL)
         simulator.process.wait()
         last = seconds(ros.heard["joint_states"][-1])
         path = only(tmp_path / "bags")
@@ -188,8 +213,29 @@ def test_what_is_no_recording_is_named(tmp_path):
 
 def test_a_recording_never_overwrites_another(tmp_path):
     BagWriter(tmp_path / "bag", {}).close()
-    with pytest.raises(FileExistsError):
+    with pytest.raises(FileExistsError, match="not empty"):
         BagWriter(tmp_path / "bag", {})
+
+
+def test_when_recording_fails_the_crawler_goes_on_and_says_so(tmp_path):
+    """The recording process dies, as it does of a full disk."""
+    with graph(tmp_path) as ros:
+        simulator = ros.simulator(f"record:={tmp_path / 'bags'}", hear=("joint_states", "/diagnostics"))
+        (recording,) = children(simulator.process.pid)
+        os.kill(recording, signal.SIGKILL)
+        level = wait_until(
+            lambda: [
+                s
+                for m in ros.heard["/diagnostics"]
+                for s in m.status
+                if s.name.endswith("recording") and s.level == b"\x02"
+            ]
+        )
+        assert "recording stopped" in level[0].message
+        heard = len(ros.heard["joint_states"])
+        wait_until(lambda: len(ros.heard["joint_states"]) > heard + 20)
+        assert simulator.end() == 0
+        assert "recording stopped" in simulator.said
 
 
 def test_an_empty_recording_is_whole(tmp_path):
