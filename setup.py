@@ -1,7 +1,16 @@
 # For colcon alone; pip and uv build from pyproject.toml.
-from setuptools import setup
+from setuptools import Distribution, setup
+
+
+class WithoutPyproject(Distribution):
+    """Takes what stands here and in setup.cfg: colcon cannot read what setuptools makes of pyproject.toml."""
+
+    def parse_config_files(self, filenames=None, ignore_option_errors=False):
+        super().parse_config_files(["setup.cfg"], ignore_option_errors)
+
 
 setup(
+    distclass=WithoutPyproject,
     name="crawler_ros",
     version="0.1.0",
     packages=["crawler_model", "crawler_ros", "msgs_config"],
