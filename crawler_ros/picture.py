@@ -101,7 +101,7 @@ def draw_domain(scene: Scene, png: Path) -> None:
     if body.contacts == 3:
         for row in rows:
             corners = stasis_polygon(row[:3], row[3:])
-            axis.fill(*corners.T, facecolor="#f2dcda", edgecolor="#c83c3c", alpha=0.7)
+            axis.fill(*corners.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=2.0)
         axis.set_xlabel("$T_0$ [N]")
         axis.set_ylabel("$T_1$ [N]")
         axis.set_aspect("equal")
@@ -145,7 +145,7 @@ def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
         client = _connect(ViewerClient, port, viewer)
         time.sleep(2.0)  # the file is loaded and laid out
         if at_s is not None:
-            client.set_time("sim_time", duration=at_s, play_state="paused")
+            client.set_time("sim_time", duration=at_s)
             time.sleep(1.0)
         client.save_screenshot(str(png))
     except Exception as error:
