@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import integrate
 from ._compiled import said_if_slow
 from .body import Body, frozen
-from .errors import CommandError
+from .errors import LARGEST, CommandError
 from .integrate import (
     ACTUATION,
     ACTUATION_REF,
@@ -38,7 +38,7 @@ from .integrate import (
     X,
 )
 from .scene import Scene
-from .stasis import spring_force, stasis_margins
+from .stasis import rounding_of_forces, spring_force, stasis_margins
 from .uniqueness import visited_margin
 
 Method = Literal["exact", "catch_up"]
@@ -115,12 +115,8 @@ class Crawler:
         state[SHAPE, :-1] = np.diff(x)
         tension = body.stiffness * (state[SHAPE, :-1] - drive.actuation[0])
         state[TENSION, :-1] = state[TENSION_REF, :-1] = tension
-        g = spring_force(tension)
-        near = 1e-12 * (np.abs(tension).max() + state[FORWARD].max() + state[BACKWARD].max())
         self._state = state
-        self._status = (AT_FORWARD * (g >= state[FORWARD] - near) + AT_BACKWARD * (g <= near - state[BACKWARD])).astype(
-            np.int8
-        )
+        self._status = _status_at_rest(tension, state[FORWARD], state[BACKWARD])
         self._stiffness = body.stiffness
         self._no_records = np.empty((0, 3, n))
         self._scratch = integrate.scratch(n)
@@ -227,14 +223,20 @@ class Crawler:
         target[1], target[2] = self._state[FORWARD], self._state[BACKWARD]
         given = (("actuation", actuation, n - 1), ("forward", forward, n), ("backward", backward, n))
         for row, (name, values, size) in enumerate(given):
-            if values is None:
+            if values is None and row > 0:
                 continue
-            array = np.asarray(values, dtype=np.float64)
+            try:
+                array = np.asarray(values, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise CommandError(f"{name}: {values!r}; it must be {size} numbers") from None
             if array.shape != (size,):
                 raise CommandError(f"{name}: shape {array.shape}; it must be ({size},)")
             if not np.isfinite(array).all():
                 i = int(np.flatnonzero(~np.isfinite(array))[0])
                 raise CommandError(f"{name}: entry {i} is {array[i]}; it must be finite")
+            if np.abs(array).max() > LARGEST:
+                i = int(np.abs(array).argmax())
+                raise CommandError(f"{name}: entry {i} is {array[i]:g}; it must be at most {LARGEST:g} in size")
             if row > 0 and not (array >= 0.0).all():
                 i = int(np.flatnonzero(array < 0.0)[0])
                 raise CommandError(f"{name}: contact {i} has {array[i]:g} N; friction must be >= 0")
@@ -300,6 +302,17 @@ class Crawler:
             visited_margin=float(account[VISITED]),
             overspent=int(account[OVERSPENT]),
         )
+
+
+def _status_at_rest(tension: np.ndarray, forward: np.ndarray, backward: np.ndarray) -> np.ndarray:
+    """Find the bounds that contacts are at, but for rounding; both only where there is no friction."""
+    g = spring_force(tension)
+    near = rounding_of_forces(tension, forward + backward)
+    above, below = forward - g, g + backward
+    none = forward + backward == 0.0
+    at_forward = none | ((above <= near) & (above <= below))
+    at_backward = none | ((below <= near) & (below < above))
+    return (AT_FORWARD * at_forward + AT_BACKWARD * at_backward).astype(np.int8)
 
 
 def prepare() -> None:

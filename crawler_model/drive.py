@@ -111,15 +111,19 @@ def build_waypoints(
     """
     if times.size == 0 or times[0] != 0.0:
         raise SceneError("drive.times: the first time must be 0")
-    for i in np.flatnonzero(np.diff(times) * NS < 1.0):
+    ns = np.rint(times * NS)
+    for i in np.flatnonzero(np.diff(ns) < 1.0):
         raise SceneError(
-            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s)"
+            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s); "
+            "waypoints are at least a nanosecond apart"
         )
     if period is not None:
         if not period * NS >= 1.0:
             raise SceneError(f"drive.period: {period:g} s; it must be > 0")
         if period < times[-1]:
             raise SceneError(f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s")
+        if period > times[-1] and np.rint(period * NS) - ns[-1] < 1.0:
+            raise SceneError(f"drive.period: {period!r} s is less than a nanosecond after the last waypoint")
     for name, rows in (("friction.forward", forward), ("friction.backward", backward)):
         for row, i in np.argwhere(~(rows >= 0.0)):
             raise SceneError(f"drive.{name}: row {row}, contact {i}: {rows[row, i]:g} N; friction must be >= 0")

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 
+LARGEST = 1e100
+"""Greatest size of any length, force or stiffness that is taken: products of two must not overflow."""
+
+
 class CrawlerError(ValueError):
     """The root of every error that this package raises on purpose: one line that names field, value and bound."""
 

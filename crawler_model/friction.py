@@ -24,14 +24,13 @@ class Friction:
     backward: np.ndarray
 
 
-def build_friction(forward: ArrayLike, backward: ArrayLike, contacts: int, field: str = "friction") -> Friction:
+def build_friction(forward: ArrayLike, backward: ArrayLike, contacts: int) -> Friction:
     """Build the friction of all contacts.
 
     Args:
         forward: mu_plus, one number or shape (N,), >= 0 [N].
         backward: mu_minus, likewise [N].
         contacts: number of contacts N.
-        field: where the values come from, for the error.
 
     Returns:
         The friction, its arrays read-only.
@@ -41,9 +40,9 @@ def build_friction(forward: ArrayLike, backward: ArrayLike, contacts: int, field
     """
     sides = {}
     for name, values in (("forward", forward), ("backward", backward)):
-        mu = spread(values, contacts, f"{field}.{name}", "contact")
+        mu = spread(values, contacts, f"friction.{name}", "contact")
         for i in np.flatnonzero(~(mu >= 0.0)):
-            raise SceneError(f"{field}.{name}: contact {i} has {mu[i]:g} N; friction must be >= 0")
+            raise SceneError(f"friction.{name}: contact {i} has {mu[i]:g} N; friction must be >= 0")
         sides[name] = frozen(mu)
     return Friction(sides["forward"], sides["backward"])
 

@@ -67,8 +67,9 @@ _FLOAT_ROWS = 12
 _SIDE, _LEAVING, _COMING, _MOVED = range(4)
 _BYTE_ROWS = 4
 
-_FEW_FREE = 2
-"""Criticality is looked at when at most this many contacts are free; then looking is no dearer than solving."""
+_FEW_FREE, _FEW_CONTACTS = 2, 256
+"""All contacts are looked at after an event when at most so many are free, where looking is no dearer than solving, or
+when there are at most so many. For longer chains the visited margin is otherwise sampled at the ends of ramps."""
 
 _STRETCH = 1e-12
 """A piece shorter than this part of its ramp is an isolated instant."""
@@ -498,18 +499,21 @@ def _exact(stiffness, state, status, target, floats, bytes_, tree, stacks, accou
         shifted = False
         least = 0.0
         most = 0.0
-        if free <= _FEW_FREE and (_near_criticality(state, floats, account, s) or free_translation):
-            _update(state, floats, account, s, 0, n - 1)
-            for i in range(n):
-                floats[_UPPER, i] = state[FORWARD, i] + s * floats[_D_FORWARD, i]
-                floats[_LOWER, i] = state[BACKWARD, i] + s * floats[_D_BACKWARD, i]
-            least, most = _choose_translation(floats[_V], floats[_UPPER], floats[_LOWER])
-            shifted = True
-
         first_hit = tree[1]
         when = floats[_NEXT, first_hit]
         ending = not when < 1.0
         until = 1.0 if ending else when
+        look = free <= _FEW_FREE or n <= _FEW_CONTACTS
+        critical = look and _near_criticality(state, floats, account, s)
+        if critical or free_translation:
+            # friction in the middle of the stretch: at its start it may have been zero
+            middle = 0.5 * (s + until)
+            _update(state, floats, account, s, 0, n - 1)
+            for i in range(n):
+                floats[_UPPER, i] = state[FORWARD, i] + middle * floats[_D_FORWARD, i]
+                floats[_LOWER, i] = state[BACKWARD, i] + middle * floats[_D_BACKWARD, i]
+            least, most = _choose_translation(floats[_V], floats[_UPPER], floats[_LOWER])
+            shifted = True
         if shifted and until - s > _STRETCH and _wide(least, most, floats[_V]):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least * (until - s)

@@ -18,13 +18,13 @@ from pydantic_core import ErrorDetails
 from . import drive as drives
 from .body import Body, build_body, spread
 from .drive import Drive
-from .errors import SceneError
+from .errors import LARGEST, SceneError
 from .friction import Friction, build_friction
-from .stasis import spring_force, stasis_margins
+from .stasis import rounding_of_forces, spring_force, stasis_margins
 
 _NUMBER = {"type": "number"}
 _NUMBERS = {"anyOf": [_NUMBER, {"type": "array", "items": _NUMBER}]}
-_TABLE = {"type": "array", "items": _NUMBERS}
+_TABLE = {"anyOf": [_NUMBER, {"type": "array", "items": _NUMBERS}]}
 
 
 def _number(value: Any) -> float:
@@ -35,8 +35,12 @@ def _number(value: Any) -> float:
             raise ValueError(f"{value!r} is not a number") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{value!r} is not a number")
+    if isinstance(value, int) and abs(value) > LARGEST:
+        raise ValueError(f"an integer of {value.bit_length()} bits is too large; at most {LARGEST:g}")
     if not math.isfinite(value):
         raise ValueError(f"{value!r} is not finite")
+    if abs(value) > LARGEST:
+        raise ValueError(f"{value!r} is too large; at most {LARGEST:g}")
     return float(value)
 
 
@@ -46,9 +50,9 @@ def _numbers(value: Any) -> float | tuple[float, ...]:
     return _number(value)
 
 
-def _table(value: Any) -> tuple[float | tuple[float, ...], ...]:
+def _table(value: Any) -> float | tuple[float | tuple[float, ...], ...]:
     if not isinstance(value, (list, tuple)):
-        raise ValueError("must be a list with one row per time")
+        return _number(value)
     return tuple(_numbers(v) for v in value)
 
 
@@ -73,6 +77,12 @@ class BodyPart(_Part):
 
     contacts: tuple[Number, ...]
     links: LinksPart
+
+
+def _explain_friction(value: Any) -> Any:
+    if isinstance(value, (int, float, list, tuple)):
+        raise ValueError(f"write {{isotropic: {value}}}, or give `forward` and `backward`")
+    return value
 
 
 class FrictionPart(_Part):
@@ -194,7 +204,7 @@ class Scene(_Part):
 
     name: str
     body: BodyPart
-    friction: FrictionPart
+    friction: Annotated[FrictionPart, BeforeValidator(_explain_friction)]
     start: StartPart | None = None
     drive: DrivePart | None = None
 
@@ -218,7 +228,7 @@ class Scene(_Part):
     def chain(self) -> Body:
         """The body as arrays."""
         links = self.body.links
-        return build_body(self.body.contacts, links.stiffness, list(links.between) if links.between else None)
+        return build_body(self.body.contacts, links.stiffness, None if links.between is None else list(links.between))
 
     @functools.cached_property
     def ground(self) -> Friction:
@@ -304,6 +314,8 @@ def _build_waves(scene: Scene, part: DrivePart) -> Drive:
 
 
 def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndarray:
+    if isinstance(table, float):
+        return np.full((rows, columns), table)
     if len(table) != rows:
         raise SceneError(f"{field}: {len(table)} row(s) for {rows} time(s); give one row per time")
     return np.array([spread(row, columns, f"{field}: row {i}", item) for i, row in enumerate(table)])
@@ -322,9 +334,9 @@ def check_start(scene: Scene) -> None:
     tension = body.stiffness * (np.diff(x) - drive.actuation[0])
     forward, backward = drive.forward[0], drive.backward[0]
     margins = stasis_margins(tension, forward, backward)
-    worst = int(np.argmin(margins))
-    size = float(np.abs(tension).max() + forward.max() + backward.max())
-    if margins[worst] >= -1e-12 * size:
+    excess = margins + 1e3 * rounding_of_forces(tension, forward + backward)
+    worst = int(np.argmin(excess))
+    if excess[worst] >= 0.0:
         return
     g = spring_force(tension)[worst]
     bound, side = (forward[worst], "forward") if g > 0.0 else (backward[worst], "backward")

@@ -18,6 +18,8 @@ from .scene import Scene
 from .uniqueness import uniqueness_margin
 
 _CHUNK = 4096
+_FEW_CONTACTS, _FEW_ROWS = 16, 64
+_MOST_SAMPLES = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Energy:
         return abs(self.residual) / size if size > 0.0 else 0.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A run. Arrays are read-only; T counts the ticks and the start, W the start and the waypoints passed.
 
@@ -82,6 +84,13 @@ class Trajectory:
     overspent: int
     ticks: int
     wall_s: float
+
+    def __repr__(self) -> str:
+        """Say in a line what ran and where it ended."""
+        return (
+            f"Trajectory({self.scene.name}, {self.method}, {self.ticks} ticks at {self.rate:g} Hz, "
+            f"net_translation {self.net_translation[0]:g} -> {self.net_translation[-1]:g} m)"
+        )
 
     def summary(self) -> dict[str, Any]:
         """Lay the run out as `crawler simulate --json` prints it.
@@ -140,8 +149,8 @@ def rational_rate(rate: float) -> Fraction:
     Raises:
         CommandError: when it is out of range.
     """
-    if not 1e-9 <= rate <= 1e9:
-        raise CommandError(f"rate: {rate:g} Hz; it must be between 1e-9 and 1e9")
+    if not isinstance(rate, (int, float)) or not 1e-9 <= rate <= 1e9:
+        raise CommandError(f"rate: {rate} Hz; it must be a number between 1e-9 and 1e9")
     near = Fraction(rate).limit_denominator(10**6)
     return near if abs(near - Fraction(rate)) <= Fraction(rate) / 10**12 else Fraction(rate)
 
@@ -165,11 +174,14 @@ def commanded_margin(scene: Scene) -> float | None:
         scene: the scene.
 
     Returns:
-        The least over the drive's waypoints, in [0, 1/2]; None when one of them is not decided.
+        The least over the drive's waypoints, in [0, 1/2]; None when one of them is not decided, or when there are
+        more than 64 different ones of more than 16 contacts.
     """
     drive = scene.commands
     rows = np.unique(np.hstack((drive.forward, drive.backward)), axis=0)
     n = scene.chain.contacts
+    if n > _FEW_CONTACTS and rows.shape[0] > _FEW_ROWS:
+        return None  # each row is a search over subsets: too long to wait for
     margins = [uniqueness_margin(row[:n], row[n:]) for row in rows]
     decided = [m for m in margins if m is not None]
     if 0.0 in decided:
@@ -210,6 +222,13 @@ def simulate(
     ratio = rational_rate(rate)
     end_ns = round(seconds * NS)
     ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))  # the last one may be cut short
+    n = scene.chain.contacts
+    for what, count in (("ticks", ticks), ("waypoints", _waypoints(drive, seconds))):
+        if count * n > _MOST_SAMPLES:
+            raise CommandError(
+                f"{count:.0f} {what} of {n} contacts are more than fit in memory; at most {_MOST_SAMPLES // n}: "
+                "take a shorter duration or a lower rate"
+            )
     crawler = Crawler(scene, method)
     run = _Run(crawler, ticks)
     for first in range(0, ticks, _CHUNK):
@@ -219,6 +238,10 @@ def simulate(
         if progress is not None:
             progress(last / ticks)
     return run.finish(rate, began)
+
+
+def _waypoints(drive: Drive, seconds: float) -> float:
+    return drive.times.size * (1.0 if drive.period is None else max(seconds / drive.period, 1.0))
 
 
 class _Run:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crawler_model.errors import CommandError
+from crawler_model.errors import LARGEST, CommandError
 from crawler_model.friction import spread_command
 
 from .messages import command_names
@@ -250,6 +250,9 @@ class CommandQueue:
 
 
 def _check_finite(what: str, values: np.ndarray) -> None:
+    if values.size and LARGEST < np.abs(values).max() < np.inf:
+        i = int(np.abs(values).argmax())
+        raise CommandError(f"{what}: entry {i} is {values[i]:g}; it must be at most {LARGEST:g} in size")
     if not np.isfinite(values).all():
         i = int(np.flatnonzero(~np.isfinite(values))[0])
         raise CommandError(f"{what}: entry {i} is {values[i]}; it must be finite")

@@ -55,6 +55,9 @@ def rows(draw: st.DrawFn, most: int = 7, commanded: bool | None = None) -> tuple
         stiffness = np.ones(n - 1)
         actuation[1:] = rng.integers(-3, 4, (ways - 1, n - 1))
         forward, backward = rng.integers(1, 5, (2, ways, n)) / 4.0
+    if draw(st.booleans()):  # no friction here and there, now and then
+        forward *= rng.random((ways, n)) < 0.7
+        backward *= rng.random((ways, n)) < 0.7
     if not (draw(st.booleans()) if commanded is None else commanded):
         forward[:], backward[:] = forward[0], backward[0]
     return stiffness, actuation, forward, backward

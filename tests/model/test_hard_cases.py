@@ -63,6 +63,25 @@ def test_exactly_no_friction_in_one_direction():
     assert run.per_period == pytest.approx(1.0, abs=1e-13)  # nothing is lost to elasticity
 
 
+def test_friction_that_grows_from_nothing_decides_who_holds():
+    one, many = Crawler(scene(2, 1.0, 0.0, 0.0)), Crawler(scene(2, 1.0, 0.0, 0.0))
+    step = one.advance([1.0], [0.0, 0.0], [1.0, 1.0])
+    assert abs(step.certificate.energy_residual) < 1e-15
+    assert step.certificate.complementarity < 1e-15
+    for part in np.arange(1, 1001) / 1000:
+        many.advance([part], [0.0, 0.0], [part, part])
+    assert one.displacement == pytest.approx([0.0, 1.0], abs=1e-14)
+    assert many.displacement == pytest.approx([0.0, 1.0], abs=1e-11)
+
+
+@pytest.mark.parametrize("ratio", [1e6, 1e9, 1e12])
+def test_a_weak_contact_beside_a_strong_one_still_holds(ratio):
+    crawler = Crawler(scene(3, 1.0, [1.0, 1.3, ratio], [1.0, 1.3, ratio]))
+    crawler.advance([0.5, 0.0])
+    assert not crawler.displacement.any()
+    assert crawler.tension.tolist() == [-0.5, 0.0]
+
+
 def test_friction_that_shrinks_faster_than_the_load():
     crawler = Crawler(scene(2, 1.0, 1.0, 1.0, start=[0, 1]))
     crawler.advance([0.25], [1.5, 0.5], [1.5, 0.5])
