@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 LARGEST = 1e100
 """Greatest size of any length, force or stiffness that is taken: products of two must not overflow."""
 

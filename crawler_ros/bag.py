@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Chunk, Footer, Message, Schema
+from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from crawler_model import CrawlerError
+
+_LARGEST_RECORD = 1 << 28
 
 
 class BagError(CrawlerError):
@@ -47,7 +49,11 @@ def find_file(path: Path) -> Path:
     if path.is_dir():
         files = sorted(path.glob("*.mcap"))
         if not files:
-            raise BagError(f"{path}: no .mcap file in this folder")
+            inside = [p.name for p in sorted(path.iterdir()) if p.is_dir() and any(p.glob("*.mcap"))]
+            hint = f"; it holds the recordings {', '.join(inside[:5])}" if inside else ""
+            raise BagError(f"{path}: no .mcap file in this folder{hint}")
+        if len(files) > 1:
+            raise BagError(f"{path}: {len(files)} .mcap files in this folder; name one of them")
         return files[0]
     if not path.is_file():
         raise BagError(f"{path}: no such file or folder")
@@ -81,33 +87,41 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
     file = find_file(path)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
+    found, promised = 0, -1
     with file.open("rb") as stream:
-        records = StreamReader(stream, emit_chunks=True).records
-        while True:
-            try:
-                record = next(records)
-                inside = breakup_chunk(record) if isinstance(record, Chunk) else [record]
-            except (StopIteration, McapError, EOFError, ValueError, OSError):
-                return
-            except Exception as error:  # struct.error and the decompressor's own, on a torn chunk
-                if type(error).__name__ not in ("error", "ZstdError"):
-                    raise
-                return
-            for item in inside:
-                if isinstance(item, Schema):
-                    schemas[item.id] = item
-                elif isinstance(item, Channel):
-                    channels[item.id] = item
-                elif isinstance(item, Message):
-                    channel = channels[item.channel_id]
+        for item in _whole_records(stream):
+            if isinstance(item, Schema):
+                schemas[item.id] = item
+            elif isinstance(item, Channel):
+                channels[item.id] = item
+            elif isinstance(item, Message) and item.channel_id in channels:
+                channel = channels[item.channel_id]
+                if channel.schema_id in schemas:
                     schema = schemas[channel.schema_id]
                     times = item.log_time, item.publish_time
+                    found += 1
                     yield Record(channel.topic, schema.name, *times, item.data, channel, schema)
-                elif bag is not None and isinstance(item, Attachment):
-                    if item.media_type == "application/json":
-                        bag.attachments[item.name] = json.loads(item.data)
-                elif bag is not None and isinstance(item, Footer):
-                    bag.complete = True
+            elif isinstance(item, Statistics):
+                promised = item.message_count
+            elif bag is not None and isinstance(item, Attachment) and item.media_type == "application/json":
+                with contextlib.suppress(ValueError):
+                    bag.attachments[item.name] = json.loads(item.data)
+            elif bag is not None and isinstance(item, Footer):
+                bag.complete = found == promised
+
+
+def _whole_records(stream: IO[bytes]) -> Iterator[McapRecord]:
+    """Read records, those inside chunks too, up to the first that is torn or damaged."""
+    records = iter(
+        StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LARGEST_RECORD).records
+    )
+    while True:
+        try:
+            record = next(records)
+            inside = list(breakup_chunk(record, validate_crc=True)) if isinstance(record, Chunk) else [record]
+        except Exception:  # whatever the parser or the decompressor makes of damaged bytes: here the readable part ends
+            return
+        yield from inside
 
 
 @dataclass(frozen=True)

@@ -175,11 +175,9 @@ class CommandQueue:
         arrays = max(len(actuation), len(friction)) > 0
         if arrays and trajectory_last:
             vertices = self._pair(actuation, friction, start_ns, start_ns)
-            for trajectory in trajectories:
-                self._join(trajectory, start_ns)
+            self._join_all(trajectories, start_ns, end_ns)
             return self._news(vertices + self._follow_path(start_ns, end_ns))
-        for trajectory in trajectories:
-            self._join(trajectory, start_ns)
+        self._join_all(trajectories, start_ns, end_ns)
         if not arrays:
             return self._news(self._follow_path(start_ns, end_ns)) if self._path else []
         past = [v for v in self._path if v.due_ns <= start_ns]
@@ -224,18 +222,37 @@ class CommandQueue:
             before = vertex
         return before.row
 
-    def _join(self, trajectory: Trajectory, now_ns: int) -> None:
+    def _join_all(self, trajectories: list[Trajectory], now_ns: int, end_ns: int) -> None:
+        fresh = 0
+        for trajectory in trajectories:
+            fresh = self._join(trajectory, now_ns, end_ns, fresh)
+
+    def _join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
+        """Let a trajectory replace the path from its start on.
+
+        Of the trajectories that arrived in the same tick nothing that is due in it is lost: the last `fresh` vertices
+        of the path that are due by its end stay. Times do not go back along the path.
+
+        Returns:
+            How many vertices of the path are now of trajectories that arrived in this tick.
+        """
         start = now_ns if trajectory.start_ns is None else trajectory.start_ns
         cut = max(start, now_ns)
-        row = self._value_at(cut)
-        kept = [v for v in self._path if v.due_ns <= cut]
-        kept.append(Vertex(cut, row))
+        old = len(self._path) - fresh
+        kept_old = [v for v in self._path[:old] if v.due_ns <= cut]
+        kept_new = [v for v in self._path[old:] if v.due_ns <= max(cut, end_ns)]
+        row = kept_new[-1].row if kept_new and kept_new[-1].due_ns > cut else self._value_at(cut)
+        path = kept_old + kept_new
+        due = max(cut, path[-1].due_ns if path else cut)
+        joined = [Vertex(due, row)]
         for ns, values in zip(trajectory.times_ns, trajectory.positions, strict=True):
             row = row.copy()
             for column, value in zip(trajectory.columns, values, strict=True):
                 row[column] = value
-            kept.append(Vertex(start + ns, row))
-        self._path = kept
+            due = max(due, start + ns)
+            joined.append(Vertex(due, row))
+        self._path = path + joined
+        return len(kept_new) + len(joined)
 
     def _follow_path(self, start_ns: int, end_ns: int) -> list[Vertex]:
         passed = [v for v in self._path if v.due_ns <= end_ns]

@@ -26,7 +26,8 @@ DISTRO = "jazzy"
 
 _FRAME = struct.Struct("<HqqI")  # channel, log time, publish time, size of the data that follows
 _PIPE_BYTES = 1 << 20
-_MOST_WAITING = 64 << 20
+_BLOCK_BYTES = 1 << 16
+_MOST_WAITING = 200_000  # messages
 
 
 class BagWriter:
@@ -188,8 +189,8 @@ class Recorder:
         self._attachments = attachments
         self._topics: list[tuple[str, str]] = []
         self._process: subprocess.Popen[bytes] | None = None
-        self._arrived: deque[bytes] = deque()
-        self._waiting = b""
+        self._arrived: deque[bytes] = deque()  # appended to by any thread, emptied by one
+        self._block = memoryview(b"")
 
     def add_topic(self, topic: Topic, name: str) -> int:
         """Register a topic; all of them before `start`.
@@ -215,9 +216,9 @@ class Recorder:
         header = {"folder": str(self.folder), "attachments": self._attachments, "topics": self._topics}
         data = json.dumps(header).encode()
         self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
-        os.write(self._fd, struct.pack("<I", len(data)))
-        self._waiting = data
-        fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        self._arrived.appendleft(struct.pack("<I", len(data)) + data)
+        with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
+            fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._fd, False)
 
     def record(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
@@ -229,46 +230,54 @@ class Recorder:
             publish_ns: when it was sent [ns, wall].
             data: its CDR bytes.
         """
-        self._arrived.append(_FRAME.pack(channel, log_ns, publish_ns, len(data)))
-        self._arrived.append(data)
-        self.sent += 1
+        self._arrived.append(_FRAME.pack(channel, log_ns, publish_ns, len(data)) + data)
 
     def push(self) -> None:
-        """Hand over what has arrived, without waiting unless 64 MiB wait already; from one thread."""
-        if self._arrived:
-            pieces = [self._arrived.popleft() for _ in range(len(self._arrived) // 2 * 2)]
-            self._waiting = b"".join((self._waiting, *pieces))
-        if not self._waiting or self.error is not None:
-            self._waiting = b""
+        """Hand over what has arrived, without waiting unless very much waits already; from one thread."""
+        if self.error is not None:
+            self._arrived.clear()
             return
-        if len(self._waiting) > _MOST_WAITING:
+        if len(self._arrived) > _MOST_WAITING:
             os.set_blocking(self._fd, True)
         try:
-            self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
+            while self._next_block():
+                self._block = self._block[os.write(self._fd, self._block) :]
         except BlockingIOError:
             pass
         except BrokenPipeError:
             self.error = self._last_words()
         finally:
-            os.set_blocking(self._fd, False)
+            if self.error is None:
+                os.set_blocking(self._fd, False)
+
+    def _next_block(self) -> bool:
+        """Take the next messages to write, a moderate number of bytes; tell whether there are any."""
+        if not self._block and self._arrived:
+            pieces, size = [], 0
+            while self._arrived and size < _BLOCK_BYTES:
+                pieces.append(self._arrived.popleft())
+                size += len(pieces[-1])
+            self.sent += len(pieces)
+            self._block = memoryview(b"".join(pieces))
+        return len(self._block) > 0
 
     @property
     def waiting(self) -> int:
-        """Bytes taken and not yet handed over."""
-        return len(self._waiting)
+        """Messages taken and not yet handed over."""
+        return len(self._arrived)
 
     def close(self) -> None:
         """Hand over the rest and let the process write the end of the file and metadata.yaml."""
-        assert self._process is not None
-        self.push()
-        os.set_blocking(self._fd, True)
-        try:
-            while self._waiting and self.error is None:
-                self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
-        except BrokenPipeError:
-            pass
+        assert self._process is not None and self._process.stdin is not None
+        if self.error is None:
+            os.set_blocking(self._fd, True)
+            try:
+                while self._next_block():
+                    self._block = self._block[os.write(self._fd, self._block) :]
+            except BrokenPipeError:
+                pass
         with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.close()  # type: ignore[union-attr]
+            self._process.stdin.close()
         self.error = self.error or self._last_words()
 
     def _last_words(self) -> str | None:

@@ -111,7 +111,16 @@ def test_progress_is_told():
 
 @pytest.mark.parametrize(
     "options",
-    [{"duration": -1.0}, {"duration": float("nan")}, {"rate": 0.0}, {"rate": float("inf")}, {"rate": "5"}, {"rate": 1e9, "duration": 1e9}, {"rate": 1e-9, "duration": 8e9}, {"method": "rk4"}],
+    [
+        {"duration": -1.0},
+        {"duration": float("nan")},
+        {"rate": 0.0},
+        {"rate": float("inf")},
+        {"rate": "5"},
+        {"rate": 1e9, "duration": 1e9},
+        {"rate": 1e-9, "duration": 8e9},
+        {"method": "rk4"},
+    ],
 )
 def test_out_of_range_is_refused(options):
     with pytest.raises(CommandError):

@@ -106,7 +106,7 @@ def test_a_stamp_in_the_future_waits_and_one_in_the_past_loses_nothing():
     commands.accept_trajectory(["link_0"], [0, TICK, 30 * TICK], [[5.0], [6.0], [0.0]], TICK)
     late = take(commands, 10)
     assert [v.row[0] for v in late][:2] == [5.0, 6.0]
-    assert late[2].row[0] == pytest.approx(6.0 * 20 / 29)
+    assert late[2].row[0] == pytest.approx(6.0 * 20 / 21)
     assert all(10 * TICK <= v.due_ns <= 11 * TICK for v in late)
 
 
@@ -118,6 +118,18 @@ def test_a_new_trajectory_replaces_what_runs_from_its_start():
     commands.accept_trajectory(["link_0"], [2 * TICK], [[0.0]], 5 * TICK)
     values = [v.row[0] for k in range(3, 9) for v in take(commands, k)]
     assert values == pytest.approx([4.0, 5.0, 2.5, 0.0])
+
+
+def test_trajectories_of_one_tick_are_followed_one_after_another():
+    for first, second in ((0, 0), (2, 1)):
+        commands = queue(2)
+        commands.accept_trajectory(["link_0"], [TICK // 10], [[5.0]], first * TICK // 10)
+        commands.accept_trajectory(["link_0"], [TICK // 10], [[0.0]], second * TICK // 10)
+        assert [v.row[0] for v in take(commands)] == [5.0, 0.0]
+    commands = queue(2)
+    commands.accept_trajectory(["link_0"], [0], [[5.0]], 0)
+    commands.accept_trajectory(["contact_0/friction"], [0], [[3.0]], 0)
+    assert [v.row[:2].tolist() for v in take(commands)] == [[5.0, 1.0], [5.0, 3.0]]
 
 
 def test_periods_sent_ahead_join_without_a_seam():

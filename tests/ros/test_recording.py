@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+import threading
 import time
 from pathlib import Path
 
@@ -21,7 +23,7 @@ from std_msgs.msg import Float64MultiArray
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros import bag, interface
 from crawler_ros.messages import command_target
-from crawler_ros.recorder import BagWriter
+from crawler_ros.recorder import BagWriter, Recorder
 
 from .graph import graph, seconds, wait_until
 
@@ -201,6 +203,49 @@ def test_a_torn_file_gives_what_it_has(run, tmp_path, part):
     assert not health.complete
     if part > 0.2:
         assert sum(health.counts.values()) > 0
+
+
+def test_damaged_bytes_end_the_reading_and_are_not_taken_for_whole(run, tmp_path):
+    path, _ = run
+    data = bytearray(bag.find_file(path).read_bytes())
+    whole = bag.examine(path).counts
+    rng = np.random.default_rng(0)
+    for _ in range(150):
+        damaged = bytearray(data)
+        for place in rng.integers(8, len(data), 3):
+            damaged[place] ^= 1 << int(rng.integers(8))
+        file = tmp_path / "damaged.mcap"
+        file.write_bytes(damaged)
+        health = bag.examine(file)
+        assert health.counts == whole or not health.complete
+
+
+def test_two_threads_record_without_tearing_each_other_s_messages(tmp_path):
+    recorder = Recorder(tmp_path, "two", {})
+    channels = [recorder.add_topic(interface.topics()[name], f"/{name}") for name in ("pose", "joint_states")]
+    recorder.start()
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+
+        def work(channel, size):
+            for _ in range(20_000):
+                recorder.record(channel, 1, 1, bytes([channel]) * size)
+
+        threads = [threading.Thread(target=work, args=pair) for pair in zip(channels, (40, 7), strict=True)]
+        for thread in threads:
+            thread.start()
+        while any(thread.is_alive() for thread in threads):
+            recorder.push()
+        recorder.close()
+    finally:
+        sys.setswitchinterval(before)
+    assert recorder.error is None
+    assert recorder.sent == 1 + 40_000  # and the header
+    for record in bag.read(recorder.folder):
+        channel = record.topic == "/joint_states"
+        assert record.data == bytes([channel]) * (7 if channel else 40)
+    assert bag.examine(recorder.folder).counts == {"/pose": 20_000, "/joint_states": 20_000}
 
 
 def test_what_is_no_recording_is_named(tmp_path):
