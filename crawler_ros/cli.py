@@ -24,7 +24,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-screen = Console(highlight=False)
+_UsageError: Any = typer.BadParameter.__base__  # click's, or typer's own copy of it
+screen = Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
 SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a name that `crawler scenes` lists.")]
 
 
@@ -84,14 +85,17 @@ def simulate_command(
     table.add_column("net translation [m]", justify="right")
     table.add_column("gained in the period [m]" if periods else "gained [m]", justify="right")
     y = run.waypoint_net_translation
+    size = float(abs(run.displacement).max()) + float(abs(run.scene.commands.actuation).max())
     rows = range(y.size) if y.size <= 24 else [*range(12), *range(y.size - 11, y.size)]
     last = -1
     for i in rows:
         if i != last + 1:
             table.add_row("...", "...", "...")
         last = i
-        gained = "" if i == 0 else f"{y[i] - y[i - 1]:.12g}"
-        table.add_row(f"{run.waypoint_time[i]:g}", f"{y[i]:.12g}", gained)
+        gained = "" if i == 0 else _length(y[i] - y[i - 1], size)
+        table.add_row(f"{run.waypoint_time[i]:g}", _length(y[i], size), gained)
+    if run.time[-1] > run.waypoint_time[-1]:
+        table.add_row(f"{run.time[-1]:g}", _length(run.net_translation[-1], size), "")
     screen.print(table)
     _print_account(run)
 
@@ -118,6 +122,7 @@ def check(
     png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
 ) -> None:
     """Validate a scene; print its stasis domain, its uniqueness margin and what does not move."""
+    _check_picture(png)
     run = _run(scene, None if load_scene(scene).drive is not None else 0.0, 100.0, "exact")
     checked = run.scene
     drive = checked.commands
@@ -151,6 +156,18 @@ def check(
         screen.print(f"drawn: {png}")
 
 
+def _check_picture(png: Path | None) -> None:
+    if png is not None and png.suffix != ".png":
+        raise CrawlerError(f"--png: {png} must end in .png")
+    if png is not None and not png.absolute().parent.is_dir():
+        raise CrawlerError(f"--png: the folder {png.absolute().parent} does not exist")
+
+
+def _length(value: float, size: float) -> str:
+    """Write a length [m]; what is rounding beside `size` is 0."""
+    return f"{0.0 if abs(value) <= 1e-13 * size else value:.12g}"
+
+
 def _span(values: Any) -> str:
     low, high = float(values.min()), float(values.max())
     return f"{low:g}" if low == high else f"{low:g} .. {high:g}"
@@ -163,8 +180,8 @@ def _print_verdict(run: Trajectory) -> None:
         screen.print("uniqueness margin: not decided (more than 30 unequal contacts)")
     elif margin == 0.0:
         screen.print(
-            "uniqueness margin: 0, critical: for this friction the forward friction of some contacts balances the "
-            "backward friction of the others"
+            "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
+            "backward friction of the others (it matters only while all of them slide)"
         )
     else:
         screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
@@ -183,7 +200,9 @@ def _print_verdict(run: Trajectory) -> None:
     elif still:
         screen.print(f"contacts that never slide: {', '.join(map(str, still[:10]))}{' ...' if len(still) > 10 else ''}")
     if run.per_period.size:
-        screen.print(f"net translation per period, at the end: {run.per_period[-1]:.12g} m")
+        size = float(abs(run.displacement).max()) + float(abs(scene.commands.actuation).max())
+        gained = _length(float(run.per_period[-1]), size)
+        screen.print(f"net translation per period, at the end: {gained} m{' (it does not travel)' * (gained == '0')}")
 
 
 @app.command()
@@ -215,6 +234,11 @@ def view(
 
     if not recording.exists():
         raise CrawlerError(f"{recording}: no such file or folder")
+    if recording.suffix == ".rrd" and recording.read_bytes()[:3] != b"RRF":
+        raise CrawlerError(f"{recording}: not a rerun recording")
+    if at is not None and png is None:
+        raise CrawlerError("--at goes with --png: it is the time that is rendered")
+    _check_picture(png)
     if png is None and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise CrawlerError(
             "there is no display here; render the view with --png FILE, or copy the .rrd to your desktop"
@@ -237,11 +261,12 @@ def view(
 def replay(
     recording: Annotated[Path, typer.Argument(help="A bag folder or an .mcap file, whole or torn.")],
     recover: Annotated[
-        bool, typer.Option("--recover", help="Write what can be read as a whole recording beside it.")
+        bool, typer.Option("--recover", help="Write what can be read of a torn recording as a whole one beside it.")
     ] = False,
 ) -> None:
-    """Tell whether a recording is whole, and recover one that was cut off."""
+    """Tell whether a recording is whole, simulate it again and compare; recover one that was cut off."""
     from . import bag
+    from .replay import simulate_again
 
     health = bag.examine(recording)
     seconds = max((health.last_ns - health.first_ns) / 1e9, 0.0)
@@ -249,7 +274,19 @@ def replay(
     for topic, count in sorted(health.counts.items()):
         rate = f", {count / seconds:.1f} a second" if seconds else ""
         screen.print(f"  {topic}: {count} of {health.types[topic]}{rate}")
-    if recover:
+    if health.counts:
+        again = simulate_again(recording)
+        resets = f", {again.resets} reset(s)" if again.resets else ""
+        if again.identical:
+            screen.print(f"simulated again: {again.ticks} states, identical to the bit{resets}")
+        elif again.ticks:
+            screen.print(
+                f"simulated again: {again.ticks} states{resets}, differing by up to {again.max_difference:.3g} m, "
+                f"first at {again.first_difference:g} s"
+            )
+    if recover and health.complete:
+        screen.print("nothing to recover: the recording is whole")
+    elif recover:
         source = recording if recording.is_dir() else recording.with_suffix("")
         folder = source.with_name(source.name + "_recovered")
         count = bag.recover(recording, folder)
@@ -271,22 +308,29 @@ def demo(
 
 
 def main() -> None:
-    """Run the command; every expected error is one line on standard error and exit status 1."""
+    """Run the command; every expected error is one line on standard error."""
     try:
-        app()
+        status = app(standalone_mode=False)
+    except typer.Exit as error:
+        status = error.exit_code
+    except _UsageError as error:
+        verb = f" {error.ctx.info_name}" if error.ctx is not None and error.ctx.parent is not None else ""
+        print(f"crawler: {' '.join(error.format_message().split())} (see crawler{verb} --help)", file=sys.stderr)
+        status = 2
     except (CrawlerError, OSError) as error:
         print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
-        sys.exit(1)
+        status = 1
     except ModuleNotFoundError as error:
         extra = "viz" if (error.name or "").split(".")[0] in ("rerun", "matplotlib", "rosbags", "mcap") else "ros"
         print(
             f"crawler: {error.name} is not installed; it comes with: pip install 'crawler-ros[{extra}]'",
             file=sys.stderr,
         )
-        sys.exit(1)
-    except KeyboardInterrupt:
+        status = 1
+    except (KeyboardInterrupt, typer.Abort):
         print("crawler: stopped", file=sys.stderr)
-        sys.exit(130)
+        status = 130
+    sys.exit(status or 0)
 
 
 if __name__ == "__main__":

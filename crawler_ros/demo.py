@@ -6,6 +6,7 @@ import os
 import queue
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -91,7 +92,12 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
         simulator.end()
     if simulator.process.returncode != 0:
         raise DemoError(f"the simulator failed: {simulator.last_words()}")
-    recording = next(iter(set(out.iterdir()) - before))
+    made = [path for path in set(out.iterdir()) - before if path.is_dir()]
+    if len(made) != 1:
+        raise DemoError(
+            f"{out}: {len(made)} new recordings instead of one; the simulator says: {simulator.last_words()}"
+        )
+    recording = made[0]
     rrd, png = out / f"{recording.name}.rrd", out / f"{recording.name}.png"
     draw_recording(recording, rrd)
     scene, frames = frames_of_recording(recording)
@@ -126,6 +132,8 @@ def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]
     if gains.size != PERIODS or error > 1e-9:
         raise DemoError(f"{recording}: per period {gains.tolist()} m instead of {PERIODS} times {exact:.12g} m")
     mcap = bag.find_file(recording)
+    beside = Path(sys.executable).parent / "crawler"
+    command = "crawler" if shutil.which("crawler") or not beside.is_file() else os.path.relpath(beside)
     return [
         f"A three-contact crawler walked {PERIODS} periods under commands from another process ({seconds:.0f} s).",
         f"  distance per period  {steady.mean():.12f} m (closed form {exact:.12f} m, largest error {error:.1e} m)",
@@ -136,9 +144,9 @@ def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]
         f"  {rrd}",
         f"  {png}",
         "Next:",
-        f"  crawler view {rrd}",
-        "  crawler scenes                     what else can be run",
-        "  crawler simulate two_anchor_a      the model alone, without ROS",
+        f"  {command} view {rrd} --png view.png    (or without --png, where there is a display)",
+        f"  {command} scenes                       what else can be run",
+        f"  {command} simulate two_anchor_a        the model alone, without ROS",
     ]
 
 

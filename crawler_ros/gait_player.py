@@ -13,11 +13,9 @@ import time
 from typing import Any
 
 import numpy as np
-import rclpy
-from rclpy.exceptions import ParameterException
+from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from crawler_model import CrawlerError, load_scene
 
@@ -25,6 +23,8 @@ from . import interface
 from .messages import TrajectoryMessage, command_names, command_row, read_stamp
 
 NS = 1_000_000_000
+DEFAULT_SCENE = "three_contacts_one_way"
+_LEAST_MESSAGE_NS = NS // 10
 
 
 class GaitPlayer(Node):
@@ -40,8 +40,12 @@ class GaitPlayer(Node):
             CrawlerError: when the scene is wrong or has no drive.
         """
         super().__init__("gait_player", **options)
-        scene = load_scene(self.declare_parameter("scene", "three_contacts_one_way").value)
-        self.periods = int(self.declare_parameter("periods", 0).value)
+        text = {"description": "Scene file or gallery name whose drive is played.", "read_only": True}
+        whole = {"description": "Periods to play; 0 plays on and on.", "read_only": True}
+        bounds = [IntegerRange(from_value=0, to_value=10**9)]
+        scene = load_scene(self.declare_parameter("scene", DEFAULT_SCENE, ParameterDescriptor(**text)).value)
+        descriptor = ParameterDescriptor(**whole, integer_range=bounds)
+        self.periods = int(self.declare_parameter("periods", 0, descriptor).value)
         if scene.drive is None:
             raise CrawlerError(f"scene: {scene.name} has no drive to play")
         self.drive = scene.commands
@@ -63,7 +67,10 @@ class GaitPlayer(Node):
         self.done = threading.Event()
 
     def _on_state(self, data: bytes) -> None:
-        self.now_ns = read_stamp(data)
+        now_ns = read_stamp(data)
+        if now_ns < self.now_ns:  # the simulator was reset: from the beginning
+            self._start_ns, self._sent, self._said = None, 0, 0
+        self.now_ns = now_ns
         if self._publisher.get_subscription_count() == 0:
             return
         if self._start_ns is None:
@@ -97,6 +104,7 @@ class GaitPlayer(Node):
         self.end_ns = self._start_ns + int(times[-1])
 
     def _send_ahead(self) -> None:
+        """Send what begins within the next second, or half a period; short periods many to a message."""
         assert self._start_ns is not None
         assert self.drive.period is not None
         span = self.drive.period * NS
@@ -104,15 +112,22 @@ class GaitPlayer(Node):
             begin = self._start_ns + round(self._sent * span)
             if begin - self.now_ns > max(span / 2, NS):
                 return
-            rows = list(range(self.drive.times.size))
-            times = [round(t * NS) for t in self.drive.times.tolist()]
-            if times[-1] < round(span):  # close the path
-                rows.append(0)
-                times.append(round(span))
+            count = max(int(_LEAST_MESSAGE_NS / span), 1)
+            if self.periods:
+                count = min(count, self.periods - self._sent)
+            times, rows = self._waypoints(count)
             self._publish(begin, times, rows)
-            self._sent += 1
-        if self.periods:
-            self.end_ns = self._start_ns + round(self.periods * span)
+            self._sent += count
+        self.end_ns = self._start_ns + round(self.periods * span)
+
+    def _waypoints(self, periods: int) -> tuple[list[int], list[int]]:
+        """List the waypoints of some periods, both ends included: times from their start [ns], and rows."""
+        assert self.drive.period is not None
+        inner = np.flatnonzero(self.drive.times < self.drive.period)
+        starts = self.drive.period * np.arange(periods)[:, None]
+        times = np.rint((starts + self.drive.times[inner]) * NS).astype(np.int64).ravel().tolist()
+        rows = np.tile(inner, periods).tolist()
+        return [*times, round(periods * self.drive.period * NS)], [*rows, 0]
 
     def _publish(self, start_ns: int, times: list[int], rows: list[int]) -> None:
         self._publisher.publish(self._message.encode(start_ns, times, [self._rows[r] for r in rows]))
@@ -127,28 +142,21 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when the scene was wrong.
     """
-    interface.find_ament_prefix()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        try:
-            node = GaitPlayer()
-        except (CrawlerError, ValueError, ParameterException) as error:
-            print(f"gait_player: {error}", file=sys.stderr)
-            return 1
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: node.done.set())
-        executor = EventsExecutor()
-        executor.add_node(node)
-        said = time.monotonic()
-        while not node.done.is_set():
-            executor.spin_once(timeout_sec=0.1)
-            if node.now_ns < 0 and time.monotonic() - said > 5.0:
-                said = time.monotonic()
-                node.get_logger().info("waiting for joint_states of a simulator")
-        node.destroy_node()
-        return 0
-    finally:
-        rclpy.try_shutdown()
+    return interface.run_node("gait_player", GaitPlayer, _spin, args, "scene periods")
+
+
+def _spin(node: GaitPlayer) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: node.done.set())
+    executor = EventsExecutor()
+    executor.add_node(node)
+    said = time.monotonic()
+    while not node.done.is_set():
+        executor.spin_once(timeout_sec=0.1)
+        if node.now_ns < 0 and time.monotonic() - said > 3.0:
+            said = time.monotonic()
+            node.get_logger().info("waiting for joint_states of a simulator")
+    node.destroy_node()
 
 
 if __name__ == "__main__":

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import difflib
 import functools
 import importlib
 import json
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -169,6 +171,70 @@ def type_hash(type_name: str) -> str:
     return str(hashes[type_name])
 
 
+def run_node(
+    name: str, make: Callable[[], Any], spin: Callable[[Any], None], args: list[str] | None, parameters: str
+) -> int:
+    """Run a node's life: initialise ROS, make it, spin it, shut down; mistakes are one line on standard error.
+
+    Args:
+        name: the executable's.
+        make: makes the node.
+        spin: runs it to its end; sets the signal handlers.
+        args: command line; None for the process's own.
+        parameters: names of the node's parameters, for the help.
+
+    Returns:
+        The exit status.
+    """
+    import rclpy
+    from rclpy.exceptions import ParameterException
+    from rclpy.signals import SignalHandlerOptions
+    from rclpy.utilities import remove_ros_args
+
+    words = sys.argv if args is None else args
+    find_ament_prefix()
+    try:
+        try:
+            rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+            stray = remove_ros_args(words)[1:]
+            if "-h" in stray or "--help" in stray:
+                print(f"usage: {name} --ros-args [-p PARAMETER:=VALUE ...] [-r __ns:=/NAME]\nparameters: {parameters}")
+                return 0
+            if stray:
+                raise ValueError(f"unknown argument {stray[0]!r}; parameters are given as in --ros-args -p scene:=FILE")
+            node = make()
+        except (ValueError, OSError, ParameterException) as error:
+            print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
+            return 1
+        except Exception as error:  # rcl's own refusals of the command line have no common type
+            if type(error).__name__ not in ("RCLError", "UnknownROSArgsError", "RCLInvalidROSArgsError"):
+                raise
+            text = " ".join(str(error).split())[:200]
+            print(f"{name}: {text}; parameters are given as in --ros-args -p scene:=FILE", file=sys.stderr)
+            return 1
+        spin(node)
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+def _as_meant(node: Any) -> None:
+    """Take whole numbers for doubles, and YAML's `off` for the word; name parameters that there are not."""
+    from rclpy.parameter import Parameter as RosParameter
+
+    given = getattr(node, "_parameter_overrides", {})
+    for name, override in list(given.items()):
+        row = parameters().get(name)
+        if row is None:
+            if not name.startswith(("qos_overrides", "use_sim_time", "start_type_description_service")):
+                near = difflib.get_close_matches(name, parameters(), n=1, cutoff=0.0)[0]
+                node.get_logger().warning(f"there is no parameter {name!r}; the nearest is {near!r}")
+        elif row.type == "double" and type(override.value) is int:
+            given[name] = RosParameter(name, RosParameter.Type.DOUBLE, float(override.value))
+        elif row.type == "string" and override.value is False:
+            given[name] = RosParameter(name, RosParameter.Type.STRING, "off")
+
+
 def declare_parameters(node: Any) -> dict[str, Any]:
     """Declare the simulator's parameters on a node, with type, range, description and read-only flag.
 
@@ -177,6 +243,9 @@ def declare_parameters(node: Any) -> dict[str, Any]:
 
     Returns:
         The values, by name.
+
+    Raises:
+        ValueError: when a value has the wrong type or is none of the choices.
     """
     from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
     from rclpy.exceptions import InvalidParameterTypeException
@@ -188,6 +257,7 @@ def declare_parameters(node: Any) -> dict[str, Any]:
         "bool": RosParameter.Type.BOOL,
     }
     values = {}
+    _as_meant(node)
     for name, row in parameters().items():
         descriptor = ParameterDescriptor(
             name=name, type=kinds[row.type].value, description=row.meaning, read_only=not row.runtime
@@ -199,8 +269,8 @@ def declare_parameters(node: Any) -> dict[str, Any]:
         try:
             values[name] = node.declare_parameter(name, row.default, descriptor).value
         except InvalidParameterTypeException as error:
-            example = {"double": "1000.0", "bool": "true", "string": "text"}[row.type]
-            raise ValueError(f"{error}; write it as in {name}:={example}") from None
+            kind = {"double": "a number", "bool": "true or false", "string": "text"}[row.type]
+            raise ValueError(f"parameter {name} takes {kind} ({row.meaning}) {error}") from None
         if row.choices and values[name] not in row.choices:
             raise ValueError(f"parameter {name}: {values[name]!r}; it must be one of {', '.join(row.choices)}")
     return values

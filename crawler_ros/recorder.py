@@ -268,7 +268,8 @@ class Recorder:
 
     def close(self) -> None:
         """Hand over the rest and let the process write the end of the file and metadata.yaml."""
-        assert self._process is not None and self._process.stdin is not None
+        assert self._process is not None
+        assert self._process.stdin is not None
         if self.error is None:
             os.set_blocking(self._fd, True)
             try:

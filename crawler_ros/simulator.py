@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import signal
 import sys
@@ -13,15 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import rclpy
-from rclpy.exceptions import ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 
 import crawler_ros
-from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
+from crawler_model import CommandError, Crawler, Scene, load_scene, prepare
 from crawler_model.crawler import Step
 from crawler_model.simulate import commanded_margin, rational_rate
 
@@ -45,7 +43,7 @@ if TYPE_CHECKING:
 
 NS = 1_000_000_000
 OK, WARN, ERROR = 0, 1, 2
-_QUIET_S = 1.0
+_QUIET_S, _MOST_SAID = 1.0, 10  # a refusal is logged once a second, of all refusals ten
 
 
 class Simulator(Node):
@@ -72,7 +70,7 @@ class Simulator(Node):
         self.commands = CommandQueue(self.crawler.body.contacts, command_row(self._in_force()))
         self.refused: dict[str, int] = {}
         self.refusal = ""
-        self._quiet_until = 0.0
+        self._said: dict[str, float] = {}
         self.certificate = [0.0, 0.0, 0.0]
         self.ambiguous = self.overspent = 0
         self.margin = commanded_margin(self.scene)
@@ -90,6 +88,11 @@ class Simulator(Node):
         self._recorder: Recorder | None = None
         self._feed: ViewerFeed | None = None
         self._outlets: dict[str, tuple[Any, int | None]] = {}
+        view = str(self.values["view"])
+        if view != "off":
+            from .visualizer import check_view
+
+            check_view(view)  # before anything is opened
         if self.values["record"]:
             from .recorder import Recorder
 
@@ -100,11 +103,17 @@ class Simulator(Node):
             self._recorder.start()
         self._open_services()
         self.add_on_set_parameters_callback(self._on_parameters)
-        if self.values["view"] != "off":
+        if view != "off":
             from .visualizer import ViewerFeed
 
-            self._feed = ViewerFeed(self.scene, self.values["view"], self.get_logger().info)
+            self._feed = ViewerFeed(self.scene, view, self.get_logger().info)
         self._next_diagnostics = 0.0
+        name = self.get_fully_qualified_name()
+        self.get_logger().info(
+            f"{self.scene.name}: {n} contacts, {n - 1} links, {self.crawler.method} at {float(rate):g} Hz; waiting for "
+            f"commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
+            f"{name}/pause, {name}/step, {name}/reset"
+        )
 
     def _in_force(self) -> np.ndarray:
         return self.crawler.target(self.crawler.actuation)
@@ -186,8 +195,10 @@ class Simulator(Node):
     def _refuse(self, name: str, why: str) -> None:
         self.refused[name] = self.refused.get(name, 0) + 1
         self.refusal = f"{name}: {why}"
-        if time.monotonic() >= self._quiet_until:
-            self._quiet_until = time.monotonic() + _QUIET_S
+        now = time.monotonic()
+        self._said = {text: at for text, at in self._said.items() if now - at < _QUIET_S}
+        if self.refusal not in self._said and len(self._said) < _MOST_SAID:
+            self._said[self.refusal] = now
             self.get_logger().warning(f"refused a message on {name}: {why}")
 
     # -- services and parameters ------------------------------------------------------------------------------------
@@ -197,6 +208,8 @@ class Simulator(Node):
             self.crawler = self.start.copy()
             self.stepper.reset()
             self.commands.reset(command_row(self._in_force()))
+            self.certificate = [0.0, 0.0, 0.0]
+            self.ambiguous = self.overspent = 0
             self._send_states(None)
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
@@ -234,10 +247,12 @@ class Simulator(Node):
         executor.add_node(self)
         server = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
         server.start()
-        self._send_states(None)
+        with self.lock:
+            self._send_states(None)
         try:
             while not self.stopping.is_set():
-                wait = self.stepper.wait_ns(time.monotonic_ns())
+                with self.lock:
+                    wait = self.stepper.wait_ns(time.monotonic_ns())
                 if wait is None:
                     self.stopping.wait(0.01)
                 elif wait > 0:
@@ -247,13 +262,18 @@ class Simulator(Node):
                         if not self.stepper.paused:
                             self.stepper.begin(time.monotonic_ns())
                             self._tick()
-                if self._recorder is not None:
-                    self._recorder.push()
+                self._push_recording()
                 self._report()
         finally:
             self.stopping.set()
             server.join()
             self.close()
+
+    def _push_recording(self) -> None:
+        if self._recorder is not None and self._recorder.error is None:
+            self._recorder.push()
+            if self._recorder.error is not None:
+                self.get_logger().error(self._recorder.error)
 
     def _serve(self, executor: EventsExecutor) -> None:
         while not self.stopping.is_set():
@@ -266,7 +286,7 @@ class Simulator(Node):
         targets = np.array([command_target(v.row) for v in vertices]) if vertices else self._hold
         step = self.crawler.follow(targets)
         self.stepper.finish()
-        if any(self._outlets["applied_commands"]):
+        if self._is_wanted("applied_commands"):
             times = [max(v.due_ns - start_ns, 0) for v in vertices]
             rows = [v.row for v in vertices]
             self._send("applied_commands", self._ledger.encode(start_ns, times, rows))
@@ -291,18 +311,22 @@ class Simulator(Node):
         joints.velocity[0], joints.velocity[1:] = velocity[0], velocity[1:] - velocity[:-1]
         joints.effort[0], joints.effort[1:] = -tension[0], tension
         self._send("joint_states", joints.encode(now))
-        if any(self._outlets["contact_states"]):
+        if self._is_wanted("contact_states"):
             contacts.position[:] = crawler.body.position + x
             contacts.velocity[:] = velocity
             contacts.effort[:-1], contacts.effort[-1] = -tension, 0.0
             contacts.effort[1:] += tension
             self._send("contact_states", contacts.encode(now))
-        if any(self._outlets["pose"]):
+        if self._is_wanted("pose"):
             self._send("pose", self._pose.encode(now, crawler.net_translation))
         if self._outlets["/clock"][0] is not None:
             self._send("/clock", encode_clock(now))
         if self._feed is not None:
             self._feed.show(now, crawler)
+
+    def _is_wanted(self, name: str) -> bool:
+        publisher, channel = self._outlets[name]
+        return publisher is not None or channel is not None
 
     def _send(self, name: str, data: bytes) -> None:
         publisher, channel = self._outlets[name]
@@ -318,8 +342,10 @@ class Simulator(Node):
         if time.monotonic() < self._next_diagnostics:
             return
         self._next_diagnostics = time.monotonic() + 1.0
-        if any(self._outlets["/diagnostics"]):
-            self._send("/diagnostics", encode_diagnostics(time.time_ns(), self.diagnose()))
+        if self._is_wanted("/diagnostics"):
+            with self.lock:
+                data = encode_diagnostics(time.time_ns(), self.diagnose())
+            self._send("/diagnostics", data)
 
     def diagnose(self) -> list[tuple[int, str, str, str, list[tuple[str, str]]]]:
         """Say how the simulation, the commands, the recording and the viewer fare.
@@ -338,6 +364,10 @@ class Simulator(Node):
             )
         if self.overspent:
             level, message = WARN, "the budget of events was spent in some ticks; a catch-up step did the rest"
+        if not np.isfinite(self.certificate).all():
+            level, message = ERROR, "a tick's certificate is not finite: the commands are beyond what doubles can hold"
+        if self.count_publishers("joint_states") > 1:
+            level, message = WARN, "another node publishes joint_states here: two crawlers need two namespaces"
         if late:
             level, message = WARN, f"{late} late tick(s): this machine cannot keep the rate; simulated time slows"
         residual, violation, complementarity = (f"{v:.3e}" for v in self.certificate)
@@ -371,7 +401,17 @@ class Simulator(Node):
         if self._feed is not None:
             dropped = self._feed.dropped
             message = f"{dropped} frame(s) dropped: the viewer is slow" if dropped else "viewing"
-            statuses.append((WARN if dropped else OK, f"{me}: viewer", message, hardware, [("dropped", str(dropped))]))
+            if not self._feed.alive:
+                message = "the viewer has ended"
+            statuses.append(
+                (
+                    WARN if dropped or not self._feed.alive else OK,
+                    f"{me}: viewer",
+                    message,
+                    hardware,
+                    [("dropped", str(dropped))],
+                )
+            )
         return statuses
 
     def close(self) -> None:
@@ -412,21 +452,19 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when scene or parameters were wrong.
     """
-    interface.find_ament_prefix()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
-    try:
-        try:
-            node = Simulator()
-        except (CrawlerError, ValueError, OSError, ParameterException) as error:
-            print(f"simulator: {' '.join(str(error).split())}", file=sys.stderr)
-            return 1
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: node.stopping.set())
-        node.spin()
-        return 0
-    finally:
-        rclpy.try_shutdown()
+    return interface.run_node("simulator", Simulator, _spin, args, " ".join(interface.parameters()))
+
+
+def _spin(node: Simulator) -> None:
+    def stop(*_: Any) -> None:
+        if node.stopping.is_set():  # asked twice: whatever is stuck, the recording process still finishes its file
+            os._exit(130)
+        node.stopping.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    node.spin()
 
 
 if __name__ == "__main__":

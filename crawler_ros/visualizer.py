@@ -6,6 +6,7 @@ slow or stopped viewer costs frames, never a tick. A recording is drawn by the s
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import itertools
 import json
@@ -13,11 +14,12 @@ import os
 import struct
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +64,24 @@ class Frame:
         return Frame(ns, x, tension[:-1], state.astype(np.int8), forward, backward)
 
 
+def check_view(view: str) -> None:
+    """Check where a view goes.
+
+    Args:
+        view: "live", or the path of an .rrd file that is not there yet.
+
+    Raises:
+        FileExistsError: when the file exists.
+        ValueError: when it is something else.
+    """
+    if view == "live":
+        return
+    if Path(view).suffix != ".rrd":
+        raise ValueError(f"view: {view!r}; it must be off, live, or a path that ends in .rrd")
+    if Path(view).exists():
+        raise FileExistsError(f"view: {view} exists; give a path that does not")
+
+
 class ViewerFeed:
     """The simulator's end of the pipe to a drawing process."""
 
@@ -75,14 +95,11 @@ class ViewerFeed:
 
         Raises:
             FileExistsError: when the file exists: nothing is overwritten.
+            ValueError: when `view` is something else.
         """
+        check_view(view)
         if view != "live":
-            path = Path(view)
-            if path.suffix != ".rrd":
-                raise ValueError(f"view: {view!r}; it must be off, live, or a path that ends in .rrd")
-            if path.exists():
-                raise FileExistsError(f"view: {view} exists; give a path that does not")
-            path.parent.mkdir(parents=True, exist_ok=True)
+            Path(view).parent.mkdir(parents=True, exist_ok=True)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "crawler_ros.visualizer", view], stdin=subprocess.PIPE, start_new_session=True
         )
@@ -91,7 +108,8 @@ class ViewerFeed:
         header = json.dumps(scene.model_dump(mode="json", exclude_none=True)).encode()
         self._pipe.write(struct.pack("<I", len(header)) + header)
         self._pipe.flush()
-        fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._pipe.fileno(), False)
         self._waiting = b""
         self._shown_ns: int | None = None
@@ -120,6 +138,11 @@ class ViewerFeed:
         self._waiting = frame.pack()
         self._push()
 
+    @property
+    def alive(self) -> bool:
+        """Whether the drawing process still runs."""
+        return self._process.poll() is None
+
     def _push(self) -> bool:
         """Write what is waiting as far as it goes; tell whether it all went."""
         try:
@@ -134,12 +157,12 @@ class ViewerFeed:
 
     def close(self) -> None:
         """Let the drawing process finish its file; give a stuck one ten seconds."""
-        os.set_blocking(self._pipe.fileno(), True)
-        if self._process.poll() is None and len(self._waiting) < _PIPE_BYTES:
-            self._push()
+        deadline = time.monotonic() + 10.0
+        while not self._push() and self.alive and time.monotonic() < deadline:
+            time.sleep(0.02)
         self._pipe.close()
         try:
-            self._process.wait(10.0)
+            self._process.wait(max(deadline - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:
             self._process.kill()
 
@@ -174,7 +197,17 @@ def frames_of_recording(path: Path, scene: Scene | None = None) -> tuple[Scene, 
         yield from waiting
         yield from records
 
-    return scene, _frames(all_records(), scene)
+    return scene, in_sequence(_frames(all_records(), scene))
+
+
+def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """Put runs between resets one after another: a reset takes simulated time back to 0, a picture goes on."""
+    offset = last = 0
+    for frame in frames:
+        if frame.time_ns + offset < last:
+            offset = last
+        last = frame.time_ns + offset
+        yield replace(frame, time_ns=last)
 
 
 def _frames(records: Iterable[Any], scene: Scene) -> Iterator[Frame]:
@@ -243,7 +276,7 @@ class Drawing:
             for i in range(self._plots)
         ]
         lanes = rrb.StateTimelineView(origin="contacts", name="Stick / slip")
-        left = rrb.Vertical(*tensions, lanes, row_shares=[1.0] * len(tensions) + [1.2])
+        left = rrb.Vertical(*tensions, lanes, row_shares=[1.0] * len(tensions) + [min(0.5 + 0.25 * n, 3.0)])
         right: list[Any] = [rrb.TimeSeriesView(origin="net_translation", name="Net translation [m]")]
         if n == 3:
             right.append(
@@ -436,21 +469,23 @@ def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Fr
         moved = None
 
 
-def _read_exactly(stream: IO[bytes], size: int) -> bytes | None:
-    data = stream.read(size)
-    return data if data is not None and len(data) == size else None
-
-
 def main() -> int:
     """Draw the frames that arrive on standard input until it ends."""
     view = sys.argv[1]
     source = sys.stdin.buffer
     (size,) = struct.unpack("<I", source.read(4))
     scene = Scene.model_validate(json.loads(source.read(size)))
-    drawing = Drawing(scene, to_viewer if view == "live" else to_file(Path(view)))
+    try:
+        drawing = Drawing(scene, to_viewer if view == "live" else to_file(Path(view)))
+    except Exception as error:  # a port in use, a folder that cannot be written: rerun's errors have no common type
+        print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
+        return 1
     n = scene.chain.contacts
-    while (data := _read_exactly(source, 8 + 8 * 5 * n)) is not None:
-        drawing.draw(Frame.unpack(data, n))
+    size = 8 + 8 * 5 * n
+    for frame in in_sequence(
+        Frame.unpack(data, n) for data in iter(lambda: source.read(size), b"") if len(data) == size
+    ):
+        drawing.draw(frame)
     drawing.close()
     return 0
 

@@ -19,6 +19,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_model import Crawler, load_scene
 from crawler_ros import interface
+from crawler_ros.replay import simulate_again
+from crawler_ros.visualizer import frames_of_recording
 
 from .graph import environment, graph, seconds, wait_until
 
@@ -157,7 +159,6 @@ BAD = [
 def test_bad_messages_are_refused_whole_logged_and_counted(ros):
     simulator = ros.simulator(hear=("joint_states", "/diagnostics"))
     for count, (name, message, said) in enumerate(BAD, 1):
-        time.sleep(1.05)  # the log is throttled to one line a second
         ros.publish(name, message)
         wait_until(lambda s=said: s in simulator.said, what=said)
         wait_until(lambda c=count: diagnostics(ros).get("refused") == str(c), what=f"{count} refused")
@@ -246,7 +247,7 @@ def test_signals_end_it_cleanly(ros, number):
 WRONG = [
     (["scene:=nowhere"], "nowhere: no such file, nor a scene of the gallery"),
     (["rate:=-1.0"], "rate"),
-    (["rate:=100"], "write it as in rate:=1000.0"),
+    (["rate:=fast"], "parameter rate takes a number"),
     (["method:=euler"], "it must be one of exact, catch_up"),
     (["view:=window"], "it must be off, live, or a path that ends in .rrd"),
     (["record:=/proc/nowhere"], "/proc/nowhere"),
@@ -262,6 +263,66 @@ def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
     assert said in done.stderr
     assert len([line for line in done.stderr.splitlines() if line.startswith("simulator: ")]) == 1
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["two_anchor_a"], "unknown argument 'two_anchor_a'"),
+        (["--ros-args", "scene:=two_anchor_a"], "parameters are given as in --ros-args -p scene:=FILE"),
+        (["--ros-args", "-p"], "parameters are given as in"),
+        (["--ros-args", "-p", "scene=two_anchor_a"], "parameters are given as in"),
+    ],
+)
+def test_a_wrong_command_line_is_one_line(words, said):
+    command = [sys.executable, "-m", "crawler_ros.simulator", *words]
+    done = subprocess.run(command, env=environment(1), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_help_of_a_node_names_its_parameters():
+    command = [sys.executable, "-m", "crawler_ros.simulator", "--help"]
+    done = subprocess.run(command, env=environment(1), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert "real_time_factor" in done.stdout
+
+
+def test_what_is_meant_is_taken_and_what_is_unknown_is_named(ros):
+    simulator = ros.simulator("rate:=50", "view:=off", "rte:=3.0", hear=("joint_states",))
+    wait_until(lambda: len(ros.heard["joint_states"]) > 5)
+    assert seconds(ros.heard["joint_states"][5]) - seconds(ros.heard["joint_states"][4]) == pytest.approx(0.02)
+    assert "there is no parameter 'rte'; the nearest is 'rate'" in simulator.said
+    assert "3 contacts, 2 links, exact at 50 Hz; waiting for commands" in simulator.said
+
+
+def test_short_periods_lose_nothing(ros, tmp_path):
+    """Two thousand periods of a millisecond: more than the command topic's depth."""
+    scene = tmp_path / "fast.yaml"
+    text = "{name: fast, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1},"
+    text += " start: {displacement: [0, 1]}, drive: {strategy: A, length: 4, friction: 1, period: 0.001}}"
+    scene.write_text(text)
+    ros.simulator(f"scene:={scene}", hear=("pose",))
+    player = ros.start("crawler_ros.gait_player", f"scene:={scene}", "periods:=2000")
+    assert player.process.wait(60) == 0
+    wait_until(lambda: ros.heard["pose"][-1].pose.position.x == pytest.approx(4000.5, abs=1e-9))
+
+
+def test_a_reset_starts_a_run_of_its_own_in_the_recording(ros, tmp_path):
+    simulator = ros.simulator(f"record:={tmp_path / 'bags'}", hear=("joint_states",))
+    for length in (0.2, 0.1):
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[length, 0.0]))
+        wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
+        assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
+        wait_until(lambda: ros.heard["joint_states"][-1].effort[1] == 0.0)
+    assert simulator.end() == 0
+    (path,) = (tmp_path / "bags").iterdir()
+    again = simulate_again(path)
+    assert again.identical
+    assert again.resets == 2
+    _, frames = frames_of_recording(path)
+    assert (np.diff([f.time_ns for f in frames]) >= 0).all()
 
 
 def test_a_player_without_a_drive_says_so(tmp_path):

@@ -107,6 +107,14 @@ MISTAKES = [
     (["simulate", "idle.yaml"], "say how long to run with --duration"),
     (["view", "nothing"], "nothing: no such file or folder"),
     (["view", "."], "there is no display here"),
+    (["view", ".", "--at", "3"], "--at goes with --png"),
+    (["view", "text.mcap", "--png", "nodir/x.png"], "does not exist"),
+    (["view", "fake.rrd", "--png", "x.png"], "fake.rrd: not a rerun recording"),
+    (["check", "two_anchor_a", "--png", "x.foo"], "--png: x.foo must end in .png"),
+    (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "more than fit in memory"),
+    (["simulate", "two_anchor_a", "--rate", "fast"], "Invalid value for '--rate'"),
+    (["simulate"], "Missing argument"),
+    (["replay", "parent"], "it holds the recordings one"),
     (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
     (["replay", "text.mcap"], "not an MCAP file"),
     (["replay", "nothing"], "nothing: no such file or folder"),
@@ -124,10 +132,13 @@ def test_a_mistake_is_one_clear_line(arguments, said, tmp_path):
         "{name: i, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}"
     )
     (tmp_path / "text.mcap").write_text("hello")
+    (tmp_path / "fake.rrd").write_text("hello")
+    (tmp_path / "parent" / "one").mkdir(parents=True)
+    (tmp_path / "parent" / "one" / "one_0.mcap").write_text("hello")
     text = bad(*arguments, cwd=tmp_path)
     assert said in " ".join(text.split())
-    if text.startswith("crawler:"):
-        assert len(text.splitlines()) == 1
+    assert text.startswith("crawler: ")
+    assert len(text.splitlines()) == 1
 
 
 def test_nothing_of_ros_is_needed_for_the_model():

@@ -49,7 +49,10 @@ def test_demo_ends_with_a_summary_on_one_screen(demonstrated):
 def test_demos_recording_is_whole(demonstrated):
     folder, _ = demonstrated
     (recording,) = [p for p in (folder / "demo").iterdir() if p.is_dir()]
-    assert "whole" in good("replay", str(recording))
+    text = good("replay", str(recording))
+    assert "whole" in text
+    assert "identical to the bit" in text
+    assert "nothing to recover" in good("replay", str(recording), "--recover")
 
 
 def test_the_make_targets_are_there():
