@@ -81,10 +81,24 @@ def test_the_models_commands_run(line):
 
 
 def test_the_python_of_the_readme_runs(capsys):
-    (code,) = blocks("python")
+    _, code = blocks("python")
     exec(compile(code, "README", "exec"), {})
     said = capsys.readouterr().out
-    assert said.startswith("[2. 2. 2.]")
+    assert said.splitlines()[:2] == ["[2. 2. 2.]", "[0. 3.]"]
+    assert said.splitlines()[2].startswith("True Certificate")
+
+
+def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
+    pytest.importorskip("rclpy")
+    from tests.ros.graph import environment, graph, wait_until
+
+    with graph(tmp_path) as ros:
+        ros.simulator(hear=("joint_states",))
+        code, _ = blocks("python")
+        script = tmp_path / "controller.py"
+        script.write_text(code + "import time; time.sleep(1.0)\n")
+        subprocess.run([sys.executable, script], env=environment(ros.domain), timeout=60, check=True)
+        wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
 
 
 def test_every_topic_and_parameter_is_in_the_tables():
