@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from crawler_model import CrawlerError, Scene, load_scene
+from crawler_model.drive import NS
 
 from . import bag
 
-NS = 1_000_000_000
 SCENE = "three_contacts_one_way"
 PERIODS = 10
 PATIENCE_S = 120.0

@@ -18,11 +18,11 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
 from crawler_model import CrawlerError, load_scene
+from crawler_model.drive import NS
 
 from . import interface
 from .messages import TrajectoryMessage, command_names, command_row, read_stamp
 
-NS = 1_000_000_000
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
 

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-NS = 1_000_000_000
+from crawler_model.drive import NS
+
 _ENCAPSULATION = b"\x00\x01\x00\x00"
 
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crawler_model import CrawlerError, Scene
+from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds, stasis_polygon, tension_ranges
 
 if TYPE_CHECKING:
     from .visualizer import Frame
 
-NS = 1_000_000_000
 _SLIP_FORWARD, _SLIP_BACK, _STICK = "#1a8a3a", "#b02a1e", "#c8c8c8"
 _MOST_LINKS = 4
 

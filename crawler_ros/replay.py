@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from crawler_model import Crawler, Scene
+from crawler_model.drive import NS
 
 from . import bag
 from .messages import command_target
-
-NS = 1_000_000_000
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from rclpy.serialization import deserialize_message
 import crawler_ros
 from crawler_model import CommandError, Crawler, Scene, load_scene, prepare
 from crawler_model.crawler import Step
+from crawler_model.drive import NS
 from crawler_model.simulate import commanded_margin, rational_rate
 
 from . import interface
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from .recorder import Recorder
     from .visualizer import ViewerFeed
 
-NS = 1_000_000_000
 OK, WARN, ERROR = 0, 1, 2
 _QUIET_S, _MOST_SAID = 1.0, 10  # a refusal is logged once a second, of all refusals ten
 

@@ -6,8 +6,6 @@ from fractions import Fraction
 
 from crawler_model.simulate import tick_end_ns
 
-NS = 1_000_000_000
-
 
 class Stepper:
     """Counts ticks and tells when the next one is due.

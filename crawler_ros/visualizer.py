@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene
+from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds, stasis_polygon
 
-NS = 1_000_000_000
 FRAME_EVERY_NS = 20_000_000
 LIVE_PORT = 9876
 _PIPE_BYTES = 1 << 20
