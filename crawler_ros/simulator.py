@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import platform
 import signal
@@ -247,6 +248,8 @@ class Simulator(Node):
         executor.add_node(self)
         server = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
         server.start()
+        gc.collect()
+        gc.freeze()  # what was loaded so far stays: looking through it again and again would make ticks late
         with self.lock:
             self._send_states(None)
         try:
