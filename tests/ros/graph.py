@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from crawler_ros import interface
 
-_domains = itertools.count(2 + (os.getpid() % 40) * 2)
+_domains = (1 + (os.getpid() + n) % 100 for n in itertools.count())  # above 101 their ports meet others'
 
 
 def environment(domain: int) -> dict[str, str]:
