@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .visualizer import Frame
 
 _SLIP_FORWARD, _SLIP_BACK, _STICK = "#1a8a3a", "#b02a1e", "#c8c8c8"
-_MOST_LINKS = 4
+_MOST_LINKS, _MOST_NAMED = 4, 12
 
 
 class PictureError(CrawlerError):
@@ -63,16 +63,22 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     for sign, color in ((1, _SLIP_FORWARD), (-1, _SLIP_BACK)):
         axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
     axes[0].set_ylabel("contacts [m]")
+    for i in range(contacts if contacts <= _MOST_NAMED else 0):
+        axes[0].annotate(str(i), (time_s[0], place[0, i]), (4, 3), textcoords="offset points", fontsize=8)
+    axes[0].set_title(
+        "green: slips forward, red: slips back, grey: sticks; tensions (blue) between their bounds", fontsize=8
+    )
     for i in range(plots):
-        axes[1 + i].fill_between(time_s, least[:, i], most[:, i], color="#f2dcda", linewidth=0)
+        axes[1 + i].fill_between(time_s, least[:, i], most[:, i], color="#f2dcda", linewidth=0, label="bounds")
+        for bound in (least, most):
+            axes[1 + i].plot(time_s, bound[:, i], color="#c83c3c", linewidth=0.6)
         axes[1 + i].plot(time_s, tension[:, i], color="#2f5fc4", linewidth=1.4)
         axes[1 + i].set_ylabel(f"$T_{{{i}}}$ [N]")
     edges = np.append(time_s, time_s[-1] + (time_s[-1] - time_s[-2] if time_s.size > 1 else 1.0))
     colors = ListedColormap([_SLIP_BACK, _STICK, _SLIP_FORWARD])
     axes[-2].pcolormesh(edges, np.arange(contacts + 1) - 0.5, state.T, cmap=colors, vmin=-1, vmax=1)
-    axes[-2].set_yticks(range(contacts) if contacts <= 12 else [0, contacts - 1])
+    axes[-2].set_yticks(range(contacts) if contacts <= _MOST_NAMED else [0, contacts - 1])
     axes[-2].set_ylabel("contact")
-    axes[-2].set_title("slip forward (green), slip back (red), stick (grey)", fontsize=8)
     axes[-1].plot(time_s, x.mean(axis=1), color="black")
     axes[-1].set_ylabel("net translation [m]")
     axes[-1].set_xlabel("simulated time [s]")
