@@ -71,8 +71,9 @@ _FEW_FREE, _FEW_CONTACTS = 2, 256
 """All contacts are looked at after an event when at most so many are free, where looking is no dearer than solving, or
 when there are at most so many. For longer chains the visited margin is otherwise sampled at the ends of ramps."""
 
-_STRETCH = 1e-12
-"""A piece shorter than this part of its ramp is an isolated instant."""
+_STRETCH = 1e-6
+"""A piece shorter than this part of its ramp is an isolated instant: that all contacts are at their bounds is seen with
+a tolerance, so an instant looks as long as the slowest contact takes to cross it."""
 
 _NOISE = 1e-14
 """A velocity below this part of the sum of the shape rates around it is rounding."""
@@ -249,7 +250,8 @@ def _solve(stiffness, state, status, floats, bytes_, stacks, account, s, first, 
             lower = upper
         floats[_UPPER, i] = upper
         floats[_LOWER, i] = lower
-        floats[_GRAIN, i] = state[FORWARD, i] + state[BACKWARD, i]
+        changing = floats[_D_FORWARD, i] != 0.0 or floats[_D_BACKWARD, i] != 0.0
+        floats[_GRAIN, i] = state[FORWARD, i] + state[BACKWARD, i] if changing else 0.0
     for i in range(start, stop):
         floats[_TRIAL, i] = -stiffness[i] * floats[_D_ACTUATION, i]
     project(
