@@ -114,7 +114,9 @@ class Graph:
         topic = interface.topics()[type_name or name]
         kind = interface.message_class(topic.type)
         keep = self.heard[name].append
-        self.node.create_subscription(kind, name, keep, interface.qos_profile(topic), raw=raw)
+        qos = interface.qos_profile(topic)
+        qos.depth = 100_000  # a stall of this process must not lose what the test is about
+        self.node.create_subscription(kind, name, keep, qos, raw=raw)
 
     def publish(self, name: str, message: Any, table_name: str | None = None) -> None:
         if name not in self._publishers:
