@@ -224,6 +224,10 @@ class Scene(_Part):
         check_start(self)
         return self
 
+    def document(self) -> dict[str, Any]:
+        """Lay the scene out as plain data that `Scene.model_validate` reads back."""
+        return self.model_dump(mode="json", exclude_none=True)
+
     @functools.cached_property
     def chain(self) -> Body:
         """The body as arrays."""

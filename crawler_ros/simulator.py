@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 import crawler_ros
-from crawler_model import CommandError, Crawler, Scene, load_scene, prepare
+from crawler_model import CommandError, Crawler, load_scene, prepare
 from crawler_model.crawler import Step
 from crawler_model.drive import NS
 from crawler_model.simulate import commanded_margin, rational_rate
@@ -121,7 +121,7 @@ class Simulator(Node):
 
     def _attachments(self) -> dict[str, Any]:
         return {
-            "scene": scene_document(self.scene),
+            "scene": self.scene.document(),
             "parameters": self.values,
             "versions": versions(),
             "start": {
@@ -427,11 +427,6 @@ class Simulator(Node):
         late = self.stepper.late
         self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late")
         self.destroy_node()
-
-
-def scene_document(scene: Scene) -> dict[str, Any]:
-    """Lay a scene out as plain data that `Scene.model_validate` reads back."""
-    return scene.model_dump(mode="json", exclude_none=True)
 
 
 def versions() -> dict[str, str]:

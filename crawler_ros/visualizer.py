@@ -105,7 +105,7 @@ class ViewerFeed:
         )
         assert self._process.stdin is not None
         self._pipe = self._process.stdin
-        header = json.dumps(scene.model_dump(mode="json", exclude_none=True)).encode()
+        header = json.dumps(scene.document()).encode()
         self._pipe.write(struct.pack("<I", len(header)) + header)
         self._pipe.flush()
         with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
