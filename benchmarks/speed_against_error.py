@@ -38,9 +38,9 @@ class Osqp:
     """The same catch-up steps by OSQP: matrices set up once, warm-started, bounds constant."""
 
     def __init__(self, scene: Scene, tolerance: float) -> None:
-        n, drive = scene.chain.links, scene.commands
+        n, drive = scene.mesh.springs, scene.commands
         difference = sp.diags([np.ones(n), -np.ones(n)], [0, -1], shape=(n + 1, n)).tocsc()
-        self.k, self.actuation, self.tension = scene.chain.stiffness, drive.actuation[0], np.zeros(n)
+        self.k, self.actuation, self.tension = scene.mesh.stiffness, drive.actuation[0], np.zeros(n)
         self.solver = osqp.OSQP()
         self.solver.setup(
             *(sp.diags(1 / self.k).tocsc(), np.zeros(n), difference, -drive.backward[0], drive.forward[0]),
@@ -72,7 +72,7 @@ def measure(contacts: int) -> list[dict[str, object]]:
         for tolerance in tolerances:
             peer = Osqp(scene, tolerance)
             began = time.perf_counter()
-            for row in targets[:, 0, :-1]:
+            for row in targets[:, : scene.mesh.springs]:
                 peer.tick(row)
             times[f"osqp {tolerance:g}"].append((time.perf_counter() - began) / TICKS * 1e6)
             error[f"osqp {tolerance:g}"] = float(np.abs(peer.tension - reference.tension).max())

@@ -7,7 +7,8 @@ after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 
 from .crawler import Certificate, Crawler, Step, prepare
 from .errors import CommandError, CrawlerError, SceneError
-from .scene import Scene, gallery, load_scene, parse_scene
+from .scene import Scene
+from .scene_file import gallery, load_scene, parse_scene
 from .simulate import Energy, Trajectory, simulate
 
 __all__ = [

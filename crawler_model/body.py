@@ -1,8 +1,16 @@
-"""The body: contacts on a line, joined by springs whose rest lengths are commanded."""
+"""The body: contacts on the ground, joined by springs whose rest lengths are commanded.
+
+A body is built of isolated contacts, of segments (intervals that touch the ground all along, cut into elements) and of
+links between them. What is left after building is one graph of springs between contacts; a body whose springs join
+each contact to the next is a chain.
+"""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,83 +18,437 @@ from numpy.typing import ArrayLike
 from .errors import SceneError
 
 
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A chain of contacts.
+@dataclass(frozen=True)
+class Segment:
+    """Where a segment lies in the arrays of a body.
 
     Attributes:
-        position: reference positions xi, strictly increasing, shape (N,) [m].
-        stiffness: k of the link between contacts i and i + 1, shape (N - 1,) [N/m].
+        name: as in the scene.
+        first: its first contact.
+        elements: how many elements it is cut into; its contacts are first .. first + elements.
+        first_spring: the spring of its first element; those of the others follow.
+        length: [m].
+    """
+
+    name: str
+    first: int
+    elements: int
+    first_spring: int
+    length: float
+
+    @property
+    def element(self) -> float:
+        """Length of an element [m]."""
+        return self.length / self.elements
+
+    @property
+    def last(self) -> int:
+        """Its last contact."""
+        return self.first + self.elements
+
+    @property
+    def contacts(self) -> slice:
+        """Its contacts."""
+        return slice(self.first, self.last + 1)
+
+    @property
+    def springs(self) -> slice:
+        """Its springs."""
+        return slice(self.first_spring, self.first_spring + self.elements)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A graph of springs between contacts.
+
+    Attributes:
+        position: reference positions xi, shape (N,), increasing; shape (N, 2) in the plane [m].
+        ends: the two contacts of each spring, shape (S, 2); on a line the first lies before the second.
+        stiffness: k, shape (S,) [N/m].
+        share: weight of each contact in the net translation, shape (N,); their sum is 1. Every isolated contact
+            and every segment counts once, a segment with the mean over its length.
+        ground: length of ground that each contact stands for, 1 for an isolated one, shape (N,) [m].
+        isolated: the isolated contacts, in the scene's order, shape (I,).
+        link_springs: the spring of each link, in the scene's order, shape (links,).
+        segments: where the segments are.
     """
 
     position: np.ndarray
+    ends: np.ndarray
     stiffness: np.ndarray
+    share: np.ndarray
+    ground: np.ndarray
+    isolated: np.ndarray
+    link_springs: np.ndarray
+    segments: tuple[Segment, ...]
 
     @property
     def contacts(self) -> int:
-        """Number of contacts N."""
-        return int(self.position.size)
+        """Number of contacts N, those of segments included."""
+        return int(self.position.shape[0])
 
     @property
-    def links(self) -> int:
-        """Number of links."""
+    def springs(self) -> int:
+        """Number of springs S, those of segments included."""
         return int(self.stiffness.size)
 
+    @property
+    def dimension(self) -> int:
+        """1 on a line, 2 in the plane."""
+        return self.position.ndim
 
-def build_body(contacts: ArrayLike, stiffness: ArrayLike, between: list[tuple[int, int]] | None = None) -> Body:
-    """Build a chain from what a scene says of it.
+    @property
+    def is_chain(self) -> bool:
+        """Whether the springs join each contact to the next, in order, on a line."""
+        n = self.contacts
+        if self.dimension != 1 or self.springs != n - 1:
+            return False
+        return bool((self.ends[:, 0] == np.arange(n - 1)).all() and (self.ends[:, 1] == np.arange(1, n)).all())
+
+    @property
+    def stations(self) -> np.ndarray:
+        """The contacts that stand for the body: the isolated ones, then both ends of each segment."""
+        ends = [i for s in self.segments for i in (s.first, s.last)]
+        return np.concatenate((self.isolated, np.array(ends, dtype=np.int64))).astype(np.int64)
+
+    def elongation(self, x: np.ndarray) -> np.ndarray:
+        """Compute how much longer each spring is than in the reference shape.
+
+        Args:
+            x: displacement, shape (..., N), in the plane (..., N, 2) [m].
+
+        Returns:
+            z, shape (..., S), in the plane (..., S, 2) [m].
+        """
+        axis = -1 if self.dimension == 1 else -2
+        return np.take(x, self.ends[:, 1], axis=axis) - np.take(x, self.ends[:, 0], axis=axis)
+
+    def spring_force(self, tension: ArrayLike) -> np.ndarray:
+        """Compute the force of the springs on each contact.
+
+        Args:
+            tension: T, shape (..., S), in the plane (S, 2) [N].
+
+        Returns:
+            g, shape (..., N), in the plane (N, 2) [N].
+        """
+        t = np.asarray(tension, dtype=np.float64)
+        if self.dimension == 2:
+            force = np.zeros((self.contacts, 2))
+            np.add.at(force, self.ends[:, 0], t)
+            np.subtract.at(force, self.ends[:, 1], t)
+            return force
+        if self.is_chain:
+            ends = np.zeros((*t.shape[:-1], 1))
+            return np.diff(np.concatenate((ends, t, ends), axis=-1), axis=-1)
+        force = np.zeros((*t.shape[:-1], self.contacts))
+        for s, (a, b) in enumerate(self.ends):
+            force[..., a] += t[..., s]
+            force[..., b] -= t[..., s]
+        return force
+
+    def describe(self) -> str:
+        """Say in a few words what the body consists of.
+
+        Returns:
+            As in "2 contacts, 1 segment (120 elements), 2 links, a chain".
+        """
+
+        def count(number: int, what: str) -> str:
+            return f"{number} {what}{'' if number == 1 else 's'}"
+
+        parts = [count(int(self.isolated.size), "contact")] if self.isolated.size else []
+        parts += [f"segment {s.name} ({count(s.elements, 'element')})" for s in self.segments]
+        parts.append(count(int(self.link_springs.size), "link"))
+        return ", ".join(parts) + (" in the plane" if self.dimension == 2 else "" if self.is_chain else ", a graph")
+
+    @property
+    def joints(self) -> np.ndarray:
+        """The stations between which each link, then each segment, lies: places in `stations`, shape (J, 2)."""
+        place = {int(contact): i for i, contact in enumerate(self.stations)}
+        pairs = [tuple(self.ends[spring]) for spring in self.link_springs]
+        pairs += [(s.first, s.last) for s in self.segments]
+        return np.array([[place[int(a)], place[int(b)]] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
+
+    def joint_sum(self, values: np.ndarray) -> np.ndarray:
+        """Sum values of springs over each joint: of a link its own, of a segment those of all its elements.
+
+        Args:
+            values: one per spring, shape (S, ...).
+
+        Returns:
+            Shape (J, ...).
+        """
+        links = values[self.link_springs]
+        if not self.segments:
+            return links
+        return np.concatenate((links, [values[s.springs].sum(axis=0) for s in self.segments]))
+
+    def joint_mean(self, values: np.ndarray) -> np.ndarray:
+        """Average values of springs over each joint.
+
+        Args:
+            values: one per spring, shape (S, ...).
+
+        Returns:
+            Shape (J, ...).
+        """
+        links = values[self.link_springs]
+        if not self.segments:
+            return links
+        return np.concatenate((links, [values[s.springs].mean(axis=0) for s in self.segments]))
+
+    def force_size(self, tension: np.ndarray) -> np.ndarray:
+        """Compute the sum of the sizes of the tensions that meet at each contact, for what rounding can do.
+
+        Args:
+            tension: T, shape (S,) [N].
+
+        Returns:
+            Shape (N,) [N].
+        """
+        size = np.zeros(self.contacts)
+        np.add.at(size, self.ends[:, 0], np.abs(tension))
+        np.add.at(size, self.ends[:, 1], np.abs(tension))
+        return size
+
+    def name_of(self, contact: int) -> str:
+        """Name a contact as a person would.
+
+        Args:
+            contact: its number in the arrays.
+
+        Returns:
+            "contact 2", or "contact 17 of segment trunk".
+        """
+        for segment in self.segments:
+            if segment.first <= contact <= segment.last:
+                return f"contact {contact - segment.first} of segment {segment.name}"
+        return f"contact {int(np.flatnonzero(self.isolated == contact)[0])}"
+
+    def relaxed(self, actuation: np.ndarray) -> np.ndarray:
+        """Compute displacements at which the springs pull no contact, the first contact in place.
+
+        Args:
+            actuation: L, shape (S,), in the plane (2 S,), x and y of each in turn [m].
+
+        Returns:
+            x, shape (N,), in the plane (N, 2) [m].
+        """
+        if self.is_chain:
+            return np.concatenate(([0.0], np.cumsum(actuation)))
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import spsolve
+
+        n, s = self.contacts, np.arange(self.springs)
+        root = np.sqrt(self.stiffness)
+        rows, columns = np.concatenate((s, s)), np.concatenate((self.ends[:, 0], self.ends[:, 1]))
+        incidence = csc_matrix((np.concatenate((-root, root)), (rows, columns)), shape=(self.springs, n))
+        inner = incidence[:, 1:]
+        load = inner.T @ (root[:, None] * actuation.reshape(self.springs, -1))
+        moved = spsolve((inner.T @ inner).tocsc(), load).reshape(n - 1, -1)
+        return np.vstack((np.zeros((1, moved.shape[1])), moved)).reshape(self.position.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """A segment before it is built into a body.
+
+    Attributes:
+        name: as in the scene.
+        nodes: reference positions of its contacts, increasing, shape (elements + 1,) [m].
+        stiffness: of its elements, shape (elements,) [N/m].
+    """
+
+    name: str
+    nodes: np.ndarray
+    stiffness: np.ndarray
+
+    @property
+    def element(self) -> float:
+        """Length of an element [m]."""
+        return float(self.nodes[-1] - self.nodes[0]) / (self.nodes.size - 1)
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Length that each contact stands for: half of each element beside it, shape (elements + 1,) [m]."""
+        cells = np.full(self.nodes.size, self.element)
+        cells[0] = cells[-1] = 0.5 * self.element
+        return cells
+
+
+End: TypeAlias = int | tuple[str, Literal["from", "to"]]
+"""What a link joins: a contact by its number, or an end of a segment by its name."""
+
+
+def build_body(
+    contacts: ArrayLike,
+    stiffness: ArrayLike,
+    between: Sequence[tuple[End, End]] | None = None,
+    segments: Sequence[Interval] = (),
+) -> Body:
+    """Build a body from what a scene says of it.
 
     Args:
-        contacts: reference positions, shape (N,), N >= 2, strictly increasing [m].
-        stiffness: one number, or one per link, > 0 [N/m].
-        between: the pairs of contacts that links join; None for the chain of neighbours.
+        contacts: reference positions of the isolated contacts, increasing, shape (I,), or (I, 2) in the plane [m].
+        stiffness: of the links, one number or one per link, > 0 [N/m].
+        between: the pairs of ends that links join; None for the chain of neighbours.
+        segments: the segments.
 
     Returns:
         The body, its arrays read-only.
 
     Raises:
-        SceneError: naming the contact or link that does not fit.
+        SceneError: naming the contact, segment or link that does not fit.
     """
-    position = np.array(contacts, dtype=np.float64)
-    if position.size < 2:
-        raise SceneError(f"body.contacts: {position.size} contact(s); a crawler needs at least 2")
-    for i in np.flatnonzero(np.diff(position) <= 0.0):
-        raise SceneError(
-            f"body.contacts: contact {i + 1} at {position[i + 1]:g} m does not lie beyond contact {i} at "
-            f"{position[i]:g} m; positions must be strictly increasing"
-        )
-    links = position.size - 1
-    if between is not None:
-        check_chain(between, position.size)
-    k = spread(stiffness, links, "body.links.stiffness", "link")
+    isolated = np.array(contacts, dtype=np.float64)
+    _check_contacts(isolated, segments)
+    parts = _in_order(isolated, segments)
+    first = np.concatenate(([0], np.cumsum([1 if isinstance(p, int) else p.nodes.size for p in parts])))
+    place = {p if isinstance(p, int) else p.name: int(i) for p, i in zip(parts, first, strict=False)}
+    position, ground, share = [], [], []
+    for part in parts:
+        nodes = isolated[part : part + 1] if isinstance(part, int) else part.nodes
+        cells = np.ones(1) if isinstance(part, int) else part.cells
+        position.append(nodes)
+        ground.append(cells)
+        share.append(cells / (cells.sum() * len(parts)))
+
+    ends = _link_ends(between, parts, place)
+    k = spread(stiffness, len(ends), "body.links.stiffness", "link")
     for i in np.flatnonzero(~(k > 0.0)):
         raise SceneError(f"body.links.stiffness: link {i} has {k[i]:g} N/m; it must be > 0")
-    return Body(frozen(position), frozen(k))
+    count = len(ends)
+    for segment in segments:
+        a = place[segment.name] + np.arange(segment.stiffness.size)
+        ends += list(zip(a.tolist(), (a + 1).tolist(), strict=True))
+        k = np.concatenate((k, segment.stiffness))
+    pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)
+    if isolated.ndim == 1:
+        pairs.sort(axis=1)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0])) if segments else np.arange(len(pairs))
+    found = np.argsort(order)
+    springs = found[count:]
+    built = []
+    for segment in segments:
+        elements = segment.stiffness.size
+        length = float(segment.nodes[-1] - segment.nodes[0])
+        built.append(Segment(segment.name, place[segment.name], elements, int(springs[0]), length))
+        springs = springs[elements:]
+    body = Body(
+        position=frozen(np.concatenate(position)),
+        ends=_frozen_integers(pairs[order]),
+        stiffness=frozen(k[order]),
+        share=frozen(np.concatenate(share)),
+        ground=frozen(np.concatenate(ground)),
+        isolated=_frozen_integers([place[i] for i in range(isolated.shape[0])]),
+        link_springs=_frozen_integers(found[:count]),
+        segments=tuple(built),
+    )
+    _check_connected(body, parts, first)
+    return body
 
 
-def check_chain(between: list[tuple[int, int]], contacts: int) -> None:
-    """Check that the links join each contact to the next, in order.
-
-    Args:
-        between: pairs of contacts.
-        contacts: number of contacts N.
-
-    Raises:
-        SceneError: naming the first link that does not.
-    """
-    for i, (a, b) in enumerate(between):
-        if (a, b) != (i, i + 1) or i >= contacts - 1:
-            raise SceneError(
-                f"body.links.between: link {i} joins contacts {a} and {b}; only the chain of neighbours "
-                "[[0, 1], [1, 2], ...] is available, in that order (leave `between` out for it)"
-            )
-    if len(between) != contacts - 1:
+def _check_contacts(isolated: np.ndarray, segments: Sequence[Interval]) -> None:
+    count = isolated.shape[0]
+    if count < 2 and not segments:
+        raise SceneError(f"body.contacts: {count} contact(s); a crawler needs at least 2, or a segment")
+    if isolated.ndim == 2:
+        for i in range(count):
+            for j in range(i):
+                if (isolated[i] == isolated[j]).all():
+                    raise SceneError(f"body.contacts: contacts {j} and {i} are both at {_point(isolated[i])} m")
+        return
+    for k in np.flatnonzero(np.diff(isolated) <= 0.0):
         raise SceneError(
-            f"body.links.between: {len(between)} link(s) for {contacts} contacts; the chain has {contacts - 1}"
+            f"body.contacts: contact {k + 1} at {isolated[k + 1]:g} m does not lie beyond contact {k} at "
+            f"{isolated[k]:g} m; positions must be strictly increasing"
         )
 
 
-def spread(values: ArrayLike, size: int, field: str, item: str) -> np.ndarray:
+def _point(position: np.ndarray) -> str:
+    return "[" + ", ".join(f"{v:g}" for v in position) + "]"
+
+
+def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[int | Interval]:
+    """Sort contacts (by number) and segments along the body; they must not overlap."""
+    if isolated.ndim == 2 or not segments:
+        return list(range(isolated.shape[0]))
+    spans: list[tuple[float, float, int | Interval]] = [(float(v), float(v), i) for i, v in enumerate(isolated)]
+    spans += [(float(s.nodes[0]), float(s.nodes[-1]), s) for s in segments]
+    spans.sort(key=lambda span: span[:2])
+    for (_, until, here), (after, _, there) in itertools.pairwise(spans):
+        if after <= until:
+            raise SceneError(
+                f"body: {_name(there)} begins at {after:g} m, where {_name(here)} ends at {until:g} m; segments and "
+                "contacts must not overlap or touch"
+            )
+    return [part for _, _, part in spans]
+
+
+def _name(part: int | Interval) -> str:
+    return f"contact {part}" if isinstance(part, int) else f"segment {part.name}"
+
+
+def _link_ends(
+    between: Sequence[tuple[End, End]] | None, parts: list[int | Interval], place: dict[int | str, int]
+) -> list[tuple[int, int]]:
+    """Find the two contacts that each link joins."""
+    sizes = {_key(p): 0 if isinstance(p, int) else p.nodes.size - 1 for p in parts}
+    if between is None:
+        keys = [_key(p) for p in parts]
+        return [(place[a] + sizes[a], place[b]) for a, b in itertools.pairwise(keys)]
+    ends = []
+    for i, pair in enumerate(between):
+        found = []
+        for end in pair:
+            key = end if isinstance(end, int) else end[0]
+            if key not in place:
+                raise SceneError(f"body.links.between: link {i} joins {_end(end)}; {_known(place)}")
+            found.append(place[key] + (sizes[key] if not isinstance(end, int) and end[1] == "to" else 0))
+        if found[0] == found[1]:
+            raise SceneError(f"body.links.between: link {i} joins {_end(pair[0])} to itself")
+        ends.append((found[0], found[1]))
+    return ends
+
+
+def _key(part: int | Interval) -> int | str:
+    return part if isinstance(part, int) else part.name
+
+
+def _end(end: End) -> str:
+    return f"contact {end}" if isinstance(end, int) else f"{end[0]}.{end[1]}"
+
+
+def _known(place: dict[int | str, int]) -> str:
+    contacts = sum(isinstance(key, int) for key in place)
+    known = [f"contacts 0 .. {contacts - 1}"] if contacts else []
+    return "there are " + ", ".join(known + [f"{n}.from, {n}.to" for n in place if isinstance(n, str)])
+
+
+def _check_connected(body: Body, parts: list[int | Interval], first: np.ndarray) -> None:
+    if body.is_chain:
+        return
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    n = body.contacts
+    graph = coo_matrix((np.ones(body.springs), (body.ends[:, 0], body.ends[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    for part, i in zip(parts, first, strict=False):
+        if label[i] != label[0]:
+            raise SceneError(
+                f"body.links.between: no links lead from {_name(parts[0])} to {_name(part)}; a body must hang together"
+            )
+
+
+def _frozen_integers(values: ArrayLike) -> np.ndarray:
+    array = np.array(values, dtype=np.int64)
+    array.flags.writeable = False
+    return array
+
+
+def spread(values: Any, size: int, field: str, item: str) -> np.ndarray:
     """Spread one number over all entries, or check that there is one per entry.
 
     Args:

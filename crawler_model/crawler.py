@@ -13,12 +13,11 @@ from . import integrate
 from ._compiled import said_if_slow
 from .body import Body, frozen
 from .errors import LARGEST, CommandError
-from .integrate import (
+from .scene import Scene
+from .state import (
+    ACCOUNT_SIZE,
     ACTUATION,
-    ACTUATION_REF,
     AMBIGUOUS,
-    AT_BACKWARD,
-    AT_FORWARD,
     BACKWARD,
     COMPLEMENTARITY,
     DISSIPATION,
@@ -31,15 +30,12 @@ from .integrate import (
     RESIDUAL,
     SHAPE,
     TENSION,
-    TENSION_REF,
     VIOLATION,
     VISITED,
     WORK,
     X,
 )
-from .scene import Scene
-from .stasis import rounding_of_forces, spring_force, stasis_margins
-from .uniqueness import visited_margin
+from .uniqueness import commanded_margin, visited_margin
 
 Method = Literal["exact", "catch_up"]
 METHODS: tuple[Method, ...] = ("exact", "catch_up")
@@ -68,9 +64,9 @@ class Step:
         events: linear pieces of the solution.
         work: work of the actuators [J].
         dissipation: energy lost to friction [J].
-        velocity: displacement gained, per ramp, shape (N,) [m].
+        velocity: displacement gained, per ramp, shape (N,), in the plane (N, 2) [m].
         unique: False when on some stretch the translation was not determined.
-        translation_interval: least and greatest net translation that the ramp could have gained [m].
+        translation_interval: least and greatest net translation that the ramp could have gained [m]; on a line.
         certificate: how well the answer solves the model.
         visited_margin: how near all contacts came to sliding at once.
         overspent: ramps in which the budget of events was spent and a catch-up step did the rest.
@@ -90,93 +86,135 @@ class Step:
 class Crawler:
     """A crawler at one instant: what is commanded, where its contacts stand, the tension of its links."""
 
-    def __init__(self, scene: Scene, method: Method = "exact", budget: int | None = None) -> None:
+    def __init__(self, scene: Scene, method: Method | None = None, budget: int | None = None) -> None:
         """Put the crawler at the scene's start.
 
         Args:
             scene: body, friction, start, and the command in force at the start.
-            method: "exact" follows every event, "catch_up" takes one implicit step a ramp.
+            method: "exact" follows every event, "catch_up" takes one implicit step a ramp; by default exact on a line.
+                In the plane only "catch_up": steps refined to the scene's tolerance.
             budget: most linear pieces of one ramp; by default 1000 + 100 N.
 
         Raises:
-            CommandError: when the method is another.
+            CommandError: when the method is another, or `exact` is asked for in the plane.
         """
-        if method not in METHODS:
-            raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
         self.scene = scene
-        self.method = method
-        body, drive, x = scene.chain, scene.commands, scene.start_displacement
-        n = body.contacts
+        self.method = choose_method(scene, method)
+        n = scene.mesh.contacts
         self.budget = 1000 + 100 * n if budget is None else budget
-        state = np.zeros((integrate.STATE_ROWS, n))
-        state[X] = x
-        state[ACTUATION, :-1] = state[ACTUATION_REF, :-1] = drive.actuation[0]
-        state[FORWARD], state[BACKWARD] = drive.forward[0], drive.backward[0]
-        state[SHAPE, :-1] = np.diff(x)
-        tension = body.stiffness * (state[SHAPE, :-1] - drive.actuation[0])
-        state[TENSION, :-1] = state[TENSION_REF, :-1] = tension
-        self._state = state
-        self._status = _status_at_rest(tension, state[FORWARD], state[BACKWARD])
-        self._stiffness = body.stiffness
-        self._no_records = np.empty((0, 3, n))
-        self._scratch = integrate.scratch(n)
+        self._planar = scene.mesh.dimension == 2
+        self._state = integrate.start_state(scene)
+        self._scratch = integrate.build_scratch(scene)
+        self._no_records = np.empty((0, 2 * self._state.contacts[X].size + self._tension.size))
+        # where contacts stand for stretches of ground, what the grid leaves open the continuum decides
+        self._centred = bool(scene.mesh.segments) and commanded_margin(scene) != 0.0
 
     @property
     def body(self) -> Body:
         """The body."""
-        return self.scene.chain
+        return self.scene.mesh
+
+    @property
+    def _tension(self) -> np.ndarray:
+        return self._state.links[0 if self._planar else TENSION]
+
+    @property
+    def _actuation(self) -> np.ndarray:
+        return self._state.links[1 if self._planar else ACTUATION]
 
     @property
     def displacement(self) -> np.ndarray:
-        """x, shape (N,) [m]."""
-        return frozen(self._state[X])
+        """x, shape (N,), in the plane (N, 2) [m]."""
+        return frozen(self._state.contacts[X])
 
     @property
     def shape(self) -> np.ndarray:
-        """z, elongation of each link against the reference shape, shape (N - 1,) [m]."""
-        return frozen(self._state[SHAPE, :-1])
+        """z, elongation of each spring against the reference shape, shape (S,), in the plane (S, 2) [m]."""
+        if self._planar:
+            return frozen(self._tension / self.body.stiffness[:, None] + self._actuation)
+        return frozen(self._state.links[SHAPE])
 
     @property
     def tension(self) -> np.ndarray:
-        """T, shape (N - 1,) [N]."""
-        return frozen(self._state[TENSION, :-1])
+        """T, shape (S,), in the plane (S, 2) [N]."""
+        return frozen(self._tension)
 
     @property
     def actuation(self) -> np.ndarray:
-        """L in force, shape (N - 1,) [m]."""
-        return frozen(self._state[ACTUATION, :-1])
+        """L in force of each spring, shape (S,), in the plane (S, 2) [m]."""
+        return frozen(self._actuation)
 
     @property
     def forward(self) -> np.ndarray:
-        """mu_plus in force, shape (N,) [N]."""
-        return frozen(self._state[FORWARD])
+        """mu_plus in force, shape (N,) [N]; for bodies on a line."""
+        return frozen(self._state.contacts[FORWARD])
 
     @property
     def backward(self) -> np.ndarray:
-        """mu_minus in force, shape (N,) [N]."""
-        return frozen(self._state[BACKWARD])
+        """mu_minus in force, shape (N,) [N]; for bodies on a line."""
+        return frozen(self._state.contacts[BACKWARD])
 
     @property
-    def net_translation(self) -> float:
-        """y, the mean of x over the contacts [m]."""
-        return float(self._state[X].sum()) / self._state.shape[1]
+    def friction(self) -> np.ndarray:
+        """Friction in force as in a target: forward then backward; in the plane contact by contact, shape (F,) [N]."""
+        if self._planar:
+            return frozen(self._state.friction.ravel())
+        return frozen(self._state.contacts[[FORWARD, BACKWARD]].ravel())
+
+    @property
+    def net_translation(self) -> float | np.ndarray:
+        """y, the mean of x, every isolated contact and every segment counting once [m]; in the plane shape (2,)."""
+        y = self.body.share @ self._state.contacts[X]
+        return frozen(y) if self._planar else float(y)
 
     @property
     def contact_state(self) -> np.ndarray:
-        """What each contact did on the last command: 1 slid forward, -1 slid backward, 0 stuck; int8, shape (N,)."""
-        state = np.sign(self._state[GAINED]).astype(np.int8)
+        """What each contact did on the last command: 1 slid forward, -1 slid backward, 0 stuck; int8, shape (N,).
+
+        In the plane 1 slid, 0 stuck.
+        """
+        gained = self._gained
+        state = (np.abs(gained).max(axis=1) > 0.0 if self._planar else np.sign(gained)).astype(np.int8)
         state.flags.writeable = False
         return state
 
     @property
+    def _gained(self) -> np.ndarray:
+        return self._state.contacts[2 if self._planar else GAINED]
+
+    @property
+    def spring_force(self) -> np.ndarray:
+        """g, force of the springs on each contact, shape (N,), in the plane (N, 2) [N]."""
+        return frozen(self.body.spring_force(self._tension))
+
+    @property
     def margins(self) -> np.ndarray:
         """Distance of each contact's spring force from its nearest bound, shape (N,) [N]."""
-        return stasis_margins(self._state[TENSION, :-1], self._state[FORWARD], self._state[BACKWARD])
+        if self._planar:
+            force, normals, friction = self.spring_force, self.scene.directions, self._state.friction
+            if normals.size == 0:
+                return frozen(friction[:, 0] - np.linalg.norm(force, axis=1))
+            return frozen((friction - force @ normals.T).min(axis=1))
+        force = self.spring_force
+        return frozen(np.minimum(self._state.contacts[FORWARD] - force, force + self._state.contacts[BACKWARD]))
 
     @property
     def visited_margin(self) -> float:
         """How near all contacts are to sliding at once, now."""
-        return visited_margin(spring_force(self._state[TENSION, :-1]), self._state[FORWARD], self._state[BACKWARD])
+        if self._planar:
+            total = 2.0 * float(self._state.friction.mean(axis=1).sum())
+            return float(np.maximum(self.margins, 0.0).sum()) / total if total > 0.0 else 0.0
+        return visited_margin(self.spring_force, self._state.contacts[FORWARD], self._state.contacts[BACKWARD])
+
+    @property
+    def joint_elongation(self) -> np.ndarray:
+        """Elongation of each link, then of each segment, shape (J,), in the plane (J, 2) [m]."""
+        return self.body.joint_sum(self.shape)
+
+    @property
+    def joint_tension(self) -> np.ndarray:
+        """Tension of each link, then mean tension of each segment, shape (J,), in the plane (J, 2) [N]."""
+        return self.body.joint_mean(self._tension)
 
     def copy(self) -> Crawler:
         """Fork the state.
@@ -186,19 +224,14 @@ class Crawler:
         """
         other = copy.copy(self)
         other._state = self._state.copy()
-        other._status = self._status.copy()
-        other._scratch = integrate.scratch(self.body.contacts)
+        other._scratch = integrate.build_scratch(self.scene)
         return other
 
     def __eq__(self, other: object) -> bool:
         """Compare scenes and states, bit for bit."""
         if not isinstance(other, Crawler):
             return NotImplemented
-        return (
-            self.scene == other.scene
-            and self._state.tobytes() == other._state.tobytes()
-            and self._status.tobytes() == other._status.tobytes()
-        )
+        return self.scene == other.scene and self._state.bits() == other._state.bits()
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -208,40 +241,49 @@ class Crawler:
         """Check a command and lay it out for `follow`.
 
         Args:
-            actuation: L, shape (N - 1,) [m].
-            forward: mu_plus, shape (N,), >= 0 [N]; None keeps what is in force.
-            backward: mu_minus, likewise.
+            actuation: L of each link, then strain of each segment, shape (links + segments,) [m]; in the plane
+                shape (links, 2).
+            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None keeps what is in force. In
+                the plane the friction of each contact.
+            backward: mu_minus, likewise; not in the plane.
 
         Returns:
-            Rows of L (its last entry 0), mu_plus and mu_minus, shape (3, N).
+            L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
 
         Raises:
             CommandError: naming the first value that cannot be followed.
         """
-        n = self.body.contacts
-        target = np.zeros((3, n))
-        target[1], target[2] = self._state[FORWARD], self._state[BACKWARD]
-        given = (("actuation", actuation, n - 1), ("forward", forward, n), ("backward", backward, n))
-        for row, (name, values, size) in enumerate(given):
-            if values is None and row > 0:
+        columns = self.scene.columns
+        row = np.full(columns.count, np.nan)
+        half = columns.lengths + int(columns.friction_sizes.sum())
+        if self._planar and backward is not None:
+            raise CommandError("backward: in the plane `forward` alone is the friction of each contact")
+        given = (
+            ("actuation", actuation, columns.actuation_sizes, 0),
+            ("forward", forward, columns.friction_sizes, columns.lengths),
+            ("backward", backward, columns.friction_sizes, half),
+        )
+        for name, values, sizes, first in given:
+            if values is None and name != "actuation":
                 continue
-            try:
-                array = np.asarray(values, dtype=np.float64)
-            except (TypeError, ValueError):
-                raise CommandError(f"{name}: {values!r}; it must be {size} numbers") from None
-            if array.shape != (size,):
-                raise CommandError(f"{name}: shape {array.shape}; it must be ({size},)")
-            if not np.isfinite(array).all():
-                i = int(np.flatnonzero(~np.isfinite(array))[0])
-                raise CommandError(f"{name}: entry {i} is {array[i]}; it must be finite")
-            if np.abs(array).max() > LARGEST:
-                i = int(np.abs(array).argmax())
-                raise CommandError(f"{name}: entry {i} is {array[i]:g}; it must be at most {LARGEST:g} in size")
-            if row > 0 and not (array >= 0.0).all():
+            each = int(sizes[0]) if self._planar and sizes.size else 1
+            array = _checked(name, values, (sizes.size,) if each == 1 else (sizes.size, each)).ravel()
+            if name != "actuation" and not (array >= 0.0).all():
                 i = int(np.flatnonzero(array < 0.0)[0])
-                raise CommandError(f"{name}: contact {i} has {array[i]:g} N; friction must be >= 0")
-            target[row, :size] = array
+                raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
+            row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
+        target = columns.target(row)
+        held = np.isnan(target)
+        target[held] = np.concatenate((self._actuation.ravel(), self.friction))[held]
         return target
+
+    @property
+    def row(self) -> np.ndarray:
+        """The command row in force, as in `Columns`, shape (C,)."""
+        columns = self.scene.columns
+        target = np.concatenate((self._actuation.ravel(), self.friction))
+        _, first = np.unique(columns.index, return_index=True)
+        return target[first] / columns.factor[first]
 
     def advance(
         self, actuation: ArrayLike, forward: ArrayLike | None = None, backward: ArrayLike | None = None
@@ -249,9 +291,11 @@ class Crawler:
         """Ramp in a straight line from the command in force to a new one.
 
         Args:
-            actuation: L, shape (N - 1,) [m].
-            forward: mu_plus, shape (N,), >= 0 [N]; None keeps what is in force.
-            backward: mu_minus, likewise.
+            actuation: L of each link, then strain of each segment, shape (links + segments,) [m]; in the plane
+                shape (links, 2).
+            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None keeps what is in force. In
+                the plane the friction of each contact.
+            backward: mu_minus, likewise; not in the plane.
 
         Returns:
             What happened on the way.
@@ -265,28 +309,28 @@ class Crawler:
         """Ramp to several checked commands in turn.
 
         Args:
-            targets: rows as from `target`, shape (V, 3, N).
-            records: memory for displacement, its rounding rest and tension after each ramp, shape (V, 3, N).
+            targets: rows as from `target`, shape (V, S + 2 N).
+            records: memory for displacement, its rounding rest and tension after each ramp, shape (V, 2 N + S).
 
         Returns:
             What happened on the way, all ramps together.
         """
-        account = np.zeros(integrate.ACCOUNT_SIZE)
+        account = np.zeros(ACCOUNT_SIZE)
         account[VISITED] = np.inf
         integrate.follow(
-            self._stiffness,
+            self.scene,
             self._state,
-            self._status,
+            self._scratch,
             targets,
             self.method == "exact",
             self.budget,
-            *self._scratch,
+            self._centred,
             account,
             self._no_records if records is None else records,
         )
-        velocity = self._state[GAINED].copy()
+        velocity = self._gained.copy()
         velocity.flags.writeable = False
-        gain = float(velocity.sum()) / velocity.size
+        gain = 0.0 if self._planar else float(self.body.share @ velocity)
         if account[VISITED] == np.inf:  # nothing but holding
             account[VISITED] = self.visited_margin
         return Step(
@@ -304,20 +348,55 @@ class Crawler:
         )
 
 
-def _status_at_rest(tension: np.ndarray, forward: np.ndarray, backward: np.ndarray) -> np.ndarray:
-    """Find the bounds that contacts are at, but for rounding; both only where there is no friction."""
-    g = spring_force(tension)
-    near = rounding_of_forces(tension, forward + backward)
-    above, below = forward - g, g + backward
-    none = forward + backward == 0.0
-    at_forward = none | ((above <= near) & (above <= below))
-    at_backward = none | ((below <= near) & (below < above))
-    return (AT_FORWARD * at_forward + AT_BACKWARD * at_backward).astype(np.int8)
+def choose_method(scene: Scene, method: str | None) -> Method:
+    """Check a method against a scene.
+
+    Args:
+        scene: the scene.
+        method: "exact", "catch_up", or None for the best that there is.
+
+    Returns:
+        The method.
+
+    Raises:
+        CommandError: when there is no such method, or not for this body.
+    """
+    planar = scene.mesh.dimension == 2
+    if method is None:
+        return "catch_up" if planar else "exact"
+    if method not in METHODS:
+        raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
+    if planar and method == "exact":
+        raise CommandError(
+            "method: exact is for bodies on a line, where paths are straight from event to event; in the plane "
+            "they are curved: take catch_up, whose steps are refined to the scene's tolerance"
+        )
+    return method  # type: ignore[return-value]
 
 
-def prepare() -> None:
-    """Load the compiled kernels, or compile them on their first use on this machine and say so on standard error."""
-    body = {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}}
-    scene = Scene.model_validate({"name": "prepare", "body": body, "friction": {"isotropic": 1.0}})
+def _checked(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
+    count = " x ".join(map(str, shape))
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CommandError(f"{name}: {values!r}; it must be {count} numbers") from None
+    if array.shape != shape:
+        raise CommandError(f"{name}: shape {array.shape}; it must be {shape}")
+    flat = array.ravel()
+    if not np.isfinite(flat).all():
+        i = int(np.flatnonzero(~np.isfinite(flat))[0])
+        raise CommandError(f"{name}: entry {i} is {flat[i]}; it must be finite")
+    if flat.size and np.abs(flat).max() > LARGEST:
+        i = int(np.abs(flat).argmax())
+        raise CommandError(f"{name}: entry {i} is {flat[i]:g}; it must be at most {LARGEST:g} in size")
+    return array
+
+
+def prepare(scene: Scene) -> None:
+    """Load the kernels that a scene needs, or compile them on their first use on this machine and say so.
+
+    Args:
+        scene: the scene.
+    """
     with said_if_slow():
-        Crawler(scene).advance([0.5])
+        Crawler(scene).follow(np.empty((0, scene.columns.index.size)))

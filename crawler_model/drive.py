@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from .body import Body, frozen
+from .body import frozen
+from .columns import Columns
 from .errors import SceneError
-from .friction import Friction
 
 NS = 1_000_000_000
 """Nanoseconds in a second. Waypoints fall on whole nanoseconds; what is commanded there is not rounded."""
@@ -21,25 +22,42 @@ class Drive:
     Attributes:
         times: waypoint times, increasing from 0, shape (W,) [s].
         period: after it the waypoints repeat [s]; None: once, then hold.
-        actuation: L, shape (W, links) [m].
-        forward: mu_plus, shape (W, N) [N].
-        backward: mu_minus, shape (W, N) [N].
+        rows: command rows, shape (W, C).
+        columns: what the columns of a row are.
     """
 
     times: np.ndarray
     period: float | None
-    actuation: np.ndarray
-    forward: np.ndarray
-    backward: np.ndarray
+    rows: np.ndarray
+    columns: Columns
 
+    @functools.cached_property
     def targets(self) -> np.ndarray:
-        """Stack the waypoints as `integrate.follow` takes them.
+        """Where the ramps to the waypoints end, shape (W, S + 2 N)."""
+        return frozen(self.columns.target(self.rows))
 
-        Returns:
-            Rows of L (its last entry 0), mu_plus and mu_minus, shape (W, 3, N).
-        """
-        last = np.zeros((self.actuation.shape[0], 1))
-        return np.stack((np.hstack((self.actuation, last)), self.forward, self.backward), axis=1)
+    @property
+    def actuation(self) -> np.ndarray:
+        """L of each spring, shape (W, S); in the plane x and y of each in turn, shape (W, 2 S) [m]."""
+        return self.targets[:, : self._springs]
+
+    @property
+    def forward(self) -> np.ndarray:
+        """mu_plus of each contact, shape (W, N) [N]; for bodies on a line."""
+        return self.targets[:, self._springs : self._springs + self._contacts]
+
+    @property
+    def backward(self) -> np.ndarray:
+        """mu_minus of each contact, shape (W, N) [N]; for bodies on a line."""
+        return self.targets[:, self._springs + self._contacts :]
+
+    @functools.cached_property
+    def _springs(self) -> int:
+        return int((self.columns.index < self.columns.lengths).sum())
+
+    @property
+    def _contacts(self) -> int:
+        return (self.columns.index.size - self._springs) // 2
 
     def waypoints_between(self, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
         """Find the waypoints in a stretch of time.
@@ -73,9 +91,9 @@ class Drive:
             times_ns: shape (K,), int64, >= 0 and increasing [ns].
 
         Returns:
-            Rows as in `targets`, shape (K, 3, N).
+            Targets, shape (K, S + 2 N).
         """
-        targets = self.targets()
+        targets = self.targets
         if times_ns.size == 0:
             return targets[:0]
         if self.period is None:
@@ -86,22 +104,19 @@ class Drive:
         before = np.clip(np.searchsorted(known, times_ns, side="right") - 1, 0, known.size - 1)
         after = np.minimum(before + 1, known.size - 1)
         gap = np.maximum(known[after] - known[before], 1)
-        part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None, None]
+        part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None]
         start = targets[rows[before]]
         return start + part * (targets[rows[after]] - start)
 
 
-def build_waypoints(
-    times: np.ndarray, period: float | None, actuation: np.ndarray, forward: np.ndarray, backward: np.ndarray
-) -> Drive:
+def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, columns: Columns) -> Drive:
     """Build a drive from waypoints and check that they make a path.
 
     Args:
         times: shape (W,), increasing from 0 [s].
         period: >= the last time [s], or None.
-        actuation: shape (W, links) [m].
-        forward: shape (W, N) [N].
-        backward: shape (W, N) [N].
+        rows: command rows, shape (W, C).
+        columns: what the columns of a row are.
 
     Returns:
         The drive, its arrays read-only.
@@ -124,17 +139,17 @@ def build_waypoints(
             raise SceneError(f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s")
         if period > times[-1] and np.rint(period * NS) - ns[-1] < 1.0:
             raise SceneError(f"drive.period: {period!r} s is less than a nanosecond after the last waypoint")
-    for name, rows in (("friction.forward", forward), ("friction.backward", backward)):
-        for row, i in np.argwhere(~(rows >= 0.0)):
-            raise SceneError(f"drive.{name}: row {row}, contact {i}: {rows[row, i]:g} N; friction must be >= 0")
+    for row, i in np.argwhere(~(rows[:, columns.lengths :] >= 0.0)):
+        name, value = columns.names[columns.lengths + i], rows[row, columns.lengths + i]
+        raise SceneError(f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0")
     if period is not None and period == times[-1]:
-        for name, rows in (("actuation", actuation), ("friction", forward), ("friction", backward)):
-            for i in np.flatnonzero(rows[0] != rows[-1]):
-                raise SceneError(
-                    f"drive.{name}: the last row, at the period's end, has {rows[-1, i]:g} in column {i} and the "
-                    f"first {rows[0, i]:g}; a drive with a period must end as it begins"
-                )
-    return Drive(frozen(times), period, frozen(actuation), frozen(forward), frozen(backward))
+        for i in np.flatnonzero(rows[0] != rows[-1]):
+            field = "actuation" if i < columns.lengths else "friction"
+            raise SceneError(
+                f"drive.{field}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} and the "
+                f"first {rows[0, i]:g}; a drive with a period must end as it begins"
+            )
+    return Drive(frozen(times), period, frozen(rows), columns)
 
 
 def wave(mean: float, amplitude: float, wavelength: float, phase: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -186,18 +201,3 @@ def merge_times(*grids: np.ndarray) -> np.ndarray:
     """
     times = np.unique(np.concatenate(grids))
     return times[np.concatenate(([True], np.diff(times) * NS >= 1.0))]
-
-
-def hold(body: Body, friction: Friction) -> Drive:
-    """Make the drive of a crawler that waits for commands: L = 0, its own friction, for ever.
-
-    Args:
-        body: the crawler's body.
-        friction: the scene's.
-
-    Returns:
-        A drive of one waypoint.
-    """
-    return Drive(
-        frozen([0.0]), None, frozen(np.zeros((1, body.links))), friction.forward[None], friction.backward[None]
-    )

@@ -1,73 +1,60 @@
-"""Friction of the contacts: mu_plus opposes sliding towards +x, mu_minus towards -x; each may be commanded."""
+"""Friction that is commanded in time: the conditions under which the crawler's path is one and well defined."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from .body import frozen, spread
-from .errors import CommandError, SceneError
+from .drive import Drive
 
 
-@dataclass(frozen=True, eq=False)
-class Friction:
-    """Magnitudes of the friction force.
+@dataclass(frozen=True)
+class Regularity:
+    """How regular the friction of a drive is.
 
     Attributes:
-        forward: mu_plus, shape (N,) [N].
-        backward: mu_minus, shape (N,) [N].
+        least: smallest coefficient, of any contact at any time [N, on a segment N/m].
+        greatest: largest coefficient.
+        rate: largest rate of change of a coefficient, its Lipschitz constant [N/s, on a segment N/m/s].
+        where: name of the column with the smallest coefficient.
+
+    Source: [G] section 5.1, Lemmas on condition (diamond diamond) for discrete and for continuous models.
     """
 
-    forward: np.ndarray
-    backward: np.ndarray
+    least: float
+    greatest: float
+    rate: float
+    where: str
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether all coefficients stay between two positive bounds; rates of waypoints are always finite."""
+        return self.least > 0.0
 
 
-def build_friction(forward: ArrayLike, backward: ArrayLike, contacts: int) -> Friction:
-    """Build the friction of all contacts.
+def check_regularity(drive: Drive) -> Regularity:
+    """Find the bounds and the rate of a drive's friction.
+
+    A drive goes in straight lines between its waypoints, so that bounds and rates are found there.
 
     Args:
-        forward: mu_plus, one number or shape (N,), >= 0 [N].
-        backward: mu_minus, likewise [N].
-        contacts: number of contacts N.
+        drive: the drive.
 
     Returns:
-        The friction, its arrays read-only.
-
-    Raises:
-        SceneError: naming the contact whose friction is negative, or the wrong length.
+        Bounds and rate.
     """
-    sides = {}
-    for name, values in (("forward", forward), ("backward", backward)):
-        mu = spread(values, contacts, f"friction.{name}", "contact")
-        for i in np.flatnonzero(~(mu >= 0.0)):
-            raise SceneError(f"friction.{name}: contact {i} has {mu[i]:g} N; friction must be >= 0")
-        sides[name] = frozen(mu)
-    return Friction(sides["forward"], sides["backward"])
-
-
-def spread_command(values: np.ndarray, contacts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Read a friction command: one value, one per contact (isotropic), or all forward and then all backward.
-
-    Args:
-        values: shape (1,), (N,) or (2 N,) [N].
-        contacts: number of contacts N.
-
-    Returns:
-        mu_plus and mu_minus, each of shape (N,) [N].
-
-    Raises:
-        CommandError: when the length is another.
-    """
-    if values.size == 2 * contacts:
-        return values[:contacts], values[contacts:]
-    if values.size == contacts:
-        return values, values
-    if values.size == 1:
-        both = np.full(contacts, values[0])
-        return both, both
-    raise CommandError(
-        f"friction command has {values.size} value(s); give 1, {contacts} (one per contact) or "
-        f"{2 * contacts} (all forward, then all backward)"
+    columns = drive.columns
+    friction = drive.rows[:, columns.lengths :]
+    times = drive.times
+    if drive.period is not None and drive.period > times[-1]:
+        times = np.append(times, drive.period)
+        friction = np.vstack((friction, friction[:1]))
+    rate = np.abs(np.diff(friction, axis=0)) / np.diff(times)[:, None]
+    weakest = int(friction.min(axis=0).argmin())
+    return Regularity(
+        float(friction.min()),
+        float(friction.max()),
+        float(rate.max(initial=0.0)),
+        columns.names[columns.lengths + weakest],
     )

@@ -1,646 +1,200 @@
-"""One ramp of the commands, followed exactly or by a catch-up step, with its energy account and certificate.
+"""The one door to all bodies: make a crawler's state, and follow ramps of commands.
 
-Along a ramp the rest lengths and the friction go in straight lines from the values in force (s = 0) to the
-commanded ones (s = 1). The solution is then piecewise linear in s.
-
-`exact` follows it from event to event. Between events every contact is free (strictly inside its bounds, at
-rest) or at a bound, and the rates of the tensions solve the projection of `chain_kernel` with infinite bounds
-where a contact is free. An event is a free contact that reaches a bound. A free contact is a wall: an event
-changes only the block of neighbouring contacts at their bounds around it, so only that block is solved again, and
-links and contacts elsewhere are brought up to date when their turn comes. The status of a contact is data that
-events change, never a comparison of rounded numbers; a contact that leaves its bound counts as free as soon as s
-has grown.
-
-`catch_up` projects once, with the friction of the ramp's end; the translation uses the ramp's mean friction.
-
-Forces and lengths of a state are rows of one array, so that a compiled call costs little:
+Behind it are `chain_tick` for chains, `graph_tick` for any other springs on a line and `planar_tick` for the plane.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from . import chain_kernel
-from ._compiled import compiled
-from .chain_kernel import EPS, project
-from .uniqueness import CRITICAL, translation_interval
-
-# Rows of a state, each of one number per contact (links leave the last one unused).
-X, X_REST, SHAPE, TENSION, ACTUATION, FORWARD, BACKWARD, TENSION_REF, ACTUATION_REF, GAINED = range(10)
-"""Displacement and what rounding took from it; z; T; L; mu_plus; mu_minus; T and L when the link last moved;
-displacement gained since `follow` was called."""
-STATE_ROWS = 10
-
-# Rows of a target: where the ramp goes.
-TO_ACTUATION, TO_FORWARD, TO_BACKWARD = range(3)
-
-# Entries of the account that a ramp adds to.
-(
-    WORK,
-    DISSIPATION,
-    RESIDUAL,
-    VIOLATION,
-    COMPLEMENTARITY,
-    VISITED,
-    EVENTS,
-    AMBIGUOUS,
-    OVERSPENT,
-    GAIN_LEAST,
-    GAIN_MOST,
-) = range(11)
-ACCOUNT_SIZE = 11
-
-# Rows of a record, one record per ramp.
-RECORD_X, RECORD_X_REST, RECORD_TENSION = range(3)
-
-AT_FORWARD, AT_BACKWARD = 1, 2
-"""Bits of a contact's status: the spring force equals mu_plus, or -mu_minus. Both when there is no friction."""
-
-# Rows of the scratch floats.
-(_RATE, _LINK_SINCE, _V, _SINCE, _NEXT, _D_ACTUATION, _D_FORWARD, _D_BACKWARD, _TRIAL, _LOWER, _UPPER, _GRAIN) = range(
-    12
+from . import chain_tick, state
+from .scene import Scene
+from .state import (
+    ACTUATION,
+    ACTUATION_REF,
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    FORWARD,
+    RELATIVE,
+    SHAPE,
+    TENSION,
+    TENSION_REF,
+    X,
 )
-_FLOAT_ROWS = 12
-# Rows of the scratch bytes.
-_SIDE, _LEAVING, _COMING, _MOVED = range(4)
-_BYTE_ROWS = 4
 
-_FEW_FREE, _FEW_CONTACTS = 2, 256
-"""All contacts are looked at after an event when at most so many are free, where looking is no dearer than solving, or
-when there are at most so many. For longer chains the visited margin is otherwise sampled at the ends of ramps."""
-
-_STRETCH = 1e-6
-"""A piece shorter than this part of its ramp is an isolated instant: that all contacts are at their bounds is seen with
-a tolerance, so an instant looks as long as the slowest contact takes to cross it."""
-
-_NOISE = 1e-14
-"""A velocity below this part of the sum of the shape rates around it is rounding."""
+DEFAULT_TOLERANCE = 1e-4
+"""Error of a planar ramp relative to its change of length, unless the scene says otherwise."""
+_MOST_STEPS = 1 << 20
 
 
-class Scratch(NamedTuple):
-    """Memory that ramps reuse; it holds nothing between them."""
+@dataclass(eq=False)
+class State:
+    """What changes: rows of the contacts and of the springs, and which bounds contacts are at.
 
-    floats: np.ndarray
-    bytes: np.ndarray
-    tree: np.ndarray
-    stacks: np.ndarray
+    Attributes:
+        contacts: rows X .. RELATIVE, shape (6, N); in the plane X, X_REST and GAINED, shape (3, N, 2).
+        links: rows SHAPE .. ACTUATION_REF, shape (5, S); in the plane TENSION and ACTUATION, shape (2, S, 2).
+        status: bits AT_FORWARD and AT_BACKWARD, shape (N,); unused in the plane.
+        friction: in the plane, shape (N, max(m, 1)); unused on a line.
+    """
+
+    contacts: np.ndarray
+    links: np.ndarray
+    status: np.ndarray
+    friction: np.ndarray
+
+    def copy(self) -> State:
+        """Fork the state."""
+        return State(self.contacts.copy(), self.links.copy(), self.status.copy(), self.friction.copy())
+
+    def bits(self) -> bytes:
+        """Lay all numbers out as bytes, for comparison."""
+        return b"".join(a.tobytes() for a in (self.contacts, self.links, self.status, self.friction))
 
 
-def scratch(contacts: int) -> Scratch:
-    """Make the scratch memory for a chain.
+def start_state(scene: Scene) -> State:
+    """Make the state at a scene's start.
 
     Args:
-        contacts: number of contacts N.
+        scene: the scene.
 
     Returns:
-        The arrays that `follow` takes.
+        The state, at rest.
     """
-    leaves = 1 << max(contacts - 1, 1).bit_length()
-    return Scratch(
-        np.zeros((_FLOAT_ROWS, contacts)),
-        np.zeros((_BYTE_ROWS, contacts), np.int8),
-        np.full(2 * leaves + contacts, -1, np.int64),
-        chain_kernel.workspace(contacts),
+    mesh, drive, x = scene.mesh, scene.commands, scene.start_displacement
+    if mesh.dimension == 2:
+        contacts = np.zeros((3, mesh.contacts, 2))
+        contacts[0] = x
+        links = np.zeros((2, mesh.springs, 2))
+        links[1] = drive.targets[0, : 2 * mesh.springs].reshape(-1, 2)
+        links[0] = mesh.stiffness[:, None] * (mesh.elongation(x) - links[1])
+        friction = drive.targets[0, 2 * mesh.springs :].reshape(mesh.contacts, -1).copy()
+        return State(contacts, links, np.zeros(0, np.int8), friction)
+    contacts = np.zeros((state.CONTACT_ROWS, mesh.contacts))
+    links = np.zeros((state.LINK_ROWS, mesh.springs))
+    contacts[X] = contacts[RELATIVE] = x
+    contacts[FORWARD], contacts[BACKWARD] = drive.forward[0], drive.backward[0]
+    links[ACTUATION] = links[ACTUATION_REF] = drive.actuation[0]
+    links[SHAPE] = mesh.elongation(x)
+    links[TENSION] = links[TENSION_REF] = mesh.stiffness * (links[SHAPE] - drive.actuation[0])
+    return State(contacts, links, _status_at_rest(scene, links[TENSION], contacts), np.zeros((0, 0)))
+
+
+def _status_at_rest(scene: Scene, tension: np.ndarray, contacts: np.ndarray) -> np.ndarray:
+    """Find the bounds that contacts are at, but for rounding; both only where there is no friction."""
+    g = scene.mesh.spring_force(tension)
+    friction = contacts[FORWARD] + contacts[BACKWARD]
+    near = 32.0 * np.finfo(np.float64).eps * (scene.mesh.force_size(tension) + friction)
+    above, below = contacts[FORWARD] - g, g + contacts[BACKWARD]
+    none = friction == 0.0
+    at_forward = none | ((above <= near) & (above <= below))
+    at_backward = none | ((below <= near) & (below < above))
+    return (AT_FORWARD * at_forward + AT_BACKWARD * at_backward).astype(np.int8)
+
+
+def build_scratch(scene: Scene) -> tuple[Any, ...]:
+    """Make the memory that `follow` works in, for one crawler.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        What the body's kernel wants beside state and commands.
+    """
+    mesh = scene.mesh
+    if mesh.dimension == 2:
+        return ()
+    if mesh.is_chain:
+        return tuple(chain_tick.scratch(mesh.contacts))
+    from . import graph_kernel, graph_tick
+
+    network = graph_kernel.build_network(mesh)
+    return (
+        (network.order, network.band),
+        graph_kernel.workspace(network),
+        graph_tick.scratch(mesh.contacts, mesh.springs),
     )
 
 
-@compiled
-def _sooner(next_event, a, b):
-    """Choose of two contacts (or -1) the one with the earlier event."""
-    if a < 0:
-        return b
-    if b < 0:
-        return a
-    return a if next_event[a] <= next_event[b] else b
-
-
-@compiled
-def _announce(tree, leaves, next_event, i):
-    """Restore the tournament after contact i's event changed."""
-    node = (leaves + i) >> 1
-    while node >= 1:
-        tree[node] = _sooner(next_event, tree[2 * node], tree[2 * node + 1])
-        node >>= 1
-
-
-@compiled
-def _shift(state, velocity, ds, i):
-    """Move contact i, keeping what rounding takes (compensated summation)."""
-    state[GAINED, i] += velocity * ds
-    step = velocity * ds + state[X_REST, i]
-    before = state[X, i]
-    after = before + step
-    state[X, i] = after
-    state[X_REST, i] = (before - after) + step
-
-
-@compiled
-def _shape_gain(tension, trial, stiffness):
-    """Compute by how much a link's shape changes when its tension comes out other than tried; rounding is none."""
-    change = tension - trial
-    return change / stiffness if abs(change) > 16.0 * EPS * (abs(tension) + abs(trial)) else 0.0
-
-
-@compiled
-def _chain_velocities(shape_rate, side, velocity, first, last):
-    """Integrate v_{i+1} = v_i + w_i over contacts first..last, at rest where `side` is 0 and beyond the range.
-
-    Returns True where nothing fixes the translation: the range is the whole chain and no contact is at rest.
-    """
-    n = side.shape[0]
-    anchor = first
-    free_translation = False
-    if first > 0:
-        velocity[first] = shape_rate[first - 1] if side[first] != 0 else 0.0
-    else:
-        while anchor <= last and side[anchor] != 0:
-            anchor += 1
-        if anchor <= last:
-            velocity[anchor] = 0.0
-        elif last == n - 1:
-            free_translation = True
-            anchor = first
-            velocity[first] = 0.0
-        else:
-            anchor = last
-            velocity[last] = -shape_rate[last]
-    size = 0.0
-    for i in range(max(first - 1, 0), min(last, n - 2) + 1):
-        size += abs(shape_rate[i])
-    for i in range(anchor - 1, first - 1, -1):
-        velocity[i] = velocity[i + 1] - shape_rate[i]
-    for i in range(anchor + 1, last + 1):
-        velocity[i] = velocity[i - 1] + shape_rate[i - 1] if side[i] != 0 else 0.0
-    if not free_translation:
-        for i in range(first, last + 1):
-            v = velocity[i]
-            if abs(v) <= _NOISE * size or (v * side[i] < 0.0 and abs(v) <= CRITICAL * size):
-                velocity[i] = 0.0
-    return free_translation
-
-
-@compiled
-def _slack(state, floats, s, i):
-    """Compute the distances of contact i's force from its upper and lower bound at s."""
-    n = state.shape[1]
-    g = 0.0
-    if i < n - 1:
-        g += state[TENSION, i] + floats[_RATE, i] * (s - floats[_LINK_SINCE, i])
-    if i > 0:
-        g -= state[TENSION, i - 1] + floats[_RATE, i - 1] * (s - floats[_LINK_SINCE, i - 1])
-    above = state[FORWARD, i] + s * floats[_D_FORWARD, i] - g
-    below = state[BACKWARD, i] + s * floats[_D_BACKWARD, i] + g
-    return above, below
-
-
-@compiled
-def _update(state, floats, account, s, first, last):
-    """Bring contacts first..last and the links between and beside them from their last change up to s."""
-    n = state.shape[1]
-    for i in range(max(first - 1, 0), min(last, n - 2) + 1):
-        ds = s - floats[_LINK_SINCE, i]
-        if ds > 0.0:
-            gain = floats[_RATE, i] * ds
-            account[WORK] -= (state[TENSION, i] + 0.5 * gain) * floats[_D_ACTUATION, i] * ds
-            state[TENSION, i] += gain
-        floats[_LINK_SINCE, i] = s
-    for i in range(first, last + 1):
-        ds = s - floats[_SINCE, i]
-        v = floats[_V, i]
-        if ds > 0.0 and v != 0.0:
-            middle = 0.5 * (s + floats[_SINCE, i])
-            above, below = _slack(state, floats, s, i)
-            if v > 0.0:
-                account[DISSIPATION] += (state[FORWARD, i] + middle * floats[_D_FORWARD, i]) * v * ds
-                gap = above
-            else:
-                account[DISSIPATION] -= (state[BACKWARD, i] + middle * floats[_D_BACKWARD, i]) * v * ds
-                gap = below
-            account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-            account[VIOLATION] = max(account[VIOLATION], -min(above, below))
-            _shift(state, v, ds, i)
-        floats[_SINCE, i] = s
-
-
-@compiled
-def _settle(status, floats, bytes_, s, i):
-    """Let contact i go that left its bound before s."""
-    if bytes_[_LEAVING, i] != 0 and floats[_SINCE, i] < s:
-        status[i] &= ~bytes_[_LEAVING, i]
-        bytes_[_LEAVING, i] = 0
-
-
-@compiled
-def _solve(stiffness, state, status, floats, bytes_, stacks, account, s, first, last):
-    """Find the rates of the block of contacts first..last at s, and the next event of each of them.
-
-    The block ends at walls or at the ends of the chain. Returns True where the translation is free.
-    """
-    n = state.shape[1]
-    start = max(first - 1, 0)
-    stop = min(last + 1, n - 1)
-    _update(state, floats, account, s, start, stop)
-    for i in range(start, stop + 1):
-        upper = floats[_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
-        lower = -floats[_D_BACKWARD, i] if status[i] & AT_BACKWARD else -np.inf
-        if lower > upper:  # both bounds met by rounding just before the friction vanishes
-            upper = 0.5 * (lower + upper)
-            lower = upper
-        floats[_UPPER, i] = upper
-        floats[_LOWER, i] = lower
-        changing = floats[_D_FORWARD, i] != 0.0 or floats[_D_BACKWARD, i] != 0.0
-        floats[_GRAIN, i] = state[FORWARD, i] + state[BACKWARD, i] if changing else 0.0
-    for i in range(start, stop):
-        floats[_TRIAL, i] = -stiffness[i] * floats[_D_ACTUATION, i]
-    project(
-        floats[_TRIAL, start:stop],
-        stiffness[start:stop],
-        floats[_LOWER, start : stop + 1],
-        floats[_UPPER, start : stop + 1],
-        floats[_GRAIN, start : stop + 1],
-        floats[_RATE, start:stop],
-        bytes_[_SIDE, start : stop + 1],
-        stacks,
-    )
-    for i in range(start, stop):
-        floats[_TRIAL, i] = _shape_gain(floats[_RATE, i], floats[_TRIAL, i], stiffness[i])
-        if floats[_TRIAL, i] != 0.0:
-            bytes_[_MOVED, i] = 1
-    free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], floats[_V], first, last)
-    for i in range(first, last + 1):
-        held = 0
-        if bytes_[_SIDE, i] == 1:
-            held = AT_FORWARD
-        elif bytes_[_SIDE, i] == -1:
-            held = AT_BACKWARD
-        if held != 0 and floats[_UPPER, i] == floats[_LOWER, i]:
-            held = AT_FORWARD | AT_BACKWARD
-        bytes_[_LEAVING, i] = status[i] & ~held
-    for i in range(start, stop + 1):
-        rate = 0.0
-        if i < n - 1:
-            rate += floats[_RATE, i]
-        if i > 0:
-            rate -= floats[_RATE, i - 1]
-        above, below = _slack(state, floats, s, i)
-        when = np.inf
-        closing = rate - floats[_D_FORWARD, i]
-        if closing > 0.0 and not status[i] & AT_FORWARD:
-            when = s + max(above, 0.0) / closing
-            bytes_[_COMING, i] = AT_FORWARD
-        closing = -rate - floats[_D_BACKWARD, i]
-        if closing > 0.0 and not status[i] & AT_BACKWARD:
-            other = s + max(below, 0.0) / closing
-            if other < when:
-                when = other
-                bytes_[_COMING, i] = AT_BACKWARD
-        floats[_NEXT, i] = when
-    return free_translation
-
-
-@compiled
-def _visited(state, floats, s):
-    """Compute the sum of all contacts' distances from their nearest bounds, and the sum of all bounds, at s."""
-    near = 0.0
-    total = 0.0
-    for i in range(state.shape[1]):
-        above, below = _slack(state, floats, s, i)
-        near += abs(min(above, below))
-        total += max(above + below, 0.0)
-    return near, total
-
-
-@compiled
-def _choose_translation(velocity, forward, backward):
-    """Add to the velocities the admissible translation nearest to zero; return how far either end lies from it."""
-    least, most = translation_interval(velocity, forward, backward)
-    mean = velocity.mean()
-    chosen = min(max(-mean, least), most)
-    for i in range(velocity.shape[0]):
-        velocity[i] += chosen
-    return least - chosen, most - chosen
-
-
-@compiled
-def _near_criticality(state, floats, account, s):
-    """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
-
-    A distance from the nearest bound is concave in s: what vanishes at three instants vanishes between them.
-    """
-    near, total = _visited(state, floats, s)
-    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
-    if near > CRITICAL * total:
-        return False
-    halfway, total_halfway = _visited(state, floats, 0.5 * (s + 1.0))
-    at_end, total_at_end = _visited(state, floats, 1.0)
-    return halfway <= CRITICAL * total_halfway and at_end <= CRITICAL * total_at_end
-
-
-@compiled
-def _finish(stiffness, state, status, target, bytes_, account, energy):
-    """Put the state onto the ramp's end, tensions of contacts at a bound exactly on it, and close the account."""
-    n = state.shape[1]
-    for i in range(n):
-        state[FORWARD, i] = target[TO_FORWARD, i]
-        state[BACKWARD, i] = target[TO_BACKWARD, i]
-    tension = state[TENSION]
-    for i in range(n - 1):
-        if not bytes_[_MOVED, i]:
-            change = target[TO_ACTUATION, i] - state[ACTUATION_REF, i]
-            tension[i] = state[TENSION_REF, i] - stiffness[i] * change
-        elif status[i] != 0:
-            bound = state[FORWARD, i] if status[i] & AT_FORWARD else -state[BACKWARD, i]
-            tension[i] = (tension[i - 1] if i > 0 else 0.0) + bound
-    for i in range(n - 1, 0, -1):
-        if status[i] == 0:
-            break
-        if bytes_[_MOVED, i - 1]:
-            bound = state[FORWARD, i] if status[i] & AT_FORWARD else -state[BACKWARD, i]
-            tension[i - 1] = (tension[i] if i < n - 1 else 0.0) - bound
-    stored = 0.0
-    for i in range(n - 1):
-        state[ACTUATION, i] = target[TO_ACTUATION, i]
-        if bytes_[_MOVED, i]:
-            state[TENSION_REF, i] = tension[i]
-            state[ACTUATION_REF, i] = state[ACTUATION, i]
-            state[SHAPE, i] = state[ACTUATION, i] + tension[i] / stiffness[i]
-        stored += 0.5 * tension[i] * tension[i] / stiffness[i]
-    near = 0.0
-    total = 0.0
-    for i in range(n):
-        g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
-        above = state[FORWARD, i] - g
-        below = state[BACKWARD, i] + g
-        account[VIOLATION] = max(account[VIOLATION], -min(above, below))
-        near += max(min(above, below), 0.0)
-        total += state[FORWARD, i] + state[BACKWARD, i]
-    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
-    account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
-
-
-@compiled
-def _catch_up(stiffness, state, status, target, floats, bytes_, stacks, account):
-    """Go from the present state to `target` in one implicit step."""
-    n = state.shape[1]
-    for i in range(n - 1):
-        change = target[TO_ACTUATION, i] - state[ACTUATION, i]
-        if state[TENSION, i] == state[TENSION_REF, i] - stiffness[i] * (state[ACTUATION, i] - state[ACTUATION_REF, i]):
-            total_change = target[TO_ACTUATION, i] - state[ACTUATION_REF, i]
-            floats[_TRIAL, i] = state[TENSION_REF, i] - stiffness[i] * total_change
-        else:
-            floats[_TRIAL, i] = state[TENSION, i] - stiffness[i] * change
-        floats[_D_ACTUATION, i] = change
-    for i in range(n):
-        floats[_UPPER, i] = target[TO_FORWARD, i]
-        floats[_LOWER, i] = -target[TO_BACKWARD, i]
-        floats[_GRAIN, i] = 0.0
-    new = floats[_RATE]
-    project(
-        floats[_TRIAL, : n - 1],
-        stiffness,
-        floats[_LOWER],
-        floats[_UPPER],
-        floats[_GRAIN],
-        new[: n - 1],
-        bytes_[_SIDE],
-        stacks,
-    )
-    for i in range(n - 1):
-        shape_rate = _shape_gain(new[i], floats[_TRIAL, i], stiffness[i])
-        if shape_rate != 0.0:
-            bytes_[_MOVED, i] = 1
-        account[WORK] -= 0.5 * (state[TENSION, i] + new[i]) * floats[_D_ACTUATION, i]
-        state[TENSION, i] = new[i]
-        floats[_TRIAL, i] = shape_rate
-    velocity = floats[_V]
-    free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], velocity, 0, n - 1)
-    near = 0.0
-    total = 0.0
-    for i in range(n):
-        g = (new[i] if i < n - 1 else 0.0) - (new[i - 1] if i > 0 else 0.0)
-        near += max(min(floats[_UPPER, i] - g, g - floats[_LOWER, i]), 0.0)
-        total += floats[_UPPER, i] - floats[_LOWER, i]
-        floats[_UPPER, i] = 0.5 * (state[FORWARD, i] + target[TO_FORWARD, i])
-        floats[_LOWER, i] = 0.5 * (state[BACKWARD, i] + target[TO_BACKWARD, i])
-    if free_translation or near <= CRITICAL * total:
-        least, most = _choose_translation(velocity, floats[_UPPER], floats[_LOWER])
-        if _wide(least, most, velocity):
-            account[AMBIGUOUS] = 1.0
-            account[GAIN_LEAST] += least
-            account[GAIN_MOST] += most
-    for i in range(n):
-        v = velocity[i]
-        g = (new[i] if i < n - 1 else 0.0) - (new[i - 1] if i > 0 else 0.0)
-        if v > 0.0:
-            account[DISSIPATION] += floats[_UPPER, i] * v
-            gap = target[TO_FORWARD, i] - g
-        else:
-            account[DISSIPATION] -= floats[_LOWER, i] * v
-            gap = target[TO_BACKWARD, i] + g
-        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-        _shift(state, v, 1.0, i)
-        status[i] = 0
-        if bytes_[_SIDE, i] == 1:
-            status[i] = AT_FORWARD
-        elif bytes_[_SIDE, i] == -1:
-            status[i] = AT_BACKWARD
-        if status[i] != 0 and target[TO_FORWARD, i] + target[TO_BACKWARD, i] == 0.0:
-            status[i] = AT_FORWARD | AT_BACKWARD
-
-
-@compiled
-def _wide(least, most, velocity):
-    """Tell an interval of translations from rounding."""
-    size = 0.0
-    for i in range(velocity.shape[0]):
-        size = max(size, abs(velocity[i]))
-    return most - least > CRITICAL * size and most > least
-
-
-@compiled
-def _count_free(bytes_):
-    """Count the contacts that are free or leave their bound."""
-    free = 0
-    for i in range(bytes_.shape[1]):
-        if bytes_[_SIDE, i] == 0:
-            free += 1
-    return free
-
-
-@compiled
-def _exact(stiffness, state, status, target, floats, bytes_, tree, stacks, account, budget):
-    """Follow the straight ramp to `target` from event to event. Returns False when the budget was spent."""
-    n = state.shape[1]
-    leaves = 1
-    while leaves < n:
-        leaves *= 2
-    hits = tree[2 * leaves :]
-    for i in range(n):
-        floats[_RATE, i] = 0.0
-        floats[_V, i] = 0.0
-        floats[_LINK_SINCE, i] = 0.0
-        floats[_SINCE, i] = 0.0
-        floats[_D_ACTUATION, i] = target[TO_ACTUATION, i] - state[ACTUATION, i] if i < n - 1 else 0.0
-        floats[_D_FORWARD, i] = target[TO_FORWARD, i] - state[FORWARD, i]
-        floats[_D_BACKWARD, i] = target[TO_BACKWARD, i] - state[BACKWARD, i]
-        bytes_[_LEAVING, i] = 0
-        tree[leaves + i] = i
-    for i in range(leaves + n, 2 * leaves):
-        tree[i] = -1
-
-    s = 0.0
-    free_translation = _solve(stiffness, state, status, floats, bytes_, stacks, account, 0.0, 0, n - 1)
-    for node in range(leaves - 1, 0, -1):
-        tree[node] = _sooner(floats[_NEXT], tree[2 * node], tree[2 * node + 1])
-    free = _count_free(bytes_)
-    pieces = 1
-    done = True
-    while True:
-        shifted = False
-        least = 0.0
-        most = 0.0
-        first_hit = tree[1]
-        when = floats[_NEXT, first_hit]
-        ending = not when < 1.0
-        until = 1.0 if ending else when
-        look = free <= _FEW_FREE or n <= _FEW_CONTACTS
-        critical = look and _near_criticality(state, floats, account, s)
-        if critical or free_translation:
-            # friction in the middle of the stretch: at its start it may have been zero
-            middle = 0.5 * (s + until)
-            _update(state, floats, account, s, 0, n - 1)
-            for i in range(n):
-                floats[_UPPER, i] = state[FORWARD, i] + middle * floats[_D_FORWARD, i]
-                floats[_LOWER, i] = state[BACKWARD, i] + middle * floats[_D_BACKWARD, i]
-            least, most = _choose_translation(floats[_V], floats[_UPPER], floats[_LOWER])
-            shifted = True
-        if shifted and until - s > _STRETCH and _wide(least, most, floats[_V]):
-            account[AMBIGUOUS] = 1.0
-            account[GAIN_LEAST] += least * (until - s)
-            account[GAIN_MOST] += most * (until - s)
-        if ending:
-            break
-        if pieces > budget:
-            done = False
-            break
-        if when > s:
-            pieces += 1
-        s = when
-
-        count = 0
-        while floats[_NEXT, first_hit] <= s:  # ties: all that arrive at once, then solve
-            _settle(status, floats, bytes_, s, first_hit)
-            status[first_hit] |= bytes_[_COMING, first_hit]
-            floats[_NEXT, first_hit] = np.inf
-            _announce(tree, leaves, floats[_NEXT], first_hit)
-            hits[count] = first_hit
-            count += 1
-            first_hit = tree[1]
-        solved_to = -1
-        hits[:count].sort()
-        for j in range(count):
-            contact = hits[j]
-            if contact <= solved_to:
-                continue
-            if shifted:
-                first = 0
-                last = n - 1
-                for i in range(n):
-                    _settle(status, floats, bytes_, s, i)
-            else:
-                first = contact
-                while first > 0:
-                    _settle(status, floats, bytes_, s, first - 1)
-                    if status[first - 1] == 0:
-                        break
-                    first -= 1
-                last = contact
-                while last < n - 1:
-                    _settle(status, floats, bytes_, s, last + 1)
-                    if status[last + 1] == 0:
-                        break
-                    last += 1
-            solved_to = last
-            for i in range(first, last + 1):
-                free -= bytes_[_SIDE, i] == 0
-            free_translation = _solve(stiffness, state, status, floats, bytes_, stacks, account, s, first, last)
-            for i in range(first, last + 1):
-                free += bytes_[_SIDE, i] == 0
-            for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
-                _announce(tree, leaves, floats[_NEXT], i)
-
-    end = 1.0 if done else s
-    _update(state, floats, account, end, 0, n - 1)
-    for i in range(n):
-        status[i] &= ~bytes_[_LEAVING, i]
-        if not done:
-            state[FORWARD, i] += s * floats[_D_FORWARD, i]
-            state[BACKWARD, i] += s * floats[_D_BACKWARD, i]
-            state[ACTUATION, i] += s * floats[_D_ACTUATION, i]
-    account[EVENTS] += pieces
-    return done
-
-
-@compiled
-def follow(stiffness, state, status, targets, exact, budget, floats, bytes_, tree, stacks, account, records):
+def follow(
+    scene: Scene,
+    state: State,
+    scratch: tuple[Any, ...],
+    targets: np.ndarray,
+    exact: bool,
+    budget: int,
+    centred: bool,
+    account: np.ndarray,
+    records: np.ndarray,
+) -> None:
     """Follow straight ramps to each of the targets in turn.
 
     Args:
-        stiffness: k, shape (N - 1,) [N/m].
-        state: rows X .. GAINED, shape (10, N), changed in place.
-        status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
-        targets: rows TO_ACTUATION, TO_FORWARD, TO_BACKWARD of each ramp's end, shape (V, 3, N).
-        exact: True to follow every event, False for one catch-up step a ramp.
-        budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
-        floats: from `scratch(N)`, as are the next three.
-        bytes_: statuses within a ramp.
-        tree: a tournament of the contacts' next events.
-        stacks: for `project`.
+        scene: whose body it is.
+        state: changed in place.
+        scratch: from `build_scratch`.
+        targets: rows as in `Columns.target`, shape (V, S + 2 N).
+        exact: True to follow every event, False for one catch-up step a ramp (in the plane, refined steps).
+        budget: most linear pieces of one ramp.
+        centred: True to take the middle of several admissible translations, False for the one nearest to zero.
         account: shape (11,), added to.
-        records: displacement, its rest and tension after each ramp, shape (V, 3, N) or (0, 3, N) for none.
+        records: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows for none.
     """
-    n = state.shape[1]
-    ramp = np.zeros(account.shape[0])
-    for i in range(n):
-        state[GAINED, i] = 0.0
-    for v in range(targets.shape[0]):
-        target = targets[v]
-        still = True
-        for i in range(n):
-            still = still and target[TO_FORWARD, i] == state[FORWARD, i]
-            still = still and target[TO_BACKWARD, i] == state[BACKWARD, i]
-            still = still and (i == n - 1 or target[TO_ACTUATION, i] == state[ACTUATION, i])
-        if not still:
-            energy = 0.0
-            for i in range(n - 1):
-                energy += 0.5 * state[TENSION, i] * state[TENSION, i] / stiffness[i]
-                bytes_[_MOVED, i] = 0
-            for i in range(ramp.shape[0]):
-                ramp[i] = 0.0
-            ramp[VISITED] = np.inf
-            finished = exact and _exact(stiffness, state, status, target, floats, bytes_, tree, stacks, ramp, budget)
-            if not finished:
-                if exact:
-                    ramp[OVERSPENT] = 1.0
-                else:
-                    ramp[EVENTS] = 1.0
-                _catch_up(stiffness, state, status, target, floats, bytes_, stacks, ramp)
-            _finish(stiffness, state, status, target, bytes_, ramp, energy)
-            account[WORK] += ramp[WORK]
-            account[DISSIPATION] += ramp[DISSIPATION]
-            account[RESIDUAL] += ramp[RESIDUAL]
-            account[VIOLATION] = max(account[VIOLATION], ramp[VIOLATION])
-            account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], ramp[COMPLEMENTARITY])
-            account[VISITED] = min(account[VISITED], ramp[VISITED])
-            account[EVENTS] += ramp[EVENTS]
-            account[AMBIGUOUS] = max(account[AMBIGUOUS], ramp[AMBIGUOUS])
-            account[OVERSPENT] += ramp[OVERSPENT]
-            account[GAIN_LEAST] += ramp[GAIN_LEAST]
-            account[GAIN_MOST] += ramp[GAIN_MOST]
-        if records.shape[0] > 0:
-            for i in range(n):
-                records[v, RECORD_X, i] = state[X, i]
-                records[v, RECORD_X_REST, i] = state[X_REST, i]
-                records[v, RECORD_TENSION, i] = state[TENSION, i]
+    mesh = scene.mesh
+    if mesh.is_chain:
+        chain_tick.follow(
+            mesh.stiffness,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            exact,
+            budget,
+            centred,
+            *scratch,
+            account,
+            records,
+        )
+    elif mesh.dimension == 1:
+        from . import graph_tick
+
+        network, work, memory = scratch
+        graph_tick.follow(
+            mesh.ends,
+            mesh.stiffness,
+            network,
+            work,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            exact,
+            budget,
+            centred,
+            *memory,
+            account,
+            records,
+        )
+    else:
+        from . import planar_tick
+
+        size = float(np.abs(np.ptp(scene.commands.targets[:, : 2 * mesh.springs], axis=0)).max(initial=0.0))
+        size = size or float(np.abs(np.ptp(mesh.position, axis=0)).max())
+        tolerance = (scene.tolerance or DEFAULT_TOLERANCE) * size
+        planar_tick.follow(
+            mesh.ends,
+            mesh.stiffness,
+            scene.directions,
+            state.contacts,
+            state.links,
+            state.friction,
+            targets,
+            tolerance,
+            _MOST_STEPS,
+            account,
+            records,
+        )

@@ -1,30 +1,24 @@
-"""Scene files: what a crawler is made of, how it starts and what drives it. Every mistake is named."""
+"""Scenes: what a crawler is made of, what it stands on, how it starts and what drives it. Every mistake is named."""
 
 from __future__ import annotations
 
-import difflib
 import functools
 import math
-from collections.abc import Iterable
-from importlib import resources
-from pathlib import Path
+import re
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, WithJsonSchema, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
-from . import drive as drives
-from .body import Body, build_body, spread
+from .body import Body
+from .columns import Columns
 from .drive import Drive
-from .errors import LARGEST, SceneError
-from .friction import Friction, build_friction
-from .stasis import rounding_of_forces, spring_force, stasis_margins
+from .errors import LARGEST
 
 _NUMBER = {"type": "number"}
 _NUMBERS = {"anyOf": [_NUMBER, {"type": "array", "items": _NUMBER}]}
 _TABLE = {"anyOf": [_NUMBER, {"type": "array", "items": _NUMBERS}]}
+_DEEP = {"anyOf": [_NUMBER, {"type": "array", "items": _TABLE}]}
 
 
 def _number(value: Any) -> float:
@@ -44,39 +38,42 @@ def _number(value: Any) -> float:
     return float(value)
 
 
-def _numbers(value: Any) -> float | tuple[float, ...]:
-    if isinstance(value, (list, tuple)):
-        return tuple(_number(v) for v in value)
+def _nested(value: Any, depth: int) -> Any:
+    if depth > 0 and isinstance(value, (list, tuple)):
+        return tuple(_nested(v, depth - 1) for v in value)
     return _number(value)
 
 
-def _table(value: Any) -> float | tuple[float | tuple[float, ...], ...]:
-    if not isinstance(value, (list, tuple)):
-        return _number(value)
-    return tuple(_numbers(v) for v in value)
-
-
 Number = Annotated[float, BeforeValidator(_number), WithJsonSchema(_NUMBER)]
-Numbers = Annotated[Any, BeforeValidator(_numbers), WithJsonSchema(_NUMBERS)]
-Table = Annotated[Any, BeforeValidator(_table), WithJsonSchema(_TABLE)]
+Numbers = Annotated[Any, BeforeValidator(lambda v: _nested(v, 1)), WithJsonSchema(_NUMBERS)]
+Table = Annotated[Any, BeforeValidator(lambda v: _nested(v, 2)), WithJsonSchema(_TABLE)]
+Deep = Annotated[Any, BeforeValidator(lambda v: _nested(v, 3)), WithJsonSchema(_DEEP)]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
 class LinksPart(_Part):
-    """The springs."""
+    """The springs between contacts and ends of segments."""
 
     stiffness: Numbers
-    between: tuple[tuple[int, int], ...] | None = None
+    between: tuple[tuple[int | str, int | str], ...] | None = None
 
 
-class BodyPart(_Part):
-    """Contacts and links."""
+class TablePart(_Part):
+    """A value along a segment: straight lines between positions, constant beyond them."""
 
-    contacts: tuple[Number, ...]
-    links: LinksPart
+    at: tuple[Number, ...]
+    value: tuple[Number, ...]
+
+    @model_validator(mode="after")
+    def _fits(self) -> TablePart:
+        if len(self.at) != len(self.value) or not self.at:
+            raise ValueError(f"{len(self.at)} position(s) in `at` for {len(self.value)} value(s); give one for each")
+        if any(b <= a for a, b in zip(self.at, self.at[1:], strict=False)):
+            raise ValueError("the positions in `at` must be strictly increasing")
+        return self
 
 
 def _explain_friction(value: Any) -> Any:
@@ -85,57 +82,106 @@ def _explain_friction(value: Any) -> Any:
     return value
 
 
-class FrictionPart(_Part):
-    """Friction of the contacts: forward and backward, or isotropic."""
-
-    forward: Numbers | None = None
-    backward: Numbers | None = None
-    isotropic: Numbers | None = None
-
-    @model_validator(mode="after")
-    def _one_way(self) -> FrictionPart:
-        _check_one_way(self)
-        return self
-
-    @property
-    def sides(self) -> tuple[Any, Any]:
-        """What forward and backward friction are."""
-        return _sides(self)
-
-
-class FrictionRowsPart(_Part):
-    """Commanded friction, a row per time: forward and backward, or isotropic."""
-
-    forward: Table | None = None
-    backward: Table | None = None
-    isotropic: Table | None = None
-
-    @model_validator(mode="after")
-    def _one_way(self) -> FrictionRowsPart:
-        _check_one_way(self)
-        return self
-
-    @property
-    def sides(self) -> tuple[Any, Any]:
-        """What forward and backward friction are."""
-        return _sides(self)
-
-
-def _check_one_way(part: FrictionPart | FrictionRowsPart) -> None:
+def _check_one_way(part: Any) -> None:
     both = part.forward is not None and part.backward is not None
     neither = part.forward is None and part.backward is None
     if not ((both and part.isotropic is None) or (neither and part.isotropic is not None)):
         raise ValueError("give both `forward` and `backward`, or `isotropic` alone")
 
 
-def _sides(part: FrictionPart | FrictionRowsPart) -> tuple[Any, Any]:
-    return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
+class _TwoSided(_Part):
+    @model_validator(mode="after")
+    def _one_way(self) -> _TwoSided:
+        _check_one_way(self)
+        return self
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """What forward and backward friction are."""
+        part: Any = self
+        return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
+
+
+class SegmentFrictionPart(_TwoSided):
+    """Friction of a segment per length, N/m: forward and backward, or isotropic."""
+
+    forward: Number | TablePart | None = None
+    backward: Number | TablePart | None = None
+    isotropic: Number | TablePart | None = None
+
+
+class SegmentPart(_Part):
+    """An interval of the body that touches the ground all along."""
+
+    name: str
+    start: Number = Field(alias="from")
+    stop: Number = Field(alias="to")
+    stiffness: Number | TablePart
+    friction: Annotated[SegmentFrictionPart, BeforeValidator(_explain_friction)]
+    accuracy: Number | None = None
+    elements: int | None = None
+    shown: int | None = None
+
+    @model_validator(mode="after")
+    def _sane(self) -> SegmentPart:
+        if not re.fullmatch(r"[A-Za-z_]\w*", self.name) or re.fullmatch(r"(contact|link)_\d+", self.name):
+            raise ValueError(f"name: {self.name!r}; it must be a word, and not that of a contact or link")
+        if not self.stop > self.start:
+            raise ValueError(f"to: {self.stop:g} m; it must lie beyond from, {self.start:g} m")
+        if self.accuracy is None and self.elements is None:
+            raise ValueError("give `accuracy` (of the net translation per period, relative) or `elements`")
+        if self.accuracy is not None and not 1e-6 <= self.accuracy <= 0.5:
+            raise ValueError(f"accuracy: {self.accuracy:g}; it must be between 1e-6 and 0.5")
+        if self.elements is not None and not 1 <= self.elements <= 1_000_000:
+            raise ValueError(f"elements: {self.elements}; it must be between 1 and 1000000")
+        if self.shown is not None and not self.shown >= 2:
+            raise ValueError(f"shown: {self.shown}; at least the 2 ends are shown")
+        return self
+
+
+class BodyPart(_Part):
+    """Contacts, segments and links."""
+
+    contacts: tuple[Numbers, ...] = ()
+    segments: tuple[SegmentPart, ...] = ()
+    links: LinksPart | None = None
+
+
+class FrictionPart(_Part):
+    """Friction of the isolated contacts, N: forward and backward, isotropic, or in the plane by directions."""
+
+    forward: Numbers | None = None
+    backward: Numbers | None = None
+    isotropic: Numbers | None = None
+    directions: tuple[Number, ...] | None = None
+    value: Table | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FrictionPart:
+        if self.directions is None and self.value is None:
+            _check_one_way(self)
+        elif self.directions is None or self.value is None or self.forward or self.backward or self.isotropic:
+            raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
+        return self
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """What forward and backward friction are."""
+        return (self.forward, self.backward) if self.isotropic is None else (self.isotropic, self.isotropic)
+
+
+class FrictionRowsPart(_TwoSided):
+    """Commanded friction, a row per time: forward and backward, or isotropic."""
+
+    forward: Table | None = None
+    backward: Table | None = None
+    isotropic: Table | None = None
 
 
 class StartPart(_Part):
     """Where the contacts stand at the start."""
 
-    displacement: Numbers
+    displacement: Table
 
 
 class WavePart(_Part):
@@ -163,7 +209,7 @@ class DrivePart(_Part):
 
     times: tuple[Number, ...] | None = None
     period: Number | None = None
-    actuation: Table | None = None
+    actuation: Deep | None = None
     friction: FrictionRowsPart | Number | None = None
     wave: WavePart | None = None
     friction_wave: WavePart | None = None
@@ -203,289 +249,65 @@ class Scene(_Part):
     """
 
     name: str
+    dimension: Literal[1, 2] = 1
     body: BodyPart
-    friction: Annotated[FrictionPart, BeforeValidator(_explain_friction)]
-    start: StartPart | None = None
+    friction: Annotated[FrictionPart, BeforeValidator(_explain_friction)] | None = None
+    tolerance: Number | None = None
+    start: StartPart | Literal["relaxed"] | None = None
     drive: DrivePart | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_to_come(cls, data: Any) -> Any:
-        if isinstance(data, dict):
-            body = data.get("body")
-            if isinstance(body, dict) and "segments" in body:
-                raise SceneError("body.segments: continuous bodies are not available in this version; use contacts")
-            if "dimension" in data:
-                raise SceneError("dimension: planar bodies are not available in this version; leave it out")
-        return data
 
     @model_validator(mode="after")
     def _fits_together(self) -> Scene:
-        check_start(self)
+        from .assemble import check_scene
+
+        check_scene(self)
         return self
 
     def document(self) -> dict[str, Any]:
-        """Lay the scene out as plain data that `Scene.model_validate` reads back."""
-        return self.model_dump(mode="json", exclude_none=True)
+        """Lay the scene out as plain data that `Scene.model_validate` reads back.
+
+        Returns:
+            The scene as a mapping; segments with the number of elements that their accuracy asked for.
+        """
+        document = self.model_dump(mode="json", exclude_none=True, by_alias=True, exclude_defaults=True)
+        document["name"] = self.name
+        for part, segment in zip(document["body"].get("segments", ()), self.mesh.segments, strict=True):
+            part["elements"] = segment.elements
+        return document
 
     @functools.cached_property
-    def chain(self) -> Body:
-        """The body as arrays."""
-        links = self.body.links
-        return build_body(self.body.contacts, links.stiffness, None if links.between is None else list(links.between))
+    def mesh(self) -> Body:
+        """The body as contacts and springs, segments cut into elements."""
+        from .assemble import build_mesh
+
+        return build_mesh(self)
 
     @functools.cached_property
-    def ground(self) -> Friction:
-        """The scene's own friction, in force when no drive commands another."""
-        forward, backward = self.friction.sides
-        return build_friction(forward, backward, self.chain.contacts)
+    def columns(self) -> Columns:
+        """What can be commanded."""
+        from .assemble import build_scene_columns
+
+        return build_scene_columns(self)
 
     @functools.cached_property
     def commands(self) -> Drive:
         """The drive, or for a scene without one L = 0 and the scene's friction for ever."""
+        from .assemble import build_drive
+
         return build_drive(self)
 
     @functools.cached_property
+    def directions(self) -> np.ndarray:
+        """In the plane the unit directions in which friction is given, shape (m, 2); m = 0 where it is isotropic."""
+        given = None if self.friction is None else self.friction.directions
+        angles = np.array(given or ())
+        directions = np.column_stack((np.cos(angles), np.sin(angles)))
+        directions[np.abs(directions) < 4e-16] = 0.0  # along an axis to the bit
+        return directions
+
+    @functools.cached_property
     def start_displacement(self) -> np.ndarray:
-        """X at the start, shape (N,) [m]."""
-        given = 0.0 if self.start is None else self.start.displacement
-        return spread(given, self.chain.contacts, "start.displacement", "contact")
+        """X at the start, shape (N,), in the plane (N, 2) [m]."""
+        from .assemble import build_start
 
-
-def build_drive(scene: Scene) -> Drive:
-    """Make waypoints of a scene's drive.
-
-    Args:
-        scene: the scene.
-
-    Returns:
-        The drive, with the scene's friction where it commands none.
-
-    Raises:
-        SceneError: naming the row or value that does not fit.
-    """
-    body, ground, part = scene.chain, scene.ground, scene.drive
-    if part is None:
-        return drives.hold(body, ground)
-    if part.strategy is not None:
-        if body.contacts != 2:
-            raise SceneError(f"drive.strategy: strategies drive 2 contacts, this body has {body.contacts}")
-        assert isinstance(part.friction, float)
-        assert part.length is not None
-        period = 1.0 if part.period is None else part.period
-        times, actuation, mu = drives.strategy_waypoints(part.strategy, part.length, part.friction, period)
-        return drives.build_waypoints(times, period, actuation, mu, mu)
-    if part.times is not None:
-        times = np.array(part.times)
-        actuation = _rows(part.actuation, times.size, body.links, "drive.actuation", "link")
-        forward, backward = (np.tile(mu, (times.size, 1)) for mu in (ground.forward, ground.backward))
-        if isinstance(part.friction, FrictionRowsPart):
-            isotropic = part.friction.isotropic is not None
-            sides = ("isotropic", "isotropic") if isotropic else ("forward", "backward")
-            forward, backward = (
-                _rows(rows, times.size, body.contacts, f"drive.friction.{side}", "contact")
-                for side, rows in zip(sides, part.friction.sides, strict=True)
-            )
-        return drives.build_waypoints(times, part.period, actuation, forward, backward)
-    return _build_waves(scene, part)
-
-
-def _build_waves(scene: Scene, part: DrivePart) -> Drive:
-    body, ground = scene.chain, scene.ground
-    waves = [w for w in (part.wave, part.friction_wave) if w is not None]
-    period = waves[0].period
-    if any(w.period != period for w in waves):
-        raise SceneError("drive.friction_wave.period: it must be that of drive.wave")
-    times = drives.merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
-    times[-1] = period
-    phase = times / period
-    actuation = np.zeros((times.size, body.links))
-    if part.wave is not None:
-        middle = 0.5 * (body.position[:-1] + body.position[1:])
-        w = part.wave
-        actuation = drives.wave(w.mean, w.amplitude, w.wavelength, phase, middle)
-    forward, backward = (np.tile(mu, (times.size, 1)) for mu in (ground.forward, ground.backward))
-    if part.friction_wave is not None:
-        w = part.friction_wave
-        if w.mean < abs(w.amplitude):
-            raise SceneError(
-                f"drive.friction_wave: mean {w.mean:g} N is less than the amplitude {abs(w.amplitude):g} N; "
-                "friction must be >= 0 all the time"
-            )
-        mu = np.maximum(drives.wave(w.mean, w.amplitude, w.wavelength, phase, body.position), 0.0)
-        forward, backward = mu, mu
-    return drives.build_waypoints(times, period, actuation, forward, backward)
-
-
-def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndarray:
-    if isinstance(table, float):
-        return np.full((rows, columns), table)
-    if len(table) != rows:
-        raise SceneError(f"{field}: {len(table)} row(s) for {rows} time(s); give one row per time")
-    return np.array([spread(row, columns, f"{field}: row {i}", item) for i, row in enumerate(table)])
-
-
-def check_start(scene: Scene) -> None:
-    """Check that the springs' forces at the start are within the friction at the start.
-
-    Args:
-        scene: the scene; its parts are built and so checked on the way.
-
-    Raises:
-        SceneError: naming the contact and by how much its bound is exceeded.
-    """
-    body, drive, x = scene.chain, scene.commands, scene.start_displacement
-    tension = body.stiffness * (np.diff(x) - drive.actuation[0])
-    forward, backward = drive.forward[0], drive.backward[0]
-    margins = stasis_margins(tension, forward, backward)
-    excess = margins + 1e3 * rounding_of_forces(tension, forward + backward)
-    worst = int(np.argmin(excess))
-    if excess[worst] >= 0.0:
-        return
-    g = spring_force(tension)[worst]
-    bound, side = (forward[worst], "forward") if g > 0.0 else (backward[worst], "backward")
-    relaxed = x[0] + np.concatenate(([0.0], np.cumsum(drive.actuation[0])))
-    text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
-    raise SceneError(
-        f"start.displacement: contact {worst} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than its "
-        f"{side} friction {bound:g} N; a start without tension is [{text}]"
-    )
-
-
-class _Loader(yaml.SafeLoader):
-    """Plain data only, and no key twice."""
-
-
-def _mapping_once(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    seen: set[Any] = set()
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node)
-        if not isinstance(key, str):
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not text", key_node.start_mark)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
-        seen.add(key)
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_once)
-
-
-def parse_scene(text: str, source: str = "scene") -> Scene:
-    """Read a scene from YAML (or JSON, which is YAML).
-
-    Args:
-        text: the file's content.
-        source: what to call it in errors.
-
-    Returns:
-        The scene.
-
-    Raises:
-        SceneError: one line that names the field, the value and what would be right.
-    """
-    try:
-        data = yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f" in line {mark.line + 1}" if mark is not None else ""
-        raise SceneError(f"{source}: not plain YAML{where}: {error.problem}") from None
-    except (yaml.YAMLError, RecursionError) as error:
-        raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
-    if not isinstance(data, dict):
-        raise SceneError(f"{source}: a scene is a mapping with the keys {', '.join(Scene.model_fields)}")
-    try:
-        return Scene.model_validate(data)
-    except ValidationError as error:
-        raise SceneError(f"{source}: {describe(error)}") from None
-
-
-def describe(error: ValidationError) -> str:
-    """Say in one line what is wrong with a scene.
-
-    Args:
-        error: what `Scene.model_validate` raised.
-
-    Returns:
-        The first mistake, unknown keys before all others, and how many more there are.
-    """
-    mistakes = error.errors(include_url=False)
-    mistakes.sort(key=lambda m: m["type"] != "extra_forbidden")
-    more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-    return _describe_one(mistakes[0]) + more
-
-
-def _describe_one(mistake: ErrorDetails) -> str:
-    path = [str(p) for p in mistake["loc"] if not str(p).startswith(("function-", "FrictionRowsPart", "float"))]
-    where = ".".join(path)
-    if mistake["type"] == "extra_forbidden":
-        known = _known_keys(path[:-1])
-        nearest = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.0)
-        return f"{where}: unknown key; the nearest known key is {nearest[0]!r}" if nearest else f"{where}: unknown key"
-    if mistake["type"] == "missing":
-        return f"{where}: missing"
-    text = mistake["msg"].removeprefix("Value error, ")
-    if text.startswith(("body.", "friction.", "start.", "drive.", "dimension")):
-        return text
-    return f"{where}: {text}" if where else text
-
-
-def _known_keys(path: list[str]) -> Iterable[str]:
-    model: type[BaseModel] = Scene
-    parts: dict[str, type[BaseModel]] = {
-        "body": BodyPart,
-        "links": LinksPart,
-        "friction": FrictionRowsPart if "drive" in path else FrictionPart,
-        "start": StartPart,
-        "drive": DrivePart,
-        "wave": WavePart,
-        "friction_wave": WavePart,
-    }
-    if path:
-        model = parts.get(path[-1], Scene)
-    return model.model_fields
-
-
-def gallery() -> dict[str, str]:
-    """List the scenes that come with the package.
-
-    Returns:
-        Each scene's name and the first line of its comment.
-    """
-    folder = resources.files("msgs_config") / "scenes"
-    scenes = {}
-    for file in sorted(folder.iterdir(), key=lambda f: f.name):
-        if file.name.endswith(".yaml"):
-            first = file.read_text(encoding="utf-8").splitlines()[0]
-            scenes[file.name.removesuffix(".yaml")] = first.lstrip("# ").strip()
-    return scenes
-
-
-def load_scene(path_or_name: str | Path) -> Scene:
-    """Load a scene file or a scene of the gallery.
-
-    Args:
-        path_or_name: a path (anything with a suffix or a separator), or a name that `gallery` lists.
-
-    Returns:
-        The scene.
-
-    Raises:
-        SceneError: when there is no such scene, or something in it is wrong.
-    """
-    text = str(path_or_name)
-    path = Path(text)
-    if path.is_file() and (path.suffix or len(path.parts) > 1):
-        try:
-            return parse_scene(path.read_text(encoding="utf-8"), text)
-        except (OSError, UnicodeDecodeError) as error:
-            raise SceneError(f"{text}: cannot be read: {error}") from None
-    known = gallery()
-    if text in known:
-        file = resources.files("msgs_config") / "scenes" / f"{text}.yaml"
-        return parse_scene(file.read_text(encoding="utf-8"), text)
-    if path.suffix or len(path.parts) > 1:
-        raise SceneError(f"{text}: no such file")
-    nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
-    hint = f"the nearest is {nearest[0]!r}" if nearest else f"there are {', '.join(known)}"
-    raise SceneError(f"{text}: no such file, nor a scene of the gallery; {hint}")
+        return build_start(self)

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from .crawler import Crawler, Method
+from .body import Body
+from .crawler import Crawler, Method, choose_method
 from .drive import NS, Drive
 from .errors import CommandError
-from .integrate import RECORD_TENSION, RECORD_X, RECORD_X_REST
 from .scene import Scene
-from .uniqueness import uniqueness_margin
+from .uniqueness import commanded_margin
 
 _CHUNK = 4096
-_FEW_CONTACTS, _FEW_ROWS = 16, 64
 _MOST_SAMPLES = 100_000_000
 
 
@@ -44,14 +43,15 @@ class Trajectory:
 
     Attributes:
         time: of the start and each tick's end, shape (T,) [s].
-        displacement: x, shape (T, N) [m].
-        tension: shape (T, links) [N].
-        net_translation: y, shape (T,) [m].
+        displacement: x, shape (T, N), in the plane (T, N, 2) [m].
+        tension: shape (T, S), in the plane (T, S, 2) [N].
+        net_translation: y, shape (T,), in the plane (T, 2) [m].
         contact_state: what each contact did in the tick: 1 forward, -1 backward, 0 stuck; int8, shape (T, N).
         waypoint_time: of the start and each waypoint passed, or of each period's end, shape (W,) [s].
-        waypoint_displacement: x there, shape (W, N) [m].
-        waypoint_net_translation: y there, shape (W,) [m].
-        per_period: y gained in each whole period, shape (P,) [m].
+        waypoint_displacement: x there of the isolated contacts, then of both ends of each segment, shape (W, stations),
+            in the plane (W, N, 2) [m].
+        waypoint_net_translation: y there, shape (W,), in the plane (W, 2) [m].
+        per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m].
         energy: the account of the whole run.
         violation: largest excess of a spring force over its bound [N].
         unique: False when on some stretch the translation was not determined.
@@ -89,7 +89,7 @@ class Trajectory:
         """Say in a line what ran and where it ended."""
         return (
             f"Trajectory({self.scene.name}, {self.method}, {self.ticks} ticks at {self.rate:g} Hz, "
-            f"net_translation {self.net_translation[0]:g} -> {self.net_translation[-1]:g} m)"
+            f"net_translation {self.net_translation[0]} -> {self.net_translation[-1]} m)"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -168,33 +168,11 @@ def default_duration(drive: Drive) -> float:
     return float(drive.times[-1]) if drive.period is None else 10.0 * drive.period
 
 
-def commanded_margin(scene: Scene) -> float | None:
-    """Compute the uniqueness margin of the friction that a scene commands.
-
-    Args:
-        scene: the scene.
-
-    Returns:
-        The least over the drive's waypoints, in [0, 1/2]; None when one of them is not decided, or when there are
-        more than 64 different ones of more than 16 contacts.
-    """
-    drive = scene.commands
-    rows = np.unique(np.hstack((drive.forward, drive.backward)), axis=0)
-    n = scene.chain.contacts
-    if n > _FEW_CONTACTS and rows.shape[0] > _FEW_ROWS:
-        return None  # each row is a search over subsets: too long to wait for
-    margins = [uniqueness_margin(row[:n], row[n:]) for row in rows]
-    decided = [m for m in margins if m is not None]
-    if 0.0 in decided:
-        return 0.0
-    return min(decided) if len(decided) == len(margins) else None
-
-
 def simulate(
     scene: Scene,
     duration: float | None = None,
     rate: float = 100.0,
-    method: Method = "exact",
+    method: Method | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Run a scene's drive.
@@ -206,7 +184,7 @@ def simulate(
         scene: what to run.
         duration: [s]; None for ten periods, or up to the last waypoint.
         rate: ticks per second [Hz].
-        method: "exact" or "catch_up".
+        method: "exact" or "catch_up"; None for the best that there is: exact on a line.
         progress: called with the part done, in [0, 1].
 
     Returns:
@@ -216,6 +194,7 @@ def simulate(
         CommandError: when duration, rate or method is out of range.
     """
     began = time.perf_counter()
+    method = choose_method(scene, method)
     drive = scene.commands
     seconds = default_duration(drive) if duration is None else float(duration)
     if not 0.0 <= seconds < 9e9:
@@ -223,7 +202,7 @@ def simulate(
     ratio = rational_rate(rate)
     end_ns = round(seconds * NS)
     ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))  # the last one may be cut short
-    n = scene.chain.contacts
+    n = scene.mesh.contacts * scene.mesh.dimension
     for what, count in (("ticks", ticks), ("waypoints", _waypoints(drive, seconds))):
         if count * n > _MOST_SAMPLES:
             raise CommandError(
@@ -245,24 +224,31 @@ def _waypoints(drive: Drive, seconds: float) -> float:
     return drive.times.size * (1.0 if drive.period is None else max(seconds / drive.period, 1.0))
 
 
+def _net(body: Body, x: np.ndarray) -> np.ndarray:
+    """Average displacements, shape (T, N, ...), over the body, shape (T, ...)."""
+    if not body.segments:
+        return x.mean(axis=1)
+    return x @ body.share
+
+
 class _Run:
     """The tables that a run fills."""
 
     def __init__(self, crawler: Crawler, ticks: int) -> None:
-        n, links = crawler.body.contacts, crawler.body.links
+        body = crawler.body
         self.crawler = crawler
         self.start = crawler.copy()
         self.ticks = ticks
         self.time_ns = np.zeros(ticks + 1, np.int64)
-        self.x = np.empty((ticks + 1, n))
-        self.tension = np.empty((ticks + 1, links))
-        self.state = np.zeros((ticks + 1, n), np.int8)
+        self.x = np.empty((ticks + 1, *body.position.shape))
+        self.tension = np.empty((ticks + 1, *crawler.tension.shape))
+        self.state = np.zeros((ticks + 1, body.contacts), np.int8)
         self.x[0], self.tension[0] = crawler.displacement, crawler.tension
         self.waypoint_ns: list[int] = [0]
         self.waypoint_row: list[int] = [0]
         self.waypoint_x: list[np.ndarray] = [crawler.displacement]
-        self.waypoint_rest: list[np.ndarray] = [np.zeros(n)]
-        self.last = (crawler.displacement, np.zeros(n))
+        self.waypoint_rest: list[np.ndarray] = [np.zeros(body.position.shape)]
+        self.last = (crawler.displacement, np.zeros(body.position.shape))
         self.work = self.dissipation = self.residual = self.violation = 0.0
         self.visited = crawler.visited_margin
         self.unique = True
@@ -275,8 +261,9 @@ class _Run:
         vertex_ns = np.union1d(tick_ns, way_ns)
         targets = drive.sample(vertex_ns)
         at = np.searchsorted(vertex_ns, way_ns)
-        targets[at] = drive.targets()[way_rows]
-        records = np.empty((vertex_ns.size, 3, self.x.shape[1]))
+        targets[at] = drive.targets[way_rows]
+        width = self.x[0].size
+        records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size))
         step = self.crawler.follow(np.ascontiguousarray(targets), records)
         self.work += step.work
         self.dissipation += step.dissipation
@@ -287,15 +274,17 @@ class _Run:
         self.events += step.events
         self.overspent += step.overspent
 
-        x, rest = records[:, RECORD_X], records[:, RECORD_X_REST]
+        place = (vertex_ns.size, *self.x.shape[1:])
+        x, rest = records[:, :width].reshape(place), records[:, width : 2 * width].reshape(place)
         ends = np.searchsorted(vertex_ns, tick_ns)
         rows = slice(first + 1, first + 1 + tick_ns.size)
         self.time_ns[rows] = tick_ns
         self.x[rows] = x[ends]
-        self.tension[rows] = records[ends, RECORD_TENSION, :-1]
-        before_x = np.vstack((self.last[0], x[ends[:-1]]))
-        before_rest = np.vstack((self.last[1], rest[ends[:-1]]))
-        self.state[rows] = np.sign((x[ends] - before_x) + (rest[ends] - before_rest)).astype(np.int8)
+        self.tension[rows] = records[ends, 2 * width :].reshape(-1, *self.tension.shape[1:])
+        before_x = np.concatenate((self.last[0][None], x[ends[:-1]]))
+        before_rest = np.concatenate((self.last[1][None], rest[ends[:-1]]))
+        moved = (x[ends] - before_x) + (rest[ends] - before_rest)
+        self.state[rows] = np.sign(moved) if moved.ndim == 2 else np.abs(moved).max(axis=2) > 0.0
         self.last = (x[-1].copy(), rest[-1].copy())
         for i, ns, row in zip(at, way_ns, way_rows, strict=True):
             if ns > 0 and (drive.period is None or row == 0):
@@ -307,28 +296,29 @@ class _Run:
     def finish(self, rate: float, began: float) -> Trajectory:
         """Close the account and freeze the tables."""
         scene, drive = self.crawler.scene, self.crawler.scene.commands
+        body = self.crawler.body
         way_x, way_rest = np.array(self.waypoint_x), np.array(self.waypoint_rest)
+        per_period = np.zeros((0, *way_x.shape[2:]))
         if drive.period is not None:
             way_time = drive.period * np.arange(len(self.waypoint_ns))
             gain = np.diff(way_x, axis=0) + np.diff(way_rest, axis=0)
-            per_period = gain.mean(axis=1)
+            per_period = _net(body, gain)
         else:
             way_time = drive.times[self.waypoint_row]
-            per_period = np.zeros(0)
         if scene.drive is None and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
-            way_x = np.vstack((way_x[0], self.x[-1]))
-        k = self.crawler.body.stiffness
+            way_x = np.stack((way_x[0], self.x[-1]))
+        k = body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
         stored = float((0.5 * self.crawler.tension**2 / k).sum() - (0.5 * self.start.tension**2 / k).sum())
         arrays = (
             self.time_ns / NS,
             self.x,
             self.tension,
-            self.x.mean(axis=1),
+            _net(body, self.x),
             self.state,
             np.array(way_time, dtype=np.float64),
-            way_x,
-            way_x.mean(axis=1),
+            way_x[:, body.stations],
+            _net(body, way_x),
             per_period,
         )
         for array in arrays:

@@ -1,14 +1,248 @@
-"""The stasis domain: the tensions at which nothing moves.
+"""The stasis domain: the forces at which nothing moves.
 
-    C_sh = { T : -mu_minus_i <= T_i - T_{i-1} <= mu_plus_i },   T_{-1} = T_{N-1} = 0
+The force that the springs carry through the section between contacts i and i + 1 is Q_i = sum_{j<=i} g_j. In a chain
+it is the tension T_i of link i; in a general graph of springs it is the sum over all springs that span the section.
+Whatever the springs are, nothing moves strictly inside
 
-Strictly inside it a crawler is at rest; motion starts at its boundary ([G] Remark on stasis domains).
+    C_sh = { Q : -mu_minus_i <= Q_i - Q_{i-1} <= mu_plus_i },   Q_{-1} = Q_{N-1} = 0
+
+and motion starts at its boundary ([G] Remark on stasis domains). Which facet is reached decides which contact slides,
+and so which way the body goes ([G] Remark on stasis domains and direction of motion). [G] draws these sets in -Q.
+
+The functions take one state and its friction; `StasisDomain` is the set itself.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
 import numpy as np
 from numpy.typing import ArrayLike
+
+from .uniqueness import CRITICAL
+
+if TYPE_CHECKING:
+    from .drive import Drive
+
+_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True)
+class Facet:
+    """A side of a stasis domain: one contact at one of its bounds, the others able to be strictly inside theirs.
+
+    Attributes:
+        contact: the contact that slides there, all others stand.
+        side: which of its frictions is exhausted: "forward" (g = mu_plus) or "backward" (g = -mu_minus).
+        contacts: number of contacts N of the domain.
+    """
+
+    contact: int
+    side: Literal["forward", "backward"]
+    contacts: int
+
+    @property
+    def direction(self) -> int:
+        """Sign of the net translation v_m while only its contact slides: 1 forward, -1 backward."""
+        return 1 if self.side == "forward" else -1
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Outer normal, +-(e_i - e_{i-1}) in the space of section forces, not normalised, shape (N - 1,)."""
+        padded = np.zeros(self.contacts + 1)
+        padded[self.contact + 1], padded[self.contact] = self.direction, -self.direction
+        return padded[1:-1]
+
+
+@dataclass(frozen=True, eq=False)
+class StasisDomain:
+    """The section forces at which no contact has to slide, a convex polytope of dimension N - 1 at most.
+
+    Attributes:
+        forward: mu_plus, shape (N,), >= 0 [N].
+        backward: mu_minus, shape (N,), >= 0 [N].
+    """
+
+    forward: np.ndarray
+    backward: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("forward", "backward"):
+            values = np.array(getattr(self, name), dtype=np.float64)
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        if self.forward.ndim != 1 or self.forward.size < 2 or self.forward.shape != self.backward.shape:
+            raise ValueError(
+                f"forward, backward: shapes {self.forward.shape} and {self.backward.shape}; "
+                "a stasis domain needs one number each for at least two contacts"
+            )
+        for name, values in (("forward", self.forward), ("backward", self.backward)):
+            for i in np.flatnonzero(~((values >= 0.0) & np.isfinite(values))):
+                raise ValueError(f"{name}: contact {i} has {values[i]:g} N; friction must be finite and >= 0")
+
+    @property
+    def contacts(self) -> int:
+        """Number of contacts N."""
+        return int(self.forward.size)
+
+    def contains(self, section: ArrayLike) -> bool:
+        """Tell whether section forces belong to the (closed) domain.
+
+        Args:
+            section: Q, shape (N - 1,) [N].
+
+        Returns:
+            True inside and on the boundary; exact, without a tolerance.
+        """
+        return is_in_stasis(section, self.forward, self.backward)
+
+    def margins(self, section: ArrayLike) -> np.ndarray:
+        """Compute each contact's distance from its nearest bound.
+
+        Args:
+            section: Q, shape (..., N - 1) [N].
+
+        Returns:
+            min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, negative by the excess outside.
+        """
+        return stasis_margins(section, self.forward, self.backward)
+
+    def ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the projection onto each section.
+
+        Returns:
+            The least and the greatest force of each section, each of shape (N - 1,) [N].
+        """
+        return tension_ranges(self.forward, self.backward)
+
+    def vertices(self) -> np.ndarray:
+        """Compute the corners of a domain that is an interval or a polygon.
+
+        Returns:
+            For two contacts the two ends, shape (2, 1); for three the corners (Q_0, Q_1), anticlockwise, none twice,
+            shape (V, 2) [N], V = 1 or 2 where friction vanishes, 3 .. 6 else.
+
+        Raises:
+            ValueError: for four contacts and more.
+        """
+        least, most = self.ranges()
+        if self.contacts == 2:
+            return np.array([least, most])
+        if self.contacts > 3:
+            raise ValueError(
+                f"{self.contacts} contacts: the domain has dimension {self.contacts - 1}; vertices are listed for two "
+                "and three contacts, projection(first, second) gives a polygon for any number"
+            )
+        # With every bound as tight as the others make it, neighbouring sides of the hexagon always meet in it.
+        up = min(self.forward[1], self.backward[0] + self.backward[2])
+        down = min(self.backward[1], self.forward[0] + self.forward[2])
+        (left, low), (right, high) = least, most
+        corners = np.array(
+            [
+                *([right, right - down], [right, high], [high - up, high]),
+                *([left, left + up], [left, low], [low + down, low]),
+            ]
+        )
+        gaps = np.abs(np.roll(corners, -1, axis=0) - corners).max(axis=1)
+        distinct = gaps > _ROUNDING * float(self.forward.sum() + self.backward.sum())
+        return corners[distinct] if distinct.any() else corners[:1]
+
+    def projection(self, first: int, second: int) -> np.ndarray:
+        """Compute the projection onto two sections, the domain of the three groups of contacts that they separate.
+
+        Args:
+            first: a section, 0 .. N - 3.
+            second: a section beyond it, at most N - 2.
+
+        Returns:
+            The corners (Q_first, Q_second) as of `vertices`, shape (V, 2) [N].
+
+        Raises:
+            ValueError: when there are no two such sections.
+        """
+        return self.merged(first, second).vertices()
+
+    def merged(self, first: int, second: int) -> StasisDomain:
+        """Merge the contacts before, between and behind two sections into one each, which adds their friction.
+
+        Args:
+            first: a section, 0 .. N - 3.
+            second: a section beyond it, at most N - 2.
+
+        Returns:
+            A domain of three contacts.
+
+        Raises:
+            ValueError: when there are no two such sections.
+        """
+        if not 0 <= first < second <= self.contacts - 2:
+            raise ValueError(
+                f"sections {first} and {second}: there are {self.contacts - 1}, counted from 0; the first must come "
+                "before the second"
+            )
+        starts = [0, first + 1, second + 1]
+        return StasisDomain(np.add.reduceat(self.forward, starts), np.add.reduceat(self.backward, starts))
+
+    def facets(self) -> tuple[Facet, ...]:
+        """Find the facets that exist: with g_i at a bound all others can be strictly inside theirs.
+
+        At mu_plus_i the others must carry -mu_plus_i > -sum_{j != i} mu_minus_j, hence the facet exists when
+        mu_plus_i + mu_minus_i < sum_j mu_minus_j; at -mu_minus_i when it is less than sum_j mu_plus_j. A contact
+        without any friction lets none of the others' facets exist: the domain itself is its facet, on both sides.
+        What is balanced to within 1e-12 of all friction, as in `uniqueness_margin`, makes no facet.
+
+        Returns:
+            By contact, forward before backward.
+        """
+        width = self.forward + self.backward
+        plus, minus = float(self.forward.sum()), float(self.backward.sum())
+        if plus == 0.0 or minus == 0.0:
+            return ()
+        empty = width == 0.0
+        balanced = width + CRITICAL * (plus + minus)
+        others_open = np.count_nonzero(empty) == empty.astype(np.int64)
+        n = self.contacts
+        found: list[Facet] = []
+        for i in np.flatnonzero(others_open & (balanced < max(plus, minus))).tolist():
+            if balanced[i] < minus:
+                found.append(Facet(i, "forward", n))
+            if balanced[i] < plus:
+                found.append(Facet(i, "backward", n))
+        return tuple(found)
+
+    @property
+    def one_way(self) -> bool:
+        """True when there are facets and all have the same direction: the body can never be made to go the other way.
+
+        Three equal contacts go one way when one friction is at least twice the other.
+        """
+        return len({facet.side for facet in self.facets()}) == 1
+
+
+def domain_evolution(drive: Drive) -> tuple[np.ndarray, tuple[StasisDomain, ...]]:
+    """Compute the stasis domain at each waypoint of a drive; between waypoints the friction goes in straight lines.
+
+    Args:
+        drive: anything with `times` (W,) [s], `forward` and `backward` (W, N) [N].
+
+    Returns:
+        The waypoints' times, shape (W,) [s], and their domains.
+    """
+    domains = tuple(StasisDomain(plus, minus) for plus, minus in zip(drive.forward, drive.backward, strict=True))
+    return np.array(drive.times, dtype=np.float64), domains
+
+
+def section_forces(force: ArrayLike) -> np.ndarray:
+    """Compute the force carried through each section, Q_i = sum_{j<=i} g_j; `spring_force` is its inverse.
+
+    Args:
+        force: g on each contact, summing to zero, shape (..., N) [N].
+
+    Returns:
+        Q, shape (..., N - 1) [N].
+    """
+    return np.cumsum(np.asarray(force, dtype=np.float64), axis=-1)[..., :-1]
 
 
 def spring_force(tension: ArrayLike) -> np.ndarray:
@@ -29,12 +263,12 @@ def stasis_margins(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) 
     """Compute each contact's distance from its nearest bound.
 
     Args:
-        tension: T, shape (N - 1,) [N].
+        tension: T, shape (..., N - 1) [N].
         forward: mu_plus, shape (N,) [N].
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        min(mu_plus - g, g + mu_minus), shape (N,) [N]: positive inside, negative by the excess outside.
+        min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, negative by the excess outside.
     """
     g = spring_force(tension)
     return np.minimum(np.asarray(forward) - g, g + np.asarray(backward))
@@ -125,22 +359,4 @@ def stasis_polygon(forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
     plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
     if plus.shape != (3,) or minus.shape != (3,):
         raise ValueError(f"forward, backward: shapes {plus.shape} and {minus.shape}; a polygon needs three contacts")
-    # the box of contacts 0 and 2, then cut by the two half planes of contact 1
-    left, right, low, high = -minus[0], plus[0], -plus[2], minus[2]
-    corners = np.array([[left, low], [right, low], [right, high], [left, high]])
-    for normal, bound in ((np.array([-1.0, 1.0]), plus[1]), (np.array([1.0, -1.0]), minus[1])):
-        corners = _cut(corners, normal, bound)
-    return corners
-
-
-def _cut(corners: np.ndarray, normal: np.ndarray, bound: float) -> np.ndarray:
-    """Keep the part of a convex polygon where normal . T <= bound (Sutherland and Hodgman)."""
-    kept: list[np.ndarray] = []
-    for here, there in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        a, b = float(normal @ here - bound), float(normal @ there - bound)
-        if a <= 0.0:
-            kept.append(here)
-        if (a < 0.0 < b) or (b < 0.0 < a):
-            kept.append(here + (there - here) * (a / (a - b)))
-    distinct = [p for i, p in enumerate(kept) if i == 0 or not np.allclose(p, kept[i - 1], rtol=0.0, atol=1e-15)]
-    return np.array(distinct)
+    return StasisDomain(plus, minus).vertices()

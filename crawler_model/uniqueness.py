@@ -11,15 +11,22 @@ this package: of that interval take the translation nearest to zero.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ._compiled import compiled
 
+if TYPE_CHECKING:
+    from .body import Body
+    from .scene import Scene
+
 CRITICAL = 1e-12
 """Below this relative margin a balance of friction forces counts as exact: 0.1 and 0.3 are not 1/10 and 3/10."""
 
 _MOST_DECIDED = 30
+_FEW_CONTACTS, _FEW_ROWS = 16, 64
 
 
 def uniqueness_margin(forward: ArrayLike, backward: ArrayLike) -> float | None:
@@ -65,6 +72,41 @@ def _subset_sums(weight: np.ndarray) -> np.ndarray:
     for value in weight:
         sums = np.concatenate((sums, sums + value))
     return sums
+
+
+def commanded_margin(scene: Scene) -> float | None:
+    """Compute the uniqueness margin of the friction that a scene commands.
+
+    A segment counts as one contact with the friction of its whole length: where it is not rigid the translation is
+    determined as soon as both its coefficients are positive ([G] Lemma on homogeneous continuous models), so that
+    balance can only fail between blocks that move rigidly.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The least over the drive's waypoints, in [0, 1/2]; None when one of them is not decided, or when there are
+        more than 64 different ones of more than 16 blocks, and in the plane.
+    """
+    mesh, drive = scene.mesh, scene.commands
+    if mesh.dimension == 2:
+        return None
+    sides = [_blocks(mesh, rows) for rows in (drive.forward, drive.backward)]
+    rows = np.unique(np.hstack(sides), axis=0)
+    n = sides[0].shape[1]
+    if n > _FEW_CONTACTS and rows.shape[0] > _FEW_ROWS:
+        return None  # each row is a search over subsets: too long to wait for
+    margins = [uniqueness_margin(row[:n], row[n:]) for row in rows]
+    decided = [m for m in margins if m is not None]
+    if 0.0 in decided:
+        return 0.0
+    return min(decided) if len(decided) == len(margins) else None
+
+
+def _blocks(mesh: Body, friction: np.ndarray) -> np.ndarray:
+    """Sum friction over what can move rigidly: isolated contacts, and whole segments."""
+    segments = [friction[:, s.contacts].sum(axis=1, keepdims=True) for s in mesh.segments]
+    return np.hstack((friction[:, mesh.isolated], *segments))
 
 
 def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> float:
@@ -120,3 +162,45 @@ def translation_interval(velocity, forward, backward):
         if slope > near:
             return least, c
     return least, np.inf
+
+
+@compiled
+def choose_translation(velocity, forward, backward, centred):
+    """Add to the velocities one of the admissible translations: the one nearest to zero, or the middle one.
+
+    Args:
+        velocity: velocities up to a translation, shape (N,) [m per unit of the ramp], changed in place.
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+        centred: True for the middle one: where contacts stand for stretches of ground, an interval is an artefact of
+            cutting the ground into stretches, and the translation of the continuum lies in it.
+
+    Returns:
+        How far the least and the greatest admissible translation lie from the chosen one.
+    """
+    least, most = translation_interval(velocity, forward, backward)
+    mean = velocity.mean()
+    chosen = min(max(-mean, least), most)
+    if centred and most - least < np.inf:
+        chosen = 0.5 * (least + most)
+    for i in range(velocity.shape[0]):
+        velocity[i] += chosen
+    return least - chosen, most - chosen
+
+
+@compiled
+def is_wide(least, most, velocity):
+    """Tell an interval of translations from rounding.
+
+    Args:
+        least: its lower end [m per unit of the ramp].
+        most: its upper end.
+        velocity: of the contacts, shape (N,).
+
+    Returns:
+        True when its width is more than rounding of the velocities.
+    """
+    size = 0.0
+    for i in range(velocity.shape[0]):
+        size = max(size, abs(velocity[i]))
+    return most - least > CRITICAL * size and most > least

@@ -55,9 +55,9 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
         yield lambda part: bar.update(task, completed=part)
 
 
-def _run(scene_name: str, duration: float | None, rate: float, method: str) -> Trajectory:
+def _run(scene_name: str, duration: float | None, rate: float, method: str | None) -> Trajectory:
     scene = load_scene(scene_name)
-    prepare()
+    prepare(scene)
     if scene.drive is None and duration is None:
         raise CrawlerError(f"{scene_name}: the scene has no drive; say how long to run with --duration")
     with progress_bar("simulating") as progress:
@@ -71,11 +71,14 @@ def simulate_command(
         float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
     ] = None,
     rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = 100.0,
-    method: Annotated[MethodName, typer.Option(help="How a tick is integrated.")] = MethodName.exact,
+    method: Annotated[
+        MethodName | None,
+        typer.Option(help="How a tick is integrated; by default exact on a line, catch_up in the plane."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print where it went."""
-    run = _run(scene, duration, rate, method.value)
+    run = _run(scene, duration, rate, None if method is None else method.value)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         return
@@ -84,18 +87,21 @@ def simulate_command(
     table.add_column("time [s]", justify="right")
     table.add_column("net translation [m]", justify="right")
     table.add_column("gained in the period [m]" if periods else "gained [m]", justify="right")
+    from .scene_report import write_length
+
     y = run.waypoint_net_translation
     size = float(abs(run.displacement).max()) + float(abs(run.scene.commands.actuation).max())
-    rows = range(y.size) if y.size <= 24 else [*range(12), *range(y.size - 11, y.size)]
+    count = y.shape[0]
+    rows = range(count) if count <= 24 else [*range(12), *range(count - 11, count)]
     last = -1
     for i in rows:
         if i != last + 1:
             table.add_row("...", "...", "...")
         last = i
-        gained = "" if i == 0 else _length(y[i] - y[i - 1], size)
-        table.add_row(f"{run.waypoint_time[i]:g}", _length(y[i], size), gained)
+        gained = "" if i == 0 else write_length(y[i] - y[i - 1], size)
+        table.add_row(f"{run.waypoint_time[i]:g}", write_length(y[i], size), gained)
     if run.time[-1] > run.waypoint_time[-1]:
-        table.add_row(f"{run.time[-1]:g}", _length(run.net_translation[-1], size), "")
+        table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size), "")
     screen.print(table)
     _print_account(run)
 
@@ -121,38 +127,16 @@ def check(
     scene: SceneArgument,
     png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
 ) -> None:
-    """Validate a scene; print its stasis domain, its uniqueness margin and what does not move."""
+    """Validate a scene; print its stasis domain, where it lets the body go, its margins and what does not move."""
     _check_picture(png)
-    run = _run(scene, None if load_scene(scene).drive is not None else 0.0, 100.0, "exact")
-    checked = run.scene
-    drive = checked.commands
-    body = checked.chain
-    screen.print(f"{checked.name}: {body.contacts} contacts, {body.links} links; valid")
-    table = Table(
-        title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
-    )
-    for column in ("contact", "at [m]", "-backward [N]", "forward [N]", "force at the start [N]", "slides"):
-        table.add_column(column, justify="right")
-    from crawler_model.stasis import spring_force
+    from .scene_report import print_report
 
-    force = spring_force(run.tension[0])
-    shown = range(body.contacts) if body.contacts <= 20 else [*range(10), *range(body.contacts - 10, body.contacts)]
-    for i in shown:
-        ways = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
-        table.add_row(
-            str(i),
-            f"{body.position[i]:g}",
-            _span(-drive.backward[:, i]),
-            _span(drive.forward[:, i]),
-            f"{force[i]:g}",
-            " and ".join(ways) or "never",
-        )
-    screen.print(table)
-    _print_verdict(run)
+    run = _run(scene, None if load_scene(scene).drive is not None else 0.0, 100.0, None)
+    print_report(run, screen)
     if png is not None:
-        from .picture import draw_domain
+        from .domain_picture import draw_domain
 
-        draw_domain(checked, png)
+        draw_domain(run.scene, png)
         screen.print(f"drawn: {png}")
 
 
@@ -161,48 +145,6 @@ def _check_picture(png: Path | None) -> None:
         raise CrawlerError(f"--png: {png} must end in .png")
     if png is not None and not png.absolute().parent.is_dir():
         raise CrawlerError(f"--png: the folder {png.absolute().parent} does not exist")
-
-
-def _length(value: float, size: float) -> str:
-    """Write a length [m]; what is rounding beside `size` is 0."""
-    return f"{0.0 if abs(value) <= 1e-13 * size else value:.12g}"
-
-
-def _span(values: Any) -> str:
-    low, high = float(values.min()), float(values.max())
-    return f"{low:g}" if low == high else f"{low:g} .. {high:g}"
-
-
-def _print_verdict(run: Trajectory) -> None:
-    scene = run.scene
-    margin = run.uniqueness_margin
-    if margin is None:
-        screen.print("uniqueness margin: not decided (more than 30 unequal contacts)")
-    elif margin == 0.0:
-        screen.print(
-            "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
-            "backward friction of the others (it matters only while all of them slide)"
-        )
-    else:
-        screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
-    k = scene.chain.stiffness
-    if k.max() > 1e9 * k.min():
-        screen.print(
-            f"too stiff: link {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than link {int(k.argmin())}"
-        )
-    if scene.drive is None:
-        screen.print("no drive: the crawler waits for commands")
-        return
-    screen.print(f"visited margin: {run.visited_margin:.4g}; unique along the drive: {'yes' if run.unique else 'no'}")
-    still = [i for i in range(scene.chain.contacts) if not run.contact_state[:, i].any()]
-    if len(still) == scene.chain.contacts:
-        screen.print("too weak: the drive never leaves the stasis domain, nothing moves")
-    elif still:
-        screen.print(f"contacts that never slide: {', '.join(map(str, still[:10]))}{' ...' if len(still) > 10 else ''}")
-    if run.per_period.size:
-        size = float(abs(run.displacement).max()) + float(abs(scene.commands.actuation).max())
-        gained = _length(float(run.per_period[-1]), size)
-        screen.print(f"net translation per period, at the end: {gained} m{' (it does not travel)' * (gained == '0')}")
 
 
 @app.command()

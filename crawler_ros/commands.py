@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crawler_model.columns import Columns
 from crawler_model.errors import LARGEST, CommandError
-from crawler_model.friction import spread_command
-
-from .messages import command_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +38,17 @@ class Vertex:
 
 
 class CommandQueue:
-    """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread.
+    """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread."""
 
-    A command row has the order of `messages.command_names`: links, contacts forward, contacts backward.
-    """
-
-    def __init__(self, contacts: int, in_force: np.ndarray) -> None:
+    def __init__(self, columns: Columns, in_force: np.ndarray) -> None:
         """Start with nothing pending.
 
         Args:
-            contacts: N.
-            in_force: the row in force, shape (3 N - 1,).
+            columns: what can be commanded.
+            in_force: the command row in force, shape (C,).
         """
-        self._contacts = contacts
-        self._links = contacts - 1
-        self._names = {name: np.array([i]) for i, name in enumerate(command_names(contacts))}
-        for i in range(contacts):
-            both = np.array([self._links + i, self._links + contacts + i])
-            self._names[f"contact_{i}/friction"] = both
+        self._columns = columns
+        self._lengths = columns.lengths
         self._lock = threading.Lock()
         self.reset(in_force)
 
@@ -73,39 +64,57 @@ class CommandQueue:
         self._path: list[Vertex] = []
 
     def accept_actuation(self, values: Sequence[float]) -> None:
-        """Take a command for all links.
+        """Take a command for all links and segments.
 
         Args:
-            values: L, one per link [m].
+            values: L of each link [m], then the strain of each segment; in the plane x and y of each link.
 
         Raises:
             CommandError: on a wrong length or a value that is not finite.
         """
         array = np.asarray(values, dtype=np.float64)
-        if array.size != self._links:
-            raise CommandError(f"actuation command has {array.size} value(s); give {self._links}, one per link")
+        sizes = self._columns.actuation_sizes
+        planar = self._columns.planar is not None
+        if array.size != (self._lengths if planar else sizes.size):
+            counts = f"{sizes.size}, one per {self._columns.items('link')}"
+            if planar:
+                counts = f"{self._lengths}, x and y of each link"
+            raise CommandError(f"actuation command has {array.size} value(s); give {counts}")
         _check_finite("actuation command", array)
         with self._lock:
-            self._actuation.append(array)
+            self._actuation.append(array if planar else np.repeat(array, sizes))
             self._last_was_trajectory = False
 
     def accept_friction(self, values: Sequence[float]) -> None:
         """Take a command for all frictions.
 
         Args:
-            values: one, one per contact, or all forward and then all backward [N].
+            values: one, one per isolated contact [N] then segment [N/m], or all forward and then all backward.
 
         Raises:
             CommandError: on a wrong length, a negative value or one that is not finite.
         """
         array = np.asarray(values, dtype=np.float64)
         _check_finite("friction command", array)
-        forward, backward = spread_command(array, self._contacts)
+        columns = self._columns
+        sizes, sides = columns.friction_sizes, columns.sides
+        if columns.planar:
+            raise CommandError("friction command: friction given by directions is constant in this scene")
+        if array.size == 1:
+            array = np.full(sizes.size, array[0])
+        if array.size not in (sizes.size, sides * sizes.size):
+            raise CommandError(
+                f"friction command has {array.size} value(s); "
+                f"give 1, {sizes.size} (one per {columns.items('contact')})"
+                + (f" or {2 * sizes.size} (all forward, then all backward)" if sides == 2 else "")
+            )
+        parts = np.tile(array, sides) if array.size == sizes.size else array
+        row = np.repeat(parts, np.tile(sizes, sides))
         if array.min() < 0.0:
             i = int(np.argmin(array))
             raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
         with self._lock:
-            self._friction.append(np.concatenate((forward, backward)))
+            self._friction.append(row)
             self._last_was_trajectory = False
 
     def accept_trajectory(
@@ -124,12 +133,9 @@ class CommandQueue:
         """
         columns = []
         for name in names:
-            if name not in self._names:
-                raise CommandError(
-                    f"trajectory: no joint is called {name!r}; there are link_0 .. link_{self._links - 1} and "
-                    f"contact_0 .. contact_{self._contacts - 1} with /forward, /backward or /friction"
-                )
-            columns.append(self._names[name])
+            if name not in self._columns.aliases:
+                raise CommandError(f"trajectory: no joint is called {name!r}; {_known(self._columns)}")
+            columns.append(self._columns.aliases[name])
         taken = np.concatenate(columns) if columns else np.zeros(0, int)
         if np.unique(taken).size != taken.size:
             raise CommandError("trajectory: a joint is named twice")
@@ -144,7 +150,7 @@ class CommandQueue:
             table[i] = row
             _check_finite(f"trajectory: point {i}", table[i])
             for name, column, value in zip(names, columns, table[i], strict=True):
-                if column[0] >= self._links and value < 0.0:
+                if column[0] >= self._lengths and value < 0.0:
                     raise CommandError(f"trajectory: point {i}: {name} is {value:g} N; friction must be >= 0")
         if stamp_ns < 0:
             raise CommandError(f"trajectory: stamp {stamp_ns} ns; simulated time starts at 0")
@@ -203,9 +209,9 @@ class CommandQueue:
         for k in range(count):
             row = row.copy()
             if k < len(actuation):
-                row[: self._links] = actuation[k]
+                row[: self._lengths] = actuation[k]
             if k < len(friction):
-                row[self._links :] = friction[k]
+                row[self._lengths :] = friction[k]
             vertices.append(Vertex(start_ns + (end_ns - start_ns) * (k + 1) // count, row))
         self._path = []
         self._anchor = Vertex(end_ns, row)
@@ -264,6 +270,12 @@ class CommandQueue:
             self._anchor = passed[-1]
         self._path = ahead
         return vertices
+
+
+def _known(columns: Columns) -> str:
+    """List what can be named, the first few."""
+    names = list(columns.aliases)
+    return f"there are {', '.join(names[:6])}{f' and {len(names) - 6} more' if len(names) > 6 else ''}"
 
 
 def _check_finite(what: str, values: np.ndarray) -> None:

@@ -43,7 +43,7 @@ def closed_form(scene: Scene) -> float:
         Net translation per period, after the first [m].
     """
     stroke = float(np.ptp(scene.commands.actuation))
-    return 2.0 * (stroke - 3.0 * float(scene.ground.forward[0]) / float(scene.chain.stiffness[0]))
+    return 2.0 * (stroke - 3.0 * float(scene.commands.forward[0, 0]) / float(scene.mesh.stiffness[0]))
 
 
 def own_domain() -> dict[str, str]:

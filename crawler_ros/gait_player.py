@@ -21,7 +21,7 @@ from crawler_model import CrawlerError, load_scene
 from crawler_model.drive import NS
 
 from . import interface
-from .messages import TrajectoryMessage, command_names, command_row, read_stamp
+from .messages import TrajectoryMessage, read_stamp
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
@@ -49,8 +49,8 @@ class GaitPlayer(Node):
         if scene.drive is None:
             raise CrawlerError(f"scene: {scene.name} has no drive to play")
         self.drive = scene.commands
-        self._rows = [command_row(t) for t in self.drive.targets()]
-        self._message = TrajectoryMessage(command_names(scene.chain.contacts))
+        self._rows = list(self.drive.rows)
+        self._message = TrajectoryMessage(list(self.drive.columns.names))
         topic = interface.topics()["joint_trajectory"]
         self._publisher = self.create_publisher(
             interface.message_class(topic.type), topic.name, interface.qos_profile(topic)

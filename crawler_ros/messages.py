@@ -96,7 +96,7 @@ class JointStateMessage:
 
 
 class PoseMessage:
-    """A geometry_msgs/PoseStamped on the line."""
+    """A geometry_msgs/PoseStamped on the ground."""
 
     def __init__(self, frame: str) -> None:
         """Encode the message once.
@@ -112,9 +112,10 @@ class PoseMessage:
         self._pose = np.frombuffer(self._buffer, np.float64, 7, place)
         self._pose[6] = 1.0  # orientation.w
 
-    def encode(self, stamp_ns: int, x: float) -> bytes:
-        """Return the bytes for position.x = x [m]."""
+    def encode(self, stamp_ns: int, x: float, y: float = 0.0) -> bytes:
+        """Return the bytes for position.x = x, position.y = y [m]."""
         self._pose[0] = x
+        self._pose[1] = y
         _put_stamp(self._buffer, self._stamp, stamp_ns)
         return bytes(self._buffer)
 
@@ -217,23 +218,3 @@ def encode_diagnostics(
             cdr.text(value)
     _put_stamp(cdr.buffer, place, stamp_ns)
     return bytes(cdr.buffer)
-
-
-def command_names(contacts: int) -> list[str]:
-    """Name every number of a command in the order of its rows: links, then contacts forward, then backward."""
-    links = [f"link_{i}" for i in range(contacts - 1)]
-    forward = [f"contact_{i}/forward" for i in range(contacts)]
-    return links + forward + [f"contact_{i}/backward" for i in range(contacts)]
-
-
-def command_row(target: np.ndarray) -> np.ndarray:
-    """Flatten a target, shape (3, N), to the order of `command_names`, shape (3 N - 1,)."""
-    return np.concatenate((target[0, :-1], target[1], target[2]))
-
-
-def command_target(row: np.ndarray) -> np.ndarray:
-    """Undo `command_row`."""
-    n = (row.size + 1) // 3
-    target = np.zeros((3, n))
-    target[0, :-1], target[1], target[2] = row[: n - 1], row[n - 1 : 2 * n - 1], row[2 * n - 1 :]
-    return target

@@ -13,7 +13,10 @@ import numpy as np
 
 from crawler_model import CrawlerError, Scene
 from crawler_model.drive import NS
-from crawler_model.stasis import stasis_bounds, stasis_polygon, tension_ranges
+from crawler_model.stasis import stasis_bounds
+
+from .domain_picture import draw_domain as draw_domain
+from .visualizer import has_stasis_bounds
 
 if TYPE_CHECKING:
     from .visualizer import Frame
@@ -50,15 +53,19 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     tension = np.array([f.tension for f in frames])
     state = np.array([f.state for f in frames])
     friction = [np.array([getattr(f, side) for f in frames]) for side in ("forward", "backward")]
-    least, most = stasis_bounds(tension, *friction)
-    contacts, plots = x.shape[1], min(tension.shape[1], _MOST_LINKS)
+    mesh = scene.mesh
+    bounded = has_stasis_bounds(mesh)
+    least, most = stasis_bounds(tension, *friction) if bounded else (tension, tension)
+    contacts, plots = state.shape[1], min(tension.shape[1], _MOST_LINKS)
+    x = x.reshape(time_s.size, contacts, -1)[:, :, 0]  # in the plane, along x
+    at = mesh.position[mesh.stations].reshape(contacts, -1)[:, 0]
 
     heights = [2.2] + [1.0] * plots + [0.35 + 0.12 * min(contacts, 12), 1.4]
     figure, axes = plt.subplots(
         len(heights), 1, sharex=True, figsize=(11, 1.5 * sum(heights)), height_ratios=heights, layout="constrained"
     )
     figure.suptitle(f"crawler: {scene.name}")
-    place = scene.chain.position + x
+    place = at + x
     axes[0].plot(time_s, place, color="#9a9a9a", linewidth=0.8)
     for sign, color in ((1, _SLIP_FORWARD), (-1, _SLIP_BACK)):
         axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
@@ -66,7 +73,9 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     for i in range(contacts if contacts <= _MOST_NAMED else 0):
         axes[0].annotate(str(i), (time_s[0], place[0, i]), (4, 3), textcoords="offset points", fontsize=8)
     axes[0].set_title(
-        "green: slips forward, red: slips back, grey: sticks; tensions (blue) between their bounds", fontsize=8
+        "green: slips forward, red: slips back, grey: sticks; tensions (blue)"
+        + (" between their bounds" if bounded else ""),
+        fontsize=8,
     )
     for i in range(plots):
         axes[1 + i].fill_between(time_s, least[:, i], most[:, i], color="#f2dcda", linewidth=0, label="bounds")
@@ -84,42 +93,6 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     axes[-1].set_xlabel("simulated time [s]")
     for axis in axes:
         axis.margins(x=0)
-    figure.savefig(png, dpi=110)
-    plt.close(figure)
-
-
-def draw_domain(scene: Scene, png: Path) -> None:
-    """Draw the stasis domain at each waypoint of the drive: a polygon for three contacts, else the links' ranges.
-
-    Args:
-        scene: the scene.
-        png: the file to write.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    drive, body = scene.commands, scene.chain
-    rows = np.unique(np.hstack((drive.forward, drive.backward)), axis=0)[:64]
-    figure, axis = plt.subplots(figsize=(6, 6), layout="constrained")
-    axis.set_title(f"stasis domain: {scene.name}")
-    if body.contacts == 3:
-        for row in rows:
-            corners = stasis_polygon(row[:3], row[3:])
-            axis.fill(*corners.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=2.0)
-        axis.set_xlabel("$T_0$ [N]")
-        axis.set_ylabel("$T_1$ [N]")
-        axis.set_aspect("equal")
-        axis.axhline(0.0, color="#c0c0c0", linewidth=0.8)
-        axis.axvline(0.0, color="#c0c0c0", linewidth=0.8)
-    else:
-        for row in rows:
-            least, most = tension_ranges(row[: body.contacts], row[body.contacts :])
-            axis.bar(range(body.links), most - least, bottom=least, color="#f2dcda", edgecolor="#c83c3c", linewidth=2.0)
-        axis.set_xlabel("link")
-        axis.set_ylabel("tension that some state of stasis has [N]")
-        axis.set_xticks(range(body.links) if body.links <= 20 else [0, body.links - 1])
     figure.savefig(png, dpi=110)
     plt.close(figure)
 

@@ -11,7 +11,7 @@ from crawler_model import Crawler, Scene
 from crawler_model.drive import NS
 
 from . import bag
-from .messages import command_target
+from .states import JointReader
 
 
 @dataclass(frozen=True)
@@ -57,20 +57,22 @@ def simulate_again(path: Path) -> Resimulation:
             if "scene" not in head.attachments:
                 raise bag.BagError(f"{path}: it does not hold its scene, so it cannot be simulated again")
             scene = Scene.model_validate(head.attachments["scene"])
-            start = Crawler(scene, head.attachments.get("parameters", {}).get("method", "exact"))
-            crawler = start.copy()
+            start = Crawler(scene, head.attachments.get("parameters", {}).get("method"))
+            crawler, joints = start.copy(), JointReader(scene.mesh)
+            still = np.zeros(scene.mesh.position.shape)
         name = record.topic.rsplit("/", 1)[-1]
         if name == "applied_commands":
             points = decode(record.data, record.type).points
             if points:
-                crawler.follow(np.array([command_target(np.asarray(p.positions)) for p in points]))
+                crawler.follow(scene.columns.target(np.array([p.positions for p in points])))
         elif name == "joint_states":
             message = decode(record.data, record.type)
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
             if stamp == 0 and ticks > 0:
                 crawler, resets = start.copy(), resets + 1
-            ours = np.concatenate((crawler.displacement[:1], crawler.shape, crawler.tension))
-            theirs = np.concatenate((message.position, message.effort[1:]))
+            position, _, effort = joints.read(crawler, still)
+            ours = np.concatenate((position, effort))
+            theirs = np.concatenate((message.position, message.effort))
             if not np.array_equal(ours, theirs):
                 worst = max(worst, float(np.abs(ours - theirs)[: message.position.size].max()))
                 first = stamp / NS if first is None else first

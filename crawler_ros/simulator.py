@@ -23,20 +23,14 @@ import crawler_ros
 from crawler_model import CommandError, Crawler, load_scene, prepare
 from crawler_model.crawler import Step
 from crawler_model.drive import NS
-from crawler_model.simulate import commanded_margin, rational_rate
+from crawler_model.friction import check_regularity
+from crawler_model.simulate import rational_rate
+from crawler_model.uniqueness import commanded_margin
 
 from . import interface
 from .commands import CommandQueue
-from .messages import (
-    JointStateMessage,
-    PoseMessage,
-    TrajectoryMessage,
-    command_names,
-    command_row,
-    command_target,
-    encode_clock,
-    encode_diagnostics,
-)
+from .messages import JointStateMessage, PoseMessage, TrajectoryMessage, encode_clock, encode_diagnostics
+from .states import JointReader, contact_names, joint_names, shown_contacts
 from .stepper import Stepper
 
 if TYPE_CHECKING:
@@ -64,27 +58,31 @@ class Simulator(Node):
         self.values = interface.declare_parameters(self)
         self.scene = load_scene(self.values["scene"])
         rate = rational_rate(self.values["rate"])
-        prepare()
-        self.crawler = Crawler(self.scene, self.values["method"])
+        prepare(self.scene)
+        method = str(self.values["method"])
+        self.crawler = Crawler(self.scene, None if method == "auto" else method)  # type: ignore[arg-type]
         self.start = self.crawler.copy()
         self.stepper = Stepper(rate, self.values["real_time_factor"])
-        self.commands = CommandQueue(self.crawler.body.contacts, command_row(self._in_force()))
+        self.columns = self.scene.columns
+        self.commands = CommandQueue(self.columns, self.start.row)
         self.refused: dict[str, int] = {}
         self.refusal = ""
         self._said: dict[str, float] = {}
         self.certificate = [0.0, 0.0, 0.0]
         self.ambiguous = self.overspent = 0
         self.margin = commanded_margin(self.scene)
+        self.regularity = check_regularity(self.scene.commands)
         self.lock = threading.Lock()
         self.stopping = threading.Event()
 
-        n = self.crawler.body.contacts
-        self._hold = np.empty((0, 3, n))
+        mesh = self.scene.mesh
+        self._hold = np.empty((0, self.columns.index.size))
         frame = self.values["frame_id"]
-        links = [f"link_{i}" for i in range(n - 1)]
-        self._ledger = TrajectoryMessage(command_names(n))
-        self._joints = JointStateMessage(["contact_0", *links])
-        self._contacts = JointStateMessage([f"contact_{i}" for i in range(n)], frame)
+        self._ledger = TrajectoryMessage(list(self.columns.names))
+        self._joints = JointStateMessage(joint_names(mesh))
+        self._joint_reader = JointReader(mesh)
+        self._contacts = JointStateMessage(contact_names(self.scene), frame)
+        self._shown = shown_contacts(self.scene)
         self._pose = PoseMessage(frame)
         self._recorder: Recorder | None = None
         self._feed: ViewerFeed | None = None
@@ -111,25 +109,21 @@ class Simulator(Node):
         self._next_diagnostics = 0.0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
-            f"{self.scene.name}: {n} contacts, {n - 1} links, {self.crawler.method} at {float(rate):g} Hz; waiting for "
+            f"{self.scene.name}: {mesh.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting for "
             f"commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
             f"{name}/pause, {name}/step, {name}/reset"
         )
 
-    def _in_force(self) -> np.ndarray:
-        return self.crawler.target(self.crawler.actuation)
-
     def _attachments(self) -> dict[str, Any]:
         return {
             "scene": self.scene.document(),
-            "parameters": self.values,
+            "parameters": self.values | {"method": self.crawler.method},
             "versions": versions(),
             "start": {
                 "displacement": self.crawler.displacement.tolist(),
                 "tension": self.crawler.tension.tolist(),
                 "actuation": self.crawler.actuation.tolist(),
-                "forward": self.crawler.forward.tolist(),
-                "backward": self.crawler.backward.tolist(),
+                "friction": self.crawler.friction.tolist(),
             },
         }
 
@@ -208,7 +202,7 @@ class Simulator(Node):
         with self.lock:
             self.crawler = self.start.copy()
             self.stepper.reset()
-            self.commands.reset(command_row(self._in_force()))
+            self.commands.reset(self.start.row)
             self.certificate = [0.0, 0.0, 0.0]
             self.ambiguous = self.overspent = 0
             self._send_states(None)
@@ -286,7 +280,7 @@ class Simulator(Node):
     def _tick(self) -> None:
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
         vertices = self.commands.take(start_ns, end_ns)
-        targets = np.array([command_target(v.row) for v in vertices]) if vertices else self._hold
+        targets = self.columns.target(np.array([v.row for v in vertices])) if vertices else self._hold
         step = self.crawler.follow(targets)
         self.stepper.finish()
         if self._is_wanted("applied_commands"):
@@ -304,24 +298,22 @@ class Simulator(Node):
 
     def _send_states(self, step: Step | None) -> None:
         crawler, now = self.crawler, self.stepper.now_ns
-        x, tension = crawler.displacement, crawler.tension
+        x = crawler.displacement
         velocity = np.zeros_like(x)
         if step is not None:
             velocity = step.velocity / ((now - self._last_ns) / NS)
         self._last_ns = now
         joints, contacts = self._joints, self._contacts
-        joints.position[0], joints.position[1:] = x[0], crawler.shape
-        joints.velocity[0], joints.velocity[1:] = velocity[0], velocity[1:] - velocity[:-1]
-        joints.effort[0], joints.effort[1:] = -tension[0], tension
+        joints.position[:], joints.velocity[:], joints.effort[:] = self._joint_reader.read(crawler, velocity)
         self._send("joint_states", joints.encode(now))
         if self._is_wanted("contact_states"):
-            contacts.position[:] = crawler.body.position + x
-            contacts.velocity[:] = velocity
-            contacts.effort[:-1], contacts.effort[-1] = -tension, 0.0
-            contacts.effort[1:] += tension
+            shown = self._shown
+            contacts.position[:] = (crawler.body.position + x)[shown].ravel()
+            contacts.velocity[:] = velocity[shown].ravel()
+            contacts.effort[:] = -crawler.spring_force[shown].ravel()
             self._send("contact_states", contacts.encode(now))
         if self._is_wanted("pose"):
-            self._send("pose", self._pose.encode(now, crawler.net_translation))
+            self._send("pose", self._pose.encode(now, *np.atleast_1d(crawler.net_translation)))
         if self._outlets["/clock"][0] is not None:
             self._send("/clock", encode_clock(now))
         if self._feed is not None:
@@ -378,6 +370,7 @@ class Simulator(Node):
             ("simulated time [s]", f"{self.stepper.now_ns / NS:.9f}"),
             ("ticks", str(self.stepper.tick)),
             ("late ticks", str(late)),
+            ("least friction of the scene", f"{self.regularity.least:.3e} ({self.regularity.where})"),
             ("uniqueness margin", "not decided" if self.margin is None else f"{self.margin:.3e}"),
             ("visited margin", f"{now:.3e}"),
             ("ticks without a determined translation", str(self.ambiguous)),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import itertools
 import json
 import os
 import struct
@@ -24,8 +23,11 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene
+from crawler_model.body import Body
 from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds, stasis_polygon
+
+from .states import StationReader
 
 FRAME_EVERY_NS = 20_000_000
 LIVE_PORT = 9876
@@ -41,7 +43,11 @@ _PAGE = 1.6  # how far the body walks before the page turns, in body lengths
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One instant to draw. Shapes: N contacts, N - 1 links; state is 1, 0 or -1 since the frame before."""
+    """One instant to draw, of the stations and joints of a body (see `crawler_model.body.Body`).
+
+    Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
+    tension of each joint, in the plane its size; mu_plus and mu_minus of each station where a chain has no segments.
+    """
 
     time_ns: int
     displacement: np.ndarray
@@ -51,17 +57,57 @@ class Frame:
     backward: np.ndarray
 
     def pack(self) -> bytes:
-        """Lay the frame out as 1 + 5 N doubles (tension padded)."""
-        padded = np.append(self.tension, 0.0)
-        numbers = (self.displacement, padded, self.state, self.forward, self.backward)
+        """Lay the frame out as bytes: the time, then all numbers as doubles."""
+        numbers = (self.displacement, self.tension, self.state, self.forward, self.backward)
         return struct.pack("<q", self.time_ns) + np.concatenate(numbers).astype("<f8").tobytes()
 
     @staticmethod
-    def unpack(data: bytes, contacts: int) -> Frame:
+    def unpack(data: bytes, mesh: Body) -> Frame:
         """Undo `pack`."""
         (ns,) = struct.unpack_from("<q", data)
-        x, tension, state, forward, backward = np.frombuffer(data, "<f8", 5 * contacts, 8).reshape(5, contacts)
-        return Frame(ns, x, tension[:-1], state.astype(np.int8), forward, backward)
+        cuts = np.cumsum(_frame_sizes(mesh))
+        x, tension, state, forward, backward = np.split(np.frombuffer(data, "<f8", int(cuts[-1]), 8), cuts[:-1])
+        return Frame(ns, x, tension, state.astype(np.int8), forward, backward)
+
+
+def _frame_sizes(mesh: Body) -> list[int]:
+    stations, joints = mesh.stations.size, mesh.joints.shape[0]
+    friction = stations if has_stasis_bounds(mesh) else 0
+    return [stations * mesh.dimension, joints, stations, friction, friction]
+
+
+def has_stasis_bounds(mesh: Body) -> bool:
+    """Tell whether each link's tension has bounds that follow from its neighbours'.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        True for a chain of isolated contacts.
+    """
+    return mesh.is_chain and not mesh.segments
+
+
+def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray) -> Frame:
+    """Take a frame of a crawler.
+
+    Args:
+        crawler: the crawler.
+        time_ns: simulated time [ns].
+        state: what each of its contacts did since the frame before.
+
+    Returns:
+        The frame.
+    """
+    mesh = crawler.body
+    at = mesh.stations
+    tension = crawler.joint_tension
+    if mesh.dimension == 2:
+        tension = np.linalg.norm(tension, axis=1)
+    none = np.zeros(0)
+    bounded = has_stasis_bounds(mesh)
+    forward, backward = (crawler.forward[at], crawler.backward[at]) if bounded else (none, none)
+    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward)
 
 
 def check_view(view: str) -> None:
@@ -130,7 +176,7 @@ class ViewerFeed:
         if self._shown_ns is not None and 0 <= time_ns - self._shown_ns < FRAME_EVERY_NS:
             return
         self._shown_ns = time_ns
-        frame = Frame(time_ns, crawler.displacement, crawler.tension, self._moved, crawler.forward, crawler.backward)
+        frame = frame_of(crawler, time_ns, self._moved)
         self._moved = None
         if not self._push():
             self.dropped += 1
@@ -214,27 +260,27 @@ def _frames(records: Iterable[Any], scene: Scene) -> Iterator[Frame]:
     from rosbags.typesys import Stores, get_typestore
 
     decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-    drive, n = scene.commands, scene.chain.contacts
-    forward, backward = drive.forward[0], drive.backward[0]
+    mesh, columns = scene.mesh, scene.columns
+    bounded = has_stasis_bounds(mesh)
+    n = mesh.contacts if bounded else 0
+    forward, backward = scene.commands.forward[0][:n], scene.commands.backward[0][:n]
+    stations = StationReader(mesh)
     for record in records:
         name = record.topic.rsplit("/", 1)[-1]
         if name == "applied_commands":
             points = decode(record.data, record.type).points
             if points:
-                row = np.asarray(points[-1].positions)
-                forward, backward = row[n - 1 : 2 * n - 1], row[2 * n - 1 :]
+                friction = np.asarray(points[-1].positions)[columns.lengths :]
+                forward, backward = friction[:n], friction[n : 2 * n]
         elif name == "joint_states":
             message = decode(record.data, record.type)
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-            x = _along(message.position)
-            v = _along(message.velocity)
+            x, v = stations.read(message.position), stations.read(message.velocity)
+            tension = message.effort[mesh.dimension :]
+            if mesh.dimension == 2:
+                v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
             moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
-            yield Frame(stamp, x, message.effort[1:], (np.sign(v) * moving).astype(np.int8), forward, backward)
-
-
-def _along(values: np.ndarray) -> np.ndarray:
-    """Turn the first contact's value and the links' into the contacts' values."""
-    return values[0] + np.concatenate(([0.0], np.cumsum(values[1:])))
+            yield Frame(stamp, x.ravel(), tension, (np.sign(v) * moving).astype(np.int8), forward, backward)
 
 
 class Drawing:
@@ -251,14 +297,24 @@ class Drawing:
 
         self._rr = rr
         self._scene = scene
-        self._xi = scene.chain.position
-        self._length = float(np.ptp(self._xi))
-        n = self._xi.size
-        self._plots = min(n - 1, _SINGLE_PLOTS)
+        mesh = scene.mesh
+        self._mesh = mesh
+        self._xi = mesh.position[mesh.stations]
+        self._joints = mesh.joints
+        self._names = station_names(mesh)
+        self._bounded = has_stasis_bounds(mesh)
+        self._along = self._xi if mesh.dimension == 1 else self._xi[:, 0]
+        self._length = float(np.ptp(self._xi)) if mesh.dimension == 1 else float(np.ptp(self._xi, axis=0).max())
+        n = self._xi.shape[0]
+        self._polygon = self._bounded and n == 3
+        self._plots = min(self._joints.shape[0], _SINGLE_PLOTS)
+        # links that pass over others are drawn as bows
+        spans = np.abs(np.diff(self._joints, axis=1)[:, 0]) if mesh.dimension == 1 else np.ones(self._joints.shape[0])
+        self._bows = 0.06 * self._length * (spans - 1.0)
         self._last_state = np.full(n, 99)
         self._last_polygon = b""
         self._trail: deque[tuple[tuple[float, float], tuple[int, int, int]]] = deque(maxlen=_TRAIL)
-        self._window = float(self._xi[0]) + np.array([-0.6, 3.4]) * self._length
+        self._window = float(self._along[0]) + np.array([-0.6, 3.4]) * self._length
         self._tick = _round_step(self._length / 3.0)
         self._page: int | None = None
         self.stream = rr.RecordingStream(f"crawler: {scene.name}")
@@ -269,16 +325,20 @@ class Drawing:
     def _blueprint(self) -> None:
         import rerun.blueprint as rrb
 
-        n, length = self._xi.size, self._length
-        page = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-0.25 * length, 0.25 * length])
+        n, length = self._xi.shape[0], self._length
+        depth = 0.25 * length if self._mesh.dimension == 1 else 1.2 * length
+        page = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-depth, depth])
         tensions = [
-            rrb.TimeSeriesView(origin=f"tension/link_{i}", name=f"Tension of link {i} [N] in its stasis bounds")
-            for i in range(self._plots)
+            rrb.TimeSeriesView(
+                origin=f"tension/{name}",
+                name=f"Tension of {name.replace('_', ' ')} [N]" + (" in its stasis bounds" if self._bounded else ""),
+            )
+            for name in self._joint_names()
         ]
         lanes = rrb.StateTimelineView(origin="contacts", name="Stick / slip")
         left = rrb.Vertical(*tensions, lanes, row_shares=[1.0] * len(tensions) + [min(0.5 + 0.25 * n, 3.0)])
         right: list[Any] = [rrb.TimeSeriesView(origin="net_translation", name="Net translation [m]")]
-        if n == 3:
+        if self._polygon:
             right.append(
                 rrb.Spatial2DView(
                     origin="stasis",
@@ -294,6 +354,11 @@ class Drawing:
         blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
         self.stream.send_blueprint(blueprint)
 
+    def _joint_names(self) -> list[str]:
+        """Name the joints whose tension is plotted."""
+        joints = [f"link_{i}" for i in range(self._mesh.link_springs.size)] + [s.name for s in self._mesh.segments]
+        return joints[: self._plots]
+
     def _polygon_bounds(self) -> Any:
         import rerun.blueprint as rrb
 
@@ -303,21 +368,22 @@ class Drawing:
 
     def _constants(self) -> None:
         rr, stream = self._rr, self.stream
-        for i in range(self._plots):
+        for i, name in enumerate(self._joint_names()):
             color = _LINK_COLORS[i % len(_LINK_COLORS)]
+            count = 3 if self._bounded else 1
             lines = rr.SeriesLines(
-                colors=[color, _BOUND_COLOR, _BOUND_COLOR],
-                names=[f"T_{i}", "upper bound", "lower bound"],
-                widths=[2.5, 1.0, 1.0],
+                colors=[color, _BOUND_COLOR, _BOUND_COLOR][:count],
+                names=[f"T of {name}", "upper bound", "lower bound"][:count],
+                widths=[2.5, 1.0, 1.0][:count],
             )
-            stream.log(f"tension/link_{i}", lines, static=True)
+            stream.log(f"tension/{name}", lines, static=True)
         stream.log("net_translation", rr.SeriesLines(colors=[(225, 225, 225)], names=["y"], widths=[2.0]), static=True)
         names = list(_STATE_NAMES.values())
         colors = [_STATE_COLORS[k] for k in _STATE_NAMES]
-        for i in range(self._xi.size):
+        for name in self._names:
             configuration = rr.StateConfiguration(values=names, labels=names, colors=colors)
-            stream.log(f"contacts/contact_{i}", configuration, static=True)
-        if self._xi.size == 3:
+            stream.log(f"contacts/{name}", configuration, static=True)
+        if self._polygon:
             reach = 10.0 * float(max(self._scene.commands.forward.max(), self._scene.commands.backward.max()))
             cross = [[[-reach, 0], [reach, 0]], [[0, -reach], [0, reach]]]
             axes = rr.LineStrips2D(cross, colors=[(200, 200, 200)], radii=rr.Radius.ui_points(0.5))
@@ -331,13 +397,16 @@ class Drawing:
         """
         rr, stream = self._rr, self.stream
         stream.set_time("sim_time", duration=frame.time_ns / NS)
-        place = self._xi + frame.displacement
-        place = place - self._turn_page(float(place.mean()))
+        place = self._xi + frame.displacement.reshape(self._xi.shape)
         radius = 0.045 * self._length
+        points = place * (1.0, -1.0) if place.ndim == 2 else np.column_stack((place, np.full(place.size, -radius)))
+        y = float(place.mean()) if place.ndim == 1 else float(place[:, 0].mean())
+        points[:, 0] -= self._turn_page(y)
         colors = [_STATE_COLORS[int(s)] for s in frame.state]
-        points = np.column_stack((place, np.full(place.size, -radius)))
         stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radius, draw_order=2.0))
-        springs = [_spring(a, b, radius) for a, b in itertools.pairwise(place)]
+        springs = [
+            _spring(points[a], points[b], radius, bow) for (a, b), bow in zip(self._joints, self._bows, strict=True)
+        ]
         stream.log(
             "world/links",
             rr.LineStrips2D(
@@ -347,14 +416,14 @@ class Drawing:
                 draw_order=1.0,
             ),
         )
-        least, most = stasis_bounds(frame.tension, frame.forward, frame.backward)
-        for i in range(self._plots):
-            stream.log(f"tension/link_{i}", rr.Scalars([frame.tension[i], most[i], least[i]]))
-        stream.log("net_translation", rr.Scalars([float(frame.displacement.mean())]))
+        bounds = stasis_bounds(frame.tension, frame.forward, frame.backward) if self._bounded else ()
+        for i, name in enumerate(self._joint_names()):
+            stream.log(f"tension/{name}", rr.Scalars([frame.tension[i], *(b[i] for b in reversed(bounds))]))
+        stream.log("net_translation", rr.Scalars([y - float(self._along.mean())]))
         for i in np.flatnonzero(frame.state != self._last_state):
-            stream.log(f"contacts/contact_{i}", rr.StateChange(state=_STATE_NAMES[int(frame.state[i])]))
+            stream.log(f"contacts/{self._names[i]}", rr.StateChange(state=_STATE_NAMES[int(frame.state[i])]))
         self._last_state = frame.state
-        if place.size == 3:
+        if self._polygon:
             self._draw_polygon(frame)
 
     def _turn_page(self, middle: float) -> float:
@@ -362,7 +431,7 @@ class Drawing:
 
         A view in two dimensions does not follow: the body walks across a page, then the page turns.
         """
-        page = int(np.floor((middle - float(self._xi.mean())) / (_PAGE * self._length)))
+        page = int(np.floor((middle - float(self._along.mean())) / (_PAGE * self._length)))
         origin = page * _PAGE * self._length
         if page == self._page:
             return origin
@@ -409,13 +478,29 @@ def _round_step(size: float) -> float:
     return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - size)))
 
 
-def _spring(start: float, end: float, radius: float, teeth: int = 4) -> np.ndarray:
-    """Draw a spring between two contacts as a zigzag, shape (2 teeth + 3, 2) [m]."""
-    x = np.concatenate(([start], np.linspace(start + radius, end - radius, 2 * teeth + 1), [end]))
-    y = np.full(x.size, -radius)
-    y[2:-2:2] -= 0.9 * radius
-    y[3:-2:2] += 0.9 * radius
-    return np.column_stack((x, y))
+def _spring(start: np.ndarray, end: np.ndarray, radius: float, bow: float, teeth: int = 4) -> np.ndarray:
+    """Draw a spring between two points as a zigzag, bowed upwards by `bow`, shape (2 teeth + 3, 2) [m]."""
+    length = max(float(np.hypot(*(end - start))), 1e-9 * radius)
+    along = (end - start) / length
+    across = np.array([along[1], -along[0]])
+    x = np.concatenate(([0.0], np.linspace(radius, length - radius, 2 * teeth + 1), [length]))
+    y = 4.0 * bow * (x / length) * (1.0 - x / length)
+    y[2:-2:2] += 0.9 * radius
+    y[3:-2:2] -= 0.9 * radius
+    return start + x[:, None] * along + y[:, None] * across
+
+
+def station_names(mesh: Body) -> list[str]:
+    """Name the stations: contacts, then both ends of each segment.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        One name per station.
+    """
+    ends = [f"{s.name}.{end}" for s in mesh.segments for end in ("from", "to")]
+    return [f"contact_{i}" for i in range(mesh.isolated.size)] + ends
 
 
 def to_file(path: Path) -> Callable[[Any], None]:
@@ -480,10 +565,10 @@ def main() -> int:
     except Exception as error:  # a port in use, a folder that cannot be written: rerun's errors have no common type
         print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
         return 1
-    n = scene.chain.contacts
-    size = 8 + 8 * 5 * n
+    mesh = scene.mesh
+    size = 8 + 8 * sum(_frame_sizes(mesh))
     for frame in in_sequence(
-        Frame.unpack(data, n) for data in iter(lambda: source.read(size), b"") if len(data) == size
+        Frame.unpack(data, mesh) for data in iter(lambda: source.read(size), b"") if len(data) == size
     ):
         drawing.draw(frame)
     drawing.close()

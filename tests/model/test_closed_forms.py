@@ -69,7 +69,7 @@ def test_strategy_c_moves_back_from_t7():
     case = strategy("C", length)
     times = np.array([0.0, 0.25, 0.5, t7, 0.75, 1.0])
     run = Crawler(case)
-    rows = case.commands.targets()
+    rows = case.commands.targets
     middle = rows[2] + (t7 - 0.5) / 0.25 * (rows[3] - rows[2])
     targets = [rows[0], rows[1], rows[2], middle, rows[3], rows[4]]
     speed = rates(run, targets) / np.diff(times)

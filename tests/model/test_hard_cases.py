@@ -141,8 +141,7 @@ def test_near_critical_friction_is_exact_or_said_to_be_critical(distance, sign):
 def test_at_rest_for_a_million_ticks_nothing_creeps():
     crawler = Crawler(scene(3, 7.0, 1.0, 1.3))
     wave = 0.05 * np.sin(2 * np.pi * np.arange(1000) / 1000.0)
-    targets = np.zeros((1000, 3, 3))
-    targets[:, 0, 0], targets[:, 0, 1], targets[:, 1], targets[:, 2] = wave, -0.7 * wave, 1.0, 1.3
+    targets = np.column_stack((wave, -0.7 * wave, np.full((1000, 3), 1.0), np.full((1000, 3), 1.3)))
     crawler.follow(targets)
     first = crawler.tension
     for _ in range(1000):

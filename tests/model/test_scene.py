@@ -56,17 +56,18 @@ WRONG = [
     ("body/links/stiffness", 0, "link 0 has 0 N/m; it must be > 0"),
     ("body/links/stiffness", [1, -1], "link 1 has -1 N/m; it must be > 0"),
     ("body/links/stiffness", True, "True is not a number"),
-    ("body/links/between", [[0, 1], [0, 2]], "link 1 joins contacts 0 and 2; only the chain of neighbours"),
-    ("body/links/between", [[0, 1]], "1 link(s) for 3 contacts; the chain has 2"),
-    ("body/segments", [], "continuous bodies are not available"),
-    ("dimension", 2, "planar bodies are not available"),
+    ("body/links/between", [[0, 1], [0, 3]], "body.links.between: link 1 joins contact 3; there are contacts 0 .. 2"),
+    ("body/links/between", [[0, 1], [1, 1]], "body.links.between: link 1 joins contact 1 to itself"),
+    ("body/links/between", [[0, 1]], "body.links.between: no links lead from contact 0 to contact 2"),
+    ("body/links/between", [[0, 1], [1, "x.to"]], "body.links.between: link 1 joins x.to; there are contacts 0 .. 2"),
+    ("body/links/between", [[0, 1], [1, "2"]], "body.links.between: link 1 joins '2'; an end is a number, `name.from`"),
     ("friction/forward", -1, "friction.forward: contact 0 has -1 N; friction must be >= 0"),
     ("friction/forward", [1, 1], "friction.forward: 2 value(s) for 3 contact(s)"),
     ("friction/forward", None, "friction: give both `forward` and `backward`, or `isotropic` alone"),
     ("friction/isotropic", 1, "friction: give both `forward` and `backward`, or `isotropic` alone"),
     ("friction", None, "friction: missing"),
     ("friction", 0.3, "friction: write {isotropic: 0.3}, or give `forward` and `backward`"),
-    ("body/links/between", [], "0 link(s) for 3 contacts; the chain has 2"),
+    ("body/links/between", [], "body.links.between: no links lead from contact 0 to contact 1"),
     ("body/links/stiffness", 10**400, "too large; at most 1e+100"),
     ("body/links/stiffness", 1e200, "too large; at most 1e+100"),
     ("drive/times", [0, 1e-10], "waypoints are at least a nanosecond apart"),
@@ -83,7 +84,7 @@ WRONG = [
     ("drive/actuation", [[0, 0], [1]], "drive.actuation: row 1: 1 value(s) for 2 link(s)"),
     ("drive/actuation", None, "drive: `actuation` is missing"),
     ("drive/period", 0.5, "drive.period: 0.5 s ends before the last waypoint at 1 s"),
-    ("drive/period", 1, "drive.actuation: the last row, at the period's end, has 1 in column 0 and the first 0"),
+    ("drive/period", 1, "drive.actuation: the last row, at the period's end, has 1 for link_0 and the first 0"),
     ("drive/strategy", "A", "give exactly one of"),
     ("drive/wave", {"amplitude": 1, "wavelength": 1, "period": 1}, "give exactly one of"),
     ("drive", {}, "give exactly one of"),
@@ -98,7 +99,7 @@ WRONG = [
         {"friction_wave": {"amplitude": 2, "mean": 1, "wavelength": 1, "period": 1}},
         "drive.friction_wave: mean 1 N is less than the amplitude 2 N",
     ),
-    ("drive/friction", {"isotropic": [1, -1]}, "row 1, contact 0: -1 N; friction must be >= 0"),
+    ("drive/friction", {"isotropic": [1, -1]}, "row 1, contact_0/forward: -1; friction must be >= 0"),
     ("drive/friction", {"isotropic": [1]}, "drive.friction.isotropic: 1 row(s) for 2 time(s)"),
 ]
 
@@ -158,14 +159,14 @@ def test_numbers_spread_over_all_entries():
 
 def test_yaml_numbers_without_a_point_are_numbers():
     scene = parse_scene("{name: x, body: {contacts: [0, 1], links: {stiffness: 1e3}}, friction: {isotropic: 1e-3}}")
-    assert scene.chain.stiffness == [1000.0]
+    assert scene.mesh.stiffness == [1000.0]
 
 
 def test_a_scene_is_frozen_and_its_arrays_too():
     scene = Scene.model_validate(GOOD)
     with pytest.raises(ValidationError):
         scene.name = "other"
-    for array in (scene.chain.position, scene.ground.forward, scene.commands.actuation):
+    for array in (scene.mesh.position, scene.commands.forward, scene.commands.actuation):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 
@@ -207,7 +208,7 @@ def test_the_schema_on_disk_is_that_of_the_code():
         ({"actuation": [1.0, 1e101]}, "actuation: entry 1 is 1e+101; it must be at most 1e+100 in size"),
         ({"actuation": [1.0, "x"]}, "it must be 2 numbers"),
         ({"actuation": None}, "actuation: shape (); it must be (2,)"),
-        ({"actuation": [0, 0], "forward": [1, 1, -1]}, "forward: contact 2 has -1 N; friction must be >= 0"),
+        ({"actuation": [0, 0], "forward": [1, 1, -1]}, "forward: contact_2/forward is -1; friction must be >= 0"),
         ({"actuation": [0, 0], "backward": [1, 1]}, "backward: shape (2,); it must be (3,)"),
     ],
 )

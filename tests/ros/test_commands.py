@@ -3,17 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Crawler, load_scene
+from crawler_model import CommandError, Crawler, Scene, load_scene
 from crawler_ros.commands import CommandQueue
-from crawler_ros.messages import command_target
 
 NS = 1_000_000_000
 TICK = NS // 100
 
 
 def queue(contacts=3) -> CommandQueue:
-    row = np.concatenate((np.zeros(contacts - 1), np.ones(contacts), np.full(contacts, 2.0)))
-    return CommandQueue(contacts, row)
+    links = {"stiffness": 1.0}
+    body = {"contacts": list(range(contacts)), "links": links}
+    scene = Scene.model_validate({"name": "q", "body": body, "friction": {"forward": 1.0, "backward": 2.0}})
+    return CommandQueue(scene.columns, scene.commands.rows[0])
 
 
 def take(commands, tick=0):
@@ -59,21 +60,21 @@ def test_pairing_makes_strategy_a_come_out_right():
     """Four ticks a period: paired 2 m a period; actuation alone first 2.5 m, friction alone first 0.5 m."""
     gains = {}
     scene = load_scene("two_anchor_a")
-    rows = scene.commands.targets()
+    rows = scene.commands.rows
     for order in ("paired", "actuation first", "friction first"):
         crawler = Crawler(scene)
-        commands = CommandQueue(2, np.concatenate((rows[0][0, :1], rows[0][1], rows[0][2])))
+        commands = CommandQueue(scene.columns, rows[0])
         y = []
         for tick in range(12):
             row = rows[tick % 4 + 1]
-            accept = [(commands.accept_actuation, row[0, :1]), (commands.accept_friction, row[1])]
+            accept = [(commands.accept_actuation, row[:1]), (commands.accept_friction, row[1:3])]
             for k, (send, values) in enumerate(accept[::-1] if order == "friction first" else accept):
                 send(values)
                 if order != "paired":
                     for vertex in commands.take(2 * tick + k, 2 * tick + k + 1):
-                        crawler.follow(command_target(vertex.row)[None])
+                        crawler.follow(vertex.row[None])
             for vertex in take(commands, tick):
-                crawler.follow(command_target(vertex.row)[None])
+                crawler.follow(vertex.row[None])
             if tick % 4 == 3:
                 y.append(crawler.net_translation)
         gains[order] = y[2] - y[1]

@@ -257,7 +257,7 @@ WRONG = [
     (["scene:=nowhere"], "nowhere: no such file, nor a scene of the gallery"),
     (["rate:=-1.0"], "rate"),
     (["rate:=fast"], "parameter rate takes a number"),
-    (["method:=euler"], "it must be one of exact, catch_up"),
+    (["method:=euler"], "it must be one of auto, exact, catch_up"),
     (["view:=window"], "it must be off, live, or a path that ends in .rrd"),
     (["record:=/proc/nowhere"], "/proc/nowhere"),
 ]

@@ -22,7 +22,6 @@ from std_msgs.msg import Float64MultiArray
 
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros import bag, interface
-from crawler_ros.messages import command_target
 from crawler_ros.recorder import BagWriter, Recorder
 
 from .graph import graph, seconds, wait_until
@@ -132,7 +131,7 @@ def test_the_file_alone_runs_again_bit_for_bit(run):
     for record in records:
         message = DECODE(record.data, record.type)
         if record.topic == "/applied_commands" and message.points:
-            crawler.follow(np.array([command_target(np.asarray(p.positions)) for p in message.points]))
+            crawler.follow(np.array([p.positions for p in message.points]))
             moved += 1
         elif record.topic == "/joint_states":
             assert message.position[0] == crawler.displacement[0]

@@ -1,0 +1,608 @@
+"""One ramp of the commands, followed exactly or by a catch-up step, with its energy account and certificate.
+
+Along a ramp the rest lengths and the friction go in straight lines from the values in force (s = 0) to the
+commanded ones (s = 1). The solution is then piecewise linear in s.
+
+`exact` follows it from event to event. Between events every contact is free (strictly inside its bounds, at
+rest) or at a bound, and the rates of the tensions solve the projection of `chain_kernel` with infinite bounds
+where a contact is free. An event is a free contact that reaches a bound. A free contact is a wall: an event
+changes only the block of neighbouring contacts at their bounds around it, so only that block is solved again, and
+links and contacts elsewhere are brought up to date when their turn comes. The status of a contact is data that
+events change, never a comparison of rounded numbers; a contact that leaves its bound counts as free as soon as s
+has grown.
+
+`catch_up` projects once, with the friction of the ramp's end; the translation uses the ramp's mean friction.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import chain_kernel
+from ._compiled import compiled
+from .chain_kernel import EPS, project
+from .state import (
+    ACTUATION,
+    ACTUATION_REF,
+    AMBIGUOUS,
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    COMPLEMENTARITY,
+    DISSIPATION,
+    EVENTS,
+    FORWARD,
+    GAIN_LEAST,
+    GAIN_MOST,
+    GAINED,
+    OVERSPENT,
+    RESIDUAL,
+    SHAPE,
+    TENSION,
+    TENSION_REF,
+    VIOLATION,
+    VISITED,
+    WORK,
+    X_REST,
+    X,
+    add_ramp,
+    shift,
+)
+from .uniqueness import CRITICAL, choose_translation, is_wide
+
+# Rows of the scratch floats.
+(_RATE, _LINK_SINCE, _V, _SINCE, _NEXT, _D_ACTUATION, _D_FORWARD, _D_BACKWARD, _TRIAL, _LOWER, _UPPER, _GRAIN) = range(
+    12
+)
+_FLOAT_ROWS = 12
+# Rows of the scratch bytes.
+_SIDE, _LEAVING, _COMING, _MOVED = range(4)
+_BYTE_ROWS = 4
+
+_FEW_FREE, _FEW_CONTACTS = 2, 256
+"""All contacts are looked at after an event when at most so many are free, where looking is no dearer than solving, or
+when there are at most so many. For longer chains the visited margin is otherwise sampled at the ends of ramps."""
+
+_STRETCH = 1e-6
+"""A piece shorter than this part of its ramp is an isolated instant: that all contacts are at their bounds is seen with
+a tolerance, so an instant looks as long as the slowest contact takes to cross it."""
+
+_NOISE = 1e-14
+"""A velocity below this part of the sum of the shape rates around it is rounding."""
+
+
+class Scratch(NamedTuple):
+    """Memory that ramps reuse; it holds nothing between them."""
+
+    floats: np.ndarray
+    bytes: np.ndarray
+    tree: np.ndarray
+    stacks: np.ndarray
+
+
+def scratch(contacts: int) -> Scratch:
+    """Make the scratch memory for a chain.
+
+    Args:
+        contacts: number of contacts N.
+
+    Returns:
+        The arrays that `follow` takes.
+    """
+    leaves = 1 << max(contacts - 1, 1).bit_length()
+    return Scratch(
+        np.zeros((_FLOAT_ROWS, contacts)),
+        np.zeros((_BYTE_ROWS, contacts), np.int8),
+        np.full(2 * leaves + contacts, -1, np.int64),
+        chain_kernel.workspace(contacts),
+    )
+
+
+@compiled
+def _sooner(next_event, a, b):
+    """Choose of two contacts (or -1) the one with the earlier event."""
+    if a < 0:
+        return b
+    if b < 0:
+        return a
+    return a if next_event[a] <= next_event[b] else b
+
+
+@compiled
+def _announce(tree, leaves, next_event, i):
+    """Restore the tournament after contact i's event changed."""
+    node = (leaves + i) >> 1
+    while node >= 1:
+        tree[node] = _sooner(next_event, tree[2 * node], tree[2 * node + 1])
+        node >>= 1
+
+
+@compiled
+def _shape_gain(tension, trial, stiffness):
+    """Compute by how much a link's shape changes when its tension comes out other than tried; rounding is none."""
+    change = tension - trial
+    return change / stiffness if abs(change) > 16.0 * EPS * (abs(tension) + abs(trial)) else 0.0
+
+
+@compiled
+def _chain_velocities(shape_rate, side, velocity, first, last):
+    """Integrate v_{i+1} = v_i + w_i over contacts first..last, at rest where `side` is 0 and beyond the range.
+
+    Returns True where nothing fixes the translation: the range is the whole chain and no contact is at rest.
+    """
+    n = side.shape[0]
+    anchor = first
+    free_translation = False
+    if first > 0:
+        velocity[first] = shape_rate[first - 1] if side[first] != 0 else 0.0
+    else:
+        while anchor <= last and side[anchor] != 0:
+            anchor += 1
+        if anchor <= last:
+            velocity[anchor] = 0.0
+        elif last == n - 1:
+            free_translation = True
+            anchor = first
+            velocity[first] = 0.0
+        else:
+            anchor = last
+            velocity[last] = -shape_rate[last]
+    size = 0.0
+    for i in range(max(first - 1, 0), min(last, n - 2) + 1):
+        size += abs(shape_rate[i])
+    for i in range(anchor - 1, first - 1, -1):
+        velocity[i] = velocity[i + 1] - shape_rate[i]
+    for i in range(anchor + 1, last + 1):
+        velocity[i] = velocity[i - 1] + shape_rate[i - 1] if side[i] != 0 else 0.0
+    if not free_translation:
+        for i in range(first, last + 1):
+            v = velocity[i]
+            if abs(v) <= _NOISE * size or (v * side[i] < 0.0 and abs(v) <= CRITICAL * size):
+                velocity[i] = 0.0
+    return free_translation
+
+
+@compiled
+def _slack(contacts, links, floats, s, i):
+    """Compute the distances of contact i's force from its upper and lower bound at s."""
+    n = contacts.shape[1]
+    g = 0.0
+    if i < n - 1:
+        g += links[TENSION, i] + floats[_RATE, i] * (s - floats[_LINK_SINCE, i])
+    if i > 0:
+        g -= links[TENSION, i - 1] + floats[_RATE, i - 1] * (s - floats[_LINK_SINCE, i - 1])
+    above = contacts[FORWARD, i] + s * floats[_D_FORWARD, i] - g
+    below = contacts[BACKWARD, i] + s * floats[_D_BACKWARD, i] + g
+    return above, below
+
+
+@compiled
+def _update(contacts, links, floats, account, s, first, last):
+    """Bring contacts first..last and the links between and beside them from their last change up to s."""
+    n = contacts.shape[1]
+    for i in range(max(first - 1, 0), min(last, n - 2) + 1):
+        ds = s - floats[_LINK_SINCE, i]
+        if ds > 0.0:
+            gain = floats[_RATE, i] * ds
+            account[WORK] -= (links[TENSION, i] + 0.5 * gain) * floats[_D_ACTUATION, i] * ds
+            links[TENSION, i] += gain
+        floats[_LINK_SINCE, i] = s
+    for i in range(first, last + 1):
+        ds = s - floats[_SINCE, i]
+        v = floats[_V, i]
+        if ds > 0.0 and v != 0.0:
+            middle = 0.5 * (s + floats[_SINCE, i])
+            above, below = _slack(contacts, links, floats, s, i)
+            if v > 0.0:
+                account[DISSIPATION] += (contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]) * v * ds
+                gap = above
+            else:
+                account[DISSIPATION] -= (contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]) * v * ds
+                gap = below
+            account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
+            account[VIOLATION] = max(account[VIOLATION], -min(above, below))
+            shift(contacts, v, ds, i)
+        floats[_SINCE, i] = s
+
+
+@compiled
+def _settle(status, floats, bytes_, s, i):
+    """Let contact i go that left its bound before s."""
+    if bytes_[_LEAVING, i] != 0 and floats[_SINCE, i] < s:
+        status[i] &= ~bytes_[_LEAVING, i]
+        bytes_[_LEAVING, i] = 0
+
+
+@compiled
+def _solve(stiffness, contacts, links, status, floats, bytes_, stacks, account, s, first, last):
+    """Find the rates of the block of contacts first..last at s, and the next event of each of them.
+
+    The block ends at walls or at the ends of the chain. Returns True where the translation is free.
+    """
+    n = contacts.shape[1]
+    start = max(first - 1, 0)
+    stop = min(last + 1, n - 1)
+    _update(contacts, links, floats, account, s, start, stop)
+    for i in range(start, stop + 1):
+        upper = floats[_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
+        lower = -floats[_D_BACKWARD, i] if status[i] & AT_BACKWARD else -np.inf
+        if lower > upper:  # both bounds met by rounding just before the friction vanishes
+            upper = 0.5 * (lower + upper)
+            lower = upper
+        floats[_UPPER, i] = upper
+        floats[_LOWER, i] = lower
+        changing = floats[_D_FORWARD, i] != 0.0 or floats[_D_BACKWARD, i] != 0.0
+        floats[_GRAIN, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+    for i in range(start, stop):
+        floats[_TRIAL, i] = -stiffness[i] * floats[_D_ACTUATION, i]
+    project(
+        floats[_TRIAL, start:stop],
+        stiffness[start:stop],
+        floats[_LOWER, start : stop + 1],
+        floats[_UPPER, start : stop + 1],
+        floats[_GRAIN, start : stop + 1],
+        floats[_RATE, start:stop],
+        bytes_[_SIDE, start : stop + 1],
+        stacks,
+    )
+    for i in range(start, stop):
+        floats[_TRIAL, i] = _shape_gain(floats[_RATE, i], floats[_TRIAL, i], stiffness[i])
+        if floats[_TRIAL, i] != 0.0:
+            bytes_[_MOVED, i] = 1
+    free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], floats[_V], first, last)
+    for i in range(first, last + 1):
+        held = 0
+        if bytes_[_SIDE, i] == 1:
+            held = AT_FORWARD
+        elif bytes_[_SIDE, i] == -1:
+            held = AT_BACKWARD
+        if held != 0 and floats[_UPPER, i] == floats[_LOWER, i]:
+            held = AT_FORWARD | AT_BACKWARD
+        bytes_[_LEAVING, i] = status[i] & ~held
+    for i in range(start, stop + 1):
+        rate = 0.0
+        if i < n - 1:
+            rate += floats[_RATE, i]
+        if i > 0:
+            rate -= floats[_RATE, i - 1]
+        above, below = _slack(contacts, links, floats, s, i)
+        when = np.inf
+        closing = rate - floats[_D_FORWARD, i]
+        if closing > 0.0 and not status[i] & AT_FORWARD:
+            when = s + max(above, 0.0) / closing
+            bytes_[_COMING, i] = AT_FORWARD
+        closing = -rate - floats[_D_BACKWARD, i]
+        if closing > 0.0 and not status[i] & AT_BACKWARD:
+            other = s + max(below, 0.0) / closing
+            if other < when:
+                when = other
+                bytes_[_COMING, i] = AT_BACKWARD
+        floats[_NEXT, i] = when
+    return free_translation
+
+
+@compiled
+def _visited(contacts, links, floats, s):
+    """Compute the sum of all contacts' distances from their nearest bounds, and the sum of all bounds, at s."""
+    near = 0.0
+    total = 0.0
+    for i in range(contacts.shape[1]):
+        above, below = _slack(contacts, links, floats, s, i)
+        near += abs(min(above, below))
+        total += max(above + below, 0.0)
+    return near, total
+
+
+@compiled
+def _near_criticality(contacts, links, floats, account, s):
+    """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
+
+    A distance from the nearest bound is concave in s: what vanishes at three instants vanishes between them.
+    """
+    near, total = _visited(contacts, links, floats, s)
+    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    if near > CRITICAL * total:
+        return False
+    halfway, total_halfway = _visited(contacts, links, floats, 0.5 * (s + 1.0))
+    at_end, total_at_end = _visited(contacts, links, floats, 1.0)
+    return halfway <= CRITICAL * total_halfway and at_end <= CRITICAL * total_at_end
+
+
+@compiled
+def _finish(stiffness, contacts, links, status, target, bytes_, account, energy):
+    """Put the state onto the ramp's end, tensions of contacts at a bound exactly on it, and close the account."""
+    n = contacts.shape[1]
+    for i in range(n):
+        contacts[FORWARD, i] = target[n - 1 + i]
+        contacts[BACKWARD, i] = target[2 * n - 1 + i]
+    tension = links[TENSION]
+    for i in range(n - 1):
+        if not bytes_[_MOVED, i]:
+            change = target[i] - links[ACTUATION_REF, i]
+            tension[i] = links[TENSION_REF, i] - stiffness[i] * change
+        elif status[i] != 0:
+            bound = contacts[FORWARD, i] if status[i] & AT_FORWARD else -contacts[BACKWARD, i]
+            tension[i] = (tension[i - 1] if i > 0 else 0.0) + bound
+    for i in range(n - 1, 0, -1):
+        if status[i] == 0:
+            break
+        if bytes_[_MOVED, i - 1]:
+            bound = contacts[FORWARD, i] if status[i] & AT_FORWARD else -contacts[BACKWARD, i]
+            tension[i - 1] = (tension[i] if i < n - 1 else 0.0) - bound
+    stored = 0.0
+    for i in range(n - 1):
+        links[ACTUATION, i] = target[i]
+        if bytes_[_MOVED, i]:
+            links[TENSION_REF, i] = tension[i]
+            links[ACTUATION_REF, i] = links[ACTUATION, i]
+            links[SHAPE, i] = links[ACTUATION, i] + tension[i] / stiffness[i]
+        stored += 0.5 * tension[i] * tension[i] / stiffness[i]
+    near = 0.0
+    total = 0.0
+    for i in range(n):
+        g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+        above = contacts[FORWARD, i] - g
+        below = contacts[BACKWARD, i] + g
+        account[VIOLATION] = max(account[VIOLATION], -min(above, below))
+        near += max(min(above, below), 0.0)
+        total += contacts[FORWARD, i] + contacts[BACKWARD, i]
+    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
+
+
+@compiled
+def _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, account, centred):
+    """Go from the present state to `target` in one implicit step."""
+    n = contacts.shape[1]
+    for i in range(n - 1):
+        change = target[i] - links[ACTUATION, i]
+        if links[TENSION, i] == links[TENSION_REF, i] - stiffness[i] * (links[ACTUATION, i] - links[ACTUATION_REF, i]):
+            total_change = target[i] - links[ACTUATION_REF, i]
+            floats[_TRIAL, i] = links[TENSION_REF, i] - stiffness[i] * total_change
+        else:
+            floats[_TRIAL, i] = links[TENSION, i] - stiffness[i] * change
+        floats[_D_ACTUATION, i] = change
+    for i in range(n):
+        floats[_UPPER, i] = target[n - 1 + i]
+        floats[_LOWER, i] = -target[2 * n - 1 + i]
+        floats[_GRAIN, i] = 0.0
+    new = floats[_RATE]
+    project(
+        floats[_TRIAL, : n - 1],
+        stiffness,
+        floats[_LOWER],
+        floats[_UPPER],
+        floats[_GRAIN],
+        new[: n - 1],
+        bytes_[_SIDE],
+        stacks,
+    )
+    for i in range(n - 1):
+        shape_rate = _shape_gain(new[i], floats[_TRIAL, i], stiffness[i])
+        if shape_rate != 0.0:
+            bytes_[_MOVED, i] = 1
+        account[WORK] -= 0.5 * (links[TENSION, i] + new[i]) * floats[_D_ACTUATION, i]
+        links[TENSION, i] = new[i]
+        floats[_TRIAL, i] = shape_rate
+    velocity = floats[_V]
+    free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], velocity, 0, n - 1)
+    near = 0.0
+    total = 0.0
+    for i in range(n):
+        g = (new[i] if i < n - 1 else 0.0) - (new[i - 1] if i > 0 else 0.0)
+        near += max(min(floats[_UPPER, i] - g, g - floats[_LOWER, i]), 0.0)
+        total += floats[_UPPER, i] - floats[_LOWER, i]
+        floats[_UPPER, i] = 0.5 * (contacts[FORWARD, i] + target[n - 1 + i])
+        floats[_LOWER, i] = 0.5 * (contacts[BACKWARD, i] + target[2 * n - 1 + i])
+    if free_translation or near <= CRITICAL * total:
+        least, most = choose_translation(velocity, floats[_UPPER], floats[_LOWER], centred)
+        if not centred and is_wide(least, most, velocity):
+            account[AMBIGUOUS] = 1.0
+            account[GAIN_LEAST] += least
+            account[GAIN_MOST] += most
+    for i in range(n):
+        v = velocity[i]
+        g = (new[i] if i < n - 1 else 0.0) - (new[i - 1] if i > 0 else 0.0)
+        if v > 0.0:
+            account[DISSIPATION] += floats[_UPPER, i] * v
+            gap = target[n - 1 + i] - g
+        else:
+            account[DISSIPATION] -= floats[_LOWER, i] * v
+            gap = target[2 * n - 1 + i] + g
+        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
+        shift(contacts, v, 1.0, i)
+        status[i] = 0
+        if bytes_[_SIDE, i] == 1:
+            status[i] = AT_FORWARD
+        elif bytes_[_SIDE, i] == -1:
+            status[i] = AT_BACKWARD
+        if status[i] != 0 and target[n - 1 + i] + target[2 * n - 1 + i] == 0.0:
+            status[i] = AT_FORWARD | AT_BACKWARD
+
+
+@compiled
+def _count_free(bytes_):
+    """Count the contacts that are free or leave their bound."""
+    free = 0
+    for i in range(bytes_.shape[1]):
+        if bytes_[_SIDE, i] == 0:
+            free += 1
+    return free
+
+
+@compiled
+def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, centred):
+    """Follow the straight ramp to `target` from event to event. Returns False when the budget was spent."""
+    n = contacts.shape[1]
+    leaves = 1
+    while leaves < n:
+        leaves *= 2
+    hits = tree[2 * leaves :]
+    for i in range(n):
+        floats[_RATE, i] = 0.0
+        floats[_V, i] = 0.0
+        floats[_LINK_SINCE, i] = 0.0
+        floats[_SINCE, i] = 0.0
+        floats[_D_ACTUATION, i] = target[i] - links[ACTUATION, i] if i < n - 1 else 0.0
+        floats[_D_FORWARD, i] = target[n - 1 + i] - contacts[FORWARD, i]
+        floats[_D_BACKWARD, i] = target[2 * n - 1 + i] - contacts[BACKWARD, i]
+        bytes_[_LEAVING, i] = 0
+        tree[leaves + i] = i
+    for i in range(leaves + n, 2 * leaves):
+        tree[i] = -1
+
+    s = 0.0
+    free_translation = _solve(stiffness, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1)
+    for node in range(leaves - 1, 0, -1):
+        tree[node] = _sooner(floats[_NEXT], tree[2 * node], tree[2 * node + 1])
+    free = _count_free(bytes_)
+    pieces = 1
+    done = True
+    while True:
+        shifted = False
+        least = 0.0
+        most = 0.0
+        first_hit = tree[1]
+        when = floats[_NEXT, first_hit]
+        ending = not when < 1.0
+        until = 1.0 if ending else when
+        look = free <= _FEW_FREE or n <= _FEW_CONTACTS
+        critical = look and _near_criticality(contacts, links, floats, account, s)
+        if critical or free_translation:
+            # friction in the middle of the stretch: at its start it may have been zero
+            middle = 0.5 * (s + until)
+            _update(contacts, links, floats, account, s, 0, n - 1)
+            for i in range(n):
+                floats[_UPPER, i] = contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]
+                floats[_LOWER, i] = contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]
+            least, most = choose_translation(floats[_V], floats[_UPPER], floats[_LOWER], centred)
+            shifted = True
+        if shifted and not centred and until - s > _STRETCH and is_wide(least, most, floats[_V]):
+            account[AMBIGUOUS] = 1.0
+            account[GAIN_LEAST] += least * (until - s)
+            account[GAIN_MOST] += most * (until - s)
+        if ending:
+            break
+        if pieces > budget:
+            done = False
+            break
+        if when > s:
+            pieces += 1
+        s = when
+
+        count = 0
+        while floats[_NEXT, first_hit] <= s:  # ties: all that arrive at once, then solve
+            _settle(status, floats, bytes_, s, first_hit)
+            status[first_hit] |= bytes_[_COMING, first_hit]
+            floats[_NEXT, first_hit] = np.inf
+            _announce(tree, leaves, floats[_NEXT], first_hit)
+            hits[count] = first_hit
+            count += 1
+            first_hit = tree[1]
+        solved_to = -1
+        hits[:count].sort()
+        for j in range(count):
+            contact = hits[j]
+            if contact <= solved_to:
+                continue
+            if shifted:
+                first = 0
+                last = n - 1
+                for i in range(n):
+                    _settle(status, floats, bytes_, s, i)
+            else:
+                first = contact
+                while first > 0:
+                    _settle(status, floats, bytes_, s, first - 1)
+                    if status[first - 1] == 0:
+                        break
+                    first -= 1
+                last = contact
+                while last < n - 1:
+                    _settle(status, floats, bytes_, s, last + 1)
+                    if status[last + 1] == 0:
+                        break
+                    last += 1
+            solved_to = last
+            for i in range(first, last + 1):
+                free -= bytes_[_SIDE, i] == 0
+            free_translation = _solve(
+                stiffness, contacts, links, status, floats, bytes_, stacks, account, s, first, last
+            )
+            for i in range(first, last + 1):
+                free += bytes_[_SIDE, i] == 0
+            for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
+                _announce(tree, leaves, floats[_NEXT], i)
+
+    end = 1.0 if done else s
+    _update(contacts, links, floats, account, end, 0, n - 1)
+    for i in range(n):
+        status[i] &= ~bytes_[_LEAVING, i]
+        if not done:
+            contacts[FORWARD, i] += s * floats[_D_FORWARD, i]
+            contacts[BACKWARD, i] += s * floats[_D_BACKWARD, i]
+            links[ACTUATION, i] += s * floats[_D_ACTUATION, i]
+    account[EVENTS] += pieces
+    return done
+
+
+@compiled
+def follow(
+    stiffness, contacts, links, status, targets, exact, budget, centred, floats, bytes_, tree, stacks, account, records
+):
+    """Follow straight ramps to each of the targets in turn.
+
+    Args:
+        stiffness: k, shape (N - 1,) [N/m].
+        contacts: rows X .. RELATIVE (unused here), shape (6, N), changed in place.
+        links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
+        status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
+        targets: L, mu_plus and mu_minus at each ramp's end, shape (V, 3 N - 1).
+        exact: True to follow every event, False for one catch-up step a ramp.
+        budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
+        centred: True to take the middle of several admissible translations, False for the one nearest to zero.
+        floats: from `scratch(N)`, as are the next three.
+        bytes_: statuses within a ramp.
+        tree: a tournament of the contacts' next events.
+        stacks: for `project`.
+        account: shape (11,), added to.
+        records: displacement, its rest and tension after each ramp, shape (V, 3 N - 1) or (0, 3 N - 1) for none.
+    """
+    n = contacts.shape[1]
+    ramp = np.zeros(account.shape[0])
+    for i in range(n):
+        contacts[GAINED, i] = 0.0
+    for v in range(targets.shape[0]):
+        target = targets[v]
+        still = True
+        for i in range(n):
+            still = still and target[n - 1 + i] == contacts[FORWARD, i]
+            still = still and target[2 * n - 1 + i] == contacts[BACKWARD, i]
+            still = still and (i == n - 1 or target[i] == links[ACTUATION, i])
+        if not still:
+            energy = 0.0
+            for i in range(n - 1):
+                energy += 0.5 * links[TENSION, i] * links[TENSION, i] / stiffness[i]
+                bytes_[_MOVED, i] = 0
+            for i in range(ramp.shape[0]):
+                ramp[i] = 0.0
+            ramp[VISITED] = np.inf
+            finished = exact and _exact(
+                stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, centred
+            )
+            if not finished:
+                if exact:
+                    ramp[OVERSPENT] = 1.0
+                else:
+                    ramp[EVENTS] = 1.0
+                _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, ramp, centred)
+            _finish(stiffness, contacts, links, status, target, bytes_, ramp, energy)
+            add_ramp(account, ramp)
+        if records.shape[0] > 0:
+            for i in range(n):
+                records[v, i] = contacts[X, i]
+                records[v, n + i] = contacts[X_REST, i]
+            for i in range(n - 1):
+                records[v, 2 * n + i] = links[TENSION, i]

@@ -1,0 +1,149 @@
+"""What `crawler check` says of a scene: its stasis domain, where that lets the body go, and what is doubtful."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from crawler_model import Trajectory
+from crawler_model.friction import check_regularity
+from crawler_model.stasis import domain_evolution
+
+_MOST_ROWS = 20
+_TOO_STIFF = 1e9
+
+
+def print_report(run: Trajectory, screen: Console) -> None:
+    """Print the report.
+
+    Args:
+        run: the scene, run along its drive.
+        screen: where to.
+    """
+    scene, mesh = run.scene, run.scene.mesh
+    screen.print(f"{scene.name}: {mesh.describe()}; valid")
+    screen.print(_contacts(run))
+    if mesh.dimension == 1:
+        screen.print(_way(run))
+    _print_conditions(run, screen)
+    if scene.drive is None:
+        screen.print("no drive: the crawler waits for commands")
+    else:
+        _print_motion(run, screen)
+
+
+def _contacts(run: Trajectory) -> Table:
+    """List the contacts, their friction and what they do."""
+    scene, mesh = run.scene, run.scene.mesh
+    planar = mesh.dimension == 2
+    table = Table(
+        title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
+    )
+    friction = ("friction [N]",) if planar else ("-backward [N]", "forward [N]")
+    for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
+        table.add_column(column, justify="right")
+    force = mesh.spring_force(run.tension[0])
+    drive = scene.commands
+    shown: Any = range(mesh.contacts)
+    if mesh.contacts > _MOST_ROWS:
+        shown = [*range(_MOST_ROWS // 2), *range(mesh.contacts - _MOST_ROWS // 2, mesh.contacts)]
+    for i in shown:
+        ways = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
+        if planar:
+            per_contact = drive.targets[:, 2 * mesh.springs :].reshape(-1, mesh.contacts, max(len(scene.directions), 1))
+            bounds = [_span(per_contact[:, i])]
+            ways = ["yes"] if ways else []
+        else:
+            bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
+        name = mesh.name_of(i).removeprefix("contact ")
+        table.add_row(name, _numbers(mesh.position[i]), *bounds, _numbers(force[i]), " and ".join(ways) or "never")
+    return table
+
+
+def _way(run: Trajectory) -> str:
+    """Say in which directions the stasis domain lets the body go."""
+    _, domains = domain_evolution(run.scene.commands)
+    ways = {facet.direction for domain in domains for facet in domain.facets()}
+    names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "either way"}
+    text = names.get(frozenset(ways), "undetermined (no facet of the domain moves one contact alone)")
+    same = all(np.array_equal(d.forward, domains[0].forward) for d in domains)
+    same = same and all(np.array_equal(d.backward, domains[0].backward) for d in domains)
+    when = "" if same else ", at one time or another"
+    return f"sides of the stasis domain let the body go {text}{when}"
+
+
+def _print_conditions(run: Trajectory, screen: Console) -> None:
+    """Say what the theory asks of the scene: regular friction, a determined translation, stiffnesses of one order."""
+    scene = run.scene
+    regularity = check_regularity(scene.commands)
+    if not regularity.is_regular:
+        screen.print(
+            f"friction: {regularity.where} goes down to 0; existence and uniqueness are proved only between positive "
+            "bounds"
+        )
+    elif regularity.rate > 0.0:
+        screen.print(
+            f"friction: between {regularity.least:g} and {regularity.greatest:g}, changing by at most "
+            f"{regularity.rate:g} a second; regular"
+        )
+    margin = run.uniqueness_margin
+    if scene.dimension == 2:
+        screen.print("uniqueness margin: not decided in the plane; the run says whether it was unique")
+    elif margin is None:
+        screen.print("uniqueness margin: not decided (more than 30 unequal contacts)")
+    elif margin == 0.0:
+        screen.print(
+            "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
+            "backward friction of the others (it matters only while all of them slide)"
+        )
+    else:
+        screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
+    k = scene.mesh.stiffness
+    if k.max() > _TOO_STIFF * k.min():
+        screen.print(
+            f"too stiff: spring {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than spring "
+            f"{int(k.argmin())}"
+            + ("" if scene.mesh.is_chain else "; its tension has few digits, a chain would keep them all")
+        )
+
+
+def _print_motion(run: Trajectory, screen: Console) -> None:
+    """Say what moves along the drive."""
+    scene, mesh = run.scene, run.scene.mesh
+    screen.print(f"visited margin: {run.visited_margin:.4g}; unique along the drive: {'yes' if run.unique else 'no'}")
+    still = [i for i in range(mesh.contacts) if not run.contact_state[:, i].any()]
+    if len(still) == mesh.contacts:
+        screen.print("too weak: the drive never leaves the stasis domain, nothing moves")
+    elif still:
+        names = ", ".join(mesh.name_of(i).removeprefix("contact ") for i in still[:10])
+        screen.print(f"contacts that never slide: {names}{' ...' if len(still) > 10 else ''}")
+    if run.per_period.shape[0]:
+        size = float(abs(run.displacement).max()) + float(abs(scene.commands.actuation).max())
+        gained = write_length(run.per_period[-1], size)
+        travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
+        screen.print(f"net translation per period, at the end: {gained} m{'' if travels else ' (it does not travel)'}")
+
+
+def write_length(value: Any, size: float) -> str:
+    """Write a length, or one in the plane; what is rounding beside `size` is 0.
+
+    Args:
+        value: a number or two [m].
+        size: of the numbers it comes from [m].
+
+    Returns:
+        Text.
+    """
+    return ", ".join(f"{0.0 if abs(v) <= 1e-13 * size else v:.12g}" for v in np.atleast_1d(value))
+
+
+def _numbers(value: Any) -> str:
+    return ", ".join(f"{v:g}" for v in np.atleast_1d(value))
+
+
+def _span(values: np.ndarray) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f"{low:g}" if low == high else f"{low:g} .. {high:g}"

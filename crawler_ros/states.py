@@ -1,0 +1,141 @@
+"""What joint_states and contact_states say of a crawler, and the way back to where its stations stand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crawler_model import Crawler, Scene
+from crawler_model.body import Body
+
+_AXES = ("/x", "/y")
+
+
+def _each_axis(names: list[str], mesh: Body) -> list[str]:
+    return names if mesh.dimension == 1 else [name + axis for name in names for axis in _AXES]
+
+
+def root_name(mesh: Body) -> str:
+    """Name the station whose displacement is the first entry of joint_states.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        contact_0, or the first segment's first end where there is no isolated contact.
+    """
+    return "contact_0" if mesh.isolated.size else f"{mesh.segments[0].name}.from"
+
+
+def joint_names(mesh: Body) -> list[str]:
+    """Name the entries of joint_states.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        The root, then each link, then each segment; in the plane x and y of each.
+    """
+    links = [f"link_{i}" for i in range(mesh.link_springs.size)]
+    return _each_axis([root_name(mesh), *links, *(s.name for s in mesh.segments)], mesh)
+
+
+def shown_contacts(scene: Scene) -> np.ndarray:
+    """List the contacts that contact_states speaks of.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The isolated ones, then those of each segment: all, or as many as `shown` says, evenly.
+    """
+    mesh = scene.mesh
+    parts = [mesh.isolated]
+    for part, segment in zip(scene.body.segments, mesh.segments, strict=True):
+        count = min(part.shown or segment.elements + 1, segment.elements + 1)
+        parts.append(segment.first + np.round(np.linspace(0, segment.elements, count)).astype(np.int64))
+    return np.concatenate(parts).astype(np.int64)
+
+
+def contact_names(scene: Scene) -> list[str]:
+    """Name the entries of contact_states.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        One name per shown contact; in the plane x and y of each.
+    """
+    mesh = scene.mesh
+    names = {int(c): f"contact_{i}" for i, c in enumerate(mesh.isolated)}
+    for segment in mesh.segments:
+        names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
+    return _each_axis([names[int(c)] for c in shown_contacts(scene)], mesh)
+
+
+class JointReader:
+    """Turns a crawler's state into the arrays of joint_states."""
+
+    def __init__(self, mesh: Body) -> None:
+        """Find the stations of each joint.
+
+        Args:
+            mesh: the body.
+        """
+        pairs = mesh.stations[mesh.joints]
+        self._first, self._second = pairs[:, 0], pairs[:, 1]
+        self._root = int(mesh.stations[0])
+
+    def read(self, crawler: Crawler, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Read positions, velocities and efforts.
+
+        Args:
+            crawler: the crawler.
+            velocity: of its contacts, shape (N,), in the plane (N, 2) [m/s].
+
+        Returns:
+            Root and joints: displacement and elongations [m], their velocities [m/s], force of the ground on the root
+            and tensions [N]; each of shape (1 + J,), in the plane (2 + 2 J,).
+        """
+        root = self._root
+        position = np.concatenate((crawler.displacement[root : root + 1], crawler.joint_elongation))
+        rates = velocity[self._second] - velocity[self._first]
+        speed = np.concatenate((velocity[root : root + 1], rates))
+        effort = np.concatenate((-crawler.spring_force[root : root + 1], crawler.joint_tension))
+        return position.ravel(), speed.ravel(), effort.ravel()
+
+
+class StationReader:
+    """Turns the positions of joint_states back into displacements of the stations."""
+
+    def __init__(self, mesh: Body) -> None:
+        """Order the joints along a tree that starts at the root.
+
+        Args:
+            mesh: the body.
+        """
+        self._dimension = mesh.dimension
+        self._stations = mesh.stations.size
+        self._steps: list[tuple[int, int, int, float]] = []
+        known = {0}
+        joints = mesh.joints
+        while len(known) < self._stations:
+            for j, (a, b) in enumerate(joints.tolist()):
+                if (a in known) != (b in known):
+                    self._steps.append((a, b, j, 1.0) if a in known else (b, a, j, -1.0))
+                    known |= {a, b}
+
+    def read(self, values: np.ndarray) -> np.ndarray:
+        """Add up root and joints.
+
+        Args:
+            values: positions (or velocities) of joint_states.
+
+        Returns:
+            One per station, in the plane two.
+        """
+        table = np.asarray(values).reshape(-1, 2) if self._dimension == 2 else np.asarray(values)
+        result = np.zeros((self._stations, *table.shape[1:]))
+        result[0] = table[0]
+        for known, new, joint, sign in self._steps:
+            result[new] = result[known] + sign * table[1 + joint]
+        return result

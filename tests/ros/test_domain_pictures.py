@@ -1,0 +1,118 @@
+"""The pages with stasis domains: what is on them, by the colours that only it has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+from PIL import Image
+
+from crawler_model import CrawlerError, Scene, load_scene
+from crawler_ros.domain_picture import draw_domain
+
+FORWARD, BACK, SECTION, DOMAIN = (26, 138, 58), (176, 42, 30), (224, 96, 90), (242, 220, 218)
+
+
+def drawn(scene: Scene, folder: Path) -> np.ndarray:
+    draw_domain(scene, folder / "d.png")
+    assert (folder / "d.png").stat().st_size > 5_000
+    return np.asarray(Image.open(folder / "d.png").convert("RGB")).astype(int)
+
+
+def count(picture: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((np.abs(picture - color).max(axis=2) <= 4).sum())
+
+
+def chain(contacts: int, forward: Any, backward: Any, drive: dict[str, Any] | None = None) -> Scene:
+    return Scene.model_validate(
+        {
+            "name": "test",
+            "body": {"contacts": list(range(contacts)), "links": {"stiffness": 1.0}},
+            "friction": {"forward": forward, "backward": backward},
+            **({} if drive is None else {"drive": drive}),
+        }
+    )
+
+
+def strokes(links: int, **more: Any) -> dict[str, Any]:
+    rows = [[0.0] * links, [4.0] * links, [0.0] * links]
+    return {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": rows, **more}
+
+
+@pytest.mark.parametrize(
+    ("name", "ways", "boxes"),
+    [
+        ("two_contacts_anisotropic", (FORWARD,), 1),
+        ("two_anchor_a", (FORWARD, BACK), 4),
+        ("two_anchor_b", (FORWARD, BACK), 4),
+        ("two_anchor_c", (FORWARD, BACK), 4),
+        ("three_contacts_one_way", (FORWARD,), 0),
+        ("three_contacts_two_ways", (FORWARD, BACK), 0),
+        ("ten_contact_wave", (FORWARD, BACK), 0),
+    ],
+)
+def test_a_page_shows_the_domain_and_which_ways_it_lets_the_body_go(name, ways, boxes, tmp_path):
+    picture = drawn(load_scene(name), tmp_path)
+    for color in (FORWARD, BACK):
+        assert (count(picture, color) > 500) == (color in ways)
+    assert count(picture, DOMAIN) > 10_000
+    assert (count(picture, SECTION) > 60 * boxes) == (boxes > 0)
+
+
+def test_constant_friction_shows_the_box_many_times_as_it_is_swept_along(tmp_path):
+    """Nine sections beside the first: each mark of the run has its own."""
+    picture = drawn(load_scene("two_contacts_anisotropic"), tmp_path)
+    red = np.abs(picture - SECTION).max(axis=2) <= 4
+    columns = np.flatnonzero(red.sum(axis=0) > 20)
+    assert np.count_nonzero(np.diff(columns) > 20) + 1 == 7  # a, b and d, e and g, h stand above one another
+
+
+def test_where_only_the_backward_friction_is_small_only_backward_is_shown(tmp_path):
+    picture = drawn(chain(3, 1.0, 0.3, strokes(2)), tmp_path)
+    assert count(picture, FORWARD) < 20
+    assert count(picture, BACK) > 500
+
+
+@pytest.mark.parametrize("contacts", [2, 3, 4])
+def test_a_scene_without_a_drive_is_drawn_at_its_start(contacts, tmp_path):
+    picture = drawn(chain(contacts, 0.2, 0.5), tmp_path)
+    assert count(picture, FORWARD) > 200
+
+
+@pytest.mark.parametrize("contacts", [2, 3, 4, 60])
+@pytest.mark.parametrize(("forward", "backward"), [(0.0, 0.0), (0.0, 1.0), (0.3, 1.0)])
+def test_domains_without_an_interior_are_drawn_too(contacts, forward, backward, tmp_path):
+    drawn(chain(contacts, forward, backward, strokes(contacts - 1)), tmp_path)
+
+
+@pytest.mark.parametrize("contacts", [2, 3, 5])
+def test_commanded_friction_is_drawn_at_its_waypoints(contacts, tmp_path):
+    one_way, other_way = [0.2] * contacts, [2.0] * contacts
+    friction = {"forward": [one_way, other_way, one_way], "backward": [other_way, one_way, other_way]}
+    picture = drawn(chain(contacts, 0.2, 2.0, strokes(contacts - 1, friction=friction)), tmp_path)
+    if contacts < 4:  # beyond, sides are coloured at the first waypoint only
+        assert min(count(picture, FORWARD), count(picture, BACK)) > 200
+
+
+def test_a_drive_of_many_waypoints_or_without_a_period_is_drawn(tmp_path):
+    waves = {"amplitude": 0.2, "wavelength": 3.0, "period": 2.0}
+    drawn(chain(2, 1.0, 1.0, {"wave": waves, "friction_wave": {**waves, "mean": 1.0}}), tmp_path)
+    drawn(chain(3, 1.0, 1.0, {"times": [0.0, 1.0], "actuation": [[0.0, 0.0], [3.0, 1.0]]}), tmp_path)
+
+
+def test_a_graph_of_springs_is_drawn_by_its_section_forces(tmp_path):
+    body = {"contacts": [0, 1, 2], "links": {"stiffness": 1.0, "between": [[0, 1], [1, 2], [0, 2]]}}
+    graph = {"name": "graph", "body": body, "friction": {"forward": 0.2, "backward": 0.5}, "drive": strokes(3)}
+    assert count(drawn(Scene.model_validate(graph), tmp_path), FORWARD) > 500
+
+
+def test_a_body_in_the_plane_is_refused(tmp_path):
+    body = {"contacts": [[0, 0], [1, 0], [0, 1]], "links": {"stiffness": 1.0, "between": [[0, 1], [1, 2], [0, 2]]}}
+    plane = {"name": "plane", "dimension": 2, "body": body, "friction": {"isotropic": 0.2}}
+    with pytest.raises(CrawlerError, match="lies in the plane"):
+        draw_domain(Scene.model_validate(plane), tmp_path / "d.png")
+    assert not (tmp_path / "d.png").exists()
