@@ -70,6 +70,7 @@ class Simulator(Node):
         self._said: dict[str, float] = {}
         self.certificate = [0.0, 0.0, 0.0]
         self.ambiguous = self.overspent = 0
+        self._reported = (0, 0)
         self.margin = commanded_margin(self.scene)
         self.regularity = check_regularity(self.scene.commands)
         self.lock = threading.Lock()
@@ -205,6 +206,7 @@ class Simulator(Node):
             self.commands.reset(self.start.row)
             self.certificate = [0.0, 0.0, 0.0]
             self.ambiguous = self.overspent = 0
+            self._reported = (0, 0)
             self._send_states(None)
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
@@ -352,19 +354,17 @@ class Simulator(Node):
         late, refused = self.stepper.late, sum(self.refused.values())
         now = self.crawler.visited_margin
         level, message = OK, "ticking"
-        if self.ambiguous:
-            level, message = (
-                WARN,
-                "translation not determined in some ticks; the one nearest to zero was taken",
-            )
-        if self.overspent:
-            level, message = WARN, "the budget of events was spent in some ticks; a catch-up step did the rest"
+        if late:
+            level, message = WARN, f"{late} late tick(s): this machine cannot keep the rate; simulated time slows"
+        before, self._reported = self._reported, (self.ambiguous, self.overspent)
+        if self.ambiguous > before[0]:
+            level, message = WARN, "translation not determined now; the one nearest to zero is taken"
+        if self.overspent > before[1]:
+            level, message = WARN, "the budget of events is spent in some ticks now; a catch-up step does the rest"
         if not np.isfinite(self.certificate).all():
             level, message = ERROR, "a tick's certificate is not finite: the commands are beyond what doubles can hold"
         if self.count_publishers("joint_states") > 1:
             level, message = WARN, "another node publishes joint_states here: two crawlers need two namespaces"
-        if late:
-            level, message = WARN, f"{late} late tick(s): this machine cannot keep the rate; simulated time slows"
         residual, violation, complementarity = (f"{v:.3e}" for v in self.certificate)
         simulation = [
             ("simulated time [s]", f"{self.stepper.now_ns / NS:.9f}"),

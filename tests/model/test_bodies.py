@@ -1,0 +1,270 @@
+"""Bodies beside the chain: graphs, segments, hybrids, the plane; each against something known."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
+from crawler_model.elements import average, count_elements
+from crawler_model.friction import check_regularity
+
+
+def segment(strokes, accuracy=None, elements=None, **given):
+    """A homogeneous segment that lengthens and shortens evenly."""
+    part = {"name": "trunk", "from": 0.0, "to": 1.0, "stiffness": 1.0, "friction": {"forward": 0.1, "backward": 0.3}}
+    part |= {"accuracy": accuracy, "elements": elements} | given
+    drive = {"times": [0, 0.5, 1], "period": 1, "actuation": [[0], [strokes], [0]]}
+    return Scene.model_validate({"name": "segment", "body": {"segments": [part]}, "drive": drive})
+
+
+def closed_form(length, modulus, forward, backward, stroke):
+    """Net translation per period after the first, [G] section 3.3."""
+    weaker, stronger = min(forward, backward), max(forward, backward)
+    gained = length * max(0.0, stroke - weaker * length / modulus) * (stronger - weaker) / (stronger + weaker)
+    return gained if forward < backward else -gained
+
+
+PARAMETERS = [
+    (1.0, 1.0, 0.1, 0.3, 0.1),
+    (1.0, 1.0, 0.1, 0.3, 0.2),
+    (2.0, 3.0, 0.37, 0.5, 0.9),
+    (0.1, 50.0, 30.0, 7.0, 0.02),
+    (1.0, 1.0, 0.05, 0.7, 0.2),
+    (1.0, 1.0, 0.9, 1.0, 3.0),
+]
+
+
+@pytest.mark.parametrize("parameters", PARAMETERS)
+@pytest.mark.parametrize("accuracy", [0.2, 0.05, 0.01, 0.003])
+def test_a_segment_is_as_accurate_as_asked_and_no_finer_than_four_times_needed(parameters, accuracy):
+    length, modulus, forward, backward, stroke = parameters
+    exact = closed_form(*parameters)
+    given = {"to": length, "stiffness": modulus, "friction": {"forward": forward, "backward": backward}}
+
+    def error(scene):
+        return np.abs(simulate(scene, duration=3, rate=1.0).per_period[1:] - exact).max() / (length * stroke)
+
+    scene = segment(stroke, accuracy=accuracy, **given)
+    elements = scene.mesh.segments[0].elements
+    assert error(scene) <= accuracy
+    errors = np.array([error(segment(stroke, elements=n, **given)) for n in range(1, 161)])
+    needed = 1 + int(np.flatnonzero(errors > accuracy).max(initial=-1)) + 1
+    assert elements <= 4 * needed
+    if needed <= 100:  # beyond, finer grids than were tried could still fail
+        assert elements >= needed
+
+
+def test_a_heterogeneous_segment_is_as_accurate_as_asked():
+    scene = load_scene("heterogeneous_segment")
+    document = scene.document()
+    document["body"]["segments"][0] |= {"elements": 1201}
+    fine = simulate(Scene.model_validate(document), duration=3, rate=1.0).per_period[1:]
+    gained = simulate(scene, duration=3, rate=1.0).per_period[1:]
+    assert np.abs(gained - fine).max() <= scene.body.segments[0].accuracy * 0.4
+
+
+@pytest.mark.parametrize("name", ["peristaltic_segment", "friction_wave_segment"])
+def test_waves_along_a_segment_are_as_accurate_as_asked(name):
+    scene = load_scene(name)
+    document = scene.document()
+    document["body"]["segments"][0] |= {"elements": 401}
+    fine = simulate(Scene.model_validate(document), duration=3, rate=1.0).per_period[1:]
+    gained = simulate(scene, duration=3, rate=1.0).per_period[1:]
+    assert np.abs(gained - fine).max() <= scene.body.segments[0].accuracy * 0.6
+    assert np.abs(gained).min() > 0.1  # it does travel
+
+
+def test_elements_are_counted_by_the_envelope_of_the_errors():
+    assert count_elements(lambda n: np.array([0.0]), 1.0, 1e-3) == 1
+    first_order = count_elements(lambda n: np.array([0.5 * (-1) ** n / n]), 1.0, 1e-3)
+    assert 500 <= first_order <= 2000
+    second_order = count_elements(lambda n: np.array([0.5 / n**2]), 1.0, 1e-5)
+    assert 223 <= second_order <= 900
+    with pytest.raises(SceneError, match="elements"):
+        count_elements(lambda n: np.array([100.0 / n]), 1.0, 1e-6)
+
+
+def test_fields_are_averaged_exactly_between_their_breaks():
+    edges = np.array([0.0, 0.5, 2.0])
+    kink = average(lambda x: np.abs(x - 0.2), edges, np.array([0.2]))
+    assert kink == pytest.approx([(0.02 + 0.045) / 0.5, (1.62 - 0.045) / 1.5], rel=1e-13)
+
+
+def test_elements_override_accuracy_and_are_kept_in_the_document():
+    scene = segment(0.2, accuracy=0.01)
+    assert scene.document()["body"]["segments"][0]["elements"] == scene.mesh.segments[0].elements
+    assert segment(0.2, accuracy=0.01, elements=7).mesh.segments[0].elements == 7
+
+
+def test_a_mesh_that_is_critical_is_judged_as_the_continuum():
+    """Four equal cells and mu_minus = 3 mu_plus: the mesh balances, the continuum does not."""
+    run = simulate(segment(0.5, elements=3))
+    assert run.unique
+    assert run.uniqueness_margin == pytest.approx(0.25)
+    critical = {"contacts": [1.5], "links": {"stiffness": 1.0}}
+    document = segment(0.5, elements=3).document()
+    document["body"] |= critical
+    document["friction"] = {"forward": 0.3, "backward": 0.3}
+    document["drive"]["actuation"] = [[0, 0], [0.5, 0.5], [0, 0]]
+    assert simulate(Scene.model_validate(document)).uniqueness_margin == 0.0  # the trunk dragged back balances the foot
+
+
+def test_a_segment_between_contacts_is_a_chain_and_in_a_ring_it_is_not():
+    body = {
+        "segments": [
+            {"name": "a", "from": 1.0, "to": 2.0, "stiffness": 1.0, "friction": {"isotropic": 1}, "elements": 3}
+        ],
+        "contacts": [0.0, 3.0],
+        "links": {"stiffness": 1.0},
+    }
+    scene = Scene.model_validate({"name": "x", "body": body, "friction": {"isotropic": 1.0}})
+    assert scene.mesh.is_chain
+    assert scene.mesh.isolated.tolist() == [0, 5]
+    assert scene.mesh.share == pytest.approx([1 / 3, 1 / 18, 1 / 9, 1 / 9, 1 / 18, 1 / 3])
+    assert scene.mesh.joints.tolist() == [[0, 2], [3, 1], [2, 3]]
+    body["links"] |= {"between": [[0, "a.from"], ["a.to", 1], [0, 1]]}
+    ring = Scene.model_validate({"name": "x", "body": body, "friction": {"isotropic": 1.0}})
+    assert not ring.mesh.is_chain
+    assert ring.mesh.link_springs.tolist() == [1, 5, 0]
+    assert ring.mesh.ends[ring.mesh.segments[0].springs].tolist() == [[1, 2], [2, 3], [3, 4]]
+
+
+def test_a_chain_written_as_a_graph_moves_the_same():
+    rng = np.random.default_rng(5)
+    n = 7
+    stiffness = np.exp(rng.uniform(-1, 1, n - 1))
+    data = {
+        "name": "x",
+        "body": {"contacts": list(range(n)), "links": {"stiffness": stiffness.tolist()}},
+        "friction": {"forward": rng.uniform(0.1, 1, n).tolist(), "backward": rng.uniform(0.1, 1, n).tolist()},
+        "drive": {"times": [0, 1, 2, 3], "actuation": [[0] * (n - 1), *rng.uniform(-2, 2, (3, n - 1)).tolist()]},
+    }
+    chain = simulate(Scene.model_validate(data))
+    order = rng.permutation(n - 1)
+    data["body"]["links"] = {
+        "stiffness": stiffness[order].tolist(),
+        "between": [[int(i) + 1, int(i)] if i % 2 else [int(i), int(i) + 1] for i in order],
+    }
+    data["drive"]["actuation"] = np.array(data["drive"]["actuation"])[:, order].tolist()
+    graph = simulate(Scene.model_validate(data))
+    assert not graph.scene.mesh.is_chain
+    assert graph.displacement == pytest.approx(chain.displacement, abs=1e-13)
+    assert graph.tension == pytest.approx(chain.tension[:, order], abs=1e-12)
+    assert graph.events == chain.events
+
+
+def test_a_redundant_spring_shares_its_load():
+    """Two springs side by side are one of the sum of their stiffnesses."""
+    one = {"name": "x", "body": {"contacts": [0, 1], "links": {"stiffness": 3.0}}, "friction": {"isotropic": 1.0}}
+    drive = {"times": [0, 1, 2], "friction": {"forward": [0.5, 0.7, 0.2], "backward": 1.0}}
+    two = {**one, "body": {"contacts": [0, 1], "links": {"stiffness": [1, 2], "between": [[0, 1], [0, 1]]}}}
+    x = simulate(Scene.model_validate({**one, "drive": {**drive, "actuation": [[0], [2], [-3]]}})).displacement
+    y = simulate(
+        Scene.model_validate({**two, "drive": {**drive, "actuation": [[0, 0], [2, 2], [-3, -3]]}})
+    ).displacement
+    assert y == pytest.approx(x, abs=1e-14)
+
+
+def test_three_springs_travel_as_rational_arithmetic_says():
+    run = simulate(load_scene("three_springs"))
+    assert run.per_period[0] == pytest.approx(float(Fraction(71, 600)), abs=1e-15)
+    assert run.per_period[1:] == pytest.approx(float(Fraction(9, 80)), abs=1e-14)
+
+
+def test_a_hybrid_counts_every_part_once():
+    run = simulate(load_scene("hybrid_body"), duration=2.0)
+    mesh = run.scene.mesh
+    x = run.displacement[-1]
+    trunk = x[mesh.segments[0].contacts]
+    mean = (trunk[:-1] + trunk[1:]).sum() / 2 / mesh.segments[0].elements
+    assert run.net_translation[-1] == pytest.approx((mean + x[mesh.isolated[0]]) / 2, abs=1e-15)
+    assert run.waypoint_displacement[-1] == pytest.approx([x[mesh.isolated[0]], trunk[0], trunk[-1]])
+    assert run.energy.relative_residual < 1e-13
+
+
+def test_a_relaxed_start_pulls_nobody():
+    for name in ("peristaltic_segment", "three_springs"):
+        document = load_scene(name).document() | {"start": "relaxed"}
+        crawler = Crawler(Scene.model_validate(document))
+        assert np.abs(crawler.spring_force).max() < 1e-13
+
+
+def test_commands_of_a_segment_are_one_strain_and_one_friction():
+    crawler = Crawler(load_scene("hybrid_body"))
+    crawler.advance([0.2, 0.1], forward=[0.5, 0.1], backward=[0.6, 0.2])
+    mesh = crawler.body
+    trunk = mesh.segments[0]
+    assert crawler.actuation[trunk.springs] == pytest.approx(0.1 / trunk.elements)
+    assert crawler.forward[trunk.contacts].sum() == pytest.approx(0.1)
+    assert crawler.backward[mesh.isolated[0]] == 0.6
+    assert crawler.row == pytest.approx([0.2, 0.1, 0.5, 0.1, 0.6, 0.2])
+    with pytest.raises(CommandError, match=r"actuation: shape \(3,\); it must be \(2,\)"):
+        crawler.advance([0.0, 0.0, 0.0])
+
+
+def test_regularity_of_friction():
+    regular = check_regularity(load_scene("two_anchor_a").commands)
+    assert (regular.least, regular.greatest, regular.rate) == (0.5, 1.5, 2.0)
+    assert regular.is_regular
+    wave = check_regularity(load_scene("friction_wave_segment").commands)
+    assert wave.least == pytest.approx(0.05, abs=1e-3)
+    assert wave.rate == pytest.approx(2 * np.pi * 0.15, rel=0.01)  # c |mu'|, of a polygon inscribed in the sine
+    document = load_scene("two_contacts_anisotropic").document()
+    document["friction"] = {"forward": [0.2, 0.0], "backward": 0.5}
+    none = check_regularity(Scene.model_validate(document).commands)
+    assert not none.is_regular
+    assert none.where == "contact_1/forward"
+
+
+def test_the_plane_contains_the_line():
+    plane = simulate(load_scene("planar_rectilinear"))
+    line = simulate(load_scene("two_contacts_anisotropic"))
+    tolerance = 1e-4 * 0.1
+    assert plane.displacement[..., 0] == pytest.approx(line.displacement, abs=tolerance)
+    assert np.abs(plane.displacement[..., 1]).max() == 0.0
+    assert plane.per_period[1:, 0] == pytest.approx(0.08, abs=tolerance)
+
+
+def test_three_points_walk_in_the_plane():
+    run = simulate(load_scene("planar_three_points"))
+    way = np.array([0.06, 0.03])
+    gained = (1.0 - 0.3 / 20 / np.linalg.norm(way)) * way
+    assert run.per_period[1:] == pytest.approx(np.tile(gained, (9, 1)), abs=1e-6)
+    assert run.unique
+
+
+def test_exact_is_refused_in_the_plane_and_says_why():
+    with pytest.raises(CommandError, match="in the plane they are curved"):
+        simulate(load_scene("planar_rectilinear"), method="exact")
+    assert simulate(load_scene("planar_rectilinear"), duration=0.1).method == "catch_up"
+
+
+def test_a_finer_tolerance_is_followed_in_the_plane():
+    document = load_scene("planar_three_points").document()
+    document["drive"]["actuation"][2] = [[0.03, 0.05], [-0.06, -0.03], [0.03, -0.02]]  # now paths are curved
+    runs = {}
+    for tolerance in (1e-2, 1e-4, 1e-7):
+        run = simulate(Scene.model_validate(document | {"tolerance": tolerance}), duration=3.0)
+        runs[tolerance] = run.displacement[-1]
+        assert run.violation < 1e-8
+        assert run.energy.relative_residual < 30 * tolerance
+    errors = [np.abs(runs[t] - runs[1e-7]).max() for t in (1e-2, 1e-4)]
+    assert errors[0] < 20 * 1e-2 * 0.06
+    assert errors[1] < 20 * 1e-4 * 0.06
+    assert errors[0] > 0.0
+
+
+def test_planar_commands_have_two_numbers_a_link():
+    crawler = Crawler(load_scene("planar_three_points"))
+    step = crawler.advance([[0.06, 0.0], [0.0, 0.0], [-0.06, 0.0]], forward=[0.3, 0.3, 0.1])
+    assert step.velocity.shape == (3, 2)
+    assert crawler.friction.tolist() == [0.3, 0.3, 0.1]
+    assert crawler.shape == pytest.approx(crawler.body.elongation(crawler.displacement), abs=1e-13)
+    assert crawler.copy() == crawler
+    with pytest.raises(CommandError, match=r"actuation: shape \(6,\); it must be \(3, 2\)"):
+        crawler.advance(np.zeros(6))
+    with pytest.raises(CommandError, match="backward"):
+        crawler.advance(np.zeros((3, 2)), backward=[1, 1, 1])

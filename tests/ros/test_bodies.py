@@ -1,0 +1,105 @@
+"""Every kind of body through the same node: driven over the topics, recorded, run again, drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from std_msgs.msg import Float64MultiArray
+
+from crawler_model import Crawler, load_scene, simulate
+from crawler_ros import bag
+from crawler_ros.picture import draw_page
+from crawler_ros.replay import simulate_again
+from crawler_ros.states import JointReader, StationReader, contact_names, joint_names, shown_contacts
+from crawler_ros.visualizer import draw_recording, frames_of_recording
+
+from .graph import graph, seconds, wait_until
+from .test_recording import DECODE
+
+BODIES = ["three_springs", "hybrid_body", "friction_wave_segment", "planar_three_points"]
+FIRST_NAMES = {
+    "three_springs": ["contact_0", "link_0", "link_1", "link_2"],
+    "hybrid_body": ["contact_0", "link_0", "trunk"],
+    "friction_wave_segment": ["foot.from", "foot"],
+    "planar_three_points": ["contact_0/x", "contact_0/y", "link_0/x", "link_0/y"],
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
+    scene = load_scene(name)
+    offline = simulate(scene, duration=3.0)
+    with graph(tmp_path) as ros:
+        hear = ("joint_states", "contact_states", "pose")
+        simulator = ros.simulator(f"scene:={name}", f"record:={tmp_path / 'bags'}", hear=hear)
+        player = ros.start("crawler_ros.gait_player", f"scene:={name}", "periods:=3")
+        assert player.process.wait(60) == 0, player.said
+        assert simulator.end() == 0
+        states = wait_until(lambda: ros.heard["contact_states"])
+        assert list(ros.heard["joint_states"][0].name)[: len(FIRST_NAMES[name])] == FIRST_NAMES[name]
+        assert list(states[0].name) == contact_names(scene)
+        first = (scene.mesh.position + scene.start_displacement)[shown_contacts(scene)]
+        assert list(states[0].position) == first.ravel().tolist()
+    (path,) = (tmp_path / "bags").iterdir()
+    heard = [(r.topic, DECODE(r.data, r.type)) for r in bag.read(path) if r.topic in ("/pose", "/joint_trajectory")]
+    start = seconds(next(m for topic, m in heard if topic == "/joint_trajectory"))
+    pose = {round(seconds(m), 6): m.pose.position for topic, m in heard if topic == "/pose"}
+    y = np.array([[pose[round(start + k, 6)].x, pose[round(start + k, 6)].y] for k in range(4)])
+    gained = np.diff(y, axis=0)
+    if scene.dimension == 1:
+        assert gained[:, 0] == pytest.approx(offline.per_period, abs=1e-12)
+        assert not gained[:, 1].any()
+    else:
+        assert gained == pytest.approx(offline.per_period, abs=1e-5)
+    again = simulate_again(path)
+    assert again.identical
+    assert again.ticks > 300
+    assert draw_recording(path, tmp_path / "x.rrd") > 100
+    found, frames = frames_of_recording(path)
+    draw_page(found, list(frames), tmp_path / "x.png")
+    assert (tmp_path / "x.png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize("name", [*BODIES, "three_contacts_one_way", "continuous_segment"])
+def test_stations_are_found_again_from_the_joints(name):
+    scene = load_scene(name)
+    mesh = scene.mesh
+    crawler = Crawler(scene)
+    crawler.follow(scene.commands.targets[1:3].copy())
+    position, speed, effort = JointReader(mesh).read(crawler, np.array(crawler.displacement))
+    assert position.size == speed.size == effort.size == len(joint_names(mesh))
+    assert StationReader(mesh).read(position) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
+    assert StationReader(mesh).read(speed) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
+
+
+def test_a_segment_is_commanded_by_one_strain(tmp_path):
+    with graph(tmp_path) as ros:
+        ros.simulator("scene:=hybrid_body", hear=("joint_states", "/diagnostics"))
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.3, 0.25]))
+        moved = wait_until(lambda: [m for m in ros.heard["joint_states"] if m.effort[1] != 0.0])
+        crawler = Crawler(load_scene("hybrid_body"))
+        crawler.advance([0.3, 0.25])
+        assert list(moved[0].position)[1:] == crawler.joint_elongation.tolist()
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.3]))
+
+        def refused():
+            said = [s.message for m in ros.heard["/diagnostics"] for s in m.status]
+            return any("1 value(s); give 2, one per link and segment" in text for text in said)
+
+        wait_until(refused)
+
+
+def test_a_translation_that_is_not_determined_warns_while_it_lasts(tmp_path):
+    with graph(tmp_path) as ros:
+        ros.simulator("scene:=two_contacts_critical", hear=("joint_states", "/diagnostics"))
+
+        def said():
+            return ["not determined now" in m.status[0].message for m in ros.heard["/diagnostics"]]
+
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.5]))
+        wait_until(lambda: any(said()))
+        wait_until(lambda: not said()[-1])
+        values = {v.key: v.value for v in ros.heard["/diagnostics"][-1].status[0].values}
+        assert values["ticks without a determined translation"] == "1"
