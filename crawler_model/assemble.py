@@ -31,6 +31,8 @@ def check_scene(scene: Scene) -> None:
         SceneError: naming the part, contact, link, segment or row that does not fit.
     """
     if scene.dimension == 2:
+        if scene.tolerance is not None and not 1e-9 <= scene.tolerance <= 0.5:
+            raise SceneError(f"tolerance: {scene.tolerance:g}; it must be between 1e-9 and 0.5")
         _check_planar(scene)
     elif scene.tolerance is not None:
         raise SceneError("tolerance: only planar scenes take one; on a line the answer is exact")

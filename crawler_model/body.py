@@ -111,6 +111,12 @@ class Body:
         ends = [i for s in self.segments for i in (s.first, s.last)]
         return np.concatenate((self.isolated, np.array(ends, dtype=np.int64))).astype(np.int64)
 
+    @property
+    def station_share(self) -> np.ndarray:
+        """Weight of each station when the net translation is estimated from stations alone; exact without segments."""
+        parts = self.isolated.size + len(self.segments)
+        return np.array([1.0] * self.isolated.size + [0.5] * 2 * len(self.segments)) / parts
+
     def elongation(self, x: np.ndarray) -> np.ndarray:
         """Compute how much longer each spring is than in the reference shape.
 
@@ -326,7 +332,8 @@ def build_body(
     pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)
     if isolated.ndim == 1:
         pairs.sort(axis=1)
-    order = np.lexsort((pairs[:, 1], pairs[:, 0])) if segments else np.arange(len(pairs))
+    # a link from the near end of a segment to far away comes before the segment, whose springs follow each other
+    order = np.lexsort((-pairs[:, 1], pairs[:, 0])) if segments else np.arange(len(pairs))
     found = np.argsort(order)
     springs = found[count:]
     built = []

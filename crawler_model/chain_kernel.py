@@ -167,6 +167,7 @@ def project(target, stiffness, lower, upper, grain, tension, side, stacks):
 
     after = 0.0
     behind = 0.0  # the same reach, from the other end
+    slip = 0.0  # how far the tension behind was moved onto a bound: the next contact must not take that for a distance
     for i in range(n - 1, -1, -1):
         zero = tension[i]
         least = after - upper[i + 1]
@@ -175,17 +176,20 @@ def project(target, stiffness, lower, upper, grain, tension, side, stacks):
             behind = 0.0
         else:
             behind += grain[i + 1] + (abs(upper[i + 1]) if least > -np.inf else abs(lower[i + 1]))
-        close = 8.0 * EPS * (stacks[0, REACH, i] + behind + abs(zero) + abs(after))
+        close = 8.0 * EPS * (stacks[0, REACH, i] + behind + abs(zero) + abs(after)) + slip
         if zero <= least + close:
             tension[i] = least
             side[i + 1] = 1
+            slip = zero - least if zero > least else slip
         elif zero >= most - close:
             tension[i] = most
             side[i + 1] = -1
+            slip = most - zero if zero < most else slip
         else:
             side[i + 1] = 0
+            slip = 0.0
         after = tension[i]
-    close = 8.0 * EPS * (grain[0] + behind + abs(after))
+    close = 8.0 * EPS * (grain[0] + behind + abs(after)) + slip
     if after >= upper[0] - close:
         side[0] = 1
     elif after <= lower[0] + close:

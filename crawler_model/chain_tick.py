@@ -296,18 +296,23 @@ def _visited(contacts, links, floats, s):
 
 
 @compiled
-def _near_criticality(contacts, links, floats, account, s):
+def _near_criticality(contacts, links, floats, account, whole, s):
     """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
 
-    A distance from the nearest bound is concave in s: what vanishes at three instants vanishes between them.
+    A distance from the nearest bound is concave in s and never negative: what vanishes at two instants later on
+    vanishes from here on. The ramp's ends are not among them: friction may be gone there. `whole` is all friction at
+    the ramp's two ends.
     """
     near, total = _visited(contacts, links, floats, s)
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
-    if near > CRITICAL * total:
+    if whole == 0.0:
+        return True
+    if near > CRITICAL * whole:
         return False
-    halfway, total_halfway = _visited(contacts, links, floats, 0.5 * (s + 1.0))
-    at_end, total_at_end = _visited(contacts, links, floats, 1.0)
-    return halfway <= CRITICAL * total_halfway and at_end <= CRITICAL * total_at_end
+    some, total_some = _visited(contacts, links, floats, s + (1.0 - s) / 3.0)
+    more, total_more = _visited(contacts, links, floats, s + (1.0 - s) / 1.5)
+    close = 8.0 * EPS * whole
+    return some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
 
 
 @compiled
@@ -396,7 +401,7 @@ def _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks
         total += floats[_UPPER, i] - floats[_LOWER, i]
         floats[_UPPER, i] = 0.5 * (contacts[FORWARD, i] + target[n - 1 + i])
         floats[_LOWER, i] = 0.5 * (contacts[BACKWARD, i] + target[2 * n - 1 + i])
-    if free_translation or near <= CRITICAL * total:
+    if free_translation or total == 0.0 or near <= CRITICAL * total:
         least, most = choose_translation(velocity, floats[_UPPER], floats[_LOWER], centred)
         if not centred and is_wide(least, most, velocity):
             account[AMBIGUOUS] = 1.0
@@ -440,6 +445,7 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
     while leaves < n:
         leaves *= 2
     hits = tree[2 * leaves :]
+    whole = 0.0
     for i in range(n):
         floats[_RATE, i] = 0.0
         floats[_V, i] = 0.0
@@ -448,6 +454,7 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
         floats[_D_ACTUATION, i] = target[i] - links[ACTUATION, i] if i < n - 1 else 0.0
         floats[_D_FORWARD, i] = target[n - 1 + i] - contacts[FORWARD, i]
         floats[_D_BACKWARD, i] = target[2 * n - 1 + i] - contacts[BACKWARD, i]
+        whole += contacts[FORWARD, i] + contacts[BACKWARD, i] + target[n - 1 + i] + target[2 * n - 1 + i]
         bytes_[_LEAVING, i] = 0
         tree[leaves + i] = i
     for i in range(leaves + n, 2 * leaves):
@@ -469,7 +476,7 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
         ending = not when < 1.0
         until = 1.0 if ending else when
         look = free <= _FEW_FREE or n <= _FEW_CONTACTS
-        critical = look and _near_criticality(contacts, links, floats, account, s)
+        critical = look and _near_criticality(contacts, links, floats, account, whole, s)
         if critical or free_translation:
             # friction in the middle of the stretch: at its start it may have been zero
             middle = 0.5 * (s + until)

@@ -162,11 +162,13 @@ def _exact(
     n = contacts.shape[1]
     springs = ends.shape[0]
     change = changes[0]
+    whole = 0.0
     for s in range(springs):
         change[s] = target[s] - links[ACTUATION, s]
     for i in range(n):
         floats[_D_FORWARD, i] = target[springs + i] - contacts[FORWARD, i]
         floats[_D_BACKWARD, i] = target[springs + n + i] - contacts[BACKWARD, i]
+        whole += contacts[FORWARD, i] + contacts[BACKWARD, i] + target[springs + i] + target[springs + n + i]
         floats[_GUESS, i] = 0.0
     _forces(ends, links[TENSION], floats[_FORCE])
     at = 0.0
@@ -222,10 +224,12 @@ def _exact(
         near, total = _nearness(floats, contacts, at, 0.0)
         account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
         critical = False
-        if near <= CRITICAL * total:
-            half, total_half = _nearness(floats, contacts, at, 0.5 * (1.0 - at))
-            end, total_end = _nearness(floats, contacts, at, 1.0 - at)
-            critical = half <= CRITICAL * total_half and end <= CRITICAL * total_end
+        if near <= CRITICAL * whole or whole == 0.0:  # at the ramp's ends friction may be gone: look between
+            some, total_some = _nearness(floats, contacts, at, (1.0 - at) / 3.0)
+            more, total_more = _nearness(floats, contacts, at, (1.0 - at) / 1.5)
+            close = 8.0 * EPS * whole
+            critical = some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
+            critical = critical or whole == 0.0
         if critical or verdict == 1:
             for i in range(n):
                 floats[_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]
@@ -309,7 +313,7 @@ def _catch_up(
         total += floats[_UPPER, i] - floats[_LOWER, i]
         floats[_MIDDLE, i] = 0.5 * (contacts[FORWARD, i] + target[springs + i])
         floats[_MIDDLE_B, i] = 0.5 * (contacts[BACKWARD, i] + target[springs + n + i])
-    if verdict == 1 or near <= CRITICAL * total:
+    if verdict == 1 or total == 0.0 or near <= CRITICAL * total:
         least, most = choose_translation(v, floats[_MIDDLE], floats[_MIDDLE_B], centred)
         if not centred and is_wide(least, most, v):
             account[AMBIGUOUS] = 1.0
@@ -478,6 +482,7 @@ def follow(
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
+                doubt, least, most = ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST]
                 found = _catch_up(
                     ends,
                     stiffness,
@@ -496,6 +501,8 @@ def follow(
                 )
                 if not found:
                     ramp[OVERSPENT] = 1.0
+                if done >= 1.0 - _INSTANT:  # an instant without friction makes no stretch
+                    ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = doubt, least, most
             for i in range(n):
                 moved[i] = contacts[RELATIVE, i] != before[i]
             _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, ramp, energy)

@@ -16,7 +16,7 @@ from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds
 
 from .domain_picture import draw_domain as draw_domain
-from .visualizer import has_stasis_bounds
+from .visualizer import has_stasis_bounds, station_names
 
 if TYPE_CHECKING:
     from .visualizer import Frame
@@ -66,12 +66,13 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     )
     figure.suptitle(f"crawler: {scene.name}")
     place = at + x
+    names = [name.removeprefix("contact_") for name in station_names(mesh)]
     axes[0].plot(time_s, place, color="#9a9a9a", linewidth=0.8)
     for sign, color in ((1, _SLIP_FORWARD), (-1, _SLIP_BACK)):
         axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
     axes[0].set_ylabel("contacts [m]")
     for i in range(contacts if contacts <= _MOST_NAMED else 0):
-        axes[0].annotate(str(i), (time_s[0], place[0, i]), (4, 3), textcoords="offset points", fontsize=8)
+        axes[0].annotate(names[i], (time_s[0], place[0, i]), (4, 3), textcoords="offset points", fontsize=8)
     axes[0].set_title(
         "green: slips forward, red: slips back, grey: sticks; tensions (blue)"
         + (" between their bounds" if bounded else ""),
@@ -86,10 +87,11 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     edges = np.append(time_s, time_s[-1] + (time_s[-1] - time_s[-2] if time_s.size > 1 else 1.0))
     colors = ListedColormap([_SLIP_BACK, _STICK, _SLIP_FORWARD])
     axes[-2].pcolormesh(edges, np.arange(contacts + 1) - 0.5, state.T, cmap=colors, vmin=-1, vmax=1)
-    axes[-2].set_yticks(range(contacts) if contacts <= _MOST_NAMED else [0, contacts - 1])
+    shown = range(contacts) if contacts <= _MOST_NAMED else [0, contacts - 1]
+    axes[-2].set_yticks(shown, [names[i] for i in shown])
     axes[-2].set_ylabel("contact")
-    axes[-1].plot(time_s, x.mean(axis=1), color="black")
-    axes[-1].set_ylabel("net translation [m]")
+    axes[-1].plot(time_s, x @ mesh.station_share, color="black")
+    axes[-1].set_ylabel("net translation [m]" + (",\nfrom the ends of segments" if mesh.segments else ""))
     axes[-1].set_xlabel("simulated time [s]")
     for axis in axes:
         axis.margins(x=0)

@@ -304,18 +304,20 @@ class Drawing:
         self._names = station_names(mesh)
         self._bounded = has_stasis_bounds(mesh)
         self._along = self._xi if mesh.dimension == 1 else self._xi[:, 0]
+        self._middle = float(mesh.station_share @ self._along)
         self._length = float(np.ptp(self._xi)) if mesh.dimension == 1 else float(np.ptp(self._xi, axis=0).max())
         n = self._xi.shape[0]
         self._polygon = self._bounded and n == 3
         self._plots = min(self._joints.shape[0], _SINGLE_PLOTS)
         # links that pass over others are drawn as bows
-        spans = np.abs(np.diff(self._joints, axis=1)[:, 0]) if mesh.dimension == 1 else np.ones(self._joints.shape[0])
-        self._bows = 0.06 * self._length * (spans - 1.0)
+        rank = np.argsort(np.argsort(self._along))
+        spans = np.abs(np.diff(rank[self._joints], axis=1)[:, 0]) if mesh.dimension == 1 else 1.0
+        self._bows = np.broadcast_to(0.06 * self._length * (spans - 1.0), self._joints.shape[0])
         self._last_state = np.full(n, 99)
         self._last_polygon = b""
         self._trail: deque[tuple[tuple[float, float], tuple[int, int, int]]] = deque(maxlen=_TRAIL)
-        self._window = float(self._along[0]) + np.array([-0.6, 3.4]) * self._length
-        self._tick = _round_step(self._length / 3.0)
+        self._window = float(self._along.min()) + np.array([-0.6, 3.4]) * self._length
+        self._tick = _round_step(self._length / (3.0 if mesh.dimension == 1 else 0.8))
         self._page: int | None = None
         self.stream = rr.RecordingStream(f"crawler: {scene.name}")
         open_sinks(self.stream)
@@ -337,7 +339,10 @@ class Drawing:
         ]
         lanes = rrb.StateTimelineView(origin="contacts", name="Stick / slip")
         left = rrb.Vertical(*tensions, lanes, row_shares=[1.0] * len(tensions) + [min(0.5 + 0.25 * n, 3.0)])
-        right: list[Any] = [rrb.TimeSeriesView(origin="net_translation", name="Net translation [m]")]
+        about = (
+            ", from the ends of segments" if self._mesh.segments else ", along x" if self._mesh.dimension == 2 else ""
+        )
+        right: list[Any] = [rrb.TimeSeriesView(origin="net_translation", name=f"Net translation{about} [m]")]
         if self._polygon:
             right.append(
                 rrb.Spatial2DView(
@@ -350,7 +355,8 @@ class Drawing:
         body = rrb.Spatial2DView(
             origin="world", name="Crawler on its track", background=[250, 250, 250], visual_bounds=page
         )
-        layout = rrb.Vertical(body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=[1, 3])
+        shares = [1, 3] if self._mesh.dimension == 1 else [2, 3]
+        layout = rrb.Vertical(body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=shares)
         blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
         self.stream.send_blueprint(blueprint)
 
@@ -400,7 +406,7 @@ class Drawing:
         place = self._xi + frame.displacement.reshape(self._xi.shape)
         radius = 0.045 * self._length
         points = place * (1.0, -1.0) if place.ndim == 2 else np.column_stack((place, np.full(place.size, -radius)))
-        y = float(place.mean()) if place.ndim == 1 else float(place[:, 0].mean())
+        y = float(self._mesh.station_share @ (place if place.ndim == 1 else place[:, 0]))
         points[:, 0] -= self._turn_page(y)
         colors = [_STATE_COLORS[int(s)] for s in frame.state]
         stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radius, draw_order=2.0))
@@ -419,7 +425,7 @@ class Drawing:
         bounds = stasis_bounds(frame.tension, frame.forward, frame.backward) if self._bounded else ()
         for i, name in enumerate(self._joint_names()):
             stream.log(f"tension/{name}", rr.Scalars([frame.tension[i], *(b[i] for b in reversed(bounds))]))
-        stream.log("net_translation", rr.Scalars([y - float(self._along.mean())]))
+        stream.log("net_translation", rr.Scalars([y - self._middle]))
         for i in np.flatnonzero(frame.state != self._last_state):
             stream.log(f"contacts/{self._names[i]}", rr.StateChange(state=_STATE_NAMES[int(frame.state[i])]))
         self._last_state = frame.state
@@ -431,7 +437,7 @@ class Drawing:
 
         A view in two dimensions does not follow: the body walks across a page, then the page turns.
         """
-        page = int(np.floor((middle - float(self._along.mean())) / (_PAGE * self._length)))
+        page = int(np.floor((middle - self._middle) / (_PAGE * self._length)))
         origin = page * _PAGE * self._length
         if page == self._page:
             return origin
@@ -444,7 +450,7 @@ class Drawing:
         self.stream.log("world/track", rr.LineStrips2D(lines, colors=[(150, 150, 150)], radii=rr.Radius.ui_points(1.0)))
         labels = rr.Points2D(
             np.column_stack((at, np.full(at.size, 2.6 * depth))),
-            labels=[f"{m:.6g} m" for m in marks],
+            labels=[f"{m + 0.0:.6g} m" for m in marks],
             colors=[(235, 235, 235)],
             radii=rr.Radius.ui_points(0.0),
             show_labels=True,

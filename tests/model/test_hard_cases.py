@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
+from typing import Any
 
-from crawler_model import Crawler, simulate
+import numpy as np
+import osqp
+import pytest
+import scipy.sparse as sp
+
+from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
 from crawler_model.stasis import stasis_margins
 
 from .chains import scene
+from .hard_cases import BOTH, CASES, NETS, Case, complete, net
 
 TRIANGLE = {"times": [0, 0.5, 1], "period": 1}
 
@@ -16,6 +21,16 @@ TRIANGLE = {"times": [0, 0.5, 1], "period": 1}
 def relative_violation(crawler: Crawler) -> float:
     margins = stasis_margins(crawler.tension, crawler.forward, crawler.backward)
     return -margins.min() / (np.abs(crawler.tension).max() + 1e-300)
+
+
+VARIANTS = [(case, body, method) for case in CASES for body, method in case.variants]
+
+
+@pytest.mark.parametrize(("case", "body", "method"), VARIANTS, ids=[f"{c.name}-{b}-{m}" for c, b, m in VARIANTS])
+def test_the_exact_answer_or_a_named_diagnosis(case: Case, body: str, method: str):
+    found = case.play(body, method)
+    assert found.said == case.said
+    assert found.error <= case.within
 
 
 @pytest.mark.parametrize("method", ["exact", "catch_up"])
@@ -148,3 +163,151 @@ def test_at_rest_for_a_million_ticks_nothing_creeps():
         crawler.follow(targets)
     assert (crawler.tension == first).all()
     assert not crawler.displacement.any()
+
+
+@pytest.mark.parametrize("rate", [1e-3, 0.37, 1.0, 1e3])
+def test_the_length_of_ticks_changes_nothing(rate):
+    drive = {**TRIANGLE, "actuation": [[0, 0], [3, -1], [0, 0]]}
+    of = scene(3, 1.0, [0.2, 0.3, 0.4], [0.5, 0.1, 0.35], drive)
+    one, other = simulate(of, 20.0, rate=1.0), simulate(of, 20.0, rate=rate)
+    assert other.per_period == pytest.approx(one.per_period, abs=1e-13)
+
+
+def test_ticks_of_a_thousand_periods():
+    drive = {"times": [0, 0.5, 1], "period": 1, "actuation": [0, 4, 0]}
+    run = simulate(scene(2, 1.0, 1.0, 2.0, drive), 3000.0, rate=1e-3)
+    assert run.ticks == 3
+    assert run.per_period[1:] == pytest.approx(np.full(2999, 2.0), abs=1e-13)
+
+
+@pytest.mark.parametrize("name", NETS)
+def test_one_step_of_a_large_graph_agrees_with_osqp(name):
+    """The dual of the step: the tensions, nearest to the trial ones in the metric of the compliances."""
+    n, between = NETS[name]
+    rng = np.random.default_rng(1)
+    stiffness, load = rng.uniform(0.5, 2.0, len(between)), rng.uniform(-3, 3, len(between))
+    forward, backward = np.exp(rng.uniform(-2, 1, (2, n)))
+    crawler = net(n, between, "catch_up", (forward, backward), stiffness.tolist())
+    step = crawler.advance(load)
+    a, b = np.array(between).T
+    s = np.arange(len(between))
+    gather = sp.csc_matrix((np.r_[np.ones(s.size), -np.ones(s.size)], (np.r_[a, b], np.r_[s, s])), shape=(n, s.size))
+    solver = osqp.OSQP()
+    solver.setup(
+        *(sp.diags(1 / stiffness).tocsc(), load, gather, -backward, forward),
+        **{"verbose": False, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
+    )
+    assert crawler.tension == pytest.approx(solver.solve().x, abs=1e-6)
+    assert step.unique
+    assert step.certificate.violation < 1e-12
+    assert step.certificate.complementarity < 1e-12
+
+
+@pytest.mark.parametrize("load", [[2.0, 3.0, 3.0], [3.0, 3.0, 1.0]])
+def test_what_becomes_undetermined_while_all_friction_vanishes_is_said(load):
+    """Found by fuzzing: at the ramp's end all friction is gone, and with it the sight of what was critical before."""
+    one, many = (net(3, complete(3), "exact", (np.ones(3), np.full(3, 2.0))) for _ in range(2))
+    step = one.advance(load, np.zeros(3), np.zeros(3))
+    parts = [many.advance(np.array(load) * p, np.full(3, 1 - p), np.full(3, 2 - 2 * p)) for p in (0.5, 0.95, 1.0)]
+    assert not step.unique
+    assert not all(part.unique for part in parts)
+    assert one.displacement == pytest.approx(many.displacement, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", BOTH)
+@pytest.mark.parametrize("load", [[0, 0, -3, 3, 0, -2, 0, -1, 0, -1], [1, 0, 0, 0, 0, 0, 0, 0, 0, 2]])
+def test_a_body_without_friction_is_never_determined(method, load):
+    crawler = net(5, complete(5), method, 0.0)
+    for target in (load, np.zeros(10), load[::-1]):
+        assert not crawler.advance(target).unique
+        assert crawler.displacement.mean() == pytest.approx(0.0, abs=1e-14)
+
+
+def test_a_tie_far_down_the_chain_holds_the_right_contact():
+    """Found by fuzzing: the trial tension misses the sum of all bounds by rounding, which counts at each of them."""
+    body = {"segments": [], "contacts": list(range(6)), "links": {"stiffness": [4.0, 4.0, 1.0, 1.0, 1.0]}}
+    friction = {"forward": [0.0] * 6, "backward": [0.03125, 0.0625, 0.03125, 0.125, 0.25, 0.125]}
+    crawler = Crawler(
+        Scene.model_validate({"name": "t", "body": body, "friction": friction, "start": "relaxed"}), "catch_up"
+    )
+    crawler.advance([0.125, 0.125, 0.5, 1.0, 1.0])
+    start, forward = crawler.actuation, np.array([0.09375, 0.1875, 0.09375, 0.375, 0.75, 0.375])
+    change = np.array([-0.25, -0.25, 0.0, -1.5, -1.5])
+    for part in np.arange(1, 101) / 1000:
+        step = crawler.advance(start + part * change, part * forward, crawler.backward)
+        assert step.certificate.complementarity < 1e-15
+        assert np.diff(crawler.displacement) == pytest.approx(crawler.shape, abs=1e-13)
+
+
+def test_a_link_from_the_near_end_of_a_segment_stays_a_link():
+    """Found by mirroring: it lay between the springs of the segment, whose strain went to it."""
+    friction = {"forward": 0.1, "backward": 0.3}
+    parts = [
+        {"name": n, "from": a, "to": a + 1, "stiffness": 1.0, "friction": friction, "elements": 5}
+        for n, a in (("near", 0.0), ("far", 2.0))
+    ]
+    links = {"stiffness": 1.0, "between": [["near.from", "far.to"], ["near.to", "far.from"]]}
+    mesh = Scene.model_validate({"name": "t", "body": {"segments": parts, "links": links}}).mesh
+    for segment in mesh.segments:
+        first = np.arange(segment.first, segment.last)
+        assert mesh.ends[segment.springs].tolist() == np.column_stack((first, first + 1)).tolist()
+    assert mesh.ends[mesh.link_springs].tolist() == [[0, 11], [5, 6]]
+
+
+def mistaken(**parts: Any) -> dict[str, Any]:
+    data = {
+        "name": "t",
+        "body": {"contacts": [0, 1, 2], "links": {"stiffness": 1.0, "between": [[0, 1], [1, 2], [0, 2]]}},
+        "friction": {"forward": 1.0, "backward": 2.0},
+    }
+    return data | parts
+
+
+LINKS = {"stiffness": 1.0}
+MISTAKES = {
+    "nan": (mistaken(friction={"forward": [1.0, float("nan"), 1.0], "backward": 1.0}), "nan is not finite"),
+    "infinite": (mistaken(body={"contacts": [0, 1, float("inf")], "links": LINKS}), "inf is not finite"),
+    "negative friction": (mistaken(friction={"forward": [1, 1, -3], "backward": 1}), "contact 2 has -3 N"),
+    "no stiffness": (mistaken(body={"contacts": [0, 1, 2], "links": {"stiffness": [1, 0]}}), "link 1 has 0 N/m"),
+    "empty": (mistaken(body={"contacts": [], "links": LINKS}), r"0 contact\(s\)"),
+    "disconnected": (
+        mistaken(body={"contacts": [0, 1, 2], "links": LINKS | {"between": [[0, 1]]}}),
+        "contact 2",
+    ),
+    "self-link": (
+        mistaken(body={"contacts": [0, 1, 2], "links": LINKS | {"between": [[0, 1], [2, 2]]}}),
+        "link 1 joins contact 2 to itself",
+    ),
+    "nobody there": (
+        mistaken(body={"contacts": [0, 1, 2], "links": LINKS | {"between": [[0, 1], [1, 7]]}}),
+        "link 1 joins contact 7",
+    ),
+    "inadmissible start": (mistaken(start={"displacement": [0, 0, 9]}), "contact 2 is pulled by 18 N"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_scene_that_makes_no_sense_is_refused_by_name(mistake):
+    data, text = MISTAKES[mistake]
+    with pytest.raises((SceneError, ValueError), match=text):
+        Scene.model_validate(data)
+
+
+@pytest.mark.parametrize("links", [[[0, 1], [1, 2]], [[0, 1], [1, 2], [0, 2]]])
+@pytest.mark.parametrize("method", BOTH)
+def test_a_command_that_makes_no_sense_changes_nothing(links, method):
+    crawler = net(3, links, method)
+    good = [2.0] * len(links)
+    crawler.advance(good)
+    before = crawler.copy()
+    for command, text in (
+        (([float("nan"), *good[1:]],), "actuation: entry 0 is nan"),
+        (([*good[1:], float("inf")],), f"actuation: entry {len(links) - 1} is inf"),
+        ((good, [1, -1, 1], [1, 1, 1]), "contact_1/forward is -1; friction must be >= 0"),
+        ((good, [1, 1, 1], [1, 1, float("nan")]), "backward: entry 2 is nan"),
+        (([*good, 1.0],), "actuation: shape"),
+        (([1e200, *good[1:]],), "at most"),
+    ):
+        with pytest.raises(CommandError, match=text):
+            crawler.advance(*command)
+        assert crawler == before

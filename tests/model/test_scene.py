@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -253,3 +255,79 @@ def test_friction_of_a_drive_replaces_the_scenes():
     drive = Scene.model_validate(change("drive/friction", rows)).commands
     assert drive.forward[0].tolist() == [3, 3, 3]
     assert drive.backward[0].tolist() == [4, 4, 4]
+
+
+SCENES_PAGE = (Path(__file__).parent.parent.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("text", re.findall(r"```yaml\n(.*?)```", SCENES_PAGE, re.S), ids=lambda t: t.split("\n")[0])
+def test_the_scenes_of_the_docs_run(text):
+    assert simulate(parse_scene(text, "docs")).ticks > 0
+
+
+SEGMENT: dict[str, Any] = {"name": "trunk", "from": 0.0, "to": 1.0, "stiffness": 1.0, "elements": 4}
+SEGMENT |= {"friction": {"isotropic": 1.0}}
+
+
+def with_segments(*segments: dict[str, Any], contacts: Any = (), **more: Any) -> dict[str, Any]:
+    body = {"segments": [SEGMENT | s for s in segments], "contacts": list(contacts), "links": {"stiffness": 1.0}}
+    body["links"] |= more.pop("links", {})
+    return {"name": "x", "body": body, "friction": {"isotropic": 1.0}, **more}
+
+
+def plane(**more: Any) -> dict[str, Any]:
+    body = {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1.0}}
+    return {"name": "x", "dimension": 2, "body": body, "friction": {"isotropic": 1.0}, **more}
+
+
+WRONG_BODIES = [
+    (with_segments({"accuracy": 2.0}), "body.segments.0: accuracy: 2; it must be between 1e-6 and 0.5"),
+    (with_segments({"accuracy": 1e-9}), "accuracy: 1e-09; it must be between"),
+    (with_segments({"elements": 0}), "elements: 0; it must be between 1 and 1000000"),
+    (with_segments({"elements": None}), "give `accuracy` (of the net translation per period, relative) or `elements`"),
+    (with_segments({"stifness": 1}), "body.segments.0.stifness: unknown key; the nearest known key is 'stiffness'"),
+    (with_segments({"stiffness": 0}), "body.segments.0.stiffness: 0 N; it must be > 0"),
+    (with_segments({"stiffness": {"at": [0, 1], "value": [1]}}), "2 position(s) in `at` for 1 value(s)"),
+    (with_segments({"stiffness": {"at": [1, 0], "value": [1, 1]}}), "positions in `at` must be strictly increasing"),
+    (with_segments({"friction": {"forward": -1, "backward": 1}}), "friction.forward: -1 N/m; it must be >= 0"),
+    (with_segments({"friction": 0.3}), "body.segments.0.friction: write {isotropic: 0.3}"),
+    (with_segments({"to": -1}), "to: -1 m; it must lie beyond from, 0 m"),
+    (with_segments({"name": "link_0"}), "name: 'link_0'; it must be a word"),
+    (with_segments({"shown": 1}), "shown: 1; at least the 2 ends are shown"),
+    (
+        with_segments({}, {"name": "b", "from": 0.5, "to": 2}),
+        "segment b begins at 0.5 m, where segment trunk ends at 1",
+    ),
+    (with_segments({}, {"from": 2, "to": 3}), "two segments are called 'trunk'"),
+    (with_segments({}, contacts=[0.5]), "contact 0 begins at 0.5 m, where segment trunk ends at 1 m"),
+    (with_segments({}, contacts=[1.0]), "segments and contacts must not overlap or touch"),
+    (with_segments({}, contacts=[2], links={"between": [["trunk.end", 0]]}), "link 0 joins 'trunk.end'; an end is"),
+    (with_segments({}, contacts=[2], links={"between": [["tail.to", 0]]}), "link 0 joins tail.to; there are contacts"),
+    (with_segments({}, contacts=[2], links={"between": []}), "no links lead from segment trunk to contact 0"),
+    (with_segments({}, start="relaxd"), "start: Input should be 'relaxed'"),
+    (
+        with_segments({}, contacts=[2], drive={"times": [0, 1], "actuation": [[0], [1]]}),
+        "drive.actuation: row 0: 1 value(s) for 2 link(s) and segment(s); give one number or 2",
+    ),
+    (with_segments({}, dimension=2), "segments lie on a line"),
+    (plane(dimension=1), "contact 0 is [0.0, 0.0]; on a line it is a number"),
+    (plane(dimension=3), "dimension: Input should be 1 or 2"),
+    (plane(friction={"forward": 1, "backward": 2}), "in the plane give `isotropic`, or `directions` and `value`"),
+    (plane(drive={"times": [0, 1], "actuation": [[0], [1]]}), "row 0 is [0.0]; a planar scene gives [x, y] for each"),
+    (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies are for a line"),
+    (plane(start={"displacement": [[0, 0]]}), "a planar scene gives [x, y] for each of 2 contacts"),
+    (plane(start={"displacement": [[0, 0], [0, 9]]}), "contact 0 is pulled by [0, 9] N"),
+    (plane(friction={"directions": [0, 1, 2, 3], "value": 1}), "friction.directions"),
+    (plane(friction={"directions": [0, 1.57, 3.14, 4.71], "value": [1, 1, 1]}), "3 value(s) for 4 direction(s)"),
+    (plane(tolerance=-1.0), "tolerance: -1"),
+    (change("tolerance", 1e-3), "tolerance: only planar scenes take one"),
+]
+
+
+@pytest.mark.parametrize(("data", "said"), WRONG_BODIES, ids=[said for _, said in WRONG_BODIES])
+def test_a_mistake_in_a_body_is_named(data, said):
+    data = json.loads(json.dumps(data))
+    for part in data["body"].get("segments", ()):
+        if part["elements"] is None:
+            del part["elements"]
+    assert said in refusal(data)

@@ -1,0 +1,73 @@
+"""Run the hard cases and write what came out as a table: docs/hard-cases.md."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))
+
+from tests.model.hard_cases import CASES  # noqa: E402
+
+TABLE = ROOT / "docs" / "hard-cases.md"
+
+HEAD = """# Hard cases
+
+What breaks other simulators of dry friction, played on every body and by every method for which it makes sense. Each
+case must give the exact answer within rounding, or say by name what is the matter; the tests hold it to that
+(`tests/model/test_hard_cases.py`). `python docs/hard_cases.py` writes this page anew.
+
+The chain has springs between neighbours, the graph any springs: here each spring of the chain twice, half as stiff,
+unless the case names another graph. The plane is the same body on a line in the plane, with friction given by
+directions. `unique: False` means that friction leaves the translation open and that this is said; the shape, and the
+rule for the translation where the case names it, are then what is compared. Errors are in m on bodies of about 1 m and
+1 N, or relative where it says so. Where it says "by the certificate" the error is a ratio, of a graph's distance from
+the chain to what the graph's own certificate admits: over twelve decades of stiffness a graph adds up displacements
+whose rounding its stiffest spring feels, and the certificate shows it.
+
+Times are those of a whole case, scene and all, on {machine}, with the kernels compiled. They are what was
+measured last; no test depends on them.
+
+| case | body | method | verdict | error | against | time |
+| --- | --- | --- | --- | --- | --- | --- |
+"""
+
+
+def machine() -> str:
+    """Return what the times were measured on."""
+    return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+
+
+def duration(seconds: float) -> str:
+    """Return a time with a unit, to two digits."""
+    return f"{seconds:.2g} s" if seconds >= 1.0 else f"{1e3 * seconds:.2g} ms"
+
+
+def rows() -> list[str]:
+    """Play all cases; what has to be compiled is played twice."""
+    table = []
+    warm = set()
+    for case in CASES:
+        for body, method in case.variants:
+            if (body, method) not in warm:
+                case.play(body, method)
+                warm.add((body, method))
+            began = time.perf_counter()
+            found = case.play(body, method)
+            took = time.perf_counter() - began
+            good = found.said == case.said and found.error <= case.within
+            verdict = (", ".join(sorted(found.said)) or case.verdict) if good else "FAILED"
+            error = "0" if found.error == 0.0 else f"{found.error:.0e}"
+            table.append(
+                f"| {case.name} | {body} | {method} | {verdict} | {error} | {case.against} | {duration(took)} |"
+            )
+    return table
+
+
+if __name__ == "__main__":
+    TABLE.write_text(HEAD.format(machine=machine()) + "\n".join(rows()) + "\n", encoding="utf-8")
+    print(f"written: {TABLE.relative_to(ROOT)}")
