@@ -28,7 +28,8 @@ from .state import (
 
 DEFAULT_TOLERANCE = 1e-4
 """Error of a planar ramp relative to its change of length, unless the scene says otherwise."""
-_MOST_STEPS = 1 << 20
+_MOST_STEPS = 1 << 16
+"""Substeps of a planar ramp, about a second; beyond them the rest of the ramp is one step, and that is said."""
 
 
 @dataclass(eq=False)

@@ -77,9 +77,9 @@ def _subset_sums(weight: np.ndarray) -> np.ndarray:
 def commanded_margin(scene: Scene) -> float | None:
     """Compute the uniqueness margin of the friction that a scene commands.
 
-    A segment counts as one contact with the friction of its whole length: where it is not rigid the translation is
-    determined as soon as both its coefficients are positive ([G] Lemma on homogeneous continuous models), so that
-    balance can only fail between blocks that move rigidly.
+    A segment counts as one contact with the friction of its whole length: where parts of it slide both ways the
+    translation is determined as soon as both its coefficients are positive ([G] Lemma on homogeneous continuous
+    models), so that only segments that slide one way all along can leave it open.
 
     Args:
         scene: the scene.
@@ -114,7 +114,8 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
 
         sum_i min(mu_plus_i - g_i, g_i + mu_minus_i) / sum_i (mu_plus_i + mu_minus_i)
 
-    It is never smaller than `uniqueness_margin` of the same friction.
+    It is never smaller than `uniqueness_margin` of the same contacts' friction (of a segment's contacts, not of the
+    segment as one block, which `commanded_margin` judges).
 
     Args:
         force: spring force g on each contact, shape (N,) [N].
