@@ -31,14 +31,24 @@ def imports(file: Path) -> set[str]:
     return found
 
 
-def loaded_by(statement: str) -> set[str]:
+def modules_of(statement: str) -> set[str]:
     code = f"{statement}; import sys; print(' '.join(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return {name.split(".")[0] for name in done.stdout.split()}
+    return set(done.stdout.split())
+
+
+def loaded_by(statement: str) -> set[str]:
+    return {name.split(".")[0] for name in modules_of(statement)}
 
 
 def test_the_model_loads_nothing_of_ros_pictures_or_recordings():
     assert not loaded_by("import crawler_model") & set(OPTIONAL)
+
+
+def test_a_chain_loads_nothing_that_other_bodies_need():
+    code = "import crawler_model as c; c.Crawler(c.load_scene('two_anchor_a')).advance([1.0])"
+    assert not loaded_by(code) & {"clarabel", "osqp"}
+    assert "scipy.sparse" not in modules_of(code)  # numba itself loads a little of scipy
 
 
 def test_the_command_loads_nothing_that_it_was_not_asked_for():

@@ -95,7 +95,29 @@ def test_check_says_what_is_too_weak(tmp_path):
     assert "critical" in text
 
 
+def test_check_says_what_a_body_is_and_where_it_can_go():
+    text = good("check", "three_springs")
+    assert "3 contacts, 3 links, a graph; valid" in text
+    assert "let the body go forward only" in text
+    text = good("check", "friction_wave_segment")
+    assert "segment foot (21 elements)" in text
+    assert "changing by at most 0.9" in text
+    assert "a second; regular" in text
+    text = good("check", "planar_three_points")
+    assert "in the plane" in text
+    assert "net translation per period, at the end: 0.046" in text
+
+
+def test_check_says_where_friction_vanishes(tmp_path):
+    scene = tmp_path / "slippery.yaml"
+    scene.write_text(
+        "{name: slippery, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {forward: [1, 0], backward: 1}}"
+    )
+    assert "contact_1/forward goes down to 0" in good("check", str(scene))
+
+
 MISTAKES = [
+    (["simulate", "planar_rectilinear", "--method", "exact"], "in the plane they are curved: take catch_up"),
     (["simulate", "two_ancor_a"], "nearest is 'two_anchor_a'"),
     (["simulate", "none.yaml"], "none.yaml: no such file"),
     (["simulate", "two_anchor_a", "--rate", "0"], "rate: 0 Hz"),
