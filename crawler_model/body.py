@@ -199,10 +199,10 @@ class Body:
         Returns:
             Shape (J, ...).
         """
-        links = values[self.link_springs]
         if not self.segments:
-            return links
-        return np.concatenate((links, [values[s.springs].mean(axis=0) for s in self.segments]))
+            return self.joint_sum(values)
+        counts = self.joint_sum(np.ones(self.springs))
+        return self.joint_sum(values) / counts.reshape(-1, *(1,) * (values.ndim - 1))
 
     def force_size(self, tension: np.ndarray) -> np.ndarray:
         """Compute the sum of the sizes of the tensions that meet at each contact, for what rounding can do.

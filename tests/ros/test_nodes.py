@@ -51,8 +51,8 @@ def step(ros, name="crawler"):
 
 
 def diagnostics(ros) -> dict[str, str]:
-    latest: DiagnosticArray = ros.heard["/diagnostics"][-1]
-    return {v.key: v.value for status in latest.status for v in status.values}
+    heard: list[DiagnosticArray] = wait_until(lambda: ros.heard["/diagnostics"], what="diagnostics")
+    return {v.key: v.value for status in heard[-1].status for v in status.values}
 
 
 def test_states_come_at_the_rate_with_exact_stamps(ros):
