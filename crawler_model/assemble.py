@@ -332,9 +332,11 @@ def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
         raise SceneError(f"drive.actuation: {count} row(s) for {rows} time(s); give one row per time")
     for i, row in enumerate(table):
         entries = row if isinstance(row, tuple) else (row,)
-        if len(entries) != links or any(not isinstance(e, tuple) or len(e) != 2 for e in entries):
+        wrong = [k for k, e in enumerate(entries) if not isinstance(e, tuple) or len(e) != 2]
+        if len(entries) != links or wrong:
+            found = f"entry {wrong[0]} is {entries[wrong[0]]}" if wrong else f"{len(entries)} entries"
             raise SceneError(
-                f"drive.actuation: row {i} is {list(entries)}; a planar scene gives [x, y] for each of {links} link(s)"
+                f"drive.actuation: row {i}: {found}; a planar scene gives [x, y] for each of {links} link(s)"
             )
     return np.array(table).reshape(rows, 2 * links)
 
@@ -442,11 +444,14 @@ def check_start(scene: Scene) -> None:
         return
     g = force[worst]
     bound, side = (forward[worst], "forward") if g > 0.0 else (backward[worst], "backward")
-    relaxed = (x[0] + mesh.relaxed(drive.actuation[0]))[mesh.stations]
-    text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
+    proposal = "write `start: relaxed`"
+    if not mesh.segments:
+        relaxed = x[0] + mesh.relaxed(drive.actuation[0])
+        text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
+        proposal = f"a start without tension is [{text}], or {proposal}"
     raise SceneError(
         f"start.displacement: {mesh.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than its "
-        f"{side} friction {bound:g} N; a start without tension is [{text}], or write `start: relaxed`"
+        f"{side} friction {bound:g} N; {proposal}"
     )
 
 

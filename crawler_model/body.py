@@ -225,11 +225,11 @@ class Body:
             contact: its number in the arrays.
 
         Returns:
-            "contact 2", or "contact 17 of segment trunk".
+            "contact 2", or "segment trunk at 0.4 m".
         """
         for segment in self.segments:
             if segment.first <= contact <= segment.last:
-                return f"contact {contact - segment.first} of segment {segment.name}"
+                return f"segment {segment.name} at {self.position[contact]:.4g} m"
         return f"contact {int(np.flatnonzero(self.isolated == contact)[0])}"
 
     def relaxed(self, actuation: np.ndarray) -> np.ndarray:
@@ -386,9 +386,10 @@ def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[int | 
     spans.sort(key=lambda span: span[:2])
     for (_, until, here), (after, _, there) in itertools.pairwise(spans):
         if after <= until:
+            where = f"at {after:g} m" if isinstance(there, int) else f"from {after:g} m"
             raise SceneError(
-                f"body: {_name(there)} begins at {after:g} m, where {_name(here)} ends at {until:g} m; segments and "
-                "contacts must not overlap or touch"
+                f"body: {_name(there)} {where} meets {_name(here)}, which reaches to {until:g} m; segments and contacts "
+                "must not overlap or touch"
             )
     return [part for _, _, part in spans]
 

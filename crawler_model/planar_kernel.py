@@ -699,7 +699,7 @@ def check_directions(angles: ArrayLike, values: ArrayLike) -> None:
     for k in np.flatnonzero(gaps <= 0.0):
         raise SceneError(
             f"friction.directions: direction {(k + 1) % m} at {angle[(k + 1) % m]:g} rad follows {angle[k]:g} rad; "
-            "angles must increase strictly, within one turn"
+            "angles must increase strictly, within one turn" + (" (they are in rad)" if angle.max() > 7.0 else "")
         )
     for k in np.flatnonzero(gaps >= np.pi * (1.0 - 4.0 * EPS)):
         raise SceneError(

@@ -89,7 +89,8 @@ def describe(error: ValidationError) -> str:
     """
     mistakes = error.errors(include_url=False)
     mistakes.sort(key=lambda m: (_of_another_kind(m), m["type"] != "extra_forbidden"))
-    more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
+    places = {mistake["loc"][:2] for mistake in mistakes}  # a value of several kinds is wrong in several ways
+    more = f" (and {len(places) - 1} more mistake{'s' * (len(places) > 2)})" if len(places) > 1 else ""
     return _describe_one(mistakes[0]) + more
 
 
@@ -110,6 +111,8 @@ def _describe_one(mistake: ErrorDetails) -> str:
         return f"{where}: unknown key; the nearest known key is {nearest[0]!r}" if nearest else f"{where}: unknown key"
     if mistake["type"] == "missing":
         return f"{where}: missing"
+    if mistake["type"] in ("model_type", "dict_type"):
+        return f"{where}: {mistake['input']!r}; it must be a mapping with {', '.join(_known_keys(path))}"
     text = mistake["msg"].removeprefix("Value error, ")
     if text.startswith(
         ("body.", "body:", "friction.", "friction:", "start.", "drive.", "drive:", "dimension", "tolerance:")

@@ -130,9 +130,31 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
     return float(np.maximum(np.minimum(plus - g, g + minus), 0.0).sum()) / total if total > 0.0 else 0.0
 
 
+def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> tuple[float, float]:
+    """Find all c that minimise R(velocity + c): what may be added to the velocities, [G] section 2.2.
+
+    Args:
+        velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The least and the greatest minimiser; they are equal when the translation is determined. Infinite where
+        nothing resists. (`Step.translation_interval` speaks of the net translation itself instead.)
+
+    Raises:
+        ValueError: when the shapes differ.
+    """
+    v, plus, minus = (np.array(a, dtype=np.float64) for a in (velocity, forward, backward))
+    if v.ndim != 1 or not v.shape == plus.shape == minus.shape:
+        raise ValueError(f"velocity, forward, backward: shapes {v.shape}, {plus.shape}, {minus.shape}; one per contact")
+    least, most = find_translations(v, plus, minus)
+    return float(least), float(most)
+
+
 @compiled
-def translation_interval(velocity, forward, backward):
-    """Find all c that minimise R(velocity + c): a weighted quantile, [G] section 2.2.
+def find_translations(velocity, forward, backward):
+    """Find all c that minimise R(velocity + c): a weighted quantile.
 
     Args:
         velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
@@ -179,7 +201,7 @@ def choose_translation(velocity, forward, backward, centred):
     Returns:
         How far the least and the greatest admissible translation lie from the chosen one.
     """
-    least, most = translation_interval(velocity, forward, backward)
+    least, most = find_translations(velocity, forward, backward)
     mean = velocity.mean()
     chosen = min(max(-mean, least), most)
     if centred and most - least < np.inf:

@@ -29,9 +29,14 @@ screen = Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None 
 SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a name that `crawler scenes` lists.")]
 
 
+_MISSED = 1e-6
+"""An energy residual above this part of the work is no rounding."""
+
+
 class MethodName(str, Enum):
     """How a tick is integrated."""
 
+    auto = "auto"
     exact = "exact"
     catch_up = "catch_up"
 
@@ -72,13 +77,12 @@ def simulate_command(
     ] = None,
     rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = 100.0,
     method: Annotated[
-        MethodName | None,
-        typer.Option(help="How a tick is integrated; by default exact on a line, catch_up in the plane."),
-    ] = None,
+        MethodName, typer.Option(help="How a tick is integrated; auto is exact on a line, catch_up in the plane.")
+    ] = MethodName.auto,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print where it went."""
-    run = _run(scene, duration, rate, None if method is None else method.value)
+    run = _run(scene, duration, rate, None if method is MethodName.auto else method.value)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         return
@@ -113,6 +117,10 @@ def _print_account(run: Trajectory) -> None:
         f"residual {energy.relative_residual:.1e} of the work"
     )
     screen.print(f"largest excess over a bound {run.violation:.1e} N; {run.events} linear pieces in {run.wall_s:.3g} s")
+    if run.method == "catch_up" and run.scene.dimension == 1 and energy.relative_residual > _MISSED:
+        screen.print(
+            "[yellow]catch_up missed events:[/] the residual shows the size of its error; take exact, or a higher rate"
+        )
     if not run.unique:
         screen.print(
             "[yellow]not unique:[/] on some stretch the translation was not determined; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -134,7 +135,7 @@ class CommandQueue:
         columns = []
         for name in names:
             if name not in self._columns.aliases:
-                raise CommandError(f"trajectory: no joint is called {name!r}; {_known(self._columns)}")
+                raise CommandError(f"trajectory: no joint is called {name!r}; {_known(self._columns, name)}")
             columns.append(self._columns.aliases[name])
         taken = np.concatenate(columns) if columns else np.zeros(0, int)
         if np.unique(taken).size != taken.size:
@@ -272,10 +273,11 @@ class CommandQueue:
         return vertices
 
 
-def _known(columns: Columns) -> str:
-    """List what can be named, the first few."""
+def _known(columns: Columns, name: str) -> str:
+    """List what can be named, the nearest first."""
     names = list(columns.aliases)
-    return f"there are {', '.join(names[:6])}{f' and {len(names) - 6} more' if len(names) > 6 else ''}"
+    near = difflib.get_close_matches(name, names, n=4, cutoff=0.3) or names[:4]
+    return f"there are {', '.join(near)}{f' and {len(names) - len(near)} more' if len(names) > len(near) else ''}"
 
 
 def _check_finite(what: str, values: np.ndarray) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crawler_model import Scene, Trajectory, simulate
+from crawler_model.body import Body
 from crawler_model.planar_kernel import corners_of
 from crawler_model.stasis import StasisDomain, domain_evolution, section_forces
 
@@ -133,6 +134,9 @@ def _quantity(scene: Scene) -> str:
 
 
 def _label(scene: Scene, section: int) -> str:
+    if scene.mesh.segments:
+        place = float(scene.mesh.position[section : section + 2].mean())
+        return f"{_quantity(scene)} at {place:.3g} m [N]  (> 0: stretched)"
     return f"{_quantity(scene)} ${_symbol(scene)}_{{{section}}}$ [N]  (> 0: stretched)"
 
 
@@ -474,7 +478,10 @@ def _draw_many(scene: Scene, run: Trajectory) -> Figure:
 
     shown = _distinct(_shown_waypoints(scene))
     path = _section_path(scene, run.tension)[_last_period(run)]
-    pairs = list(dict.fromkeys([(0, 1), _liveliest(path)]))
+    first, which_first = ((0, 1), "the first two sections")
+    if scene.mesh.segments:
+        first, which_first = _between_parts(scene.mesh), "sections that part the body"
+    pairs = list(dict.fromkeys([first, _liveliest(path)]))
     names = [f"onto_{i}" for i in range(len(pairs))]
     figure, axes = plt.subplot_mosaic(
         [names, ["ranges"] * len(names)],
@@ -485,11 +492,20 @@ def _draw_many(scene: Scene, run: Trajectory) -> Figure:
     figure.suptitle(f"stasis domain: {scene.name}\n{_verdict([domain for _, domain in shown])}", fontsize=11)
     for name, pair in zip(names, pairs, strict=True):
         _draw_projections(axes[name], scene, [domain for _, domain in shown], pair, path)
-        which = "the first two sections" if pair == (0, 1) else "the two that change most"
+        which = which_first if pair == first else "the two that change most"
         others = f"\nat t = 0, grey: at {len(shown) - 1} other waypoints" if len(shown) > 1 else ""
         axes[name].set_title(f"projection onto {which}{others}")
     _draw_ranges(axes["ranges"], scene, path)
     return figure
+
+
+def _between_parts(mesh: Body) -> tuple[int, int]:
+    """Find the first two sections between contacts and segments; where there are fewer, thirds of the body."""
+    inside = {i for s in mesh.segments for i in range(s.first, s.last)}
+    between = [i for i in range(mesh.contacts - 1) if i not in inside]
+    thirds = [mesh.contacts // 3 - 1, 2 * mesh.contacts // 3 - 1]
+    first, second = (between + [i for i in thirds if i not in between])[:2]
+    return min(first, second), max(first, second)
 
 
 def _liveliest(path: np.ndarray) -> tuple[int, int]:
@@ -509,6 +525,11 @@ def _draw_projections(
     merged = [domain.merged(*pair) for domain in domains]
     bounds = [0, pair[0] + 1, pair[1] + 1, domains[0].contacts]
     groups = [f"contact {a}" if b - a == 1 else f"contacts {a}-{b - 1}" for a, b in itertools.pairwise(bounds)]
+    if scene.mesh.segments:
+        at = scene.mesh.position
+        groups = [
+            f"{at[a]:.3g} m" if b - a == 1 else f"{at[a]:.3g}-{at[b - 1]:.3g} m" for a, b in itertools.pairwise(bounds)
+        ]
     for domain in merged[1:]:
         axis.fill(*domain.vertices().T, facecolor="none", edgecolor=_GREY, linewidth=0.9, zorder=1)
     _draw_polygon(axis, merged[0], groups)
@@ -532,8 +553,14 @@ def _draw_ranges(axis: Axes, scene: Scene, path: np.ndarray) -> None:
     axis.margins(x=0.02, y=0.06)
     axis.axhline(0.0, color=_GREY, linewidth=0.8)
     axis.set_xlabel("link" if _symbol(scene) == "T" else "section")
+    if scene.mesh.segments:
+        axis.set_xlabel("place along the body [m]")
     axis.set_ylabel(f"{_quantity(scene)} [N]\n(> 0: stretched)")
     axis.set_xticks(sections if sections.size <= 20 else [0, sections.size - 1])
+    if scene.mesh.segments:
+        ticks = np.unique(np.linspace(0, sections.size - 1, 9).round().astype(int))
+        places = 0.5 * (scene.mesh.position[:-1] + scene.mesh.position[1:])
+        axis.set_xticks(ticks, [f"{places[i]:.3g}" for i in ticks])
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False)
 
 

@@ -16,12 +16,14 @@ import numpy as np
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
 from crawler_model import CrawlerError, load_scene
 from crawler_model.drive import NS
 
 from . import interface
 from .messages import TrajectoryMessage, read_stamp
+from .states import joint_names
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
@@ -59,6 +61,9 @@ class GaitPlayer(Node):
         self.create_subscription(
             interface.message_class(states.type), states.name, self._on_state, interface.qos_profile(states), raw=True
         )
+        self._joints = joint_names(scene.mesh)
+        self._met = False
+        self.problem = ""
         self._start_ns: int | None = None
         self._sent = 0
         self._said = 0
@@ -67,6 +72,8 @@ class GaitPlayer(Node):
         self.done = threading.Event()
 
     def _on_state(self, data: bytes) -> None:
+        if not self._met and not self._is_ours(data):
+            return
         now_ns = read_stamp(data)
         if now_ns < self.now_ns:  # the simulator was reset: from the beginning
             self._start_ns, self._sent, self._said = None, 0, 0
@@ -84,6 +91,20 @@ class GaitPlayer(Node):
             self._say_progress()
         if self.end_ns is not None and self.now_ns >= self.end_ns:
             self.done.set()
+
+    def _is_ours(self, data: bytes) -> bool:
+        """Check once that the simulator has the body that the drive is for."""
+        from sensor_msgs.msg import JointState
+
+        found = list(deserialize_message(data, JointState).name)
+        self._met = found == self._joints
+        if not self._met:
+            self.problem = (
+                f"the simulator's joints are {', '.join(found[:6])}, the scene's {', '.join(self._joints[:6])}: "
+                "both must be started with the same scene"
+            )
+            self.done.set()
+        return self._met
 
     def _say_progress(self) -> None:
         assert self._start_ns is not None
@@ -157,6 +178,8 @@ def _spin(node: GaitPlayer) -> None:
             said = time.monotonic()
             node.get_logger().info("waiting for joint_states of a simulator")
     node.destroy_node()
+    if node.problem:
+        raise CrawlerError(node.problem)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from crawler_model import Trajectory
+from crawler_model.body import Body
 from crawler_model.friction import check_regularity
 from crawler_model.stasis import domain_evolution
 
@@ -47,10 +48,12 @@ def _contacts(run: Trajectory) -> Table:
         table.add_column(column, justify="right")
     force = mesh.spring_force(run.tension[0])
     drive = scene.commands
-    shown: Any = range(mesh.contacts)
-    if mesh.contacts > _MOST_ROWS:
-        shown = [*range(_MOST_ROWS // 2), *range(mesh.contacts - _MOST_ROWS // 2, mesh.contacts)]
-    for i in shown:
+    size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))
+    last = -1
+    for i in _shown(mesh):
+        if i != last + 1:
+            table.add_row(f"({i - last - 1} more)", *[""] * (len(table.columns) - 1))
+        last = i
         ways = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
         if planar:
             per_contact = drive.targets[:, 2 * mesh.springs :].reshape(-1, mesh.contacts, max(len(scene.directions), 1))
@@ -59,8 +62,21 @@ def _contacts(run: Trajectory) -> Table:
         else:
             bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
         name = mesh.name_of(i).removeprefix("contact ")
-        table.add_row(name, _numbers(mesh.position[i]), *bounds, _numbers(force[i]), " and ".join(ways) or "never")
+        table.add_row(
+            name, _numbers(mesh.position[i]), *bounds, write_length(force[i], size), " and ".join(ways) or "never"
+        )
     return table
+
+
+def _shown(mesh: Body) -> list[int]:
+    """Choose the contacts that have a row: isolated ones and a few of each segment, both ends among them."""
+    if mesh.contacts <= _MOST_ROWS:
+        return list(range(mesh.contacts))
+    isolated = mesh.isolated.tolist()
+    if len(isolated) > _MOST_ROWS:
+        isolated = isolated[: _MOST_ROWS // 2] + isolated[-_MOST_ROWS // 2 :]
+    inner = [np.linspace(s.first, s.last, 5).round().astype(int).tolist() for s in mesh.segments]
+    return sorted({*isolated, *(i for part in inner for i in part)})
 
 
 def _way(run: Trajectory) -> str:
@@ -68,7 +84,9 @@ def _way(run: Trajectory) -> str:
     _, domains = domain_evolution(run.scene.commands)
     ways = {facet.direction for domain in domains for facet in domain.facets()}
     names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "either way"}
-    text = names.get(frozenset(ways), "undetermined (no facet of the domain moves one contact alone)")
+    if not ways:
+        return "no side of the stasis domain moves one contact alone: where the body can go is open"
+    text = names[frozenset(ways)]
     same = all(np.array_equal(d.forward, domains[0].forward) for d in domains)
     same = same and all(np.array_equal(d.backward, domains[0].backward) for d in domains)
     when = "" if same else ", at one time or another"
@@ -113,7 +131,10 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
 def _print_motion(run: Trajectory, screen: Console) -> None:
     """Say what moves along the drive."""
     scene, mesh = run.scene, run.scene.mesh
-    screen.print(f"visited margin: {run.visited_margin:.4g}; unique along the drive: {'yes' if run.unique else 'no'}")
+    of = " (of its elements, which come nearer than the whole)" if mesh.segments else ""
+    unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 for instants only)"
+    screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
+    _print_crossings(run, screen)
     still = [i for i in range(mesh.contacts) if not run.contact_state[:, i].any()]
     if len(still) == mesh.contacts:
         screen.print("too weak: the drive never leaves the stasis domain, nothing moves")
@@ -125,6 +146,20 @@ def _print_motion(run: Trajectory, screen: Console) -> None:
         gained = write_length(run.per_period[-1], size)
         travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
         screen.print(f"net translation per period, at the end: {gained} m{'' if travels else ' (it does not travel)'}")
+
+
+def _print_crossings(run: Trajectory, screen: Console) -> None:
+    """Warn where contacts pass through each other, which the model does not forbid."""
+    mesh = run.scene.mesh
+    if mesh.dimension == 2:
+        return
+    gaps = np.diff(mesh.position + run.displacement, axis=1).min(axis=0)
+    nearest = int(gaps.argmin())
+    if gaps[nearest] <= 0.0:
+        screen.print(
+            f"[yellow]impossible in silicone:[/] {mesh.name_of(nearest + 1)} gets {-gaps[nearest]:.3g} m past "
+            f"{mesh.name_of(nearest)}; the model lets contacts pass through each other"
+        )
 
 
 def write_length(value: Any, size: float) -> str:

@@ -141,7 +141,7 @@ def test_what_is_no_scene_is_one_line(text):
 def test_several_mistakes_are_counted():
     data = change("friction/forward", "a")
     data["body"]["links"]["stiffness"] = "b"
-    assert "(and 1 more)" in refusal(data)
+    assert "(and 1 more mistake)" in refusal(data)
 
 
 def test_an_inadmissible_start_says_what_would_be_right():
@@ -296,10 +296,10 @@ WRONG_BODIES = [
     (with_segments({"shown": 1}), "shown: 1; at least the 2 ends are shown"),
     (
         with_segments({}, {"name": "b", "from": 0.5, "to": 2}),
-        "segment b begins at 0.5 m, where segment trunk ends at 1",
+        "segment b from 0.5 m meets segment trunk, which reaches to 1",
     ),
     (with_segments({}, {"from": 2, "to": 3}), "two segments are called 'trunk'"),
-    (with_segments({}, contacts=[0.5]), "contact 0 begins at 0.5 m, where segment trunk ends at 1 m"),
+    (with_segments({}, contacts=[0.5]), "contact 0 at 0.5 m meets segment trunk, which reaches to 1 m"),
     (with_segments({}, contacts=[1.0]), "segments and contacts must not overlap or touch"),
     (with_segments({}, contacts=[2], links={"between": [["trunk.end", 0]]}), "link 0 joins 'trunk.end'; an end is"),
     (with_segments({}, contacts=[2], links={"between": [["tail.to", 0]]}), "link 0 joins tail.to; there are contacts"),
@@ -313,7 +313,10 @@ WRONG_BODIES = [
     (plane(dimension=1), "contact 0 is [0.0, 0.0]; on a line it is a number"),
     (plane(dimension=3), "dimension: Input should be 1 or 2"),
     (plane(friction={"forward": 1, "backward": 2}), "in the plane give `isotropic`, or `directions` and `value`"),
-    (plane(drive={"times": [0, 1], "actuation": [[0], [1]]}), "row 0 is [0.0]; a planar scene gives [x, y] for each"),
+    (
+        plane(drive={"times": [0, 1], "actuation": [[0], [1]]}),
+        "row 0: entry 0 is 0.0; a planar scene gives [x, y] for each",
+    ),
     (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies are for a line"),
     (plane(start={"displacement": [[0, 0]]}), "a planar scene gives [x, y] for each of 2 contacts"),
     (plane(start={"displacement": [[0, 0], [0, 9]]}), "contact 0 is pulled by [0, 9] N"),
