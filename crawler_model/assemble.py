@@ -11,7 +11,7 @@ from ._compiled import said_if_slow
 from .body import Body, End, Interval, build_body, frozen, spread
 from .columns import Columns, build_columns, build_planar_columns
 from .drive import Drive
-from .elements import average, count_elements
+from .elements import MOST_UNMEASURED, average, count_elements
 from .errors import SceneError
 from .scene import DrivePart, FrictionRowsPart, Scene, SegmentPart, TablePart, WavePart
 
@@ -91,6 +91,12 @@ def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
     _check_field(part.stiffness, f"{field}.stiffness", "N", "> 0")
     for side, value in zip(("forward", "backward"), part.friction.sides, strict=True):
         _check_field(value, f"{field}.friction.{side}", "N/m", ">= 0")
+    for name, value in (("stiffness", part.stiffness), *zip(("forward", "backward"), part.friction.sides, strict=True)):
+        if isinstance(value, TablePart) and not (value.at[0] <= part.stop and value.at[-1] >= part.start):
+            raise SceneError(
+                f"{field}: the table of {name} is given at {value.at[0]:g} .. {value.at[-1]:g} m, outside the "
+                f"segment's {part.start:g} .. {part.stop:g} m"
+            )
     nodes = np.linspace(part.start, part.stop, elements + 1)
     modulus = _field(part.stiffness)
     if isinstance(part.stiffness, TablePart):
@@ -171,13 +177,14 @@ def _count(scene: Scene, place: int) -> int:
         check_start(trial)
         period = trial.commands.period
         if period is None:
-            return simulate(trial, rate=1.0).waypoint_net_translation
-        return simulate(trial, duration=3.0 * period, rate=1.0 / period).per_period[1:]
+            duration = float(trial.commands.times[-1])
+            return simulate(trial, rate=1.0 / duration).waypoint_net_translation
+        return simulate(trial, duration=3.0 * period, rate=max(1.0 / period, 1e-9)).per_period[1:]
 
     coarse = with_elements(1)
     scale = _largest_change(coarse)
     if scene.drive is None or scale == 0.0:
-        return int(np.ceil(1.0 / asked))
+        return min(int(np.ceil(1.0 / asked)), MOST_UNMEASURED)
     with said_if_slow():
         return count_elements(gains, scale, asked)
 
@@ -343,8 +350,9 @@ def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
 
 def _build_strategy(scene: Scene, part: DrivePart) -> Drive:
     columns = scene.columns
-    if scene.mesh.contacts != 2 or scene.mesh.segments:
-        raise SceneError(f"drive.strategy: strategies drive 2 contacts, this body has {scene.mesh.contacts}")
+    mesh = scene.mesh
+    if (mesh.isolated.size, mesh.springs, len(mesh.segments)) != (2, 1, 0):
+        raise SceneError(f"drive.strategy: strategies drive 2 contacts on 1 link, this body has {mesh.describe()}")
     assert part.strategy is not None
     assert part.length is not None
     assert isinstance(part.friction, float)
@@ -361,13 +369,12 @@ def _build_waves(scene: Scene, part: DrivePart, friction: np.ndarray) -> Drive:
         raise SceneError("drive.friction_wave.period: it must be that of drive.wave")
     times = drives.merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
     times[-1] = period
-    phase = times / period
     rows = np.zeros((times.size, columns.count))
     rows[:, columns.lengths :] = friction
     if part.wave is not None:
         middle = 0.5 * (mesh.position[mesh.ends[:, 0]] + mesh.position[mesh.ends[:, 1]])
         places = np.concatenate([middle[mesh.link_springs], *(middle[s.springs] for s in mesh.segments)])
-        rows[:, : columns.lengths] = _wave(part.wave, phase, places)
+        rows[:, : columns.lengths] = _sampled(part.wave, times, places)
     if part.friction_wave is not None:
         w = part.friction_wave
         if w.mean < abs(w.amplitude):
@@ -376,13 +383,21 @@ def _build_waves(scene: Scene, part: DrivePart, friction: np.ndarray) -> Drive:
                 "friction must be >= 0 all the time"
             )
         places = np.concatenate([mesh.position[mesh.isolated], *(mesh.position[s.contacts] for s in mesh.segments)])
-        mu = np.maximum(_wave(w, phase, places), 0.0)
+        mu = np.maximum(_sampled(w, times, places), 0.0)
         rows[:, columns.lengths :] = np.hstack((mu, mu))
     return drives.build_waypoints(times, period, rows, columns)
 
 
-def _wave(part: WavePart, phase: np.ndarray, places: np.ndarray) -> np.ndarray:
-    return drives.wave(part.mean, part.amplitude, part.wavelength, phase, places)
+def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Read a wave, straight between its own samples, at the waypoints, shape (W, places)."""
+    phase = np.arange(part.samples + 1) / part.samples
+    values = drives.wave(part.mean, part.amplitude, part.wavelength, phase, places)
+    at = times / part.period * part.samples
+    before = np.minimum(np.floor(at + 1e-9).astype(np.int64), part.samples)
+    after = np.minimum(before + 1, part.samples)
+    rest = np.clip(at - before, 0.0, 1.0)
+    rest[rest < 1e-8] = 0.0  # on a sample, to the bit
+    return values[before] + rest[:, None] * (values[after] - values[before])
 
 
 def build_start(scene: Scene) -> np.ndarray:

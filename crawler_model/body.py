@@ -7,6 +7,7 @@ each contact to the next is a chain.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -111,6 +112,13 @@ class Body:
         ends = [i for s in self.segments for i in (s.first, s.last)]
         return np.concatenate((self.isolated, np.array(ends, dtype=np.int64))).astype(np.int64)
 
+    @functools.cached_property
+    def element_ends(self) -> np.ndarray:
+        """Both contacts of each element of a segment, shape (P, 2)."""
+        first = [np.arange(s.first, s.last) for s in self.segments]
+        left = np.concatenate([np.zeros(0, np.int64), *first])
+        return np.column_stack((left, left + 1))
+
     @property
     def station_share(self) -> np.ndarray:
         """Weight of each station when the net translation is estimated from stations alone; exact without segments."""
@@ -147,11 +155,14 @@ class Body:
         if self.is_chain:
             ends = np.zeros((*t.shape[:-1], 1))
             return np.diff(np.concatenate((ends, t, ends), axis=-1), axis=-1)
-        force = np.zeros((*t.shape[:-1], self.contacts))
-        for s, (a, b) in enumerate(self.ends):
-            force[..., a] += t[..., s]
-            force[..., b] -= t[..., s]
-        return force
+        if t.ndim == 1:
+            n = self.contacts
+            return np.bincount(self.ends[:, 0], t, n) - np.bincount(self.ends[:, 1], t, n)
+        rows = t.reshape(-1, self.springs).T
+        force = np.zeros((self.contacts, rows.shape[1]))
+        np.add.at(force, self.ends[:, 0], rows)
+        np.subtract.at(force, self.ends[:, 1], rows)
+        return force.T.reshape(*t.shape[:-1], self.contacts)
 
     def describe(self) -> str:
         """Say in a few words what the body consists of.
@@ -361,10 +372,11 @@ def _check_contacts(isolated: np.ndarray, segments: Sequence[Interval]) -> None:
     if count < 2 and not segments:
         raise SceneError(f"body.contacts: {count} contact(s); a crawler needs at least 2, or a segment")
     if isolated.ndim == 2:
-        for i in range(count):
-            for j in range(i):
-                if (isolated[i] == isolated[j]).all():
-                    raise SceneError(f"body.contacts: contacts {j} and {i} are both at {_point(isolated[i])} m")
+        _, first, where = np.unique(isolated, axis=0, return_index=True, return_inverse=True)
+        for i in np.flatnonzero(first[where.ravel()] != np.arange(count)):
+            raise SceneError(
+                f"body.contacts: contacts {first[where.ravel()[i]]} and {i} are both at {_point(isolated[i])} m"
+            )
         return
     for k in np.flatnonzero(np.diff(isolated) <= 0.0):
         raise SceneError(
@@ -388,8 +400,8 @@ def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[int | 
         if after <= until:
             where = f"at {after:g} m" if isinstance(there, int) else f"from {after:g} m"
             raise SceneError(
-                f"body: {_name(there)} {where} meets {_name(here)}, which reaches to {until:g} m; segments and contacts "
-                "must not overlap or touch"
+                f"body: {_name(there)} {where} meets {_name(here)}, which reaches to {until:g} m; segments and "
+                "contacts must not overlap or touch"
             )
     return [part for _, _, part in spans]
 

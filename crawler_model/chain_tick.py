@@ -358,7 +358,7 @@ def _finish(stiffness, contacts, links, status, target, bytes_, account, energy)
 
 
 @compiled
-def _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, account, centred):
+def _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, account, elements):
     """Go from the present state to `target` in one implicit step."""
     n = contacts.shape[1]
     for i in range(n - 1):
@@ -402,8 +402,8 @@ def _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks
         floats[_UPPER, i] = 0.5 * (contacts[FORWARD, i] + target[n - 1 + i])
         floats[_LOWER, i] = 0.5 * (contacts[BACKWARD, i] + target[2 * n - 1 + i])
     if free_translation or total == 0.0 or near <= CRITICAL * total:
-        least, most = choose_translation(velocity, floats[_UPPER], floats[_LOWER], centred)
-        if not centred and is_wide(least, most, velocity):
+        least, most = choose_translation(velocity, floats[_UPPER], floats[_LOWER], elements)
+        if is_wide(least, most, velocity):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least
             account[GAIN_MOST] += most
@@ -438,7 +438,7 @@ def _count_free(bytes_):
 
 
 @compiled
-def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, centred):
+def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements):
     """Follow the straight ramp to `target` from event to event. Returns False when the budget was spent."""
     n = contacts.shape[1]
     leaves = 1
@@ -484,9 +484,9 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
             for i in range(n):
                 floats[_UPPER, i] = contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]
                 floats[_LOWER, i] = contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]
-            least, most = choose_translation(floats[_V], floats[_UPPER], floats[_LOWER], centred)
+            least, most = choose_translation(floats[_V], floats[_UPPER], floats[_LOWER], elements)
             shifted = True
-        if shifted and not centred and until - s > _STRETCH and is_wide(least, most, floats[_V]):
+        if shifted and until - s > _STRETCH and is_wide(least, most, floats[_V]):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least * (until - s)
             account[GAIN_MOST] += most * (until - s)
@@ -557,7 +557,7 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
 
 @compiled
 def follow(
-    stiffness, contacts, links, status, targets, exact, budget, centred, floats, bytes_, tree, stacks, account, records
+    stiffness, contacts, links, status, targets, exact, budget, elements, floats, bytes_, tree, stacks, account, records
 ):
     """Follow straight ramps to each of the targets in turn.
 
@@ -569,7 +569,7 @@ def follow(
         targets: L, mu_plus and mu_minus at each ramp's end, shape (V, 3 N - 1).
         exact: True to follow every event, False for one catch-up step a ramp.
         budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
-        centred: True to take the middle of several admissible translations, False for the one nearest to zero.
+        elements: both contacts of each element of a segment, shape (P, 2).
         floats: from `scratch(N)`, as are the next three.
         bytes_: statuses within a ramp.
         tree: a tournament of the contacts' next events.
@@ -597,14 +597,14 @@ def follow(
                 ramp[i] = 0.0
             ramp[VISITED] = np.inf
             finished = exact and _exact(
-                stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, centred
+                stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements
             )
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
                 else:
                     ramp[EVENTS] = 1.0
-                _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, ramp, centred)
+                _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, ramp, elements)
             _finish(stiffness, contacts, links, status, target, bytes_, ramp, energy)
             add_ramp(account, ramp)
         if records.shape[0] > 0:

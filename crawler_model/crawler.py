@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import integrate
 from ._compiled import said_if_slow
 from .body import Body, frozen
-from .errors import LARGEST, CommandError
+from .errors import LARGEST, CommandError, SceneError
 from .scene import Scene
 from .state import (
     ACCOUNT_SIZE,
@@ -35,7 +35,7 @@ from .state import (
     WORK,
     X,
 )
-from .uniqueness import commanded_margin, visited_margin
+from .uniqueness import visited_margin
 
 Method = Literal["exact", "catch_up"]
 METHODS: tuple[Method, ...] = ("exact", "catch_up")
@@ -66,7 +66,7 @@ class Step:
         dissipation: energy lost to friction [J].
         velocity: displacement gained, per ramp, shape (N,), in the plane (N, 2) [m].
         unique: False when on some stretch the translation was not determined.
-        translation_interval: least and greatest net translation that the ramp could have gained [m]; on a line.
+        translation_interval: least and greatest net translation that the ramp could have gained [m]; None in the plane.
         certificate: how well the answer solves the model.
         visited_margin: how near all contacts came to sliding at once.
         overspent: ramps in which the budget of events was spent and a catch-up step did the rest.
@@ -77,7 +77,7 @@ class Step:
     dissipation: float
     velocity: np.ndarray
     unique: bool
-    translation_interval: tuple[float, float]
+    translation_interval: tuple[float, float] | None
     certificate: Certificate
     visited_margin: float
     overspent: int
@@ -106,8 +106,6 @@ class Crawler:
         self._state = integrate.start_state(scene)
         self._scratch = integrate.build_scratch(scene)
         self._no_records = np.empty((0, 2 * self._state.contacts[X].size + self._tension.size))
-        # where contacts stand for stretches of ground, what the grid leaves open the continuum decides
-        self._centred = bool(scene.mesh.segments) and commanded_margin(scene) != 0.0
 
     @property
     def body(self) -> Body:
@@ -228,10 +226,11 @@ class Crawler:
         return other
 
     def __eq__(self, other: object) -> bool:
-        """Compare scenes and states, bit for bit."""
+        """Compare scenes, methods, budgets and states, bit for bit."""
         if not isinstance(other, Crawler):
             return NotImplemented
-        return self.scene == other.scene and self._state.bits() == other._state.bits()
+        settings = (self.scene, self.method, self.budget) == (other.scene, other.method, other.budget)
+        return settings and self._state.bits() == other._state.bits()
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -271,11 +270,23 @@ class Crawler:
             if name != "actuation" and not (array >= 0.0).all():
                 i = int(np.flatnonzero(array < 0.0)[0])
                 raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
+            if columns.planar and name == "forward":
+                self._check_convex(array.reshape(sizes.size, each))
             row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
         target = columns.target(row)
         held = np.isnan(target)
         target[held] = np.concatenate((self._actuation.ravel(), self.friction))[held]
         return target
+
+    def _check_convex(self, friction: np.ndarray) -> None:
+        """Check friction given by directions, shape (N, m)."""
+        from .planar_kernel import check_directions
+
+        assert self.scene.friction is not None
+        try:
+            check_directions(np.array(self.scene.friction.directions), friction)
+        except SceneError as error:
+            raise CommandError(f"forward: {error}") from None
 
     @property
     def row(self) -> np.ndarray:
@@ -324,7 +335,6 @@ class Crawler:
             targets,
             self.method == "exact",
             self.budget,
-            self._centred,
             account,
             self._no_records if records is None else records,
         )
@@ -339,7 +349,9 @@ class Crawler:
             dissipation=float(account[DISSIPATION]),
             velocity=velocity,
             unique=bool(account[AMBIGUOUS] == 0.0),
-            translation_interval=(gain + float(account[GAIN_LEAST]), gain + float(account[GAIN_MOST])),
+            translation_interval=None
+            if self._planar
+            else (gain + float(account[GAIN_LEAST]), gain + float(account[GAIN_MOST])),
             certificate=Certificate(
                 float(account[RESIDUAL]), float(account[VIOLATION]), float(account[COMPLEMENTARITY])
             ),

@@ -14,6 +14,8 @@ import numpy as np
 
 from .errors import SceneError
 
+MOST_UNMEASURED = 1000
+"""Elements at most where no drive tells what accuracy takes."""
 MOST_ELEMENTS = 1_000_000
 """More elements than this are refused."""
 

@@ -25,9 +25,11 @@ import numpy as np
 
 from ._compiled import compiled
 from .body import Body
+from .errors import SceneError
 
 EPS = float(np.finfo(np.float64).eps)
 
+_MOST_NUMBERS = 50_000_000
 _NOISE = 1e-14
 """A velocity below this part of the largest is rounding."""
 
@@ -37,15 +39,11 @@ class Network(NamedTuple):
 
     Attributes:
         order: contact at each place of the band, int, shape (N,).
-        place: place of each contact, int, shape (N,).
         band: stiffness between the contacts at places p and p + 1 + d, shape (N, width) [N/m].
-        ends: places of the two contacts of each spring, int, shape (S, 2).
     """
 
     order: np.ndarray
-    place: np.ndarray
     band: np.ndarray
-    ends: np.ndarray
 
 
 def build_network(body: Body) -> Network:
@@ -56,6 +54,9 @@ def build_network(body: Body) -> Network:
 
     Returns:
         Its springs as a band matrix.
+
+    Raises:
+        SceneError: when the band would not fit in memory.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -64,13 +65,17 @@ def build_network(body: Body) -> Network:
     a, b = body.ends.T
     graph = coo_matrix((np.ones(2 * a.size), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)).tocsr()
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    place = np.argsort(order)
-    ends = place[body.ends]
+    ends = np.argsort(order)[body.ends]  # places of the two contacts of each spring
     width = int(np.abs(ends[:, 1] - ends[:, 0]).max())
+    if n * width > _MOST_NUMBERS:
+        raise SceneError(
+            f"body.links.between: {n} contacts are joined so widely that {n * width:.1e} numbers would be needed; "
+            f"at most {_MOST_NUMBERS:.0e}"
+        )
     band = np.zeros((n, width))
     low, high = ends.min(axis=1), ends.max(axis=1)
     np.add.at(band, (low, high - low - 1), body.stiffness)
-    return Network(order, place, band, ends)
+    return Network(order, band)
 
 
 def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -156,7 +156,7 @@ def _exact(
     account,
     budget,
     rounds,
-    centred,
+    elements,
 ):
     """Follow the straight ramp to `target` from event to event. Returns how far it came, 1 for all the way."""
     n = contacts.shape[1]
@@ -234,8 +234,8 @@ def _exact(
             for i in range(n):
                 floats[_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]
                 floats[_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]
-            least, most = choose_translation(v, floats[_MIDDLE], floats[_MIDDLE_B], centred)
-            if not centred and ds > _STRETCH and is_wide(least, most, v):
+            least, most = choose_translation(v, floats[_MIDDLE], floats[_MIDDLE_B], elements)
+            if ds > _STRETCH and is_wide(least, most, v):
                 account[AMBIGUOUS] = 1.0
                 account[GAIN_LEAST] += least * ds
                 account[GAIN_MOST] += most * ds
@@ -276,7 +276,7 @@ def _exact(
 
 @compiled
 def _catch_up(
-    ends, stiffness, network, work, contacts, links, status, target, floats, changes, bytes_, account, rounds, centred
+    ends, stiffness, network, work, contacts, links, status, target, floats, changes, bytes_, account, rounds, elements
 ):
     """Go from the present state to `target` in one implicit step. Returns False when it was not found."""
     n = contacts.shape[1]
@@ -314,8 +314,8 @@ def _catch_up(
         floats[_MIDDLE, i] = 0.5 * (contacts[FORWARD, i] + target[springs + i])
         floats[_MIDDLE_B, i] = 0.5 * (contacts[BACKWARD, i] + target[springs + n + i])
     if verdict == 1 or total == 0.0 or near <= CRITICAL * total:
-        least, most = choose_translation(v, floats[_MIDDLE], floats[_MIDDLE_B], centred)
-        if not centred and is_wide(least, most, v):
+        least, most = choose_translation(v, floats[_MIDDLE], floats[_MIDDLE_B], elements)
+        if is_wide(least, most, v):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least
             account[GAIN_MOST] += most
@@ -400,7 +400,7 @@ def follow(
     targets,
     exact,
     budget,
-    centred,
+    elements,
     floats,
     changes,
     bytes_,
@@ -420,7 +420,7 @@ def follow(
         targets: L, mu_plus and mu_minus at each ramp's end, shape (V, S + 2 N).
         exact: True to follow every event, False for one catch-up step a ramp.
         budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
-        centred: True to take the middle of several admissible translations, False for the one nearest to zero.
+        elements: both contacts of each element of a segment, shape (P, 2).
         floats: from `scratch(N, S)`, as are the next two.
         changes: of the springs.
         bytes_: of the contacts.
@@ -469,7 +469,7 @@ def follow(
                     ramp,
                     budget,
                     rounds,
-                    centred,
+                    elements,
                 )
                 if done < 1.0:
                     if done < 1.0 - _INSTANT:
@@ -497,7 +497,7 @@ def follow(
                     bytes_,
                     ramp,
                     rounds,
-                    centred,
+                    elements,
                 )
                 if not found:
                     ramp[OVERSPENT] = 1.0

@@ -29,7 +29,7 @@ from .state import (
 DEFAULT_TOLERANCE = 1e-4
 """Error of a planar ramp relative to its change of length, unless the scene says otherwise."""
 _MOST_STEPS = 1 << 16
-"""Substeps of a planar ramp, about a second; beyond them the rest of the ramp is one step, and that is said."""
+"""Substeps of a planar ramp, about a second; beyond them the rest of the ramp goes in equal steps, and that is said."""
 
 
 @dataclass(eq=False)
@@ -128,7 +128,6 @@ def follow(
     targets: np.ndarray,
     exact: bool,
     budget: int,
-    centred: bool,
     account: np.ndarray,
     records: np.ndarray,
 ) -> None:
@@ -141,7 +140,6 @@ def follow(
         targets: rows as in `Columns.target`, shape (V, S + 2 N).
         exact: True to follow every event, False for one catch-up step a ramp (in the plane, refined steps).
         budget: most linear pieces of one ramp.
-        centred: True to take the middle of several admissible translations, False for the one nearest to zero.
         account: shape (11,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows for none.
     """
@@ -155,7 +153,7 @@ def follow(
             targets,
             exact,
             budget,
-            centred,
+            mesh.element_ends,
             *scratch,
             account,
             records,
@@ -175,7 +173,7 @@ def follow(
             targets,
             exact,
             budget,
-            centred,
+            mesh.element_ends,
             *memory,
             account,
             records,

@@ -38,6 +38,8 @@ _STAGES = 7
 """Implicit steps of a substep: 1 + 2 + 3, and one that corrects the extrapolation."""
 _ROUNDING = 1e-12
 """Errors below this part of the displacement that friction withstands are rounding."""
+_LAST_STEP = 1.0 / 256.0
+"""Part of a ramp that a step takes when all substeps are spent."""
 _LAST_SWEEPS = 20
 """Sweeps that polish what Clarabel found."""
 
@@ -263,7 +265,9 @@ def _follow(
         if not done:
             length = progress[_LENGTH]
             forced = progress[_TRIALS] >= most_steps
-            last = forced or progress[_PLACE] + length >= 1.0 - 1e-12
+            if forced:  # the rest goes in equal steps, however far off they are
+                length = _LAST_STEP
+            last = progress[_PLACE] + length >= 1.0 - 1e-12
             if last:
                 length = 1.0 - progress[_PLACE]
             part = 1.0 if last else length / (1.0 - progress[_PLACE])
@@ -298,10 +302,12 @@ def _follow(
                 progress[_PURSE] -= paid
                 if progress[_DOUBTS:].max() > 0.0:
                     account[AMBIGUOUS] = 1.0
-                account[OVERSPENT] += forced
+                account[OVERSPENT] += forced and last
             done = accepted and last
             growth = min(0.8 * math.sqrt(allowed / error), 4.0) if error > 0.0 else 4.0
             growth = max(growth, 0.3) if accepted else min(max(growth, 0.1), 0.5)
+            if accepted and not extrapolated:  # steps so short that two of them do would stay short for ever
+                growth = max(growth, 2.0)
             stages[0] *= growth
             progress[_LENGTH] = growth * length
             progress[_TRIALS] += 1.0
@@ -344,7 +350,7 @@ def follow(
         friction: mu, shape (n, max(m, 1)) [N], changed in place.
         targets: L and then mu at each ramp's end, flattened, shape (V, 2 S + n max(m, 1)).
         tolerance: about the largest error of any displacement that one ramp may add [m].
-        most_steps: most substeps tried in one ramp; the rest of it is then one implicit step.
+        most_steps: most substeps tried in one ramp; the rest of it then goes in equal implicit steps.
         account: shape (11,), added to.
         records: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S) or (0, ...) for none.
     """

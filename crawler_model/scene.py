@@ -124,7 +124,7 @@ class SegmentPart(_Part):
 
     @model_validator(mode="after")
     def _sane(self) -> SegmentPart:
-        if not re.fullmatch(r"[A-Za-z_]\w*", self.name) or re.fullmatch(r"(contact|link)_\d+", self.name):
+        if not re.fullmatch(r"[A-Za-z_]\w*", self.name) or re.fullmatch(r"(contact|link)(_\d+)?|world", self.name):
             raise ValueError(f"name: {self.name!r}; it must be a word, and not that of a contact or link")
         if not self.stop > self.start:
             raise ValueError(f"to: {self.stop:g} m; it must lie beyond from, {self.start:g} m")
@@ -160,9 +160,14 @@ class FrictionPart(_Part):
     def _one_way(self) -> FrictionPart:
         if self.directions is None and self.value is None:
             _check_one_way(self)
-        elif self.directions is None or self.value is None or self.forward or self.backward or self.isotropic:
+        elif self.directions is None or self.value is None or self.gives_sides:
             raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
         return self
+
+    @property
+    def gives_sides(self) -> bool:
+        """Whether friction is given other than by directions."""
+        return not (self.forward is None and self.backward is None and self.isotropic is None)
 
     @property
     def sides(self) -> tuple[Any, Any]:

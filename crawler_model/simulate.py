@@ -23,17 +23,18 @@ _MOST_SAMPLES = 100_000_000
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of a run; stored + dissipation - work = residual [J]."""
+    """The energy account of a run; stored + dissipation - work = residual; peak is the most ever stored [J]."""
 
     work: float
     dissipation: float
     stored: float
     residual: float
+    peak: float
 
     @property
     def relative_residual(self) -> float:
-        """The residual relative to the work done."""
-        size = max(abs(self.work), abs(self.dissipation), abs(self.stored))
+        """The residual relative to the work done, or to the most ever stored where work was given back."""
+        size = max(abs(self.work), abs(self.dissipation), abs(self.stored), self.peak)
         return abs(self.residual) / size if size > 0.0 else 0.0
 
 
@@ -119,6 +120,7 @@ class Trajectory:
             "uniqueness_margin": self.uniqueness_margin,
             "visited_margin": self.visited_margin,
             "events": self.events,
+            "overspent": self.overspent,
             "ticks": self.ticks,
             "wall_s": self.wall_s,
         }
@@ -253,6 +255,8 @@ class _Run:
         self.visited = crawler.visited_margin
         self.unique = True
         self.events = self.overspent = 0
+        self.stiffness = body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
+        self.peak = float((0.5 * crawler.tension**2 / self.stiffness).sum())
 
     def go(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`, tick number `first` starting at `after_ns`."""
@@ -272,6 +276,10 @@ class _Run:
         self.visited = min(self.visited, step.visited_margin)
         self.unique = self.unique and step.unique
         self.events += step.events
+        tension = records[:, 2 * width :].reshape(-1, *self.tension.shape[1:])
+        self.peak = max(
+            self.peak, float((0.5 * tension**2 / self.stiffness).sum(axis=tuple(range(1, tension.ndim))).max())
+        )
         self.overspent += step.overspent
 
         place = (vertex_ns.size, *self.x.shape[1:])
@@ -308,7 +316,7 @@ class _Run:
         if scene.drive is None and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
-        k = body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
+        k = self.stiffness
         stored = float((0.5 * self.crawler.tension**2 / k).sum() - (0.5 * self.start.tension**2 / k).sum())
         arrays = (
             self.time_ns / NS,
@@ -328,7 +336,7 @@ class _Run:
             self.crawler.method,
             rate,
             *arrays,
-            energy=Energy(self.work, self.dissipation, stored, self.residual),
+            energy=Energy(self.work, self.dissipation, stored, self.residual, self.peak),
             violation=max(self.violation, 0.0),
             unique=self.unique,
             uniqueness_margin=commanded_margin(scene),

@@ -274,21 +274,6 @@ def stasis_margins(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) 
     return np.minimum(np.asarray(forward) - g, g + np.asarray(backward))
 
 
-def rounding_of_forces(tension: ArrayLike, friction: ArrayLike) -> np.ndarray:
-    """Compute how far rounding may put each contact's spring force from a bound that it is at.
-
-    Args:
-        tension: T, shape (N - 1,) [N].
-        friction: mu_plus + mu_minus, shape (N,) [N].
-
-    Returns:
-        A small multiple of the precision of the numbers that meet at each contact, shape (N,) [N].
-    """
-    t = np.abs(np.asarray(tension, dtype=np.float64))
-    beside = np.concatenate((t, [0.0])) + np.concatenate(([0.0], t))
-    return 32.0 * np.finfo(np.float64).eps * (beside + np.asarray(friction))
-
-
 def is_in_stasis(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> bool:
     """Tell whether the tensions belong to the (closed) stasis domain.
 

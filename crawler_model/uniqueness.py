@@ -6,7 +6,8 @@ backward friction of J balances the forward friction of the others (condition (*
     sum_{i in J} mu_minus_i - sum_{i not in J} mu_plus_i = 0.
 
 Then the translation rates v that minimise the dissipation R(chi(w, v)) fill an interval. The rule everywhere in
-this package: of that interval take the translation nearest to zero.
+this package: of that interval take the translation nearest to zero. (An interval that only the cutting of a segment
+into elements leaves open is none: `choose_translation`.)
 """
 
 from __future__ import annotations
@@ -86,11 +87,14 @@ def commanded_margin(scene: Scene) -> float | None:
 
     Returns:
         The least over the drive's waypoints, in [0, 1/2]; None when one of them is not decided, or when there are
-        more than 64 different ones of more than 16 blocks, and in the plane.
+        more than 64 different ones of more than 16 blocks; where a part of a segment has no friction; in the plane.
     """
     mesh, drive = scene.mesh, scene.commands
     if mesh.dimension == 2:
         return None
+    for segment in mesh.segments:
+        if min(drive.forward[:, segment.contacts].min(), drive.backward[:, segment.contacts].min()) <= 0.0:
+            return None
     sides = [_blocks(mesh, rows) for rows in (drive.forward, drive.backward)]
     rows = np.unique(np.hstack(sides), axis=0)
     n = sides[0].shape[1]
@@ -188,15 +192,18 @@ def find_translations(velocity, forward, backward):
 
 
 @compiled
-def choose_translation(velocity, forward, backward, centred):
-    """Add to the velocities one of the admissible translations: the one nearest to zero, or the middle one.
+def choose_translation(velocity, forward, backward, elements):
+    """Add to the velocities one of the admissible translations: the one nearest to zero.
+
+    Where contacts stand for stretches of ground, an interval may be an artefact of cutting the ground: when, in its
+    middle, the ends of an element that friction holds slide opposite ways, the continuum has a point between them
+    that stands, and so decides. The middle is taken then, and the translation counts as determined.
 
     Args:
         velocity: velocities up to a translation, shape (N,) [m per unit of the ramp], changed in place.
         forward: mu_plus, shape (N,) [N].
         backward: mu_minus, shape (N,) [N].
-        centred: True for the middle one: where contacts stand for stretches of ground, an interval is an artefact of
-            cutting the ground into stretches, and the translation of the continuum lies in it.
+        elements: both contacts of each element of a segment, shape (P, 2); no rows where there is no segment.
 
     Returns:
         How far the least and the greatest admissible translation lie from the chosen one.
@@ -204,8 +211,17 @@ def choose_translation(velocity, forward, backward, centred):
     least, most = find_translations(velocity, forward, backward)
     mean = velocity.mean()
     chosen = min(max(-mean, least), most)
-    if centred and most - least < np.inf:
-        chosen = 0.5 * (least + most)
+    decided = False
+    middle = 0.5 * (least + most)
+    if most > least and most - least < np.inf:
+        for j in range(elements.shape[0]):
+            a, b = elements[j, 0], elements[j, 1]
+            held = min(forward[a], backward[a], forward[b], backward[b]) > 0.0
+            if held and (velocity[a] + middle) * (velocity[b] + middle) < 0.0:
+                decided = True
+                break
+    if decided:
+        chosen = least = most = middle
     for i in range(velocity.shape[0]):
         velocity[i] += chosen
     return least - chosen, most - chosen

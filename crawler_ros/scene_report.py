@@ -111,7 +111,7 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
     if scene.dimension == 2:
         screen.print("uniqueness margin: not decided in the plane; the run says whether it was unique")
     elif margin is None:
-        screen.print("uniqueness margin: not decided (more than 30 unequal contacts)")
+        screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment without friction)")
     elif margin == 0.0:
         screen.print(
             "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "

@@ -116,13 +116,17 @@ class StationReader:
         self._dimension = mesh.dimension
         self._stations = mesh.stations.size
         self._steps: list[tuple[int, int, int, float]] = []
-        known = {0}
-        joints = mesh.joints
-        while len(known) < self._stations:
-            for j, (a, b) in enumerate(joints.tolist()):
-                if (a in known) != (b in known):
-                    self._steps.append((a, b, j, 1.0) if a in known else (b, a, j, -1.0))
-                    known |= {a, b}
+        beside: list[list[tuple[int, int, float]]] = [[] for _ in range(self._stations)]
+        for joint, (a, b) in enumerate(mesh.joints.tolist()):
+            beside[a].append((b, joint, 1.0))
+            beside[b].append((a, joint, -1.0))
+        known, waiting = {0}, [0]
+        for station in waiting:
+            for other, joint, sign in beside[station]:
+                if other not in known:
+                    known.add(other)
+                    waiting.append(other)
+                    self._steps.append((station, other, joint, sign))
 
     def read(self, values: np.ndarray) -> np.ndarray:
         """Add up root and joints.

@@ -268,3 +268,69 @@ def test_planar_commands_have_two_numbers_a_link():
         crawler.advance(np.zeros(6))
     with pytest.raises(CommandError, match="backward"):
         crawler.advance(np.zeros((3, 2)), backward=[1, 1, 1])
+
+
+def test_friction_by_directions_must_stay_convex():
+    document = load_scene("planar_rectilinear").document()
+    document["friction"] = {"directions": [0.0, 1.0, 2.0, 4.0], "value": 0.4}
+    crawler = Crawler(Scene.model_validate(document))
+    crawler.advance([[0.1, 0.0]], forward=[[0.3, 0.3, 0.3, 0.3]] * 2)
+    with pytest.raises(CommandError, match=r"forward: friction\.directions: not convex: contact 1"):
+        crawler.advance([[0.0, 0.0]], forward=[[0.3, 0.3, 0.3, 0.3], [0.1, 9.0, 0.1, 0.1]])
+    assert crawler.friction[0] == 0.3
+
+
+def test_friction_commanded_to_a_balance_of_segments_is_seen():
+    parts = [
+        {"name": name, "from": at, "to": at + 1.0, "stiffness": 1000.0, "elements": 10}
+        | {"friction": {"forward": 0.1, "backward": 0.35}}
+        for name, at in (("a", 0.0), ("b", 2.0))
+    ]
+    body = {"segments": parts, "links": {"stiffness": 5.0}}
+    crawler = Crawler(Scene.model_validate({"name": "balance", "body": body}))
+    assert crawler.advance([0, 0, 0], forward=[1.0, 1.0], backward=[1.0, 1.0]).unique
+    step = crawler.advance([3.0, 0.0, 0.0])
+    assert not step.unique
+    assert step.translation_interval == pytest.approx((-1.3995, 1.3995))
+
+
+def test_a_stretch_without_friction_leaves_the_translation_open():
+    table = {"at": [0, 0.3, 0.301, 0.699, 0.7, 1], "value": [1, 1, 0, 0, 1, 1]}
+    scene = segment(2.0, elements=100, friction={"isotropic": table})
+    run = simulate(scene, duration=0.5)
+    assert run.uniqueness_margin is None
+    assert not run.unique
+
+
+def test_a_wave_keeps_its_own_samples_beside_another():
+    def drive(**friction):
+        document = load_scene("ten_contact_wave").document()
+        document["drive"]["wave"] |= {"samples": 4}
+        document["drive"] |= friction
+        return Scene.model_validate(document | {"start": "relaxed"}).commands
+
+    alone = drive()
+    period = alone.period
+    both = drive(friction_wave={"amplitude": 0.0, "mean": 1.0, "wavelength": 1.0, "period": period, "samples": 100})
+    at = np.rint(np.array([0.03, 0.125, 0.4]) * period * 1e9).astype(np.int64)
+    links = alone.actuation.shape[1]
+    assert both.sample(at)[:, :links] == pytest.approx(alone.sample(at)[:, :links], abs=1e-9)
+
+
+def test_an_account_that_gives_all_back_still_closes():
+    document = load_scene("two_contacts_anisotropic").document()
+    document["drive"]["actuation"] = [[0.0], [0.005], [0.0]]  # only stretches, and comes back
+    run = simulate(Scene.model_validate(document))
+    assert run.energy.relative_residual < 1e-14
+
+
+def test_the_plane_gives_no_interval():
+    assert Crawler(load_scene("planar_three_points")).advance(np.zeros((3, 2))).translation_interval is None
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 1e-6, 1e-7])
+def test_a_curved_path_in_the_plane_does_not_spend_its_steps(tolerance):
+    document = load_scene("planar_three_points").document() | {"tolerance": tolerance}
+    document["drive"]["actuation"][2] = [[0.03, 0.05], [-0.06, -0.03], [0.03, -0.02]]
+    run = simulate(Scene.model_validate(document), duration=5.0, rate=1.0)
+    assert run.overspent == 0
