@@ -38,6 +38,9 @@ _STAGES = 7
 """Implicit steps of a substep: 1 + 2 + 3, and one that corrects the extrapolation."""
 _ROUNDING = 1e-12
 """Errors below this part of the displacement that friction withstands are rounding."""
+_SHORT = 1.0 / 4096.0
+"""A shorter substep may err as much as this part of a ramp: its error need not shrink with it where sliding directions
+have yet to settle."""
 _LAST_STEP = 1.0 / 256.0
 """Part of a ramp that a step takes when all substeps are spent."""
 _LAST_SWEEPS = 20
@@ -271,7 +274,7 @@ def _follow(
             if last:
                 length = 1.0 - progress[_PLACE]
             part = 1.0 if last else length / (1.0 - progress[_PLACE])
-            allowed = max(tolerance * length, blur)
+            allowed = max(tolerance * max(length, _SHORT), blur)
             ok, moved, error, extrapolated = _attempt(
                 part, body, directions, links, friction, target, allowed, forced, *memory, progress
             )

@@ -334,3 +334,26 @@ def test_a_curved_path_in_the_plane_does_not_spend_its_steps(tolerance):
     document["drive"]["actuation"][2] = [[0.03, 0.05], [-0.06, -0.03], [0.03, -0.02]]
     run = simulate(Scene.model_validate(document), duration=5.0, rate=1.0)
     assert run.overspent == 0
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
+def test_the_tolerance_is_kept_with_friction_by_directions(tolerance):
+    rng = np.random.default_rng(3)
+    strokes = rng.uniform(-0.5, 0.5, (4, 4, 2))
+    strokes[0] = strokes[-1] = 0.0
+    scene = {
+        "name": "p",
+        "dimension": 2,
+        "body": {
+            "contacts": rng.uniform(0, 1, (4, 2)).tolist(),
+            "links": {"stiffness": [1.0, 2.0, 0.5, 1.5], "between": [[0, 1], [1, 2], [2, 3], [3, 0]]},
+        },
+        "friction": {"directions": [0, 2.1, 4.2], "value": [[0.1] * 3, [0.2] * 3, [0.15] * 3, [0.25] * 3]},
+        "drive": {"times": [0, 0.3, 0.6, 1.0], "period": 1.0, "actuation": strokes.tolist()},
+    }
+    rough, fine = (
+        simulate(Scene.model_validate(scene | {"tolerance": t}), duration=2.0, rate=1.0) for t in (tolerance, 1e-8)
+    )
+    assert np.abs(rough.displacement - fine.displacement).max() < 6 * tolerance  # six ramps, about a stroke each
+    assert rough.overspent == fine.overspent == 0
+    assert np.abs(fine.displacement[-1]).max() > 0.01
