@@ -98,7 +98,7 @@ class Body:
         """1 on a line, 2 in the plane."""
         return self.position.ndim
 
-    @property
+    @functools.cached_property
     def is_chain(self) -> bool:
         """Whether the springs join each contact to the next, in order, on a line."""
         n = self.contacts
@@ -106,7 +106,7 @@ class Body:
             return False
         return bool((self.ends[:, 0] == np.arange(n - 1)).all() and (self.ends[:, 1] == np.arange(1, n)).all())
 
-    @property
+    @functools.cached_property
     def stations(self) -> np.ndarray:
         """The contacts that stand for the body: the isolated ones, then both ends of each segment."""
         ends = [i for s in self.segments for i in (s.first, s.last)]
@@ -153,8 +153,10 @@ class Body:
             np.subtract.at(force, self.ends[:, 1], t)
             return force
         if self.is_chain:
-            ends = np.zeros((*t.shape[:-1], 1))
-            return np.diff(np.concatenate((ends, t, ends), axis=-1), axis=-1)
+            force = np.zeros((*t.shape[:-1], self.contacts))
+            force[..., :-1] = t
+            force[..., 1:] -= t
+            return force
         if t.ndim == 1:
             n = self.contacts
             return np.bincount(self.ends[:, 0], t, n) - np.bincount(self.ends[:, 1], t, n)

@@ -70,7 +70,7 @@ def simulate_again(path: Path) -> Resimulation:
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
             if stamp == 0 and ticks > 0:
                 crawler, resets = start.copy(), resets + 1
-            position, _, effort = joints.read(crawler, still)
+            position, _, effort = joints.read(crawler, still, crawler.spring_force)
             ours = np.concatenate((position, effort))
             theirs = np.concatenate((message.position, message.effort))
             if not np.array_equal(ours, theirs):

@@ -300,19 +300,19 @@ class Simulator(Node):
 
     def _send_states(self, step: Step | None) -> None:
         crawler, now = self.crawler, self.stepper.now_ns
-        x = crawler.displacement
+        x, force = crawler.displacement, crawler.spring_force
         velocity = np.zeros_like(x)
         if step is not None:
             velocity = step.velocity / ((now - self._last_ns) / NS)
         self._last_ns = now
         joints, contacts = self._joints, self._contacts
-        joints.position[:], joints.velocity[:], joints.effort[:] = self._joint_reader.read(crawler, velocity)
+        joints.position[:], joints.velocity[:], joints.effort[:] = self._joint_reader.read(crawler, velocity, force)
         self._send("joint_states", joints.encode(now))
         if self._is_wanted("contact_states"):
             shown = self._shown
             contacts.position[:] = (crawler.body.position + x)[shown].ravel()
             contacts.velocity[:] = velocity[shown].ravel()
-            contacts.effort[:] = -crawler.spring_force[shown].ravel()
+            contacts.effort[:] = -force[shown].ravel()
             self._send("contact_states", contacts.encode(now))
         if self._is_wanted("pose"):
             self._send("pose", self._pose.encode(now, *np.atleast_1d(crawler.net_translation)))

@@ -85,12 +85,15 @@ class JointReader:
         self._first, self._second = pairs[:, 0], pairs[:, 1]
         self._root = int(mesh.stations[0])
 
-    def read(self, crawler: Crawler, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def read(
+        self, crawler: Crawler, velocity: np.ndarray, force: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Read positions, velocities and efforts.
 
         Args:
             crawler: the crawler.
             velocity: of its contacts, shape (N,), in the plane (N, 2) [m/s].
+            force: of the springs on its contacts, likewise [N].
 
         Returns:
             Root and joints: displacement and elongations [m], their velocities [m/s], force of the ground on the root
@@ -100,7 +103,7 @@ class JointReader:
         position = np.concatenate((crawler.displacement[root : root + 1], crawler.joint_elongation))
         rates = velocity[self._second] - velocity[self._first]
         speed = np.concatenate((velocity[root : root + 1], rates))
-        effort = np.concatenate((-crawler.spring_force[root : root + 1], crawler.joint_tension))
+        effort = np.concatenate((-force[root : root + 1], crawler.joint_tension))
         return position.ravel(), speed.ravel(), effort.ravel()
 
 

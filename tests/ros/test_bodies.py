@@ -68,7 +68,7 @@ def test_stations_are_found_again_from_the_joints(name):
     mesh = scene.mesh
     crawler = Crawler(scene)
     crawler.follow(scene.commands.targets[1:3].copy())
-    position, speed, effort = JointReader(mesh).read(crawler, np.array(crawler.displacement))
+    position, speed, effort = JointReader(mesh).read(crawler, np.array(crawler.displacement), crawler.spring_force)
     assert position.size == speed.size == effort.size == len(joint_names(mesh))
     assert StationReader(mesh).read(position) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
     assert StationReader(mesh).read(speed) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
