@@ -181,7 +181,7 @@ class Body:
         parts.append(count(int(self.link_springs.size), "link"))
         return ", ".join(parts) + (" in the plane" if self.dimension == 2 else "" if self.is_chain else ", a graph")
 
-    @property
+    @functools.cached_property
     def joints(self) -> np.ndarray:
         """The stations between which each link, then each segment, lies: places in `stations`, shape (J, 2)."""
         place = {int(contact): i for i, contact in enumerate(self.stations)}

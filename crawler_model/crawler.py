@@ -27,6 +27,9 @@ from .state import (
     GAIN_MOST,
     GAINED,
     OVERSPENT,
+    PLANAR_ACTUATION,
+    PLANAR_GAINED,
+    PLANAR_TENSION,
     RESIDUAL,
     SHAPE,
     TENSION,
@@ -114,11 +117,11 @@ class Crawler:
 
     @property
     def _tension(self) -> np.ndarray:
-        return self._state.links[0 if self._planar else TENSION]
+        return self._state.links[PLANAR_TENSION if self._planar else TENSION]
 
     @property
     def _actuation(self) -> np.ndarray:
-        return self._state.links[1 if self._planar else ACTUATION]
+        return self._state.links[PLANAR_ACTUATION if self._planar else ACTUATION]
 
     @property
     def displacement(self) -> np.ndarray:
@@ -178,7 +181,7 @@ class Crawler:
 
     @property
     def _gained(self) -> np.ndarray:
-        return self._state.contacts[2 if self._planar else GAINED]
+        return self._state.contacts[PLANAR_GAINED if self._planar else GAINED]
 
     @property
     def spring_force(self) -> np.ndarray:

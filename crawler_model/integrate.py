@@ -19,6 +19,9 @@ from .state import (
     AT_FORWARD,
     BACKWARD,
     FORWARD,
+    PLANAR_ACTUATION,
+    PLANAR_TENSION,
+    PLANAR_X,
     RELATIVE,
     SHAPE,
     TENSION,
@@ -72,10 +75,10 @@ def start_state(scene: Scene) -> State:
     mesh, drive, x = scene.mesh, scene.commands, scene.start_displacement
     if mesh.dimension == 2:
         contacts = np.zeros((3, mesh.contacts, 2))
-        contacts[0] = x
+        contacts[PLANAR_X] = x
         links = np.zeros((2, mesh.springs, 2))
-        links[1] = drive.targets[0, : 2 * mesh.springs].reshape(-1, 2)
-        links[0] = mesh.stiffness[:, None] * (mesh.elongation(x) - links[1])
+        links[PLANAR_ACTUATION] = drive.targets[0, : 2 * mesh.springs].reshape(-1, 2)
+        links[PLANAR_TENSION] = mesh.stiffness[:, None] * (mesh.elongation(x) - links[PLANAR_ACTUATION])
         friction = drive.targets[0, 2 * mesh.springs :].reshape(mesh.contacts, -1).copy()
         return State(contacts, links, np.zeros(0, np.int8), friction)
     contacts = np.zeros((state.CONTACT_ROWS, mesh.contacts))
@@ -116,7 +119,7 @@ def build_scratch(scene: Scene) -> tuple[Any, ...]:
         return tuple(chain_tick.scratch(mesh.contacts))
     from . import graph_kernel, graph_tick
 
-    network = graph_kernel.build_network(mesh)
+    network = scene.network
     return (
         (network.order, network.band),
         graph_kernel.workspace(network),

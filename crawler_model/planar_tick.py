@@ -25,11 +25,11 @@ from .state import (
     VISITED,
     WORK,
 )
-
-X, X_REST, GAINED = range(3)
-"""Rows of the contacts: displacement, what rounding took from it, displacement gained since `follow` was called."""
-TENSION, ACTUATION = range(2)
-"""Rows of the links."""
+from .state import PLANAR_ACTUATION as ACTUATION
+from .state import PLANAR_GAINED as GAINED
+from .state import PLANAR_TENSION as TENSION
+from .state import PLANAR_X as X
+from .state import PLANAR_X_REST as X_REST
 
 # Where `follow` stands: the ramp, the place on it, the length of the substep tried (0 before a ramp), the error
 # left to spend where the motion is not smooth, substeps tried, stages of this one that are known, which are not unique.

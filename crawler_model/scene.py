@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
@@ -14,6 +14,9 @@ from .body import Body
 from .columns import Columns
 from .drive import Drive
 from .errors import LARGEST
+
+if TYPE_CHECKING:
+    from .graph_kernel import Network
 
 _NUMBER = {"type": "number"}
 _NUMBERS = {"anyOf": [_NUMBER, {"type": "array", "items": _NUMBER}]}
@@ -286,6 +289,13 @@ class Scene(_Part):
         from .assemble import build_mesh
 
         return build_mesh(self)
+
+    @functools.cached_property
+    def network(self) -> Network:
+        """The springs of a graph as its kernel wants them."""
+        from .graph_kernel import build_network
+
+        return build_network(self.mesh)
 
     @functools.cached_property
     def columns(self) -> Columns:

@@ -256,7 +256,12 @@ class _Run:
         self.unique = True
         self.events = self.overspent = 0
         self.stiffness = body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
-        self.peak = float((0.5 * crawler.tension**2 / self.stiffness).sum())
+        self.peak = float(self._stored(self.tension[:1])[0])
+
+    def _stored(self, tension: np.ndarray) -> np.ndarray:
+        """Compute the energy of the springs, of tensions of shape (T, S, ...), shape (T,)."""
+        energy = 0.5 * tension**2 / self.stiffness
+        return energy.reshape(energy.shape[0], -1).sum(axis=1)
 
     def go(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`, tick number `first` starting at `after_ns`."""
@@ -277,9 +282,7 @@ class _Run:
         self.unique = self.unique and step.unique
         self.events += step.events
         tension = records[:, 2 * width :].reshape(-1, *self.tension.shape[1:])
-        self.peak = max(
-            self.peak, float((0.5 * tension**2 / self.stiffness).sum(axis=tuple(range(1, tension.ndim))).max())
-        )
+        self.peak = max(self.peak, float(self._stored(tension).max()))
         self.overspent += step.overspent
 
         place = (vertex_ns.size, *self.x.shape[1:])
@@ -316,8 +319,7 @@ class _Run:
         if scene.drive is None and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
-        k = self.stiffness
-        stored = float((0.5 * self.crawler.tension**2 / k).sum() - (0.5 * self.start.tension**2 / k).sum())
+        start, end = self._stored(np.array([self.start.tension, self.crawler.tension]))
         arrays = (
             self.time_ns / NS,
             self.x,
@@ -336,7 +338,7 @@ class _Run:
             self.crawler.method,
             rate,
             *arrays,
-            energy=Energy(self.work, self.dissipation, stored, self.residual, self.peak),
+            energy=Energy(self.work, self.dissipation, float(end - start), self.residual, self.peak),
             violation=max(self.violation, 0.0),
             unique=self.unique,
             uniqueness_margin=commanded_margin(scene),

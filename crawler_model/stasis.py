@@ -14,6 +14,7 @@ The functions take one state and its friction; `StasisDomain` is the set itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -217,7 +218,19 @@ class StasisDomain:
 
         Three equal contacts go one way when one friction is at least twice the other.
         """
-        return len({facet.side for facet in self.facets()}) == 1
+        return len(directions_of([self])) == 1
+
+
+def directions_of(domains: Iterable[StasisDomain]) -> set[int]:
+    """Collect the directions in which sides of some domains let the body go.
+
+    Args:
+        domains: the domains.
+
+    Returns:
+        A subset of {1, -1}.
+    """
+    return {facet.direction for domain in domains for facet in domain.facets()}
 
 
 def domain_evolution(drive: Drive) -> tuple[np.ndarray, tuple[StasisDomain, ...]]:

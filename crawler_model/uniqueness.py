@@ -152,23 +152,13 @@ def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: Arra
     v, plus, minus = (np.array(a, dtype=np.float64) for a in (velocity, forward, backward))
     if v.ndim != 1 or not v.shape == plus.shape == minus.shape:
         raise ValueError(f"velocity, forward, backward: shapes {v.shape}, {plus.shape}, {minus.shape}; one per contact")
-    least, most = find_translations(v, plus, minus)
+    least, most = _find_translations(v, plus, minus)
     return float(least), float(most)
 
 
 @compiled
-def find_translations(velocity, forward, backward):
-    """Find all c that minimise R(velocity + c): a weighted quantile.
-
-    Args:
-        velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
-        forward: mu_plus, shape (N,) [N].
-        backward: mu_minus, shape (N,) [N].
-
-    Returns:
-        The least and the greatest minimiser; they are equal when the translation is determined. Infinite where
-        nothing resists.
-    """
+def _find_translations(velocity, forward, backward):
+    """Do what `translation_interval` says, unchecked."""
     n = velocity.shape[0]
     total = 0.0
     slope = 0.0
@@ -208,7 +198,7 @@ def choose_translation(velocity, forward, backward, elements):
     Returns:
         How far the least and the greatest admissible translation lie from the chosen one.
     """
-    least, most = find_translations(velocity, forward, backward)
+    least, most = _find_translations(velocity, forward, backward)
     mean = velocity.mean()
     chosen = min(max(-mean, least), most)
     decided = False

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from crawler_model import CrawlerError, Trajectory, gallery, load_scene, prepare, simulate
+from crawler_model import CrawlerError, Scene, Trajectory, gallery, load_scene, prepare, simulate
 
 app = typer.Typer(
     help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists what can be run.",
@@ -60,11 +60,8 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
         yield lambda part: bar.update(task, completed=part)
 
 
-def _run(scene_name: str, duration: float | None, rate: float, method: str | None) -> Trajectory:
-    scene = load_scene(scene_name)
+def _run(scene: Scene, duration: float | None, rate: float, method: str | None) -> Trajectory:
     prepare(scene)
-    if scene.drive is None and duration is None:
-        raise CrawlerError(f"{scene_name}: the scene has no drive; say how long to run with --duration")
     with progress_bar("simulating") as progress:
         return simulate(scene, duration, rate, method, progress)  # type: ignore[arg-type]
 
@@ -82,7 +79,10 @@ def simulate_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print where it went."""
-    run = _run(scene, duration, rate, None if method is MethodName.auto else method.value)
+    loaded = load_scene(scene)
+    if loaded.drive is None and duration is None:
+        raise CrawlerError(f"{scene}: the scene has no drive; say how long to run with --duration")
+    run = _run(loaded, duration, rate, None if method is MethodName.auto else method.value)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         return
@@ -139,7 +139,8 @@ def check(
     _check_picture(png)
     from .scene_report import print_report
 
-    run = _run(scene, None if load_scene(scene).drive is not None else 0.0, 100.0, None)
+    loaded = load_scene(scene)
+    run = _run(loaded, None if loaded.drive is not None else 0.0, 100.0, None)
     print_report(run, screen)
     if png is not None:
         from .domain_picture import draw_domain

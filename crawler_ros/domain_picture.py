@@ -15,7 +15,7 @@ import numpy as np
 from crawler_model import Scene, Trajectory, simulate
 from crawler_model.body import Body
 from crawler_model.planar_kernel import corners_of
-from crawler_model.stasis import StasisDomain, domain_evolution, section_forces
+from crawler_model.stasis import StasisDomain, directions_of, domain_evolution, section_forces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,14 +109,9 @@ def _friction_at(scene: Scene, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return read(drive.forward), read(drive.backward)
 
 
-def _directions(domains: Sequence[StasisDomain]) -> set[int]:
-    """Collect the directions of all facets."""
-    return {facet.direction for domain in domains for facet in domain.facets()}
-
-
 def _verdict(domains: Sequence[StasisDomain]) -> str:
     """Say which ways the body can be made to go."""
-    ways = _directions(domains)
+    ways = directions_of(domains)
     if ways == {1, -1}:
         return "forward and backward motion are both possible"
     if ways:
@@ -289,7 +284,7 @@ def _draw_band(axis: Axes, scene: Scene, run: Trajectory) -> None:
             stretch = slice(begin, end + 1)
             axis.plot(time_s[stretch], bound[stretch], color=str(colors[begin]), linewidth=2.8, zorder=2.5)
     for direction, color in ((1, FORWARD), (-1, BACK)):
-        if direction in _directions(domain_evolution(drive)[1]):
+        if direction in directions_of(domain_evolution(drive)[1]):
             label = f"end of the interval, {_TRANSLATION[direction]}"
             axis.plot([], [], color=color, linewidth=2.6, label=label)
     axis.plot(

@@ -23,7 +23,7 @@ from crawler_model.drive import NS
 
 from . import interface
 from .messages import TrajectoryMessage, read_stamp
-from .states import joint_names
+from .states import joint_state_names
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
@@ -61,7 +61,7 @@ class GaitPlayer(Node):
         self.create_subscription(
             interface.message_class(states.type), states.name, self._on_state, interface.qos_profile(states), raw=True
         )
-        self._joints = joint_names(scene.mesh)
+        self._joints = joint_state_names(scene.mesh)
         self._met = False
         self.problem = ""
         self._start_ns: int | None = None

@@ -16,7 +16,8 @@ from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds
 
 from .domain_picture import draw_domain as draw_domain
-from .visualizer import has_stasis_bounds, station_names
+from .states import station_names
+from .visualizer import has_stasis_bounds
 
 if TYPE_CHECKING:
     from .visualizer import Frame

@@ -11,7 +11,7 @@ from rich.table import Table
 from crawler_model import Trajectory
 from crawler_model.body import Body
 from crawler_model.friction import check_regularity
-from crawler_model.stasis import domain_evolution
+from crawler_model.stasis import directions_of, domain_evolution
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
@@ -82,7 +82,7 @@ def _shown(mesh: Body) -> list[int]:
 def _way(run: Trajectory) -> str:
     """Say in which directions the stasis domain lets the body go."""
     _, domains = domain_evolution(run.scene.commands)
-    ways = {facet.direction for domain in domains for facet in domain.facets()}
+    ways = directions_of(domains)
     names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "either way"}
     if not ways:
         return "no side of the stasis domain moves one contact alone: where the body can go is open"

@@ -30,7 +30,7 @@ from crawler_model.uniqueness import commanded_margin
 from . import interface
 from .commands import CommandQueue
 from .messages import JointStateMessage, PoseMessage, TrajectoryMessage, encode_clock, encode_diagnostics
-from .states import JointReader, contact_names, joint_names, shown_contacts
+from .states import JointReader, contact_names, joint_state_names, shown_contacts
 from .stepper import Stepper
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Simulator(Node):
         self._hold = np.empty((0, self.columns.index.size))
         frame = self.values["frame_id"]
         self._ledger = TrajectoryMessage(list(self.columns.names))
-        self._joints = JointStateMessage(joint_names(mesh))
+        self._joints = JointStateMessage(joint_state_names(mesh))
         self._joint_reader = JointReader(mesh)
         self._contacts = JointStateMessage(contact_names(self.scene), frame)
         self._shown = shown_contacts(self.scene)

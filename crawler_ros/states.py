@@ -14,29 +14,41 @@ def _each_axis(names: list[str], mesh: Body) -> list[str]:
     return names if mesh.dimension == 1 else [name + axis for name in names for axis in _AXES]
 
 
-def root_name(mesh: Body) -> str:
-    """Name the station whose displacement is the first entry of joint_states.
+def station_names(mesh: Body) -> list[str]:
+    """Name the stations: contacts, then both ends of each segment.
 
     Args:
         mesh: the body.
 
     Returns:
-        contact_0, or the first segment's first end where there is no isolated contact.
+        One name per station; the first is the root of joint_states.
     """
-    return "contact_0" if mesh.isolated.size else f"{mesh.segments[0].name}.from"
+    ends = [f"{s.name}.{end}" for s in mesh.segments for end in ("from", "to")]
+    return [f"contact_{i}" for i in range(mesh.isolated.size)] + ends
 
 
 def joint_names(mesh: Body) -> list[str]:
+    """Name the joints.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        Each link, then each segment.
+    """
+    return [f"link_{i}" for i in range(mesh.link_springs.size)] + [s.name for s in mesh.segments]
+
+
+def joint_state_names(mesh: Body) -> list[str]:
     """Name the entries of joint_states.
 
     Args:
         mesh: the body.
 
     Returns:
-        The root, then each link, then each segment; in the plane x and y of each.
+        The root, then the joints; in the plane x and y of each.
     """
-    links = [f"link_{i}" for i in range(mesh.link_springs.size)]
-    return _each_axis([root_name(mesh), *links, *(s.name for s in mesh.segments)], mesh)
+    return _each_axis([station_names(mesh)[0], *joint_names(mesh)], mesh)
 
 
 def shown_contacts(scene: Scene) -> np.ndarray:

@@ -27,7 +27,7 @@ from crawler_model.body import Body
 from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds, stasis_polygon
 
-from .states import StationReader
+from .states import StationReader, joint_names, station_names
 
 FRAME_EVERY_NS = 20_000_000
 LIVE_PORT = 9876
@@ -302,13 +302,13 @@ class Drawing:
         self._xi = mesh.position[mesh.stations]
         self._joints = mesh.joints
         self._names = station_names(mesh)
+        self._plotted = joint_names(mesh)[:_SINGLE_PLOTS]
         self._bounded = has_stasis_bounds(mesh)
         self._along = self._xi if mesh.dimension == 1 else self._xi[:, 0]
         self._middle = float(mesh.station_share @ self._along)
         self._length = float(np.ptp(self._xi)) if mesh.dimension == 1 else float(np.ptp(self._xi, axis=0).max())
         n = self._xi.shape[0]
         self._polygon = self._bounded and n == 3
-        self._plots = min(self._joints.shape[0], _SINGLE_PLOTS)
         # links that pass over others are drawn as bows
         rank = np.argsort(np.argsort(self._along))
         spans = np.abs(np.diff(rank[self._joints], axis=1)[:, 0]) if mesh.dimension == 1 else 1.0
@@ -335,7 +335,7 @@ class Drawing:
                 origin=f"tension/{name}",
                 name=f"Tension of {name.replace('_', ' ')} [N]" + (" in its stasis bounds" if self._bounded else ""),
             )
-            for name in self._joint_names()
+            for name in self._plotted
         ]
         lanes = rrb.StateTimelineView(origin="contacts", name="Stick / slip")
         left = rrb.Vertical(*tensions, lanes, row_shares=[1.0] * len(tensions) + [min(0.5 + 0.25 * n, 3.0)])
@@ -360,11 +360,6 @@ class Drawing:
         blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
         self.stream.send_blueprint(blueprint)
 
-    def _joint_names(self) -> list[str]:
-        """Name the joints whose tension is plotted."""
-        joints = [f"link_{i}" for i in range(self._mesh.link_springs.size)] + [s.name for s in self._mesh.segments]
-        return joints[: self._plots]
-
     def _polygon_bounds(self) -> Any:
         import rerun.blueprint as rrb
 
@@ -374,7 +369,7 @@ class Drawing:
 
     def _constants(self) -> None:
         rr, stream = self._rr, self.stream
-        for i, name in enumerate(self._joint_names()):
+        for i, name in enumerate(self._plotted):
             color = _LINK_COLORS[i % len(_LINK_COLORS)]
             count = 3 if self._bounded else 1
             lines = rr.SeriesLines(
@@ -423,7 +418,7 @@ class Drawing:
             ),
         )
         bounds = stasis_bounds(frame.tension, frame.forward, frame.backward) if self._bounded else ()
-        for i, name in enumerate(self._joint_names()):
+        for i, name in enumerate(self._plotted):
             stream.log(f"tension/{name}", rr.Scalars([frame.tension[i], *(b[i] for b in reversed(bounds))]))
         stream.log("net_translation", rr.Scalars([y - self._middle]))
         for i in np.flatnonzero(frame.state != self._last_state):
@@ -494,19 +489,6 @@ def _spring(start: np.ndarray, end: np.ndarray, radius: float, bow: float, teeth
     y[2:-2:2] += 0.9 * radius
     y[3:-2:2] -= 0.9 * radius
     return start + x[:, None] * along + y[:, None] * across
-
-
-def station_names(mesh: Body) -> list[str]:
-    """Name the stations: contacts, then both ends of each segment.
-
-    Args:
-        mesh: the body.
-
-    Returns:
-        One name per station.
-    """
-    ends = [f"{s.name}.{end}" for s in mesh.segments for end in ("from", "to")]
-    return [f"contact_{i}" for i in range(mesh.isolated.size)] + ends
 
 
 def to_file(path: Path) -> Callable[[Any], None]:

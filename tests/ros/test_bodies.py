@@ -12,7 +12,7 @@ from crawler_model import Crawler, load_scene, simulate
 from crawler_ros import bag
 from crawler_ros.picture import draw_page
 from crawler_ros.replay import simulate_again
-from crawler_ros.states import JointReader, StationReader, contact_names, joint_names, shown_contacts
+from crawler_ros.states import JointReader, StationReader, contact_names, joint_state_names, shown_contacts
 from crawler_ros.visualizer import draw_recording, frames_of_recording
 
 from .graph import graph, seconds, wait_until
@@ -69,7 +69,7 @@ def test_stations_are_found_again_from_the_joints(name):
     crawler = Crawler(scene)
     crawler.follow(scene.commands.targets[1:3].copy())
     position, speed, effort = JointReader(mesh).read(crawler, np.array(crawler.displacement), crawler.spring_force)
-    assert position.size == speed.size == effort.size == len(joint_names(mesh))
+    assert position.size == speed.size == effort.size == len(joint_state_names(mesh))
     assert StationReader(mesh).read(position) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
     assert StationReader(mesh).read(speed) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
 
