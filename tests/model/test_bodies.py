@@ -357,3 +357,28 @@ def test_the_tolerance_is_kept_with_friction_by_directions(tolerance):
     assert np.abs(rough.displacement - fine.displacement).max() < 6 * tolerance  # six ramps, about a stroke each
     assert rough.overspent == fine.overspent == 0
     assert np.abs(fine.displacement[-1]).max() > 0.01
+
+
+def test_two_segments_in_one_body_are_together_as_accurate_as_asked():
+    parts = [
+        {"name": name, "from": at, "to": at + 1.0, "stiffness": 1.0, "accuracy": 0.02}
+        | {"friction": {"forward": forward, "backward": 0.3}}
+        for name, at, forward in (("rear", 0.0, 0.1), ("front", 2.0, 0.13))
+    ]
+    scene = {
+        "name": "two",
+        "body": {"segments": parts, "links": {"stiffness": 2.0}},
+        "drive": {
+            "times": [0, 0.3, 0.6, 1],
+            "period": 1,
+            "actuation": [[0, 0, 0], [0, 0.4, 0], [0.2, 0.4, 0.5], [0, 0, 0]],
+        },
+    }
+    rough = Scene.model_validate(scene)
+    assert all(1 < s.elements < 400 for s in rough.mesh.segments)
+    fine = Scene.model_validate(
+        {**scene, "body": {**scene["body"], "segments": [p | {"elements": 401} for p in parts]}}
+    )
+    gained, exact = (simulate(s, duration=3.0, rate=1.0).per_period[1:] for s in (rough, fine))
+    assert np.abs(gained - exact).max() <= 0.02 * 0.5
+    assert np.abs(exact).min() > 0.01
