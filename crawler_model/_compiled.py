@@ -17,7 +17,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function with numba, without the interpreter's lock, cached on disk where a place is writable.
 
     numba takes a cached function as fresh when its own file is unchanged, even if a function of another file that was
-    compiled into it has changed since. Here the whole package must be unchanged.
+    compiled into it has changed since. Here every file with compiled functions must be unchanged.
 
     Args:
         function: what to compile.
@@ -38,7 +38,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @functools.cache
 def _package_stamp() -> tuple[tuple[str, float, int], ...]:
-    files = sorted(Path(__file__).parent.glob("*.py"))
+    files = [f for f in sorted(Path(__file__).parent.glob("*.py")) if b"@compiled" in f.read_bytes()]
     return tuple((file.name, file.stat().st_mtime, file.stat().st_size) for file in files)
 
 
