@@ -1,14 +1,14 @@
 """The projection onto the stasis domain of a chain, exact and in linear time.
 
     minimise    sum_i (T_i - a_i)^2 / (2 k_i)
-    subject to  lower_i <= T_i - T_{i-1} <= upper_i,    T_{-1} = T_{n} = 0
+    subject to  -backward_i <= T_i - T_{i-1} <= forward_i,    T_{-1} = T_{n} = 0
 
 for n links and n + 1 contacts. It is a catch-up step when the bounds are frictions, and the rates inside an
 exact tick when the bounds are rates of friction, infinite where a contact is free.
 
 Dynamic programming from the first link to the last. The derivative of the cost-to-come is a non-decreasing,
 piecewise-linear function of T_i. A link adds the line (T - a_i) / k_i. A contact splits the curve at its zero,
-moves the left part by `lower`, the right part by `upper` and leaves a plateau of zero between. Only the
+moves the left part by -backward, the right part by forward and leaves a plateau of zero between. Only the
 breakpoints are kept, on two stacks that meet at the zero, each with a shift common to all its members; a
 breakpoint knows by how much the slope grows outwards, and how high the curve jumps there (the ends of the
 domain are infinite jumps). The same family as Johnson's algorithm for the fused lasso.
@@ -37,18 +37,18 @@ def workspace(links: int) -> np.ndarray:
 
 
 @compiled
-def project(target, stiffness, lower, upper, grain, tension, side, stacks):
+def project(target, compliance, backward, forward, grain, tension, side, stacks):
     """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
 
     Args:
         target: trial tensions a, shape (n,) [N].
-        stiffness: k > 0, shape (n,) [N/m].
-        lower: least T_i - T_{i-1}, shape (n + 1,) [N], -inf where there is none.
-        upper: greatest T_i - T_{i-1}, shape (n + 1,) [N], inf where there is none; lower <= upper.
-        grain: numbers that `lower` and `upper` are small differences of, shape (n + 1,) [N]; their rounding blurs
+        compliance: 1 / k > 0, shape (n,) [m/N].
+        backward: by how much T_i - T_{i-1} may be below zero, shape (n + 1,) [N], inf where there is no bound.
+        forward: by how much it may be above zero, likewise; -backward <= forward.
+        grain: numbers that the bounds are small differences of, shape (n + 1,) [N]; their rounding blurs
             the bounds. Zeros where the bounds are data.
         tension: output, shape (n,) [N].
-        side: output, int8, shape (n + 1,): 1 where `upper` holds with equality, -1 where `lower` does, else 0.
+        side: output, int8, shape (n + 1,): 1 where `forward` holds with equality, -1 where `backward` does, else 0.
             What lies within rounding of a bound counts as on it.
         stacks: scratch from `workspace(n)` or larger.
     """
@@ -60,21 +60,21 @@ def project(target, stiffness, lower, upper, grain, tension, side, stacks):
     shift_left = 0.0
     shift_right = 0.0
     reach = grain[0]  # how far the curve has been moved since it last began anew: the size of what rounding can do
-    if lower[0] > -np.inf:
-        left[POSITION, 0] = lower[0]
+    if backward[0] < np.inf:
+        left[POSITION, 0] = -backward[0]
         left[SLOPE, 0] = 0.0
         left[JUMP, 0] = np.inf
         n_left = 1
-        reach += abs(lower[0])
-    if upper[0] < np.inf:
-        right[POSITION, 0] = upper[0]
+        reach += abs(backward[0])
+    if forward[0] < np.inf:
+        right[POSITION, 0] = forward[0]
         right[SLOPE, 0] = 0.0
         right[JUMP, 0] = np.inf
         n_right = 1
-        reach += abs(upper[0])
+        reach += abs(forward[0])
 
     for i in range(n):
-        flat = 1.0 / stiffness[i]
+        flat = compliance[i]
         zero = target[i]
         slope_left = flat
         slope_right = flat
@@ -140,8 +140,8 @@ def project(target, stiffness, lower, upper, grain, tension, side, stacks):
                 here = further
 
         tension[i] = zero
-        low = lower[i + 1]
-        high = upper[i + 1]
+        low = -backward[i + 1]
+        high = forward[i + 1]
         stacks[0, REACH, i] = reach
         reach = 0.0 if low == -np.inf and high == np.inf else reach + grain[i + 1]
         if low > -np.inf:
@@ -170,12 +170,12 @@ def project(target, stiffness, lower, upper, grain, tension, side, stacks):
     slip = 0.0  # how far the tension behind was moved onto a bound: the next contact must not take that for a distance
     for i in range(n - 1, -1, -1):
         zero = tension[i]
-        least = after - upper[i + 1]
-        most = after - lower[i + 1]
+        least = after - forward[i + 1]
+        most = after + backward[i + 1]
         if least == -np.inf and most == np.inf:
             behind = 0.0
         else:
-            behind += grain[i + 1] + (abs(upper[i + 1]) if least > -np.inf else abs(lower[i + 1]))
+            behind += grain[i + 1] + (abs(forward[i + 1]) if least > -np.inf else abs(backward[i + 1]))
         close = 8.0 * EPS * (stacks[0, REACH, i] + behind + abs(zero) + abs(after)) + slip
         if zero <= least + close:
             tension[i] = least
@@ -190,9 +190,9 @@ def project(target, stiffness, lower, upper, grain, tension, side, stacks):
             slip = 0.0
         after = tension[i]
     close = 8.0 * EPS * (grain[0] + behind + abs(after)) + slip
-    if after >= upper[0] - close:
+    if after >= forward[0] - close:
         side[0] = 1
-    elif after <= lower[0] + close:
+    elif after <= -backward[0] + close:
         side[0] = -1
     else:
         side[0] = 0

@@ -31,6 +31,7 @@ from .state import (
     AT_FORWARD,
     BACKWARD,
     COMPLEMENTARITY,
+    COMPLIANCE,
     DISSIPATION,
     EVENTS,
     FORWARD,
@@ -40,6 +41,7 @@ from .state import (
     OVERSPENT,
     RESIDUAL,
     SHAPE,
+    STIFFNESS,
     TENSION,
     TENSION_REF,
     VIOLATION,
@@ -53,10 +55,23 @@ from .state import (
 from .uniqueness import CRITICAL, choose_translation, is_wide
 
 # Rows of the scratch floats.
-(_RATE, _LINK_SINCE, _V, _SINCE, _NEXT, _D_ACTUATION, _D_FORWARD, _D_BACKWARD, _TRIAL, _LOWER, _UPPER, _GRAIN) = range(
-    12
-)
-_FLOAT_ROWS = 12
+(
+    _RATE,
+    _LINK_SINCE,
+    _V,
+    _SINCE,
+    _NEXT,
+    _ENTERED,  # the event that stands in the tournament
+    _D_ACTUATION,
+    _D_FORWARD,
+    _D_BACKWARD,
+    _TRIAL,
+    _BACKWARD,
+    _FORWARD,
+    _GRAIN,
+    _ZEROS,  # stay so
+) = range(14)
+_FLOAT_ROWS = 14
 # Rows of the scratch bytes.
 _SIDE, _LEAVING, _COMING, _MOVED = range(4)
 _BYTE_ROWS = 4
@@ -111,19 +126,22 @@ def _sooner(next_event, a, b):
 
 
 @compiled
-def _announce(tree, leaves, next_event, i):
-    """Restore the tournament after contact i's event changed."""
+def _announce(tree, leaves, floats, i):
+    """Restore the tournament where contact i's event changed."""
+    if floats[_NEXT, i] == floats[_ENTERED, i]:
+        return
+    floats[_ENTERED, i] = floats[_NEXT, i]
     node = (leaves + i) >> 1
     while node >= 1:
-        tree[node] = _sooner(next_event, tree[2 * node], tree[2 * node + 1])
+        tree[node] = _sooner(floats[_NEXT], tree[2 * node], tree[2 * node + 1])
         node >>= 1
 
 
 @compiled
-def _shape_gain(tension, trial, stiffness):
+def _shape_gain(tension, trial, compliance):
     """Compute by how much a link's shape changes when its tension comes out other than tried; rounding is none."""
     change = tension - trial
-    return change / stiffness if abs(change) > 16.0 * EPS * (abs(tension) + abs(trial)) else 0.0
+    return change * compliance if abs(change) > 16.0 * EPS * (abs(tension) + abs(trial)) else 0.0
 
 
 @compiled
@@ -182,29 +200,40 @@ def _slack(contacts, links, floats, s, i):
 def _update(contacts, links, floats, account, s, first, last):
     """Bring contacts first..last and the links between and beside them from their last change up to s."""
     n = contacts.shape[1]
+    tension = links[TENSION]
+    work = 0.0
     for i in range(max(first - 1, 0), min(last, n - 2) + 1):
         ds = s - floats[_LINK_SINCE, i]
         if ds > 0.0:
             gain = floats[_RATE, i] * ds
-            account[WORK] -= (links[TENSION, i] + 0.5 * gain) * floats[_D_ACTUATION, i] * ds
-            links[TENSION, i] += gain
+            work -= (tension[i] + 0.5 * gain) * floats[_D_ACTUATION, i] * ds
+            tension[i] += gain
         floats[_LINK_SINCE, i] = s
+    dissipation = 0.0
+    complementarity = account[COMPLEMENTARITY]
+    violation = account[VIOLATION]
     for i in range(first, last + 1):
         ds = s - floats[_SINCE, i]
         v = floats[_V, i]
         if ds > 0.0 and v != 0.0:
             middle = 0.5 * (s + floats[_SINCE, i])
-            above, below = _slack(contacts, links, floats, s, i)
+            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+            above = contacts[FORWARD, i] + s * floats[_D_FORWARD, i] - g
+            below = contacts[BACKWARD, i] + s * floats[_D_BACKWARD, i] + g
             if v > 0.0:
-                account[DISSIPATION] += (contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]) * v * ds
+                dissipation += (contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]) * v * ds
                 gap = above
             else:
-                account[DISSIPATION] -= (contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]) * v * ds
+                dissipation -= (contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]) * v * ds
                 gap = below
-            account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-            account[VIOLATION] = max(account[VIOLATION], -min(above, below))
+            complementarity = max(complementarity, abs(v * gap))
+            violation = max(violation, -min(above, below))
             shift(contacts, v, ds, i)
         floats[_SINCE, i] = s
+    account[WORK] += work
+    account[DISSIPATION] += dissipation
+    account[COMPLEMENTARITY] = complementarity
+    account[VIOLATION] = violation
 
 
 @compiled
@@ -216,7 +245,45 @@ def _settle(status, floats, bytes_, s, i):
 
 
 @compiled
-def _solve(stiffness, contacts, links, status, floats, bytes_, stacks, account, s, first, last):
+def _slide_together(elasticity, floats, side, first, last):
+    """Try whether contacts first..last, between two walls, all slide along their bounds.
+
+    What meets all conditions of the projection is its solution. True then: the rates and `side` are written.
+    """
+    compliance = elasticity[COMPLIANCE]
+    trial = floats[_TRIAL]
+    rate = floats[_RATE]
+    rise = 0.0
+    give = compliance[first - 1]
+    pull = trial[first - 1] * give
+    for i in range(first, last + 1):
+        if floats[_BACKWARD, i] == np.inf:
+            rise += floats[_FORWARD, i]
+            side[i] = 1
+        elif floats[_FORWARD, i] == np.inf:
+            rise -= floats[_BACKWARD, i]
+            side[i] = -1
+        else:
+            return False
+        rate[i] = rise
+        give += compliance[i]
+        pull += (trial[i] - rise) * compliance[i]
+    base = pull / give
+    rate[first - 1] = base
+    velocity = 0.0
+    size = 0.0
+    for i in range(first, last + 1):
+        gain = _shape_gain(rate[i - 1], trial[i - 1], compliance[i - 1])
+        velocity += gain
+        size += abs(gain)
+        if not velocity * side[i] > _NOISE * size:
+            return False
+        rate[i] += base
+    return True
+
+
+@compiled
+def _solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last):
     """Find the rates of the block of contacts first..last at s, and the next event of each of them.
 
     The block ends at walls or at the ends of the chain. Returns True where the translation is free.
@@ -226,42 +293,60 @@ def _solve(stiffness, contacts, links, status, floats, bytes_, stacks, account, 
     stop = min(last + 1, n - 1)
     _update(contacts, links, floats, account, s, start, stop)
     for i in range(start, stop + 1):
-        upper = floats[_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
-        lower = -floats[_D_BACKWARD, i] if status[i] & AT_BACKWARD else -np.inf
-        if lower > upper:  # both bounds met by rounding just before the friction vanishes
-            upper = 0.5 * (lower + upper)
-            lower = upper
-        floats[_UPPER, i] = upper
-        floats[_LOWER, i] = lower
+        forward = floats[_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
+        backward = floats[_D_BACKWARD, i] if status[i] & AT_BACKWARD else np.inf
+        if -backward > forward:  # both bounds met by rounding just before the friction vanishes
+            forward = 0.5 * (forward - backward)
+            backward = -forward
+        floats[_FORWARD, i] = forward
+        floats[_BACKWARD, i] = backward
         changing = floats[_D_FORWARD, i] != 0.0 or floats[_D_BACKWARD, i] != 0.0
         floats[_GRAIN, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
     for i in range(start, stop):
-        floats[_TRIAL, i] = -stiffness[i] * floats[_D_ACTUATION, i]
-    project(
-        floats[_TRIAL, start:stop],
-        stiffness[start:stop],
-        floats[_LOWER, start : stop + 1],
-        floats[_UPPER, start : stop + 1],
-        floats[_GRAIN, start : stop + 1],
-        floats[_RATE, start:stop],
-        bytes_[_SIDE, start : stop + 1],
-        stacks,
-    )
+        floats[_TRIAL, i] = -elasticity[STIFFNESS, i] * floats[_D_ACTUATION, i]
+    block = start
+    while block <= stop:
+        bytes_[_SIDE, block] = 0
+        if status[block] == 0:
+            if block < stop and status[block + 1] == 0:
+                floats[_RATE, block] = floats[_TRIAL, block]
+            block += 1
+            continue
+        end = block
+        while end < stop and status[end + 1] != 0:
+            end += 1
+        if block == start or end == stop or not _slide_together(elasticity, floats, bytes_[_SIDE], block, end):
+            left = max(block - 1, start)
+            right = min(end + 1, stop)
+            project(
+                floats[_TRIAL, left:right],
+                elasticity[COMPLIANCE, left:right],
+                floats[_BACKWARD, left : right + 1],
+                floats[_FORWARD, left : right + 1],
+                floats[_GRAIN, left : right + 1],
+                floats[_RATE, left:right],
+                bytes_[_SIDE, left : right + 1],
+                stacks,
+            )
+        block = end + 1
     for i in range(start, stop):
-        floats[_TRIAL, i] = _shape_gain(floats[_RATE, i], floats[_TRIAL, i], stiffness[i])
+        floats[_TRIAL, i] = _shape_gain(floats[_RATE, i], floats[_TRIAL, i], elasticity[COMPLIANCE, i])
         if floats[_TRIAL, i] != 0.0:
             bytes_[_MOVED, i] = 1
     free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], floats[_V], first, last)
-    for i in range(first, last + 1):
+    for i in range(start, stop + 1):
         held = 0
         if bytes_[_SIDE, i] == 1:
             held = AT_FORWARD
         elif bytes_[_SIDE, i] == -1:
             held = AT_BACKWARD
-        if held != 0 and floats[_UPPER, i] == floats[_LOWER, i]:
+        if held != 0 and floats[_FORWARD, i] == -floats[_BACKWARD, i]:
             held = AT_FORWARD | AT_BACKWARD
-        bytes_[_LEAVING, i] = status[i] & ~held
-    for i in range(start, stop + 1):
+        if first <= i <= last:
+            bytes_[_LEAVING, i] = status[i] & ~held
+        if held != 0 and floats[_D_FORWARD, i] + floats[_D_BACKWARD, i] >= 0.0:
+            floats[_NEXT, i] = np.inf  # it goes with its bound, and the other one does not come nearer
+            continue
         rate = 0.0
         if i < n - 1:
             rate += floats[_RATE, i]
@@ -284,147 +369,156 @@ def _solve(stiffness, contacts, links, status, floats, bytes_, stacks, account, 
 
 
 @compiled
-def _visited(contacts, links, floats, s):
+def _visited(contacts, links, floats, side, whole, s):
     """Compute the sum of all contacts' distances from their nearest bounds, and the sum of all bounds, at s."""
     near = 0.0
-    total = 0.0
     for i in range(contacts.shape[1]):
-        above, below = _slack(contacts, links, floats, s, i)
-        near += abs(min(above, below))
-        total += max(above + below, 0.0)
-    return near, total
+        if side[i] == 0:
+            above, below = _slack(contacts, links, floats, s, i)
+            near += abs(min(above, below))
+    return near, max(whole[0] + s * (whole[1] - whole[0]), 0.0)
 
 
 @compiled
-def _near_criticality(contacts, links, floats, account, whole, s):
+def _near_criticality(contacts, links, floats, side, account, whole, s):
     """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
 
     A distance from the nearest bound is concave in s and never negative: what vanishes at two instants later on
-    vanishes from here on. The ramp's ends are not among them: friction may be gone there. `whole` is all friction at
-    the ramp's two ends.
+    vanishes from here on. The ramp's ends are not among them: friction may be gone there. `whole` is the sum of all bounds at
+    the ramp's beginning and at its end.
     """
-    near, total = _visited(contacts, links, floats, s)
+    near, total = _visited(contacts, links, floats, side, whole, s)
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
-    if whole == 0.0:
+    both = whole[0] + whole[1]
+    if both == 0.0:
         return True
-    if near > CRITICAL * whole:
+    if near > CRITICAL * both:
         return False
-    some, total_some = _visited(contacts, links, floats, s + (1.0 - s) / 3.0)
-    more, total_more = _visited(contacts, links, floats, s + (1.0 - s) / 1.5)
-    close = 8.0 * EPS * whole
+    some, total_some = _visited(contacts, links, floats, side, whole, s + (1.0 - s) / 3.0)
+    more, total_more = _visited(contacts, links, floats, side, whole, s + (1.0 - s) / 1.5)
+    close = 8.0 * EPS * both
     return some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
 
 
 @compiled
-def _finish(stiffness, contacts, links, status, target, bytes_, account, energy):
-    """Put the state onto the ramp's end, tensions of contacts at a bound exactly on it, and close the account."""
+def _finish(elasticity, contacts, links, status, target, bytes_, account, energy):
+    """Put the state onto the ramp's end, tensions of contacts at a bound exactly on it, and close the account.
+
+    Returns the energy of the springs; `energy` is what it was before the ramp.
+    """
     n = contacts.shape[1]
-    for i in range(n):
-        contacts[FORWARD, i] = target[n - 1 + i]
-        contacts[BACKWARD, i] = target[2 * n - 1 + i]
+    stiffness = elasticity[STIFFNESS]
+    forward = contacts[FORWARD]
+    backward = contacts[BACKWARD]
     tension = links[TENSION]
+    for i in range(n):
+        forward[i] = target[n - 1 + i]
+        backward[i] = target[2 * n - 1 + i]
     for i in range(n - 1):
         if not bytes_[_MOVED, i]:
             change = target[i] - links[ACTUATION_REF, i]
             tension[i] = links[TENSION_REF, i] - stiffness[i] * change
         elif status[i] != 0:
-            bound = contacts[FORWARD, i] if status[i] & AT_FORWARD else -contacts[BACKWARD, i]
+            bound = forward[i] if status[i] & AT_FORWARD else -backward[i]
             tension[i] = (tension[i - 1] if i > 0 else 0.0) + bound
     for i in range(n - 1, 0, -1):
         if status[i] == 0:
             break
         if bytes_[_MOVED, i - 1]:
-            bound = contacts[FORWARD, i] if status[i] & AT_FORWARD else -contacts[BACKWARD, i]
+            bound = forward[i] if status[i] & AT_FORWARD else -backward[i]
             tension[i - 1] = (tension[i] if i < n - 1 else 0.0) - bound
     stored = 0.0
-    for i in range(n - 1):
-        links[ACTUATION, i] = target[i]
-        if bytes_[_MOVED, i]:
-            links[TENSION_REF, i] = tension[i]
-            links[ACTUATION_REF, i] = links[ACTUATION, i]
-            links[SHAPE, i] = links[ACTUATION, i] + tension[i] / stiffness[i]
-        stored += 0.5 * tension[i] * tension[i] / stiffness[i]
     near = 0.0
     total = 0.0
+    violation = account[VIOLATION]
+    before = 0.0
     for i in range(n):
-        g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
-        above = contacts[FORWARD, i] - g
-        below = contacts[BACKWARD, i] + g
-        account[VIOLATION] = max(account[VIOLATION], -min(above, below))
-        near += max(min(above, below), 0.0)
-        total += contacts[FORWARD, i] + contacts[BACKWARD, i]
+        after = tension[i] if i < n - 1 else 0.0
+        if i < n - 1:
+            links[ACTUATION, i] = target[i]
+            stretch = after * elasticity[COMPLIANCE, i]
+            if bytes_[_MOVED, i]:
+                links[TENSION_REF, i] = after
+                links[ACTUATION_REF, i] = target[i]
+                links[SHAPE, i] = target[i] + stretch
+            stored += 0.5 * after * stretch
+        distance = min(forward[i] - (after - before), backward[i] + (after - before))
+        violation = max(violation, -distance)
+        near += max(distance, 0.0)
+        total += forward[i] + backward[i]
+        before = after
+    account[VIOLATION] = violation
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
     account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
+    return stored
 
 
 @compiled
-def _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, account, elements):
+def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements):
     """Go from the present state to `target` in one implicit step."""
     n = contacts.shape[1]
-    for i in range(n - 1):
-        change = target[i] - links[ACTUATION, i]
-        if links[TENSION, i] == links[TENSION_REF, i] - stiffness[i] * (links[ACTUATION, i] - links[ACTUATION_REF, i]):
-            total_change = target[i] - links[ACTUATION_REF, i]
-            floats[_TRIAL, i] = links[TENSION_REF, i] - stiffness[i] * total_change
-        else:
-            floats[_TRIAL, i] = links[TENSION, i] - stiffness[i] * change
-        floats[_D_ACTUATION, i] = change
-    for i in range(n):
-        floats[_UPPER, i] = target[n - 1 + i]
-        floats[_LOWER, i] = -target[2 * n - 1 + i]
-        floats[_GRAIN, i] = 0.0
+    stiffness = elasticity[STIFFNESS]
+    tension = links[TENSION]
+    forward = target[n - 1 : 2 * n - 1]
+    backward = target[2 * n - 1 :]
+    trial = floats[_TRIAL]
     new = floats[_RATE]
-    project(
-        floats[_TRIAL, : n - 1],
-        stiffness,
-        floats[_LOWER],
-        floats[_UPPER],
-        floats[_GRAIN],
-        new[: n - 1],
-        bytes_[_SIDE],
-        stacks,
-    )
+    side = bytes_[_SIDE]
     for i in range(n - 1):
-        shape_rate = _shape_gain(new[i], floats[_TRIAL, i], stiffness[i])
-        if shape_rate != 0.0:
-            bytes_[_MOVED, i] = 1
-        account[WORK] -= 0.5 * (links[TENSION, i] + new[i]) * floats[_D_ACTUATION, i]
-        links[TENSION, i] = new[i]
-        floats[_TRIAL, i] = shape_rate
+        origin = links[TENSION_REF, i] - stiffness[i] * (links[ACTUATION, i] - links[ACTUATION_REF, i])
+        if tension[i] == origin:
+            trial[i] = links[TENSION_REF, i] - stiffness[i] * (target[i] - links[ACTUATION_REF, i])
+        else:
+            trial[i] = tension[i] - stiffness[i] * (target[i] - links[ACTUATION, i])
+    project(trial[: n - 1], elasticity[COMPLIANCE], backward, forward, floats[_ZEROS], new[: n - 1], side, stacks)
+    work = 0.0
+    for i in range(n - 1):
+        gain = _shape_gain(new[i], trial[i], elasticity[COMPLIANCE, i])
+        bytes_[_MOVED, i] |= gain != 0.0
+        work -= 0.5 * (tension[i] + new[i]) * (target[i] - links[ACTUATION, i])
+        tension[i] = new[i]
+        trial[i] = gain
+    account[WORK] += work
     velocity = floats[_V]
-    free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], velocity, 0, n - 1)
+    free_translation = _chain_velocities(trial, side, velocity, 0, n - 1)
     near = 0.0
     total = 0.0
     for i in range(n):
-        g = (new[i] if i < n - 1 else 0.0) - (new[i - 1] if i > 0 else 0.0)
-        near += max(min(floats[_UPPER, i] - g, g - floats[_LOWER, i]), 0.0)
-        total += floats[_UPPER, i] - floats[_LOWER, i]
-        floats[_UPPER, i] = 0.5 * (contacts[FORWARD, i] + target[n - 1 + i])
-        floats[_LOWER, i] = 0.5 * (contacts[BACKWARD, i] + target[2 * n - 1 + i])
-    if free_translation or total == 0.0 or near <= CRITICAL * total:
-        least, most = choose_translation(velocity, floats[_UPPER], floats[_LOWER], elements)
+        if side[i] == 0:
+            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+            near += max(min(forward[i] - g, backward[i] + g), 0.0)
+        total += forward[i] + backward[i]
+    if free_translation or near <= CRITICAL * total:
+        for i in range(n):
+            floats[_FORWARD, i] = 0.5 * (contacts[FORWARD, i] + forward[i])
+            floats[_BACKWARD, i] = 0.5 * (contacts[BACKWARD, i] + backward[i])
+        least, most = choose_translation(velocity, floats[_FORWARD], floats[_BACKWARD], elements)
         if is_wide(least, most, velocity):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least
             account[GAIN_MOST] += most
+    dissipation = 0.0
+    complementarity = account[COMPLEMENTARITY]
     for i in range(n):
         v = velocity[i]
-        g = (new[i] if i < n - 1 else 0.0) - (new[i - 1] if i > 0 else 0.0)
-        if v > 0.0:
-            account[DISSIPATION] += floats[_UPPER, i] * v
-            gap = target[n - 1 + i] - g
-        else:
-            account[DISSIPATION] -= floats[_LOWER, i] * v
-            gap = target[2 * n - 1 + i] + g
-        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-        shift(contacts, v, 1.0, i)
-        status[i] = 0
-        if bytes_[_SIDE, i] == 1:
-            status[i] = AT_FORWARD
-        elif bytes_[_SIDE, i] == -1:
-            status[i] = AT_BACKWARD
-        if status[i] != 0 and target[n - 1 + i] + target[2 * n - 1 + i] == 0.0:
+        if v != 0.0:
+            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+            if v > 0.0:
+                dissipation += 0.5 * (contacts[FORWARD, i] + forward[i]) * v
+                gap = forward[i] - g
+            else:
+                dissipation -= 0.5 * (contacts[BACKWARD, i] + backward[i]) * v
+                gap = backward[i] + g
+            complementarity = max(complementarity, abs(v * gap))
+            shift(contacts, v, 1.0, i)
+        if side[i] == 0:
+            status[i] = 0
+        elif forward[i] + backward[i] == 0.0:
             status[i] = AT_FORWARD | AT_BACKWARD
+        else:
+            status[i] = AT_FORWARD if side[i] == 1 else AT_BACKWARD
+    account[DISSIPATION] += dissipation
+    account[COMPLEMENTARITY] = complementarity
 
 
 @compiled
@@ -438,14 +532,14 @@ def _count_free(bytes_):
 
 
 @compiled
-def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements):
+def _exact(elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements):
     """Follow the straight ramp to `target` from event to event. Returns False when the budget was spent."""
     n = contacts.shape[1]
     leaves = 1
     while leaves < n:
         leaves *= 2
     hits = tree[2 * leaves :]
-    whole = 0.0
+    whole = (0.0, 0.0)
     for i in range(n):
         floats[_RATE, i] = 0.0
         floats[_V, i] = 0.0
@@ -454,14 +548,19 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
         floats[_D_ACTUATION, i] = target[i] - links[ACTUATION, i] if i < n - 1 else 0.0
         floats[_D_FORWARD, i] = target[n - 1 + i] - contacts[FORWARD, i]
         floats[_D_BACKWARD, i] = target[2 * n - 1 + i] - contacts[BACKWARD, i]
-        whole += contacts[FORWARD, i] + contacts[BACKWARD, i] + target[n - 1 + i] + target[2 * n - 1 + i]
+        whole = (
+            whole[0] + contacts[FORWARD, i] + contacts[BACKWARD, i],
+            whole[1] + target[n - 1 + i] + target[2 * n - 1 + i],
+        )
         bytes_[_LEAVING, i] = 0
         tree[leaves + i] = i
     for i in range(leaves + n, 2 * leaves):
         tree[i] = -1
 
     s = 0.0
-    free_translation = _solve(stiffness, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1)
+    free_translation = _solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1)
+    for i in range(n):
+        floats[_ENTERED, i] = floats[_NEXT, i]
     for node in range(leaves - 1, 0, -1):
         tree[node] = _sooner(floats[_NEXT], tree[2 * node], tree[2 * node + 1])
     free = _count_free(bytes_)
@@ -476,15 +575,15 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
         ending = not when < 1.0
         until = 1.0 if ending else when
         look = free <= _FEW_FREE or n <= _FEW_CONTACTS
-        critical = look and _near_criticality(contacts, links, floats, account, whole, s)
+        critical = look and _near_criticality(contacts, links, floats, bytes_[_SIDE], account, whole, s)
         if critical or free_translation:
             # friction in the middle of the stretch: at its start it may have been zero
             middle = 0.5 * (s + until)
             _update(contacts, links, floats, account, s, 0, n - 1)
             for i in range(n):
-                floats[_UPPER, i] = contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]
-                floats[_LOWER, i] = contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]
-            least, most = choose_translation(floats[_V], floats[_UPPER], floats[_LOWER], elements)
+                floats[_FORWARD, i] = contacts[FORWARD, i] + middle * floats[_D_FORWARD, i]
+                floats[_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[_D_BACKWARD, i]
+            least, most = choose_translation(floats[_V], floats[_FORWARD], floats[_BACKWARD], elements)
             shifted = True
         if shifted and until - s > _STRETCH and is_wide(least, most, floats[_V]):
             account[AMBIGUOUS] = 1.0
@@ -504,7 +603,7 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
             _settle(status, floats, bytes_, s, first_hit)
             status[first_hit] |= bytes_[_COMING, first_hit]
             floats[_NEXT, first_hit] = np.inf
-            _announce(tree, leaves, floats[_NEXT], first_hit)
+            _announce(tree, leaves, floats, first_hit)
             hits[count] = first_hit
             count += 1
             first_hit = tree[1]
@@ -536,12 +635,12 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
             for i in range(first, last + 1):
                 free -= bytes_[_SIDE, i] == 0
             free_translation = _solve(
-                stiffness, contacts, links, status, floats, bytes_, stacks, account, s, first, last
+                elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last
             )
             for i in range(first, last + 1):
                 free += bytes_[_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
-                _announce(tree, leaves, floats[_NEXT], i)
+                _announce(tree, leaves, floats, i)
 
     end = 1.0 if done else s
     _update(contacts, links, floats, account, end, 0, n - 1)
@@ -556,13 +655,26 @@ def _exact(stiffness, contacts, links, status, target, floats, bytes_, tree, sta
 
 
 @compiled
+def _is_in_force(contacts, links, target):
+    """Tell whether `target` is where the crawler is."""
+    n = contacts.shape[1]
+    for i in range(n - 1):
+        if target[i] != links[ACTUATION, i]:
+            return False
+    for i in range(n):
+        if target[n - 1 + i] != contacts[FORWARD, i] or target[2 * n - 1 + i] != contacts[BACKWARD, i]:
+            return False
+    return True
+
+
+@compiled
 def follow(
-    stiffness, contacts, links, status, targets, exact, budget, elements, floats, bytes_, tree, stacks, account, records
+    elasticity, contacts, links, status, targets, exact, budget, elements, floats, bytes_, tree, stacks, account, records
 ):
     """Follow straight ramps to each of the targets in turn.
 
     Args:
-        stiffness: k, shape (N - 1,) [N/m].
+        elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
         contacts: rows X .. RELATIVE (unused here), shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
@@ -581,31 +693,25 @@ def follow(
     ramp = np.zeros(account.shape[0])
     for i in range(n):
         contacts[GAINED, i] = 0.0
+    energy = 0.0
+    for i in range(n - 1):
+        energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
     for v in range(targets.shape[0]):
         target = targets[v]
-        still = True
-        for i in range(n):
-            still = still and target[n - 1 + i] == contacts[FORWARD, i]
-            still = still and target[2 * n - 1 + i] == contacts[BACKWARD, i]
-            still = still and (i == n - 1 or target[i] == links[ACTUATION, i])
-        if not still:
-            energy = 0.0
-            for i in range(n - 1):
-                energy += 0.5 * links[TENSION, i] * links[TENSION, i] / stiffness[i]
-                bytes_[_MOVED, i] = 0
-            for i in range(ramp.shape[0]):
-                ramp[i] = 0.0
+        if not _is_in_force(contacts, links, target):
+            bytes_[_MOVED] = 0
+            ramp[:] = 0.0
             ramp[VISITED] = np.inf
             finished = exact and _exact(
-                stiffness, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements
+                elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements
             )
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
                 else:
                     ramp[EVENTS] = 1.0
-                _catch_up(stiffness, contacts, links, status, target, floats, bytes_, stacks, ramp, elements)
-            _finish(stiffness, contacts, links, status, target, bytes_, ramp, energy)
+                _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements)
+            energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             for i in range(n):

@@ -152,7 +152,7 @@ def follow(
     mesh = scene.mesh
     if mesh.is_chain:
         chain_tick.follow(
-            mesh.stiffness,
+            mesh.elasticity,
             state.contacts,
             state.links,
             state.status,

@@ -18,6 +18,9 @@ SHAPE, TENSION, ACTUATION, TENSION_REF, ACTUATION_REF = range(5)
 """Rows of the springs: z; T; L; T and L when the spring last moved."""
 LINK_ROWS = 5
 
+STIFFNESS, COMPLIANCE = range(2)
+"""Rows of a body's elasticity: k and 1 / k of each spring."""
+
 PLANAR_X, PLANAR_X_REST, PLANAR_GAINED = range(3)
 PLANAR_TENSION, PLANAR_ACTUATION = range(2)
 """Rows of the contacts and of the springs in the plane."""

@@ -15,7 +15,7 @@ from crawler_model.chain_kernel import project, workspace
 def solve(target, stiffness, lower, upper):
     n = target.size
     tension, side = np.empty(n), np.empty(n + 1, np.int8)
-    project(target, stiffness, lower, upper, np.zeros(n + 1), tension, side, workspace(n))
+    project(target, 1 / stiffness, -lower, upper, np.zeros(n + 1), tension, side, workspace(n))
     return tension, side
 
 

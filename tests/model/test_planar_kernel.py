@@ -150,7 +150,7 @@ def test_a_step_on_a_line_is_that_of_a_chain():
         if isotropic:
             backward = forward
         tension, side = np.empty(n - 1), np.empty(n, np.int8)
-        project(trial, stiffness, -backward, forward, np.zeros(n), tension, side, workspace(n))
+        project(trial, 1 / stiffness, backward, forward, np.zeros(n), tension, side, workspace(n))
         ends = np.stack((np.arange(n - 1), np.arange(1, n)), 1)
         force = np.zeros((n, 2))
         force[:-1, 0] += trial
