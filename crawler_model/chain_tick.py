@@ -52,7 +52,7 @@ from .state import (
     add_ramp,
     shift,
 )
-from .uniqueness import CRITICAL, choose_translation, is_wide
+from .uniqueness import CRITICAL, choose_translation, is_wide, nearness
 
 # Rows of the scratch floats.
 (
@@ -384,8 +384,8 @@ def _near_criticality(contacts, links, floats, side, account, whole, s):
     """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
 
     A distance from the nearest bound is concave in s and never negative: what vanishes at two instants later on
-    vanishes from here on. The ramp's ends are not among them: friction may be gone there. `whole` is the sum of all bounds at
-    the ramp's beginning and at its end.
+    vanishes from here on. The ramp's ends are not among them: friction may be gone there. `whole` is the sum of all
+    bounds at the ramp's beginning and at its end.
     """
     near, total = _visited(contacts, links, floats, side, whole, s)
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
@@ -669,7 +669,20 @@ def _is_in_force(contacts, links, target):
 
 @compiled
 def follow(
-    elasticity, contacts, links, status, targets, exact, budget, elements, floats, bytes_, tree, stacks, account, records
+    elasticity,
+    contacts,
+    links,
+    status,
+    targets,
+    exact,
+    budget,
+    elements,
+    floats,
+    bytes_,
+    tree,
+    stacks,
+    account,
+    records,
 ):
     """Follow straight ramps to each of the targets in turn.
 
@@ -719,3 +732,8 @@ def follow(
                 records[v, n + i] = contacts[X_REST, i]
             for i in range(n - 1):
                 records[v, 2 * n + i] = links[TENSION, i]
+    if account[VISITED] == np.inf:  # nothing but holding
+        force = floats[_TRIAL]
+        for i in range(n):
+            force[i] = (links[TENSION, i] if i < n - 1 else 0.0) - (links[TENSION, i - 1] if i > 0 else 0.0)
+        account[VISITED] = nearness(force, contacts[FORWARD], contacts[BACKWARD])

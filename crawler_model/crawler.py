@@ -59,31 +59,77 @@ class Certificate:
     complementarity: float
 
 
-@dataclass(frozen=True, eq=False)
 class Step:
     """What happened on the way to a command.
 
     Attributes:
-        events: linear pieces of the solution.
-        work: work of the actuators [J].
-        dissipation: energy lost to friction [J].
         velocity: displacement gained, per ramp, shape (N,), in the plane (N, 2) [m].
-        unique: False when on some stretch the translation was not determined.
-        translation_interval: least and greatest net translation that the ramp could have gained [m]; None in the plane.
-        certificate: how well the answer solves the model.
-        visited_margin: how near all contacts came to sliding at once.
-        overspent: ramps in which the budget of events was spent and a catch-up step did the rest.
+        account: the numbers behind the properties, in the order of `state`'s entries, shape (11,).
     """
 
-    events: int
-    work: float
-    dissipation: float
-    velocity: np.ndarray
-    unique: bool
-    translation_interval: tuple[float, float] | None
-    certificate: Certificate
-    visited_margin: float
-    overspent: int
+    __slots__ = ("_share", "account", "velocity")
+
+    def __init__(self, velocity: np.ndarray, account: np.ndarray, share: np.ndarray) -> None:
+        """Keep what the kernel returned; everything else is read from it when asked for.
+
+        Args:
+            velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
+            account: shape (11,).
+            share: weight of each contact in the net translation, shape (N,).
+        """
+        self.velocity = velocity
+        self.account = account
+        self._share = share
+
+    @property
+    def events(self) -> int:
+        """Linear pieces of the solution."""
+        return int(self.account[EVENTS])
+
+    @property
+    def work(self) -> float:
+        """Work of the actuators [J]."""
+        return float(self.account[WORK])
+
+    @property
+    def dissipation(self) -> float:
+        """Energy lost to friction [J]."""
+        return float(self.account[DISSIPATION])
+
+    @property
+    def unique(self) -> bool:
+        """False when on some stretch the translation was not determined."""
+        return bool(self.account[AMBIGUOUS] == 0.0)
+
+    @property
+    def translation_interval(self) -> tuple[float, float] | None:
+        """Least and greatest net translation that the ramp could have gained [m]; None in the plane."""
+        if self.velocity.ndim == 2:
+            return None
+        gain = float(self._share @ self.velocity)
+        return gain + float(self.account[GAIN_LEAST]), gain + float(self.account[GAIN_MOST])
+
+    @property
+    def certificate(self) -> Certificate:
+        """How well the answer solves the model."""
+        residual, violation, complementarity = self.account[[RESIDUAL, VIOLATION, COMPLEMENTARITY]].tolist()
+        return Certificate(residual, violation, complementarity)
+
+    @property
+    def visited_margin(self) -> float:
+        """How near all contacts came to sliding at once."""
+        return float(self.account[VISITED])
+
+    @property
+    def overspent(self) -> int:
+        """Ramps in which the budget of events was spent and a catch-up step did the rest."""
+        return int(self.account[OVERSPENT])
+
+    def __repr__(self) -> str:
+        """Show the whole account."""
+        names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
+        shown = (*names, "visited_margin", "overspent")
+        return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
 
 class Crawler:
@@ -341,26 +387,11 @@ class Crawler:
             account,
             self._no_records if records is None else records,
         )
-        velocity = self._gained.copy()
-        velocity.flags.writeable = False
-        gain = 0.0 if self._planar else float(self.body.share @ velocity)
-        if account[VISITED] == np.inf:  # nothing but holding
+        if self._planar and account[VISITED] == np.inf:  # nothing but holding
             account[VISITED] = self.visited_margin
-        return Step(
-            events=int(account[EVENTS]),
-            work=float(account[WORK]),
-            dissipation=float(account[DISSIPATION]),
-            velocity=velocity,
-            unique=bool(account[AMBIGUOUS] == 0.0),
-            translation_interval=None
-            if self._planar
-            else (gain + float(account[GAIN_LEAST]), gain + float(account[GAIN_MOST])),
-            certificate=Certificate(
-                float(account[RESIDUAL]), float(account[VIOLATION]), float(account[COMPLEMENTARITY])
-            ),
-            visited_margin=float(account[VISITED]),
-            overspent=int(account[OVERSPENT]),
-        )
+        velocity = self._gained.copy()
+        velocity.flags.writeable = account.flags.writeable = False
+        return Step(velocity, account, self.body.share)
 
 
 def choose_method(scene: Scene, method: str | None) -> Method:

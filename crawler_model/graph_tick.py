@@ -37,7 +37,7 @@ from .state import (
     add_ramp,
     shift,
 )
-from .uniqueness import CRITICAL, choose_translation, is_wide
+from .uniqueness import CRITICAL, choose_translation, is_wide, nearness
 
 _STRETCH = 1e-6
 """A piece shorter than this part of its ramp is an isolated instant, see `chain_tick`."""
@@ -513,3 +513,6 @@ def follow(
                 records[v, n + i] = contacts[X_REST, i]
             for s in range(springs):
                 records[v, 2 * n + s] = links[TENSION, s]
+    if account[VISITED] == np.inf:  # nothing but holding
+        _forces(ends, links[TENSION], floats[_FORCE])
+        account[VISITED] = nearness(floats[_FORCE], contacts[FORWARD], contacts[BACKWARD])

@@ -129,9 +129,19 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
     Returns:
         The margin; 0 when all contacts are at a bound and when there is no friction at all.
     """
-    g, plus, minus = (np.asarray(a, dtype=np.float64) for a in (force, forward, backward))
-    total = float((plus + minus).sum())
-    return float(np.maximum(np.minimum(plus - g, g + minus), 0.0).sum()) / total if total > 0.0 else 0.0
+    g, plus, minus = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (force, forward, backward)))
+    return float(nearness(np.array(g), np.array(plus), np.array(minus)))
+
+
+@compiled
+def nearness(force, forward, backward):
+    """Do what `visited_margin` says, unchecked."""
+    near = 0.0
+    total = 0.0
+    for i in range(force.shape[0]):
+        near += max(min(forward[i] - force[i], force[i] + backward[i]), 0.0)
+        total += forward[i] + backward[i]
+    return near / total if total > 0.0 else 0.0
 
 
 def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> tuple[float, float]:
