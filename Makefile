@@ -18,7 +18,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
-	$(BIN)/python benchmarks/speed_against_error.py
+	$(BIN)/crawler bench --out benchmarks/results
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
@@ -30,7 +30,7 @@ soak: $(READY)
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,bench,test]'
 	touch $(READY)
 
 clean:

@@ -13,7 +13,7 @@ setup(
     distclass=WithoutPyproject,
     name="crawler_ros",
     version="0.1.0",
-    packages=["crawler_model", "crawler_ros", "msgs_config"],
+    packages=["crawler_model", "crawler_ros", "crawler_bench", "msgs_config"],
     package_data={"crawler_model": ["py.typed"], "msgs_config": ["*.yaml", "*.json", "scenes/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/crawler_ros"]),

@@ -258,6 +258,39 @@ def demo(
     print("\n".join(summary))
 
 
+@app.command()
+def bench(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer ticks, rounds and sizes: under a minute.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the JSON file and a picture of each case.")] = Path("bench"),
+    case: Annotated[list[str] | None, typer.Option(help="Only this case; may be given several times.")] = None,
+) -> None:
+    """Measure time against error of our methods and of their peers, side by side, on this machine."""
+    import matplotlib as _needed_at_the_end  # noqa: F401
+
+    from crawler_bench.bench import choose_cases, missing_peers, run_bench
+    from crawler_bench.figure import draw_case
+    from crawler_bench.report import print_report
+
+    names = choose_cases(case or (), quick)
+    absent = missing_peers()
+    if absent:
+        text = f"{', '.join(absent)} not installed, left out; they come with: pip install 'crawler-ros[bench]'"
+        print(f"crawler: {text}", file=sys.stderr)
+    out.mkdir(parents=True, exist_ok=True)
+    with progress_bar("measuring") as progress:
+        measured = run_bench(names, quick, progress)
+    text = json.dumps(measured.document(), allow_nan=False)
+    (out / "speed_against_error.json").write_text(text.replace('}, {"case"', '},\n{"case"') + "\n", encoding="utf-8")
+    for name in names:
+        draw_case(measured, name, out / f"{name}.png")
+    if as_json:
+        print(text)
+        return
+    print_report(measured, screen)
+    screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
+
+
 def main() -> None:
     """Run the command; every expected error is one line on standard error."""
     try:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+import crawler_bench
 import crawler_model
 import crawler_ros
 
@@ -71,7 +72,7 @@ def test_pure_modules_stay_pure():
 
 
 def public_functions():
-    for package in (crawler_model, crawler_ros):
+    for package in (crawler_model, crawler_ros, crawler_bench):
         for info in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
             try:
                 module = importlib.import_module(info.name)

@@ -42,7 +42,7 @@ def bad(*arguments: str, **options) -> str:
 
 def test_help_teaches():
     text = good("--help")
-    for verb in ("demo", "simulate", "check", "scenes", "view", "replay"):
+    for verb in ("demo", "simulate", "check", "scenes", "view", "replay", "bench"):
         assert verb in text
         assert "Usage" in good(verb, "--help")
 

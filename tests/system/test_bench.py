@@ -1,0 +1,234 @@
+"""Speed against error: the command's contract, and peers that truly solve our problem. No test looks at a time."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from crawler_bench import mujoco_peer, ode_peer, ours, planar_peer
+from crawler_bench.bench import choose_cases
+from crawler_bench.cases import CASES, PERIODS, QUARTERS, Case, wave_scene
+from crawler_bench.entrants import Entrant
+from crawler_bench.qp_peers import BACKENDS, QpRun
+from crawler_model import Crawler, CrawlerError, Scene
+
+from ..model.chains import from_rows
+from .test_command import bad, crawler, good
+
+KEYS = {"case": str, "n": int, "method": str, "us_per_tick": float, "error": float, "solved": bool}
+
+
+def displacement(entrant: Entrant) -> np.ndarray:
+    run = entrant.start()
+    found = []
+    for number in range(QUARTERS):
+        run.quarter(number, math.inf)
+        found.append(np.array(run.displacement))
+    assert run.failures == 0
+    return np.array(found)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bench")
+    done = crawler("bench", "--quick", "--case", "strategy_a", "--json", "--out", str(folder))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == "" or "compiling" in done.stderr
+    return json.loads(done.stdout, parse_constant=lambda name: pytest.fail(f"{name} in the JSON")), folder
+
+
+def test_the_json_is_that_of_the_contract(quick):
+    result, folder = quick
+    assert json.loads((folder / "speed_against_error.json").read_text()) == result
+    for row in result["rows"]:
+        for key, kind in KEYS.items():
+            stopped = row[key] is None and not row["solved"]  # on a machine that is busy with something else
+            assert isinstance(row[key], kind) or stopped, (key, row)
+    for key in ("cpu", "cores", "python", "numpy", "numba", "osqp", "mujoco", "load_average", "threads"):
+        assert result["machine"][key] is not None
+    methods = {row["method"] for row in result["rows"]}
+    assert methods >= {"exact", "catch_up", "catch_up, one call a tick", "DAQP", "ProxQP", "MuJoCo, tuned"}
+    assert methods >= {
+        "OSQP 1e-3",
+        "OSQP 1e-6",
+        "OSQP 1e-9",
+        "OSQP polished",
+        "Clarabel 1e-9",
+        "PIQP 1e-9",
+        "smooth friction, LSODA",
+    }
+    assert any("MuJoCo" in ratio["what"] for ratio in result["ratios"])
+
+
+def test_exact_is_exact_and_peers_are_as_good_as_they_say(quick):
+    rows = quick[0]["rows"]
+    rows = [row for row in rows if row["error"] is not None]
+    exact = [row["error"] for row in rows if row["method"].startswith("exact")]
+    assert max(exact) <= 1e-12
+    osqp = [row["error"] for row in rows if row["method"] == "OSQP 1e-9"]
+    assert max(exact) < min(osqp)
+    assert max(osqp) < 1e-8
+    assert min(row["error"] for row in rows if row["method"].startswith("MuJoCo")) < 3e-3
+    assert min(row["error"] for row in rows if row["method"].startswith("smooth")) < 1e-4
+
+
+def test_the_reference_is_vouched_for(quick):
+    certificate = quick[0]["references"]["strategy_a"]
+    assert certificate["reference"] == "rational"
+    assert {row["reference"] for row in quick[0]["rows"]} == {"rational"}
+    assert certificate["rational_difference"] < 1e-15
+    assert certificate["closed_form_difference"] < 1e-14
+    assert certificate["energy_residual"] < 1e-14
+
+
+def test_the_picture_shows_something(quick):
+    from matplotlib.image import imread
+
+    picture = imread(quick[1] / "strategy_a.png")[:, :, :3]
+    assert picture.shape[0] > 600
+    assert len(np.unique((picture.reshape(-1, 3) * 255).astype(int), axis=0)) > 50
+
+
+def test_for_people(tmp_path):
+    text = good("bench", "--quick", "--case", "graph", "--out", str(tmp_path))
+    assert "graph: three contacts" in text
+    assert "side by side in this run" in text
+    assert "left out: MuJoCo on graph: friction differs" in text
+    assert (tmp_path / "graph.png").stat().st_size > 20_000
+
+
+def test_an_unknown_case_is_one_line(tmp_path):
+    text = bad("bench", "--case", "strategie", cwd=tmp_path)
+    assert "there is no case 'strategie'; the nearest is 'strategy_a'" in " ".join(text.split())
+    assert not (tmp_path / "bench").exists()
+
+
+def test_a_quick_run_leaves_the_long_cases_out_unless_they_are_named():
+    assert "wave_10000" not in choose_cases((), True)
+    assert choose_cases((), False) == list(CASES)
+    assert choose_cases(("planar", "wave_10000"), True) == ["wave_10000", "planar"]
+    with pytest.raises(CrawlerError, match="planar_turning"):
+        choose_cases(("planar_turnin",), True)
+
+
+@pytest.mark.parametrize("name", ["strategy_a", "peristaltic", "segment", "graph", "planar"])
+def test_references_keep_their_energy_account_and_closed_forms(name):
+    certificate = CASES[name]().reference.certificate
+    rounding = 1e-14 if name != "planar" else 1e-8
+    assert certificate["energy_residual"] < rounding
+    assert certificate.get("closed_form_difference", 0.0) < rounding
+    assert certificate.get("rational_difference", 0.0) < rounding
+
+
+@pytest.mark.parametrize("commanded", [False, True], ids=["constant friction", "commanded friction"])
+@pytest.mark.parametrize("contacts", [2, 3, 10, 30])
+@pytest.mark.parametrize("name", BACKENDS)
+def test_multipliers_are_the_displacements_of_a_catch_up_step(name, contacts, commanded):
+    rng = np.random.default_rng(contacts)
+    actuation = np.vstack((np.zeros(contacts - 1), rng.uniform(-1.0, 1.0, (6, contacts - 1))))
+    forward, backward = rng.uniform(0.5, 1.5, (2, 7, contacts))
+    if not commanded:
+        forward[:], backward[:] = forward[0], backward[0]
+    scene = from_rows(rng.uniform(0.5, 2.0, contacts - 1), actuation, forward, backward)
+    targets = scene.commands.targets[1:]
+    backend = BACKENDS[name]
+    for tolerance in backend.tolerances:
+        run, exact = QpRun(scene, (targets,) * 4, backend, tolerance), Crawler(scene, "catch_up")
+        run.quarter(0, math.inf)
+        exact.follow(targets)
+        assert run.failures == 0
+        assert np.abs(exact.displacement).max() > 0.1
+        # a gap of the size of the tolerance leaves its root in the unknowns; frictions have sums of the order of N
+        close = 10.0 * contacts * (tolerance if name in ("OSQP", "OSQP polished", "DAQP") else math.sqrt(tolerance))
+        assert np.abs(run.displacement - exact.displacement).max() < close, tolerance
+
+
+def test_a_cone_program_takes_the_step_of_a_crawler_on_a_line():
+    case = CASES["planar"]()
+    entrant = planar_peer.build_cone_peers(case, (4,))[-1]
+    assert case.reference.error(displacement(entrant)) < 1e-3
+
+
+def test_smooth_friction_converges_with_its_smoothing():
+    case = CASES["strategy_a"]()
+    errors = [case.reference.error(displacement(e)) for e in ode_peer.build_ode_peers(case, (1e-2, 1e-4))]
+    assert errors[1] < 0.05 * errors[0] < 0.01
+
+
+def test_mujoco_is_not_asked_for_what_it_does_not_have():
+    assert mujoco_peer.why_not(CASES["strategy_a"]()) is None
+    assert "forwards and backwards" in str(mujoco_peer.why_not(CASES["peristaltic"]()))
+
+
+def test_our_methods_agree_however_they_are_called():
+    case = Case("small", "a small wave", wave_scene(12, 6.3))
+    together, single = ours.build_ours(case, (), (64,), (64,))[::2][0], ours.build_ours(case, (), (64,), (64,))[-1]
+    assert np.array_equal(displacement(together), displacement(single))
+    exact = ours.build_ours(case, (4, 256), (), ())
+    size = np.abs(case.reference.displacement).max()
+    assert np.abs(displacement(exact[0]) - displacement(exact[1])).max() < 1e-13 * size
+    run = exact[0].start()
+    spent, periods = run.lap(0, math.inf)
+    assert spent > 0.0
+    assert periods >= 1
+
+
+def test_a_lap_goes_on_where_the_last_one_stopped():
+    case = CASES["strategy_a"]()
+    run = ours.build_ours(case, (4,), (), ())[0].start()
+    for number in range(4 * PERIODS):
+        run.quarter(number, math.inf)
+    before = float(np.mean(run.displacement))
+    run.lap(4 * PERIODS, math.inf)
+    gained = float(np.mean(run.displacement)) - before
+    assert gained / 2.0 == pytest.approx(round(gained / 2.0), abs=1e-9)  # 2 m a period
+    assert gained >= 2.0
+
+
+def test_no_peer_is_imported_before_it_is_measured():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, crawler_model, crawler_ros.cli, crawler_bench.bench, crawler_bench.qp_peers, crawler_bench.mujoco_peer;"
+        "print([m for m in ('osqp', 'daqp', 'piqp', 'proxsuite', 'mujoco', 'matplotlib', 'clarabel') if m in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+def test_without_peers_one_line_says_how_to_get_them(tmp_path):
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, importlib.util as u; f = u.find_spec;"
+        "u.find_spec = lambda name, *a: None if name in ('osqp', 'mujoco', 'daqp', 'piqp', 'proxsuite') else f(name, *a);"
+        f"sys.argv = ['crawler', 'bench', '--quick', '--case', 'strategy_a', '--json', '--out', {str(tmp_path)!r}];"
+        "from crawler_ros.cli import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stderr.splitlines() if "compiling" not in line]
+    assert len(said) == 1
+    assert "OSQP, DAQP, PIQP, ProxQP, MuJoCo not installed" in said[0]
+    assert "pip install 'crawler-ros[bench]'" in said[0]
+    methods = {row["method"].split()[0].strip(",") for row in json.loads(done.stdout)["rows"]}
+    assert methods == {"exact", "catch_up", "Clarabel", "smooth"}
+
+
+def test_without_matplotlib_one_line(tmp_path):
+    import subprocess
+    import sys
+
+    code = "import sys; sys.modules['matplotlib'] = None; sys.argv = ['crawler', 'bench', '--quick']; from crawler_ros.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "matplotlib is not installed" in done.stderr
+
+
+def test_scenes_of_cases_are_scenes():
+    assert Scene.model_validate(CASES["planar_turning"]().scene.document()).dimension == 2
