@@ -23,6 +23,7 @@ bench: $(READY)
 docs: $(READY)
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/hard_cases.py
+	$(BIN)/python docs/phase_diagram.py
 
 soak: $(READY)
 	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model --timeout=7200
@@ -30,7 +31,7 @@ soak: $(READY)
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,bench,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,bench,sweep,test]'
 	touch $(READY)
 
 clean:

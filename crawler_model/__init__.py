@@ -7,9 +7,11 @@ after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 
 from .crawler import Certificate, Crawler, Step, prepare
 from .errors import CommandError, CrawlerError, SceneError
+from .many import ManyRuns, simulate_many
 from .scene import Scene
 from .scene_file import gallery, load_scene, parse_scene
 from .simulate import Energy, Trajectory, simulate
+from .vary import Variations, vary
 
 __all__ = [
     "Certificate",
@@ -17,13 +19,17 @@ __all__ = [
     "Crawler",
     "CrawlerError",
     "Energy",
+    "ManyRuns",
     "Scene",
     "SceneError",
     "Step",
     "Trajectory",
+    "Variations",
     "gallery",
     "load_scene",
     "parse_scene",
     "prepare",
     "simulate",
+    "simulate_many",
+    "vary",
 ]

@@ -70,19 +70,7 @@ class Drive:
             Their times [ns], int64, and their rows, each of shape (K,). With a period, its end and the next
             one's start are the same waypoint, the first row.
         """
-        if self.period is None:
-            times = np.rint(self.times * NS).astype(np.int64)
-            rows = np.arange(times.size)
-        else:
-            rows = np.flatnonzero(self.times < self.period)
-            span = self.period * NS
-            first = max(int(np.floor((after_ns + 1) / span)) - 1, 0)
-            count = int(np.ceil((until_ns - first * span) / span)) + 2
-            starts = self.period * np.arange(first, first + max(count, 0))
-            times = np.rint((starts[:, None] + self.times[rows]) * NS).astype(np.int64).ravel()
-            rows = np.tile(rows, starts.size)
-        inside = (times > after_ns) & (times <= until_ns)
-        return times[inside], rows[inside]
+        return find_waypoints(self.times, self.period, after_ns, until_ns)
 
     def sample(self, times_ns: np.ndarray) -> np.ndarray:
         """Read the commands at any times.
@@ -107,6 +95,35 @@ class Drive:
         part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None]
         start = targets[rows[before]]
         return start + part * (targets[rows[after]] - start)
+
+
+def find_waypoints(
+    times: np.ndarray, period: float | None, after_ns: int, until_ns: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the waypoints in a stretch of time, as `Drive.waypoints_between` does.
+
+    Args:
+        times: waypoint times, increasing from 0, shape (W,) [s].
+        period: after it they repeat [s], or None.
+        after_ns: the stretch's open start [ns], >= -1.
+        until_ns: its closed end [ns].
+
+    Returns:
+        Their times [ns], int64, and their rows, each of shape (K,).
+    """
+    if period is None:
+        found = np.rint(times * NS).astype(np.int64)
+        rows = np.arange(found.size)
+    else:
+        rows = np.flatnonzero(times < period)
+        span = period * NS
+        first = max(int(np.floor((after_ns + 1) / span)) - 1, 0)
+        count = int(np.ceil((until_ns - first * span) / span)) + 2
+        starts = period * np.arange(first, first + max(count, 0))
+        found = np.rint((starts[:, None] + times[rows]) * NS).astype(np.int64).ravel()
+        rows = np.tile(rows, starts.size)
+    inside = (found > after_ns) & (found <= until_ns)
+    return found[inside], rows[inside]
 
 
 def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, columns: Columns) -> Drive:

@@ -106,13 +106,13 @@ def _describe_one(mistake: ErrorDetails) -> str:
     path = [str(p) for p in mistake["loc"] if not _INNER.match(str(p))]
     where = ".".join(path)
     if mistake["type"] == "extra_forbidden":
-        known = _known_keys(path[:-1])
+        known = known_keys(path[:-1])
         nearest = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.0)
         return f"{where}: unknown key; the nearest known key is {nearest[0]!r}" if nearest else f"{where}: unknown key"
     if mistake["type"] == "missing":
         return f"{where}: missing"
     if mistake["type"] in ("model_type", "dict_type"):
-        return f"{where}: {mistake['input']!r}; it must be a mapping with {', '.join(_known_keys(path))}"
+        return f"{where}: {mistake['input']!r}; it must be a mapping with {', '.join(known_keys(path))}"
     text = mistake["msg"].removeprefix("Value error, ")
     if text.startswith(
         ("body.", "body:", "friction.", "friction:", "start.", "drive.", "drive:", "dimension", "tolerance:")
@@ -121,7 +121,15 @@ def _describe_one(mistake: ErrorDetails) -> str:
     return f"{where}: {text}" if where else text
 
 
-def _known_keys(path: list[str]) -> Iterable[str]:
+def known_keys(path: list[str]) -> Iterable[str]:
+    """List the keys that a part of a scene may have.
+
+    Args:
+        path: keys from the scene down to the part; numbers among them count for nothing.
+
+    Returns:
+        Its keys, as files write them.
+    """
     model: type[BaseModel] = Scene
     parts: dict[str, type[BaseModel]] = {
         "body": BodyPart,

@@ -226,8 +226,16 @@ def _waypoints(drive: Drive, seconds: float) -> float:
     return drive.times.size * (1.0 if drive.period is None else max(seconds / drive.period, 1.0))
 
 
-def _net(body: Body, x: np.ndarray) -> np.ndarray:
-    """Average displacements, shape (T, N, ...), over the body, shape (T, ...)."""
+def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:
+    """Average displacements over a body: every isolated contact and every segment counts once.
+
+    Args:
+        body: the body.
+        x: displacements, shape (T, N), in the plane (T, N, 2) [m].
+
+    Returns:
+        y, shape (T,), in the plane (T, 2) [m].
+    """
     if not body.segments:
         return x.mean(axis=1)
     return x @ body.share
@@ -313,7 +321,7 @@ class _Run:
         if drive.period is not None:
             way_time = drive.period * np.arange(len(self.waypoint_ns))
             gain = np.diff(way_x, axis=0) + np.diff(way_rest, axis=0)
-            per_period = _net(body, gain)
+            per_period = average_displacement(body, gain)
         else:
             way_time = drive.times[self.waypoint_row]
         if scene.drive is None and self.ticks > 0:
@@ -324,11 +332,11 @@ class _Run:
             self.time_ns / NS,
             self.x,
             self.tension,
-            _net(body, self.x),
+            average_displacement(body, self.x),
             self.state,
             np.array(way_time, dtype=np.float64),
             way_x[:, body.stations],
-            _net(body, way_x),
+            average_displacement(body, way_x),
             per_period,
         )
         for array in arrays:

@@ -171,6 +171,54 @@ def scenes(
 
 
 @app.command()
+def sweep(
+    scene: SceneArgument,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            metavar="KEY=FROM:TO:N",
+            help="A number of the scene by its dotted key, and what it takes: FROM:TO:N, log:FROM:TO:N or A,B,C. "
+            "Given several times: every combination.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="The table to write, .parquet; it must not be there already.")],
+    duration: Annotated[
+        float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Ticks per second, Hz; exact needs none.")] = 100.0,
+    method: Annotated[
+        MethodName, typer.Option(help="How a tick is integrated; auto is exact on a line, catch_up in the plane.")
+    ] = MethodName.auto,
+    workers: Annotated[int | None, typer.Option(help="Runs at a time; by default one a core.", min=1)] = None,
+    png: Annotated[
+        Path | None, typer.Option(help="The picture, for one or two keys; by default beside the table.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace table and picture that are there.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of lines.")] = False,
+) -> None:
+    """Run thousands of variations of a scene over all cores; write a table and a picture.
+
+    crawler sweep ten_contact_wave --vary friction.forward=0.1:1:50 --vary body.links.stiffness=10,20 --out f.parquet
+
+    A key is the way to a number in the scene file: friction.forward, drive.wave.amplitude, body.links.stiffness.0 (the
+    first link). A row holds the numbers varied, the net translation in the last period, energies, and whether the
+    answer is unique; invalid variations say why. Ctrl-C keeps what is done.
+    """
+    from . import sweep as sweeps
+
+    settings = sweeps.Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
+    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite)
+    with progress_bar("sweeping") as progress:
+        runs = sweeps.run_sweep(plan, workers, scheduler, progress)
+    print(json.dumps(sweeps.summarise(plan, runs)) if as_json else "\n".join(sweeps.describe_sweep(plan, runs)))
+    if runs.interrupted:
+        raise typer.Exit(130)
+
+
+@app.command()
 def view(
     recording: Annotated[Path, typer.Argument(help="A bag folder, an .mcap file or an .rrd file.")],
     png: Annotated[Path | None, typer.Option(help="Render into this file instead of opening a window.")] = None,
@@ -305,7 +353,9 @@ def main() -> None:
         print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
         status = 1
     except ModuleNotFoundError as error:
-        extra = "viz" if (error.name or "").split(".")[0] in ("rerun", "matplotlib", "rosbags", "mcap") else "ros"
+        module = (error.name or "").split(".")[0]
+        extra = "viz" if module in ("rerun", "matplotlib", "rosbags", "mcap") else "ros"
+        extra = "sweep" if module in ("pyarrow", "distributed", "dask") else extra
         print(
             f"crawler: {error.name} is not installed; it comes with: pip install 'crawler-ros[{extra}]'",
             file=sys.stderr,

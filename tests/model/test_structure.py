@@ -19,7 +19,7 @@ import crawler_model
 import crawler_ros
 
 ROOT = Path(crawler_model.__file__).parent.parent
-OPTIONAL = ("rclpy", "rerun", "mcap", "matplotlib", "rosbags", "osqp", "typer", "rich")
+OPTIONAL = ("rclpy", "rerun", "mcap", "matplotlib", "rosbags", "osqp", "typer", "rich", "pyarrow", "distributed")
 
 
 def imports(file: Path) -> set[str]:
@@ -53,7 +53,7 @@ def test_a_chain_loads_nothing_that_other_bodies_need():
 
 
 def test_the_command_loads_nothing_that_it_was_not_asked_for():
-    assert not loaded_by("import crawler_ros.cli") & {"rclpy", "rerun", "mcap", "matplotlib", "rosbags"}
+    assert not loaded_by("import crawler_ros.cli") & {"rclpy", "rerun", "mcap", "matplotlib", "rosbags", "pyarrow"}
 
 
 def test_without_recording_or_viewer_neither_is_imported():

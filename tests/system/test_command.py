@@ -42,7 +42,7 @@ def bad(*arguments: str, **options) -> str:
 
 def test_help_teaches():
     text = good("--help")
-    for verb in ("demo", "simulate", "check", "scenes", "view", "replay", "bench"):
+    for verb in ("demo", "simulate", "check", "sweep", "bench", "scenes", "view", "replay"):
         assert verb in text
         assert "Usage" in good(verb, "--help")
 

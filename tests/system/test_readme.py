@@ -81,11 +81,12 @@ def test_the_models_commands_run(line):
 
 
 def test_the_python_of_the_readme_runs(capsys):
-    _, code = blocks("python")
-    exec(compile(code, "README", "exec"), {})
+    _, code, many = blocks("python")
+    exec(compile(code + many, "README", "exec"), {})
     said = capsys.readouterr().out
     assert said.splitlines()[:2] == ["[2. 2. 2.]", "[0. 3.]"]
     assert said.splitlines()[2].startswith("True Certificate")
+    assert said.splitlines()[3] == "[2.  1.5]"
 
 
 def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
@@ -94,7 +95,7 @@ def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
 
     with graph(tmp_path) as ros:
         ros.simulator(hear=("joint_states",))
-        code, _ = blocks("python")
+        code = blocks("python")[0]
         script = tmp_path / "controller.py"
         script.write_text(code + "import time; time.sleep(1.0)\n")
         subprocess.run([sys.executable, script], env=environment(ros.domain), timeout=60, check=True)

@@ -1,0 +1,311 @@
+"""Many scenes at once: each row is what the scene alone gives, however the work is spread."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_model import CommandError, Scene, SceneError, gallery, load_scene, simulate, simulate_many, vary, workers
+
+from .chains import scene
+
+STRATEGIES = {
+    "a": lambda a: np.maximum(a - 2, 0),
+    "b": lambda a: np.clip(a - 1, 0, 2),
+    "c": lambda a: np.maximum(a - 2, 0),
+}
+FIELDS = ("status", "net_translation", "gained", "per_period", "settling", "work", "dissipation", "stored", "residual")
+FIELDS += ("violation", "visited_margin", "unique", "events", "overspent", "periods", "reason")
+SLOW = {"drive.length": np.linspace(0.0, 6.0, 25), "drive.friction": [1.0, 1.25]}
+
+
+def resting(name: str) -> Scene:
+    document = load_scene(name).document()
+    return Scene.model_validate(document | {"start": "relaxed"})
+
+
+def same(one: Any, other: Any) -> None:
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def alone(run: Any) -> dict[str, Any]:
+    """What a row holds, of a run by `simulate`."""
+    gains = run.per_period
+    return {
+        "net_translation": run.net_translation[-1],
+        "gained": run.net_translation[-1] - run.net_translation[0],
+        "per_period": gains[-1] if len(gains) else np.full(run.net_translation.shape[1:], np.nan),
+        "periods": len(gains),
+        "work": run.energy.work,
+        "dissipation": run.energy.dissipation,
+        "stored": run.energy.stored,
+        "residual": run.energy.relative_residual,
+        "violation": run.violation,
+        "visited_margin": run.visited_margin,
+        "unique": run.unique,
+        "events": run.events,
+        "overspent": run.overspent,
+    }
+
+
+@pytest.mark.parametrize("name", [n for n in gallery() if not n.startswith("planar")])
+def test_a_row_is_what_simulate_finds_in_one_tick_to_the_bit(name):
+    one = load_scene(name)
+    drive = one.commands
+    seconds = 3.0 * drive.period if drive.period is not None else float(drive.times[-1])
+    runs = simulate_many([one], duration=seconds)
+    assert runs.status[0] == "done"
+    for field, value in alone(simulate(one, seconds, rate=1.0 / seconds)).items():
+        rounding = 1e-14 if one.mesh.segments and field in ("net_translation", "gained", "per_period") else 0.0
+        assert getattr(runs, field)[0] == pytest.approx(value, abs=rounding, rel=0.0, nan_ok=True), field
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "ten_contact_wave", "three_springs", "hybrid_body"])
+def test_the_rate_of_exact_is_only_rounding(name):
+    one = load_scene(name)
+    runs, run = simulate_many([one]), alone(simulate(one, rate=37.0))
+    for field in ("net_translation", "per_period", "work", "dissipation", "stored"):
+        assert getattr(runs, field)[0] == pytest.approx(run[field], abs=1e-12, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "ten_contact_wave", "three_springs"])
+def test_catch_up_takes_the_ticks_of_the_rate_to_the_bit(name):
+    one = load_scene(name)
+    runs = simulate_many([one], duration=2.5, rate=30.0, method="catch_up")
+    for field, value in alone(simulate(one, 2.5, 30.0, "catch_up")).items():
+        if field != "residual":  # relative to the most stored at a vertex, there at a tick
+            assert getattr(runs, field)[0] == pytest.approx(value, abs=0.0, rel=0.0, nan_ok=True), field
+
+
+def test_planar_scenes_have_two_components():
+    one = load_scene("planar_rectilinear")
+    runs = simulate_many([one, load_scene("two_anchor_a")], duration=1.0, rate=4.0)
+    run = simulate(one, 1.0, 4.0)
+    assert runs.net_translation.shape == (2, 2)
+    assert runs.net_translation[0].tolist() == run.net_translation[-1].tolist()
+    assert runs.per_period[0].tolist() == run.per_period[-1].tolist()
+    assert runs.per_period[1].tolist() == [2.0, 0.0]
+    assert (simulate_many([one], method="exact").reason[0]).startswith("method: exact is for bodies on a line")
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_the_strategies_follow_their_closed_forms_at_every_amplitude(name):
+    amplitude = np.linspace(0.0, 8.0, 81)
+    runs = simulate_many(vary(resting(f"two_anchor_{name}"), {"drive.length": amplitude}))
+    assert runs.per_period == pytest.approx(STRATEGIES[name](amplitude), abs=1e-13)
+    assert runs.settling == pytest.approx(0.0, abs=1e-13)
+    assert (runs.periods == 10).all()
+    assert runs.unique.all()
+
+
+def test_workers_change_nothing(monkeypatch):
+    variations = vary(resting("two_anchor_b"), SLOW)
+    one = simulate_many(variations, workers=1)
+    monkeypatch.setattr(workers, "_THREADS_SCALE", 0.0)
+    for count in (2, 5):
+        same(simulate_many(variations, workers=count), one)
+
+
+def in_processes(monkeypatch) -> None:
+    monkeypatch.setattr(workers, "_THREADS_SCALE", np.inf)
+    monkeypatch.setattr(workers, "_WORTH_A_PROCESS_S", 0.0)
+    monkeypatch.setattr(workers, "_PROBE", 2)
+    monkeypatch.setattr(workers, "_MOST_IN_A_CHUNK", 3)
+
+
+def test_processes_change_nothing(monkeypatch):
+    in_processes(monkeypatch)
+    answers = []
+    run = workers._Helper.run
+    monkeypatch.setattr(workers._Helper, "run", lambda *a: answers.append(run(*a)) or answers[-1])
+    keys = {"body.segments.trunk.stiffness": np.linspace(0.5, 2.0, 40), "body.links.stiffness": [2.0, -1.0, 4.0]}
+    variations = vary(load_scene("hybrid_body"), keys)
+    same(simulate_many(variations, workers=2), simulate_many(variations, workers=1))
+    assert answers
+    assert all(a is not None for a in answers)
+
+
+def test_a_process_that_is_killed_loses_nothing(monkeypatch):
+    in_processes(monkeypatch)
+    variations = vary(resting("two_anchor_b"), SLOW)
+    run = workers._Helper.run
+
+    def killed_then_run(self, *arguments):
+        if self.process is not None:
+            os.kill(self.process.pid, signal.SIGKILL)
+        return run(self, *arguments)
+
+    monkeypatch.setattr(workers._Helper, "run", killed_then_run)
+    same(simulate_many(variations, workers=3), simulate_many(variations, workers=1))
+
+
+def test_ctrl_c_keeps_what_is_done(monkeypatch):
+    monkeypatch.setattr(workers, "_THREADS_SCALE", 0.0)
+    variations = vary(resting("two_anchor_a"), {"drive.length": np.linspace(1.0, 6.0, 3000)})
+    told = []
+
+    def progress(part: float) -> None:
+        told.append(part)
+        if part > 0.1 and max(told[:-1]) <= 0.1:
+            signal.raise_signal(signal.SIGINT)
+
+    runs = simulate_many(variations, duration=100.0, workers=2, progress=progress)
+    assert runs.interrupted
+    done = runs.status == "done"
+    assert 0.1 < done.mean() < 1.0
+    assert (runs.status[~done] == "not run").all()
+    assert np.isnan(runs.per_period[~done]).all()
+    assert runs.per_period[done] == pytest.approx(np.maximum(np.linspace(1.0, 6.0, 3000)[done] - 2, 0), abs=1e-12)
+
+
+def test_progress_is_told():
+    parts: list[float] = []
+    simulate_many(vary(resting("two_anchor_a"), SLOW), workers=2, progress=parts.append)
+    assert parts == sorted(parts)
+    assert parts[-1] == 1.0
+
+
+def test_an_invalid_variation_does_not_stop_the_others():
+    lengths = [0.0, 1.0, -np.pi, 3.0]
+    runs = simulate_many(
+        vary(load_scene("two_anchor_a"), {"start.displacement.1": [1.0, 7.0, 0.5], "drive.length": lengths})
+    )
+    invalid = np.repeat([False, True, False], 4)
+    assert ((runs.status == "invalid") == invalid).all()
+    assert all(("start.displacement: contact 0 is pulled" in r) == i for r, i in zip(runs.reason, invalid, strict=True))
+    assert np.isfinite(runs.per_period[~invalid]).all()
+    assert np.isnan(runs.work[invalid]).all()
+    assert not runs.interrupted
+
+
+def test_long_runs_go_in_blocks():
+    one = load_scene("two_anchor_a")
+    runs = simulate_many([one], duration=3000.3)
+    run = simulate(one, 3000.3, rate=1.0 / 3000.3)
+    assert runs.periods[0] == 3000
+    assert runs.net_translation[0] == run.net_translation[-1]
+    assert runs.per_period[0] == run.per_period[-1]
+    assert runs.work[0] == pytest.approx(run.energy.work, rel=1e-11)
+
+
+def test_no_scene_and_no_drive_are_no_mistakes():
+    assert len(simulate_many([])) == 0
+    runs = simulate_many([scene(3)] * 2)
+    assert runs.gained.tolist() == [0.0, 0.0]
+    assert np.isnan(runs.per_period).all()
+    assert simulate_many([scene(3)], duration=1.0).status[0] == "done"
+
+
+@pytest.mark.parametrize(
+    "options", [{"rate": 0.0}, {"duration": -1.0}, {"duration": np.nan}, {"method": "rk4"}, {"workers": 0}]
+)
+def test_out_of_range_is_refused(options):
+    with pytest.raises(CommandError):
+        simulate_many([load_scene("two_anchor_a")], **options)
+
+
+def test_results_are_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        simulate_many([load_scene("two_anchor_a")]).work[0] = 0.0
+
+
+# Variations
+
+
+def test_a_grid_has_the_last_key_fastest():
+    grid = vary(load_scene("two_anchor_a"), {"drive.length": [1, 2], "drive.friction": [1, 3, 5]})
+    assert grid.shape == (2, 3)
+    assert len(grid) == 6
+    assert [(s.drive.length, s.drive.friction) for s in grid] == [(a, b) for a in (1, 2) for b in (1, 3, 5)]
+    beside = vary(load_scene("two_anchor_a"), {"drive.length": [1, 2], "drive.friction": [1, 3]}, grid=False)
+    assert [(s.drive.length, s.drive.friction) for s in beside] == [(1, 1), (2, 3)]
+    assert "2 x 3 of drive.length, drive.friction" in repr(grid)
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("ten_contact_wave", "drive.wave.amplitude"),
+        ("ten_contact_wave", "friction.forward"),
+        ("ten_contact_wave", "body.links.stiffness"),
+        ("ten_contact_wave", "start.displacement.3"),
+        ("three_springs", "body.links.stiffness.2"),
+        ("three_springs", "drive.actuation.1.0"),
+        ("hybrid_body", "body.segments.trunk.friction.backward"),
+        ("hybrid_body", "friction.backward"),
+        ("planar_rectilinear", "friction.value.0"),
+        ("planar_rectilinear", "tolerance"),
+    ],
+)
+def test_a_variation_is_its_document(name, key):
+    base = load_scene(name)
+    node: Any = base.document()
+    for step in key.replace("segments.trunk", "segments.0").split("."):
+        node = node[int(step)] if isinstance(node, list) else node[step]
+    value = (node[0] if isinstance(node, list) else node) * (1.0 - 1e-3)
+    variations = vary(base, {key: [value]})
+    other = Scene.model_validate(variations.document(0))
+    assert variations[0] == other
+    assert variations[0] != base
+    same(simulate_many(variations, 1.0, 4.0), simulate_many([other], 1.0, 4.0))
+    same(simulate_many(pickle.loads(pickle.dumps(variations)), 1.0, 4.0), simulate_many([other], 1.0, 4.0))
+
+
+def test_friction_both_ways_is_varied_on_one_side():
+    base = scene(2, drive={"times": [0, 0.5], "period": 1, "actuation": [0, 3]})
+    base = Scene.model_validate(base.document() | {"friction": {"isotropic": 1.0}})
+    runs = simulate_many(vary(base, {"friction.backward": [1.0, 1.2, 2.0]}))
+    assert runs.unique.tolist() == [False, True, True]
+    assert runs.per_period[1:] == pytest.approx(1.0)
+    (other,) = vary(load_scene("two_contacts_anisotropic"), {"friction.isotropic": [0.3]})
+    assert other.friction.sides == (0.3, 0.3)
+
+
+def test_elements_stay_unless_the_accuracy_is_varied():
+    base = load_scene("hybrid_body")
+    elements = [s.mesh.segments[0].elements for s in vary(base, {"body.links.stiffness": [1.0, 9.0]})]
+    assert elements == [base.mesh.segments[0].elements] * 2
+    variations = vary(base, {"body.segments.trunk.accuracy": [0.2, 0.003]})
+    counts = [s.mesh.segments[0].elements for s in variations]
+    assert counts[0] < counts[1]
+    assert [s.mesh.segments[0].elements for s in pickle.loads(pickle.dumps(variations))] == counts
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "said"),
+    [
+        ("two_anchor_a", {}, "no key"),
+        ("two_anchor_a", {"drive.lenth": [1]}, "drive.lenth: unknown key; the nearest known key is 'drive.length'"),
+        ("ten_contact_wave", {"friction.foward": [1]}, "the nearest known key is 'friction.forward'"),
+        (
+            "ten_contact_wave",
+            {"drive.wave": [1]},
+            "drive.wave: a part with more keys is not a number; vary drive.wave.a",
+        ),
+        ("ten_contact_wave", {"drive.friction_wave": [1]}, "unknown key"),
+        ("ten_contact_wave", {"body.contacts.10": [1]}, "the nearest known key is 'body.contacts.1'"),
+        ("two_anchor_a", {"drive.strategy": [1]}, "drive.strategy: 'A' is not a number"),
+        ("two_anchor_a", {"name.x": [1]}, "name.x: unknown key"),
+        ("three_springs", {"drive.actuation": [1]}, "drive.actuation: a table is not a number; vary drive.actuation.0"),
+        ("two_anchor_a", {"friction.forward": [1]}, "without effect, the scene's drive commands friction"),
+        ("two_anchor_a", {"drive.length": []}, "at least one number"),
+        ("two_anchor_a", {"drive.length": [np.nan]}, "all finite"),
+        ("two_anchor_a", {"drive.length": 3}, "a list of"),
+        ("two_anchor_a", {"drive.length": ["x"]}, "a list of numbers"),
+        ("two_anchor_a", {"drive.length": np.zeros(10**4), "drive.period": np.ones(1001)}, "10010000 variations"),
+        ("three_springs", {"body.links.stiffness": [1], "body.links.stiffness.0": [2]}, "set the same number"),
+    ],
+)
+def test_a_mistake_in_a_key_is_one_clear_line(name, keys, said):
+    with pytest.raises(SceneError) as error:
+        vary(load_scene(name), keys)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+    with pytest.raises(SceneError, match="as many"):
+        vary(load_scene("two_anchor_a"), {"drive.length": [1, 2], "drive.friction": [1]}, grid=False)

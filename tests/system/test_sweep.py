@@ -1,0 +1,228 @@
+"""`crawler sweep` as a user types it, here and on a Dask cluster."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crawler_ros.cli import main
+
+from .test_command import CRAWLER, good
+
+pq = pytest.importorskip("pyarrow.parquet")
+distributed = pytest.importorskip("distributed")
+
+LENGTHS = ["--vary", "drive.length=0:6:13"]
+
+
+def table_of(path: Path):
+    return pq.read_table(path)
+
+
+def test_a_line_over_one_key(tmp_path):
+    text = good("sweep", "two_anchor_b", *LENGTHS, "--out", "b.parquet", cwd=tmp_path)
+    assert "13 variations of drive.length; 13 done" in text
+    assert "largest net translation in the last period: 2 m" in text
+    table = table_of(tmp_path / "b.parquet")
+    done = np.array(table["status"].to_pylist()) == "done"
+    length = np.array(table["drive.length"])
+    gained = np.array(table["per_period"].to_pylist(), dtype=float)
+    assert length.tolist() == np.linspace(0, 6, 13).tolist()
+    assert gained[done] == pytest.approx(np.clip(length - 1, 0, 2)[done], abs=1e-12)
+    assert (tmp_path / "b.png").stat().st_size > 5_000
+    assert table.schema.field("per_period").metadata == {b"unit": b"m"}
+    assert table.schema.field("drive.length").metadata == {b"unit": b"m"}
+
+
+def test_a_map_over_two_keys_in_the_grids_order(tmp_path):
+    keys = ["--vary", "friction.forward=log:0.05:0.2:4", "--vary", "body.links.stiffness=20,60,-1"]
+    out = ["--out", "w.parquet", "--png", "map.png", "--duration", "3", "--workers", "2", "--json"]
+    about = json.loads(good("sweep", "ten_contact_wave", *keys, *out, cwd=tmp_path))
+    assert about["schema"] == 1
+    assert about["shape"] == [4, 3]
+    assert (about["done"], about["invalid"], about["not_run"]) == (8, 4, 0)
+    assert about["picture"] == "map.png"
+    assert about["best"]["at"].keys() == {"friction.forward", "body.links.stiffness"}
+    assert (tmp_path / "map.png").stat().st_size > 5_000
+    table = table_of(tmp_path / "w.parquet")
+    assert table["friction.forward"].to_pylist() == np.repeat(np.geomspace(0.05, 0.2, 4), 3).tolist()
+    assert table["body.links.stiffness"].to_pylist() == [20, 60, -1] * 4
+    assert table["status"].to_pylist() == ["done", "done", "invalid"] * 4
+    assert "stiffness" in table["reason"][2].as_py()
+    assert table["work"][2].as_py() is None
+    assert table["unique"][2].as_py() is None
+    assert table["efficiency"][0].as_py() == table["gained"][0].as_py() / table["dissipation"][0].as_py()
+    sweep = json.loads(table.schema.metadata[b"crawler_sweep"])
+    assert sweep["scene"]["name"] == "ten_contact_wave"
+    assert sweep["vary"] == {"friction.forward": "log:0.05:0.2:4", "body.links.stiffness": "20,60,-1"}
+    assert sweep["duration_s"] == 3.0
+    assert sweep["complete"] is True
+    assert {"crawler-ros", "numpy", "numba", "python"} <= sweep["versions"].keys()
+
+
+def test_three_keys_make_a_table_alone_and_the_plane_two_columns(tmp_path):
+    keys = [
+        "--vary",
+        "friction.value.0=0.2,0.25",
+        "--vary",
+        "friction.value.2=0.5,0.6",
+        "--vary",
+        "tolerance=1e-3,1e-2",
+    ]
+    text = good(
+        "sweep", "planar_rectilinear", *keys, "--out", "p.parquet", "--duration", "2", "--rate", "4", cwd=tmp_path
+    )
+    assert "2 x 2 x 2" in text
+    assert not (tmp_path / "p.png").exists()
+    names = table_of(tmp_path / "p.parquet").column_names
+    assert {"per_period_x", "per_period_y", "efficiency_x"} <= set(names)
+
+
+def test_nothing_is_overwritten_unasked(tmp_path, monkeypatch, capsys):
+    def sweep(*more: str) -> int:
+        return command_status(["sweep", "two_anchor_b", *LENGTHS, "--out", "b.parquet", *more], tmp_path, monkeypatch)
+
+    assert sweep() == 0
+    before = (tmp_path / "b.parquet").read_bytes()
+    assert sweep() == 1
+    assert "b.parquet is there already" in capsys.readouterr().err
+    assert sweep("--overwrite") == 0
+    assert (tmp_path / "b.parquet").read_bytes() == before
+    (tmp_path / "b.parquet").unlink()
+    assert sweep() == 1
+    assert "b.png is there already" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["b.png"]
+
+
+def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch, capsys):
+    def fail(table, path, **options):
+        Path(path).write_bytes(b"PAR1")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pyarrow.parquet.write_table", fail)
+    assert command_status(["sweep", "two_anchor_b", *LENGTHS, "--out", "b.parquet"], tmp_path, monkeypatch) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_writes_what_is_done(tmp_path):
+    keys = ["--vary", "drive.length=0:6:200", "--vary", "drive.period=1:2:2000", "--duration", "100"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    for seconds in (4.0, 10.0, 30.0):  # however slowly the machine begins
+        process = subprocess.Popen(
+            [CRAWLER, "sweep", "two_anchor_b", *keys, "--out", "b.parquet"], cwd=tmp_path, **pipes
+        )
+        time.sleep(seconds)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+        assert process.returncode == 130, err
+        if (tmp_path / "b.parquet").exists():
+            break
+    assert "not run" in out
+    assert "stopped: the table holds what was done" in out
+    assert err == "" or "compiling" in err
+    table = table_of(tmp_path / "b.parquet")
+    assert 0 < table.num_rows < 400_000
+    assert "not run" not in table["status"].to_pylist()
+    assert json.loads(table.schema.metadata[b"crawler_sweep"])["complete"] is False
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["b.parquet", "b.png"]
+
+
+MISTAKES = [
+    ([*LENGTHS, "--vary", "drive.length=1:2:3"], "drive.length: given twice"),
+    (["--vary", "drive.lenth=0:6:3"], "drive.lenth: unknown key; the nearest known key is 'drive.length'"),
+    (["--vary", "drive.strategy=0:6:3"], "'B' is not a number"),
+    (["--vary", "drive.length"], "write KEY=FROM:TO:N"),
+    (["--vary", "drive.length=0:6"], "write KEY=FROM:TO:N"),
+    (["--vary", "drive.length=0:six:3"], "'six' is not a number"),
+    (["--vary", "drive.length=1,inf"], "'inf' is not finite"),
+    (["--vary", "drive.length=0:6:0"], "N is 0; it must be between 1"),
+    (["--vary", "drive.length=0:6:2.5"], "N is '2.5'; it must be a whole number"),
+    (["--vary", "drive.length=log:0:6:5"], "log: goes from one number > 0"),
+    (["--vary", "drive.length=0:6:9999", "--vary", "drive.friction=1:2:9999"], "at most 10000000"),
+    (["--vary", "drive.friction=-2,-1"], "no variation is valid; the first: friction: -2 N"),
+    ([*LENGTHS, "--out", "x.csv"], "must end in .parquet"),
+    ([*LENGTHS, "--out", "nodir/x.parquet"], "the folder"),
+    ([*LENGTHS, "--png", "x.jpg"], "must end in .png"),
+    (["--vary", "drive.length=2", "--png", "x.png"], "one or two keys that vary"),
+    ([*LENGTHS, "--duration", "-1"], "duration: -1 s"),
+    ([*LENGTHS, "--workers", "0"], "'--workers'"),
+    ([*LENGTHS, "--scheduler", "somewhere"], "write tcp://host:port"),
+    ([*LENGTHS, "--scheduler", "tcp://127.0.0.1:9"], "no Dask scheduler answers at tcp://127.0.0.1:9"),
+    ([], "Missing option '--vary'"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "said"), MISTAKES)
+def test_a_mistake_is_one_clear_line(arguments, said, tmp_path, monkeypatch, capsys):
+    out = [] if "--out" in arguments else ["--out", "x.parquet"]
+    assert command_status(["sweep", "two_anchor_b", *arguments, *out], tmp_path, monkeypatch) != 0
+    text = capsys.readouterr().err
+    assert said in " ".join(text.split())
+    assert text.startswith("crawler: ")
+    assert len(text.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def command_status(arguments: list[str], folder: Path, monkeypatch) -> int:
+    """Run the command in this process, which spares a second each."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", ["crawler", *arguments])
+    monkeypatch.setattr("crawler_ros.sweep_cluster.PATIENCE_S", 1.0)
+    with pytest.raises(SystemExit) as left:
+        main()
+    return int(left.value.code or 0)
+
+
+# On a cluster
+
+
+OPTIONS = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **OPTIONS) as made:
+        yield made
+
+
+def test_a_cluster_gives_the_same_table_to_the_bit_though_a_worker_is_killed(cluster, tmp_path):
+    keys = ["--vary", "drive.length=0:6:50", "--vary", "drive.friction=0.5:1.5:40"]
+    arguments = ["sweep", "two_anchor_b", *keys, "--duration", "20"]
+    good(*arguments, "--out", "local.parquet", cwd=tmp_path)
+    command = [CRAWLER, *arguments, "--out", "dask.parquet", "--scheduler", cluster.scheduler_address]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command, cwd=tmp_path, **pipes)
+    wait_for(lambda: any(t.state == "processing" for t in list(cluster.scheduler.tasks.values())), process)
+    os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert err == "" or "compiling" in err
+    assert "50 x 40 variations" in out
+    assert (tmp_path / "dask.parquet").read_bytes() == (tmp_path / "local.parquet").read_bytes()
+    assert table_of(tmp_path / "dask.parquet").equals(table_of(tmp_path / "local.parquet"))
+
+
+def wait_for(what, process, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_a_scheduler_without_workers_is_one_clear_line(tmp_path, monkeypatch, capsys):
+    with distributed.LocalCluster(n_workers=0, threads_per_worker=1, processes=True, **OPTIONS) as empty:
+        arguments = ["sweep", "two_anchor_b", *LENGTHS, "--out", "x.parquet", "--scheduler", empty.scheduler_address]
+        assert command_status(arguments, tmp_path, monkeypatch) == 1
+    text = capsys.readouterr().err
+    assert "has no workers; start one: dask worker tcp://" in text
+    assert len(text.splitlines()) == 1
