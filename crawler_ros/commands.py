@@ -174,6 +174,8 @@ class CommandQueue:
         Returns:
             The vertices; none to hold.
         """
+        if not (self._actuation or self._friction or self._trajectories or self._path):
+            return []
         with self._lock:
             actuation, self._actuation = self._actuation, []
             friction, self._friction = self._friction, []
@@ -196,7 +198,7 @@ class CommandQueue:
         """Leave out the vertices that only repeat what is in force."""
         kept = []
         for vertex in vertices:
-            if not np.array_equal(vertex.row, self._in_force):
+            if vertex.row.tobytes() != self._in_force.tobytes():
                 kept.append(vertex)
                 self._in_force = vertex.row
         return kept
@@ -262,14 +264,17 @@ class CommandQueue:
         return len(kept_new) + len(joined)
 
     def _follow_path(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        passed = [v for v in self._path if v.due_ns <= end_ns]
-        ahead = self._path[len(passed) :]
+        path = self._path
+        count = 0
+        while count < len(path) and path[count].due_ns <= end_ns:
+            count += 1
+        passed = path[:count]
         vertices = [v if v.due_ns >= start_ns else Vertex(start_ns, v.row) for v in passed]
-        if ahead:
+        if count < len(path):
             vertices.append(Vertex(end_ns, self._value_at(end_ns)))
         if passed:
             self._anchor = passed[-1]
-        self._path = ahead
+            del path[:count]
         return vertices
 
 

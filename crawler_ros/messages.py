@@ -14,6 +14,7 @@ import numpy as np
 from crawler_model.drive import NS
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"
+_STAMP = struct.Struct("<iI")
 
 
 class CdrWriter:
@@ -67,7 +68,7 @@ class CdrWriter:
 
 
 def _put_stamp(buffer: bytearray, place: int, ns: int) -> None:
-    struct.pack_into("<iI", buffer, place, ns // NS, ns % NS)
+    _STAMP.pack_into(buffer, place, *divmod(ns, NS))
 
 
 class JointStateMessage:
@@ -83,14 +84,14 @@ class JointStateMessage:
         cdr = CdrWriter()
         self._stamp = cdr.header(frame)
         cdr.texts(names)
-        places = [cdr.doubles(len(names)) for _ in range(3)]
+        first, second, _ = (cdr.doubles(len(names)) for _ in range(3))
         self._buffer = cdr.buffer
-        self.position, self.velocity, self.effort = (
-            np.frombuffer(self._buffer, np.float64, len(names), place) for place in places
-        )
+        # three sequences of one length stand equally far apart: the rows of one array
+        self.numbers = np.ndarray((3, len(names)), np.float64, self._buffer, first, (second - first, 8))
+        self.position, self.velocity, self.effort = self.numbers
 
     def encode(self, stamp_ns: int) -> bytes:
-        """Return the bytes of what stands in `position`, `velocity` and `effort`, each of shape (M,)."""
+        """Return the bytes of what stands in `position`, `velocity` and `effort`, the rows of `numbers`, (3, M)."""
         _put_stamp(self._buffer, self._stamp, stamp_ns)
         return bytes(self._buffer)
 
@@ -188,9 +189,7 @@ def read_stamp(data: bytes) -> int:
 
 def encode_clock(ns: int) -> bytes:
     """Encode a rosgraph_msgs/Clock."""
-    cdr = CdrWriter()
-    cdr.stamp(ns)
-    return bytes(cdr.buffer)
+    return _ENCAPSULATION + _STAMP.pack(*divmod(ns, NS))
 
 
 def encode_diagnostics(

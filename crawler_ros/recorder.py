@@ -19,15 +19,16 @@ from typing import IO, Any
 import yaml
 
 from .interface import Topic, message_definition, offered_qos, topics, type_hash
+from .mcap_file import McapFile, message_head
 
 CHUNK_SIZE = 768 * 1024
 FLUSH_EVERY_S = 0.5
 DISTRO = "jazzy"
 
-_FRAME = struct.Struct("<HqqI")  # channel, log time, publish time, size of the data that follows
 _PIPE_BYTES = 1 << 20
-_BLOCK_BYTES = 1 << 16
-_MOST_WAITING = 200_000  # messages
+_PUSH_EVERY_NS = 2_000_000
+_MOST_WAITING = 1 << 26
+"""Bytes. What waits is lost when the simulator is killed: no more than can be written in a second."""
 
 
 class BagWriter:
@@ -43,26 +44,21 @@ class BagWriter:
         Raises:
             FileExistsError: when something is in the folder: a recording never overwrites another.
         """
-        from mcap.writer import CompressionType, Writer
-
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise FileExistsError(f"{folder}: the folder is not empty")
         self.folder = folder
         self.path = folder / f"{folder.name}_0.mcap"
         self._file: IO[bytes] = self.path.open("xb")
-        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library="crawler")
+        self._writer = McapFile(self._file, "ros2", "crawler", CHUNK_SIZE)
         self._writer.add_metadata("rosbag2", {"ROS_DISTRO": DISTRO})
         now = time.time_ns()
         for name, data in attachments.items():
-            self._writer.add_attachment(now, now, name, "application/json", json.dumps(data, indent=1).encode())
+            self._writer.add_attachment(now, name, "application/json", json.dumps(data, indent=1).encode())
         self._writer.flush()
         self._topics: dict[int, tuple[str, str, dict[str, str]]] = {}
         self._schemas: dict[str, int] = {}
-        self._counts: dict[int, int] = {}
-        self._first_ns: int | None = None
-        self._last_ns = 0
+        self._sequences: dict[int, int] = {}
 
     def add_topic(self, topic: Topic, name: str) -> int:
         """Register a topic.
@@ -91,10 +87,10 @@ class BagWriter:
             The channel to write its messages to.
         """
         if type_name not in self._schemas:
-            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition)
-        channel = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
+            self._schemas[type_name] = self._writer.add_schema(type_name, "ros2msg", definition)
+        channel = self._writer.add_channel(name, "cdr", self._schemas[type_name], metadata)
         self._topics[channel] = (name, type_name, metadata)
-        self._counts[channel] = 0
+        self._sequences[channel] = 0
         return channel
 
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
@@ -106,10 +102,19 @@ class BagWriter:
             publish_ns: when it was sent [ns, wall].
             data: its CDR bytes.
         """
-        self._writer.add_message(channel, log_ns, data, publish_ns, self._counts[channel])
-        self._counts[channel] += 1
-        self._first_ns = log_ns if self._first_ns is None else min(self._first_ns, log_ns)
-        self._last_ns = max(self._last_ns, log_ns)
+        self._writer.add_messages(message_head(channel, self._sequences[channel], log_ns, publish_ns, len(data)) + data)
+        self._sequences[channel] += 1
+
+    def write_records(self, data: memoryview) -> int:
+        """Append messages that are MCAP records already.
+
+        Args:
+            data: message records, the last of which may be torn.
+
+        Returns:
+            The bytes of the whole ones, which are taken.
+        """
+        return self._writer.add_messages(data)
 
     def flush(self) -> None:
         """Hand everything to the operating system: a killed process loses nothing of it."""
@@ -117,6 +122,7 @@ class BagWriter:
 
     def close(self) -> None:
         """Write the end of the file and metadata.yaml."""
+        self._writer.flush()
         information = self._information()
         self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
         self._writer.finish()
@@ -125,10 +131,10 @@ class BagWriter:
         (self.folder / "metadata.yaml").write_text(text, encoding="utf-8")
 
     def _information(self) -> dict[str, Any]:
-        first = self._first_ns or 0
-        span = {"nanoseconds": max(self._last_ns - first, 0)}
+        first, counts = self._writer.first_ns or 0, self._writer.counts
+        span = {"nanoseconds": max(self._writer.last_ns - first, 0)}
         start = {"nanoseconds_since_epoch": first}
-        total = sum(self._counts.values())
+        total = sum(counts.values())
         rows = [
             {
                 "topic_metadata": {
@@ -138,7 +144,7 @@ class BagWriter:
                     "offered_qos_profiles": yaml.safe_load(metadata.get("offered_qos_profiles", "[]")),
                     "type_description_hash": metadata.get("topic_type_hash", ""),
                 },
-                "message_count": self._counts[channel],
+                "message_count": counts.get(channel, 0),
             }
             for channel, (name, type_name, metadata) in self._topics.items()
         ]
@@ -185,12 +191,15 @@ class Recorder:
         self.folder = _new_folder(parent, name)
         self.folder.mkdir(parents=True)
         self.error: str | None = None
-        self.sent = 0
+        self.waiting = 0
+        """Bytes taken up by `push` and not yet handed over."""
         self._attachments = attachments
         self._topics: list[tuple[str, str]] = []
+        self._sequences: list[int] = []
         self._process: subprocess.Popen[bytes] | None = None
-        self._arrived: deque[bytes] = deque()  # appended to by any thread, emptied by one
-        self._block = memoryview(b"")
+        self._arrived: list[bytes] = []  # appended to by any thread, emptied by one
+        self._blocks: deque[memoryview] = deque()
+        self._next_push_ns = 0
 
     def add_topic(self, topic: Topic, name: str) -> int:
         """Register a topic; all of them before `start`.
@@ -203,6 +212,7 @@ class Recorder:
             The channel to record its messages on.
         """
         self._topics.append((topic.name, name))
+        self._sequences.append(0)
         return len(self._topics) - 1
 
     def start(self) -> None:
@@ -216,13 +226,13 @@ class Recorder:
         header = {"folder": str(self.folder), "attachments": self._attachments, "topics": self._topics}
         data = json.dumps(header).encode()
         self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
-        self._arrived.appendleft(struct.pack("<I", len(data)) + data)
+        self._take(struct.pack("<I", len(data)) + data)
         with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
             fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._fd, False)
 
     def record(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
-        """Take a message; from any thread. `push` hands it on.
+        """Take a message; from any thread, each channel from one at a time. `push` hands it on.
 
         Args:
             channel: from `add_topic`.
@@ -230,53 +240,70 @@ class Recorder:
             publish_ns: when it was sent [ns, wall].
             data: its CDR bytes.
         """
-        self._arrived.append(_FRAME.pack(channel, log_ns, publish_ns, len(data)) + data)
-
-    def push(self) -> None:
-        """Hand over what has arrived, without waiting unless very much waits already; from one thread."""
         if self.error is not None:
-            self._arrived.clear()
             return
-        if len(self._arrived) > _MOST_WAITING:
-            os.set_blocking(self._fd, True)
-        try:
-            while self._next_block():
-                self._block = self._block[os.write(self._fd, self._block) :]
-        except BlockingIOError:
-            pass
-        except BrokenPipeError:
-            self.error = self._last_words()
-        finally:
-            if self.error is None:
-                os.set_blocking(self._fd, False)
-
-    def _next_block(self) -> bool:
-        """Take the next messages to write, a moderate number of bytes; tell whether there are any."""
-        if not self._block and self._arrived:
-            pieces, size = [], 0
-            while self._arrived and size < _BLOCK_BYTES:
-                pieces.append(self._arrived.popleft())
-                size += len(pieces[-1])
-            self.sent += len(pieces)
-            self._block = memoryview(b"".join(pieces))
-        return len(self._block) > 0
+        sequence = self._sequences[channel]
+        self._sequences[channel] = sequence + 1
+        # one call, so that another thread's message comes before or behind and never between; channels count from 1
+        self._arrived.extend((message_head(channel + 1, sequence, log_ns, publish_ns, len(data)), data))
 
     @property
-    def waiting(self) -> int:
-        """Messages taken and not yet handed over."""
-        return len(self._arrived)
+    def messages(self) -> int:
+        """Messages taken."""
+        return sum(self._sequences)
+
+    def push(self, now_ns: int) -> None:
+        """Hand over what has arrived, now and then; waits only while very much waits already; from one thread.
+
+        Args:
+            now_ns: a steady clock's time [ns].
+        """
+        if now_ns < self._next_push_ns:  # a tick's few messages are not worth a call of the system
+            return
+        self._next_push_ns = now_ns + _PUSH_EVERY_NS
+        if self.error is None:
+            self._hand_over(_MOST_WAITING)
+
+    def _take(self, block: bytes) -> None:
+        self._blocks.append(memoryview(block))
+        self.waiting += len(block)
+
+    def _hand_over(self, most: int) -> None:
+        """Write what the pipe takes, and wait until no more than `most` bytes are left."""
+        arrived = self._arrived
+        if arrived:
+            count = len(arrived)
+            self._take(b"".join(arrived[:count]))
+            del arrived[:count]  # what came meanwhile stands behind
+        blocks, patient = self._blocks, False
+        try:
+            while blocks:
+                if patient != (self.waiting > most):
+                    patient = not patient
+                    os.set_blocking(self._fd, patient)
+                block = blocks.popleft()
+                try:
+                    written = os.write(self._fd, block[:_PIPE_BYTES])
+                except BlockingIOError:
+                    blocks.appendleft(block)
+                    return
+                self.waiting -= written
+                if written < len(block):
+                    blocks.appendleft(block[written:])
+        except BrokenPipeError:
+            self.error = self._last_words()
+            blocks.clear()
+            self.waiting = 0
+        finally:
+            if patient:
+                os.set_blocking(self._fd, False)
 
     def close(self) -> None:
         """Hand over the rest and let the process write the end of the file and metadata.yaml."""
         assert self._process is not None
         assert self._process.stdin is not None
         if self.error is None:
-            os.set_blocking(self._fd, True)
-            try:
-                while self._next_block():
-                    self._block = self._block[os.write(self._fd, self._block) :]
-            except BrokenPipeError:
-                pass
+            self._hand_over(0)
         with contextlib.suppress(BrokenPipeError):
             self._process.stdin.close()
         self.error = self.error or self._last_words()
@@ -315,8 +342,9 @@ def main() -> int:
     try:
         bag = BagWriter(Path(header["folder"]), header["attachments"])
         table = topics()
-        channels = [bag.add_topic(table[topic], name) for topic, name in header["topics"]]
-        _record(fd, data, bag, channels)
+        for topic, name in header["topics"]:
+            bag.add_topic(table[topic], name)
+        _record(fd, data, bag)
         bag.close()
     except OSError as error:  # a full disk: what was flushed can be recovered
         print(error)
@@ -324,27 +352,29 @@ def main() -> int:
     return 0
 
 
-def _record(fd: int, data: bytes, bag: BagWriter, channels: list[int]) -> None:
+def _record(fd: int, data: bytes, bag: BagWriter) -> None:
+    """Write the message records that come behind `data`, flushing twice a second."""
+    buffer = bytearray(2 * _PIPE_BYTES)
+    filled = len(data)
+    buffer[:filled] = data
     flushed = time.monotonic()
     while True:
-        place = 0
-        while len(data) - place >= _FRAME.size:
-            channel, log_ns, publish_ns, size = _FRAME.unpack_from(data, place)
-            end = place + _FRAME.size + size
-            if end > len(data):
-                break
-            bag.write(channels[channel], log_ns, publish_ns, data[place + _FRAME.size : end])
-            place = end
-        data = data[place:]
+        with memoryview(buffer) as view:
+            taken = bag.write_records(view[:filled])
+            view[: filled - taken] = view[taken:filled]
+            filled -= taken
+        if filled > len(buffer) - _PIPE_BYTES:  # a message larger than any before
+            buffer += bytes(len(buffer))
         if time.monotonic() - flushed >= FLUSH_EVERY_S:
             bag.flush()
             flushed = time.monotonic()
         ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
         if ready:
-            block = os.read(fd, _PIPE_BYTES)
-            if not block:
+            with memoryview(buffer) as view:
+                count = os.readv(fd, [view[filled:]])
+            if count == 0:
                 return
-            data += block
+            filled += count
 
 
 if __name__ == "__main__":

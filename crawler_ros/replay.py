@@ -9,9 +9,10 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 from crawler_model.drive import NS
+from crawler_model.readout import Readout
 
 from . import bag
-from .states import JointReader
+from .states import joint_state_names
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,8 @@ def simulate_again(path: Path) -> Resimulation:
                 raise bag.BagError(f"{path}: it does not hold its scene, so it cannot be simulated again")
             scene = Scene.model_validate(head.attachments["scene"])
             start = Crawler(scene, head.attachments.get("parameters", {}).get("method"))
-            crawler, joints = start.copy(), JointReader(scene.mesh)
-            still = np.zeros(scene.mesh.position.shape)
+            crawler, readout = start.copy(), Readout(scene.mesh, np.zeros(0, np.int64))
+            ours, none = np.zeros((3, len(joint_state_names(scene.mesh)))), np.zeros((3, 0))
         name = record.topic.rsplit("/", 1)[-1]
         if name == "applied_commands":
             points = decode(record.data, record.type).points
@@ -70,11 +71,9 @@ def simulate_again(path: Path) -> Resimulation:
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
             if stamp == 0 and ticks > 0:
                 crawler, resets = start.copy(), resets + 1
-            position, _, effort = joints.read(crawler, still, crawler.spring_force)
-            ours = np.concatenate((position, effort))
-            theirs = np.concatenate((message.position, message.effort))
-            if not np.array_equal(ours, theirs):
-                worst = max(worst, float(np.abs(ours - theirs)[: message.position.size].max()))
+            readout.read(crawler, np.inf, ours, none)
+            if not (np.array_equal(ours[0], message.position) and np.array_equal(ours[2], message.effort)):
+                worst = max(worst, float(np.abs(ours[0] - message.position).max()))
                 first = stamp / NS if first is None else first
             ticks += 1
     return Resimulation(ticks, resets, ticks > 0 and first is None, worst, first)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import platform
@@ -21,16 +22,19 @@ from rclpy.serialization import deserialize_message
 
 import crawler_ros
 from crawler_model import CommandError, Crawler, load_scene, prepare
+from crawler_model._compiled import said_if_slow
 from crawler_model.crawler import Step
 from crawler_model.drive import NS
 from crawler_model.friction import check_regularity
+from crawler_model.readout import Readout
 from crawler_model.simulate import rational_rate
+from crawler_model.state import COMPLEMENTARITY, RESIDUAL, VIOLATION
 from crawler_model.uniqueness import commanded_margin
 
 from . import interface
 from .commands import CommandQueue
 from .messages import JointStateMessage, PoseMessage, TrajectoryMessage, encode_clock, encode_diagnostics
-from .states import JointReader, contact_names, joint_state_names, shown_contacts
+from .states import contact_names, joint_state_names, shown_contacts
 from .stepper import Stepper
 
 if TYPE_CHECKING:
@@ -39,6 +43,36 @@ if TYPE_CHECKING:
 
 OK, WARN, ERROR = 0, 1, 2
 _QUIET_S, _MOST_SAID = 1.0, 10  # a refusal is logged once a second, of all refusals ten
+
+
+class Outlet:
+    """Where the messages of one topic go: to who listens, and into the recording."""
+
+    def __init__(self, publisher: Any, recorder: Recorder | None, channel: int | None) -> None:
+        """Take both ways out.
+
+        Args:
+            publisher: rclpy's; None to publish nothing.
+            recorder: the recording, if there is one.
+            channel: its channel; None to record nothing.
+        """
+        # what Publisher.publish does with bytes once it has looked at their type: half of its time
+        self._publish = None if publisher is None else publisher.handle.publish_raw
+        self._record = None if recorder is None or channel is None else recorder.record
+        self._channel = channel
+        self.wanted = self._publish is not None or self._record is not None
+
+    def send(self, data: bytes) -> None:
+        """Publish and record a message.
+
+        Args:
+            data: its CDR bytes.
+        """
+        if self._publish is not None:
+            self._publish(data)
+        if self._record is not None:
+            now = time.time_ns()
+            self._record(self._channel, now, now, data)
 
 
 class Simulator(Node):
@@ -80,14 +114,16 @@ class Simulator(Node):
         self._hold = np.empty((0, self.columns.index.size))
         frame = self.values["frame_id"]
         self._ledger = TrajectoryMessage(list(self.columns.names))
+        shown = self.values["publish.contact_states"]
         self._joints = JointStateMessage(joint_state_names(mesh))
-        self._joint_reader = JointReader(mesh)
-        self._contacts = JointStateMessage(contact_names(self.scene), frame)
-        self._shown = shown_contacts(self.scene)
+        self._contacts = JointStateMessage(contact_names(self.scene) if shown else [], frame)
+        self._readout = Readout(mesh, shown_contacts(self.scene) if shown else np.zeros(0, np.int64))
+        with said_if_slow():
+            self._readout.read(self.crawler, np.inf, self._joints.numbers, self._contacts.numbers)
         self._pose = PoseMessage(frame)
         self._recorder: Recorder | None = None
         self._feed: ViewerFeed | None = None
-        self._outlets: dict[str, tuple[Any, int | None]] = {}
+        self._outlets: dict[str, Outlet] = {}
         view = str(self.values["view"])
         if view != "off":
             from .visualizer import check_view
@@ -107,7 +143,7 @@ class Simulator(Node):
             from .visualizer import ViewerFeed
 
             self._feed = ViewerFeed(self.scene, view, self.get_logger().info)
-        self._next_diagnostics = 0.0
+        self._next_diagnostics_ns = 0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
             f"{self.scene.name}: {mesh.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting for "
@@ -151,7 +187,7 @@ class Simulator(Node):
                 channel = self._recorder.add_topic(topic, full)
             if topic.direction == "out":
                 publisher = self.create_publisher(kind, name, qos) if wanted[name] else None
-                self._outlets[name] = (publisher, channel)
+                self._outlets[name] = Outlet(publisher, self._recorder, channel)
             else:
                 receive = self._receiver(name, kind, channel, accept[name])
                 self.create_subscription(kind, name, receive, qos, raw=True)
@@ -250,8 +286,9 @@ class Simulator(Node):
             self._send_states(None)
         try:
             while not self.stopping.is_set():
+                wall_ns = time.monotonic_ns()
                 with self.lock:
-                    wait = self.stepper.wait_ns(time.monotonic_ns())
+                    wait = self.stepper.wait_ns(wall_ns)
                 if wait is None:
                     self.stopping.wait(0.01)
                 elif wait > 0:
@@ -261,16 +298,16 @@ class Simulator(Node):
                         if not self.stepper.paused:
                             self.stepper.begin(time.monotonic_ns())
                             self._tick()
-                self._push_recording()
-                self._report()
+                self._push_recording(wall_ns)
+                self._report(wall_ns)
         finally:
             self.stopping.set()
             server.join()
             self.close()
 
-    def _push_recording(self) -> None:
+    def _push_recording(self, wall_ns: int) -> None:
         if self._recorder is not None and self._recorder.error is None:
-            self._recorder.push()
+            self._recorder.push(wall_ns)
             if self._recorder.error is not None:
                 self.get_logger().error(self._recorder.error)
 
@@ -282,67 +319,49 @@ class Simulator(Node):
     def _tick(self) -> None:
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
         vertices = self.commands.take(start_ns, end_ns)
-        targets = self.columns.target(np.array([v.row for v in vertices])) if vertices else self._hold
-        step = self.crawler.follow(targets)
+        rows = [v.row for v in vertices]
+        step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
         self.stepper.finish()
-        if self._is_wanted("applied_commands"):
+        ledger = self._outlets["applied_commands"]
+        if ledger.wanted:
             times = [max(v.due_ns - start_ns, 0) for v in vertices]
-            rows = [v.row for v in vertices]
-            self._send("applied_commands", self._ledger.encode(start_ns, times, rows))
+            ledger.send(self._ledger.encode(start_ns, times, rows))
         self._send_states(step)
-        certificate = step.certificate
-        worst = self.certificate
-        worst[0] = max(worst[0], abs(certificate.energy_residual))
-        worst[1] = max(worst[1], certificate.violation)
-        worst[2] = max(worst[2], certificate.complementarity)
+        worst, account = self.certificate, step.account
+        worst[0] = max(worst[0], abs(account[RESIDUAL]))
+        worst[1] = max(worst[1], account[VIOLATION])
+        worst[2] = max(worst[2], account[COMPLEMENTARITY])
         self.ambiguous += not step.unique
         self.overspent += step.overspent
 
     def _send_states(self, step: Step | None) -> None:
         crawler, now = self.crawler, self.stepper.now_ns
-        x, force = crawler.displacement, crawler.spring_force
-        velocity = np.zeros_like(x)
-        if step is not None:
-            velocity = step.velocity / ((now - self._last_ns) / NS)
+        seconds = np.inf if step is None else (now - self._last_ns) / NS
         self._last_ns = now
-        joints, contacts = self._joints, self._contacts
-        joints.position[:], joints.velocity[:], joints.effort[:] = self._joint_reader.read(crawler, velocity, force)
-        self._send("joint_states", joints.encode(now))
-        if self._is_wanted("contact_states"):
-            shown = self._shown
-            contacts.position[:] = (crawler.body.position + x)[shown].ravel()
-            contacts.velocity[:] = velocity[shown].ravel()
-            contacts.effort[:] = -force[shown].ravel()
-            self._send("contact_states", contacts.encode(now))
-        if self._is_wanted("pose"):
-            self._send("pose", self._pose.encode(now, *np.atleast_1d(crawler.net_translation)))
-        if self._outlets["/clock"][0] is not None:
-            self._send("/clock", encode_clock(now))
+        self._readout.read(crawler, seconds, self._joints.numbers, self._contacts.numbers)
+        outlets = self._outlets
+        outlets["joint_states"].send(self._joints.encode(now))
+        if outlets["contact_states"].wanted:
+            outlets["contact_states"].send(self._contacts.encode(now))
+        if outlets["pose"].wanted:
+            y = crawler.net_translation
+            outlets["pose"].send(self._pose.encode(now, y) if isinstance(y, float) else self._pose.encode(now, *y))
+        if outlets["/clock"].wanted:
+            outlets["/clock"].send(encode_clock(now))
         if self._feed is not None:
             self._feed.show(now, crawler)
 
-    def _is_wanted(self, name: str) -> bool:
-        publisher, channel = self._outlets[name]
-        return publisher is not None or channel is not None
-
-    def _send(self, name: str, data: bytes) -> None:
-        publisher, channel = self._outlets[name]
-        if publisher is not None:
-            publisher.publish(data)
-        if self._recorder is not None and channel is not None:
-            now = time.time_ns()
-            self._recorder.record(channel, now, now, data)
-
     # -- reports ----------------------------------------------------------------------------------------------------
 
-    def _report(self) -> None:
-        if time.monotonic() < self._next_diagnostics:
+    def _report(self, wall_ns: int) -> None:
+        if wall_ns < self._next_diagnostics_ns:
             return
-        self._next_diagnostics = time.monotonic() + 1.0
-        if self._is_wanted("/diagnostics"):
+        self._next_diagnostics_ns = wall_ns + NS
+        outlet = self._outlets["/diagnostics"]
+        if outlet.wanted:
             with self.lock:
                 data = encode_diagnostics(time.time_ns(), self.diagnose())
-            self._send("/diagnostics", data)
+            outlet.send(data)
 
     def diagnose(self) -> list[tuple[int, str, str, str, list[tuple[str, str]]]]:
         """Say how the simulation, the commands, the recording and the viewer fare.
@@ -389,7 +408,7 @@ class Simulator(Node):
             recorder = self._recorder
             entries = [
                 ("folder", str(recorder.folder)),
-                ("messages", str(recorder.sent)),
+                ("messages", str(recorder.messages)),
                 ("bytes waiting", str(recorder.waiting)),
             ]
             broken = recorder.error
@@ -443,8 +462,22 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when scene or parameters were wrong.
     """
+    if _is_unpaced(sys.argv if args is None else args):
+        # as fast as possible a tick is shorter than the sending of its messages: a thread of the middleware sends them.
+        # At real time the tick sends them itself, for the sake of latency
+        os.environ.setdefault("RMW_FASTRTPS_PUBLICATION_MODE", "ASYNCHRONOUS")
     sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
     return interface.run_node("simulator", Simulator, _spin, args, " ".join(interface.parameters()))
+
+
+def _is_unpaced(words: list[str]) -> bool:
+    """Tell whether a command line asks for `real_time_factor` 0: rmw wants to know before there is a node to ask."""
+    for word in words:
+        name, _, value = word.partition(":=")
+        if name == "real_time_factor":
+            with contextlib.suppress(ValueError):
+                return float(value) == 0.0
+    return False
 
 
 def _spin(node: Simulator) -> None:

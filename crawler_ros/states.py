@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crawler_model import Crawler, Scene
+from crawler_model import Scene
 from crawler_model.body import Body
 
 _AXES = ("/x", "/y")
@@ -82,41 +82,6 @@ def contact_names(scene: Scene) -> list[str]:
     for segment in mesh.segments:
         names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
     return _each_axis([names[int(c)] for c in shown_contacts(scene)], mesh)
-
-
-class JointReader:
-    """Turns a crawler's state into the arrays of joint_states."""
-
-    def __init__(self, mesh: Body) -> None:
-        """Find the stations of each joint.
-
-        Args:
-            mesh: the body.
-        """
-        pairs = mesh.stations[mesh.joints]
-        self._first, self._second = pairs[:, 0], pairs[:, 1]
-        self._root = int(mesh.stations[0])
-
-    def read(
-        self, crawler: Crawler, velocity: np.ndarray, force: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Read positions, velocities and efforts.
-
-        Args:
-            crawler: the crawler.
-            velocity: of its contacts, shape (N,), in the plane (N, 2) [m/s].
-            force: of the springs on its contacts, likewise [N].
-
-        Returns:
-            Root and joints: displacement and elongations [m], their velocities [m/s], force of the ground on the root
-            and tensions [N]; each of shape (1 + J,), in the plane (2 + 2 J,).
-        """
-        root = self._root
-        position = np.concatenate((crawler.displacement[root : root + 1], crawler.joint_elongation))
-        rates = velocity[self._second] - velocity[self._first]
-        speed = np.concatenate((velocity[root : root + 1], rates))
-        effort = np.concatenate((-force[root : root + 1], crawler.joint_tension))
-        return position.ravel(), speed.ravel(), effort.ravel()
 
 
 class StationReader:

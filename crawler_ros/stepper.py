@@ -22,22 +22,19 @@ class Stepper:
             real_time_factor: simulated seconds per second; 0 for as fast as possible.
         """
         self.rate = rate
-        self.tick = 0
         self.late = 0
         self.paused = False
         self._factor = real_time_factor
         self._origin_wall_ns: int | None = None
         self._origin_ns = 0
+        self._go_to(0)
 
-    @property
-    def now_ns(self) -> int:
+    def _go_to(self, tick: int) -> None:
+        self.tick = tick
+        self.now_ns = tick_end_ns(tick, self.rate)
         """Simulated time: the end of the last tick [ns]."""
-        return tick_end_ns(self.tick, self.rate)
-
-    @property
-    def next_ns(self) -> int:
+        self.next_ns = tick_end_ns(tick + 1, self.rate)
         """The end of the next tick [ns]."""
-        return tick_end_ns(self.tick + 1, self.rate)
 
     @property
     def real_time_factor(self) -> float:
@@ -87,8 +84,9 @@ class Stepper:
     def finish(self) -> None:
         """Count the tick as done."""
         self.tick += 1
+        self.now_ns, self.next_ns = self.next_ns, tick_end_ns(self.tick + 1, self.rate)
 
     def reset(self) -> None:
         """Go back to simulated time 0; the count of late ticks stays."""
-        self.tick = 0
+        self._go_to(0)
         self._origin_wall_ns = None

@@ -9,10 +9,11 @@ pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 
 from crawler_model import Crawler, load_scene, simulate
+from crawler_model.readout import Readout
 from crawler_ros import bag
 from crawler_ros.picture import draw_page
 from crawler_ros.replay import simulate_again
-from crawler_ros.states import JointReader, StationReader, contact_names, joint_state_names, shown_contacts
+from crawler_ros.states import StationReader, contact_names, joint_state_names, shown_contacts
 from crawler_ros.visualizer import draw_recording, frames_of_recording
 
 from .graph import graph, seconds, wait_until
@@ -67,11 +68,20 @@ def test_stations_are_found_again_from_the_joints(name):
     scene = load_scene(name)
     mesh = scene.mesh
     crawler = Crawler(scene)
-    crawler.follow(scene.commands.targets[1:3].copy())
-    position, speed, effort = JointReader(mesh).read(crawler, np.array(crawler.displacement), crawler.spring_force)
-    assert position.size == speed.size == effort.size == len(joint_state_names(mesh))
+    step = crawler.follow(scene.commands.targets[1:3].copy())
+    joints, contacts = np.zeros((3, len(joint_state_names(mesh)))), np.zeros((3, len(contact_names(scene))))
+    Readout(mesh, shown_contacts(scene)).read(crawler, 0.5, joints, contacts)
+    position, speed, effort = joints
     assert StationReader(mesh).read(position) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
-    assert StationReader(mesh).read(speed) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
+    assert StationReader(mesh).read(speed) == pytest.approx(2.0 * step.velocity[mesh.stations], abs=1e-13)
+    each = mesh.dimension
+    assert position[each:].tolist() == crawler.joint_elongation.ravel().tolist()
+    assert effort[each:].tolist() == crawler.joint_tension.ravel().tolist()
+    shown = shown_contacts(scene)
+    assert contacts[0].tolist() == (mesh.position + crawler.displacement)[shown].ravel().tolist()
+    assert contacts[1].tolist() == (step.velocity / 0.5)[shown].ravel().tolist()
+    assert contacts[2].tolist() == (-crawler.spring_force[shown]).ravel().tolist()
+    assert effort[:each].tolist() == (-crawler.spring_force[mesh.stations[0]]).ravel().tolist()
 
 
 def test_a_segment_is_commanded_by_one_strain(tmp_path):

@@ -14,6 +14,8 @@ import pytest
 import yaml
 
 pytest.importorskip("rclpy")
+import mcap.writer
+import zstandard
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -22,6 +24,7 @@ from std_msgs.msg import Float64MultiArray
 
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros import bag, interface
+from crawler_ros.mcap_file import McapFile, message_head
 from crawler_ros.recorder import BagWriter, Recorder
 
 from .graph import graph, seconds, wait_until
@@ -235,12 +238,12 @@ def test_two_threads_record_without_tearing_each_other_s_messages(tmp_path):
         for thread in threads:
             thread.start()
         while any(thread.is_alive() for thread in threads):
-            recorder.push()
+            recorder.push(time.monotonic_ns())
         recorder.close()
     finally:
         sys.setswitchinterval(before)
     assert recorder.error is None
-    assert recorder.sent == 1 + 40_000  # and the header
+    assert recorder.messages == 40_000
     for record in bag.read(recorder.folder):
         channel = record.topic == "/joint_states"
         assert record.data == bytes([channel]) * (7 if channel else 40)
@@ -280,6 +283,82 @@ def test_when_recording_fails_the_crawler_goes_on_and_says_so(tmp_path):
         wait_until(lambda: len(ros.heard["joint_states"]) > heard + 20)
         assert simulator.end() == 0
         assert "recording stopped" in simulator.said
+
+
+@pytest.mark.parametrize("messages", [0, 1, 500])
+def test_the_file_is_that_of_the_mcap_library(tmp_path, monkeypatch, messages):
+    """The same records through our writer, torn into odd pieces, and through mcap's, byte for byte."""
+    rng = np.random.default_rng(messages)
+    ours, theirs = tmp_path / "ours.mcap", tmp_path / "theirs.mcap"
+    compress = zstandard.ZstdCompressor(level=1).compress  # theirs takes the default
+    monkeypatch.setattr(mcap.writer.zstandard, "compress", compress)
+    sent = [
+        (1 + int(rng.integers(2)), 10**18 + int(rng.integers(10**9)), rng.bytes(int(rng.integers(400))))
+        for _ in range(messages)
+    ]
+    with ours.open("wb") as stream, theirs.open("wb") as other:
+        mine = McapFile(stream, "ros2", "crawler", 20_000)
+        library = mcap.writer.Writer(other, chunk_size=20_000)
+        library.start("ros2", "crawler")
+        for writer in (mine, library):
+            writer.add_metadata("rosbag2", {"ROS_DISTRO": "jazzy"})
+        mine.add_attachment(7, "scene", "application/json", b"{}")
+        library.add_attachment(7, 7, "scene", "application/json", b"{}")
+        assert mine.add_schema("a/msg/A", "ros2msg", b"text") == library.register_schema("a/msg/A", "ros2msg", b"text")
+        for name in ("/a", "/b"):
+            number = library.register_channel(name, "cdr", 1, {"k": "v"})
+            assert mine.add_channel(name, "cdr", 1, {"k": "v"}) == number
+        waiting = b""
+        for k, (channel, log_ns, data) in enumerate(sent):
+            library.add_message(channel, log_ns, data, log_ns - 5, k)
+            waiting += message_head(channel, k, log_ns, log_ns - 5, len(data)) + data
+            if k % 7 == 0:
+                cut = len(waiting) - int(rng.integers(60))
+                waiting = waiting[mine.add_messages(waiting[: max(cut, 0)]) :]
+            if k % 100 == 50:
+                assert mine.add_messages(waiting) == len(waiting)
+                waiting = b""
+                mine.flush()
+                library.flush()
+        mine.add_messages(waiting)
+        mine.finish()
+        library.finish()
+    assert ours.read_bytes() == theirs.read_bytes()
+
+
+def test_what_waits_for_a_slow_recording_is_bounded_and_nothing_is_lost(tmp_path):
+    recorder = Recorder(tmp_path, "slow", {})
+    channel = recorder.add_topic(interface.topics()["pose"], "/pose")
+    recorder.start()
+    data, limit = bytes(100_000), 1 << 26
+    pid = recorder._process.pid
+    os.kill(pid, signal.SIGSTOP)
+    later = threading.Timer(1.0, lambda: os.kill(pid, signal.SIGCONT))
+    later.start()
+    most = now = 0
+    for _ in range(2000):  # 200 MB
+        recorder.record(channel, 1, 1, data)
+        recorder.push(now := now + 10**9)
+        most = max(most, recorder.waiting)
+    recorder.close()
+    assert recorder.error is None
+    assert limit - 10**6 < most <= limit
+    assert bag.examine(recorder.folder).counts == {"/pose": 2000}
+
+
+def test_nothing_piles_up_behind_a_recording_that_failed(tmp_path):
+    recorder = Recorder(tmp_path, "dead", {})
+    channel = recorder.add_topic(interface.topics()["pose"], "/pose")
+    recorder.start()
+    os.kill(recorder._process.pid, signal.SIGKILL)
+    recorder._process.wait()
+    for k in range(100):
+        recorder.record(channel, 1, 1, bytes(100))
+        recorder.push(k * 10**9)
+    assert "recording stopped" in recorder.error
+    assert recorder.messages == 1
+    assert recorder.waiting == 0
+    recorder.close()
 
 
 def test_an_empty_recording_is_whole(tmp_path):

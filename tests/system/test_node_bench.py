@@ -1,0 +1,44 @@
+"""The node's benchmark on a small case: what it measures is there and makes sense; how fast it is, is not asserted."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+pytest.importorskip("rclpy")
+from crawler_bench.node import measure_node, print_rows
+
+KEYS = {
+    "throughput": {"n", "recording", "subscriber", "driven", "ticks_per_s", "us_per_tick", "real_time"},
+    "latency": {"n", "rate_hz", "trials", "median_ms", "p99_ms", "half_a_period_ms"},
+    "real_time": {"n", "rate_hz", "ticks", "late_ticks", "late_ticks_of_an_empty_loop", "core_simulator"},
+    "start": {"n", "ready_s", "first_state_s"},
+    "ledger": {"n", "feature", "beside", "us_per_tick", "extra_us", "memory_mb", "start_s"},
+}
+MAY_BE_ZERO = {"late_ticks", "late_ticks_of_an_empty_loop", "extra_us", "core_recorder"}
+
+
+@pytest.fixture(scope="module")
+def rows():
+    features = ("recording", "/diagnostics off", "segment, accuracy 0.001")
+    return measure_node((3,), (200.0,), (True,), seconds=1.0, repeats=1, trials=10, features=features)
+
+
+def test_every_case_has_its_figures(rows):
+    assert {row["case"] for row in rows} == KEYS.keys()
+    assert len(rows) == 4 + 1 + 1 + 1 + 5
+    for row in rows:
+        assert KEYS[row["case"]] <= row.keys()
+        for key, value in row.items():
+            if not isinstance(value, (str, bool)) and key not in MAY_BE_ZERO and not key.endswith("_spread"):
+                assert value > 0.0, (key, row)
+                assert math.isfinite(value)
+    assert next(row for row in rows if row["case"] == "latency")["trials"] == 10
+
+
+def test_rows_are_plain_and_print(rows, capsys):
+    assert json.loads(json.dumps(rows, allow_nan=False)) == rows
+    print_rows(rows)
+    assert "real time" in capsys.readouterr().out
