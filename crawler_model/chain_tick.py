@@ -245,23 +245,22 @@ def _settle(status, floats, bytes_, s, i):
 
 
 @compiled
-def _slide_together(elasticity, floats, side, first, last):
+def _slide_together(compliance, status, floats, side, first, last):
     """Try whether contacts first..last, between two walls, all slide along their bounds.
 
-    What meets all conditions of the projection is its solution. True then: the rates and `side` are written.
+    What meets all conditions of the projection is its solution. True then: rates, velocities and sides are written.
     """
-    compliance = elasticity[COMPLIANCE]
-    trial = floats[_TRIAL]
-    rate = floats[_RATE]
+    trial, rate, velocity = floats[_TRIAL], floats[_RATE], floats[_V]
+    d_forward, d_backward = floats[_D_FORWARD], floats[_D_BACKWARD]
     rise = 0.0
     give = compliance[first - 1]
     pull = trial[first - 1] * give
     for i in range(first, last + 1):
-        if floats[_BACKWARD, i] == np.inf:
-            rise += floats[_FORWARD, i]
+        if status[i] == AT_FORWARD:
+            rise += d_forward[i]
             side[i] = 1
-        elif floats[_FORWARD, i] == np.inf:
-            rise -= floats[_BACKWARD, i]
+        elif status[i] == AT_BACKWARD:
+            rise -= d_backward[i]
             side[i] = -1
         else:
             return False
@@ -270,14 +269,15 @@ def _slide_together(elasticity, floats, side, first, last):
         pull += (trial[i] - rise) * compliance[i]
     base = pull / give
     rate[first - 1] = base
-    velocity = 0.0
+    v = 0.0
     size = 0.0
     for i in range(first, last + 1):
         gain = _shape_gain(rate[i - 1], trial[i - 1], compliance[i - 1])
-        velocity += gain
+        v += gain
         size += abs(gain)
-        if not velocity * side[i] > _NOISE * size:
+        if not v * side[i] > _NOISE * size:
             return False
+        velocity[i] = v
         rate[i] += base
     return True
 
@@ -292,79 +292,83 @@ def _solve(elasticity, contacts, links, status, floats, bytes_, stacks, account,
     start = max(first - 1, 0)
     stop = min(last + 1, n - 1)
     _update(contacts, links, floats, account, s, start, stop)
-    for i in range(start, stop + 1):
-        forward = floats[_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
-        backward = floats[_D_BACKWARD, i] if status[i] & AT_BACKWARD else np.inf
-        if -backward > forward:  # both bounds met by rounding just before the friction vanishes
-            forward = 0.5 * (forward - backward)
-            backward = -forward
-        floats[_FORWARD, i] = forward
-        floats[_BACKWARD, i] = backward
-        changing = floats[_D_FORWARD, i] != 0.0 or floats[_D_BACKWARD, i] != 0.0
-        floats[_GRAIN, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+    stiffness, compliance = elasticity[STIFFNESS], elasticity[COMPLIANCE]
+    rate, trial, velocity, side = floats[_RATE], floats[_TRIAL], floats[_V], bytes_[_SIDE]
+    forward, backward, grain = floats[_FORWARD], floats[_BACKWARD], floats[_GRAIN]
+    d_actuation, d_forward, d_backward = floats[_D_ACTUATION], floats[_D_FORWARD], floats[_D_BACKWARD]
     for i in range(start, stop):
-        floats[_TRIAL, i] = -elasticity[STIFFNESS, i] * floats[_D_ACTUATION, i]
+        trial[i] = -stiffness[i] * d_actuation[i]
+    free_translation = False
     block = start
     while block <= stop:
-        bytes_[_SIDE, block] = 0
         if status[block] == 0:
+            side[block] = 0
+            velocity[block] = 0.0
             if block < stop and status[block + 1] == 0:
-                floats[_RATE, block] = floats[_TRIAL, block]
+                rate[block] = trial[block]
             block += 1
             continue
         end = block
         while end < stop and status[end + 1] != 0:
             end += 1
-        if block == start or end == stop or not _slide_together(elasticity, floats, bytes_[_SIDE], block, end):
+        if block == start or end == stop or not _slide_together(compliance, status, floats, side, block, end):
             left = max(block - 1, start)
             right = min(end + 1, stop)
+            for i in range(left, right + 1):
+                forward[i] = d_forward[i] if status[i] & AT_FORWARD else np.inf
+                backward[i] = d_backward[i] if status[i] & AT_BACKWARD else np.inf
+                if -backward[i] > forward[i]:  # both bounds met by rounding just before the friction vanishes
+                    forward[i] = 0.5 * (forward[i] - backward[i])
+                    backward[i] = -forward[i]
+                changing = d_forward[i] != 0.0 or d_backward[i] != 0.0
+                grain[i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
             project(
-                floats[_TRIAL, left:right],
-                elasticity[COMPLIANCE, left:right],
-                floats[_BACKWARD, left : right + 1],
-                floats[_FORWARD, left : right + 1],
-                floats[_GRAIN, left : right + 1],
-                floats[_RATE, left:right],
-                bytes_[_SIDE, left : right + 1],
+                trial[left:right],
+                compliance[left:right],
+                backward[left : right + 1],
+                forward[left : right + 1],
+                grain[left : right + 1],
+                rate[left:right],
+                side[left : right + 1],
                 stacks,
             )
+            for i in range(left, right):
+                grain[i] = _shape_gain(rate[i], trial[i], compliance[i])  # no longer needed: the links' gains
+            free_translation = _chain_velocities(grain, side, velocity, block, end)
         block = end + 1
+    moved = bytes_[_MOVED]
     for i in range(start, stop):
-        floats[_TRIAL, i] = _shape_gain(floats[_RATE, i], floats[_TRIAL, i], elasticity[COMPLIANCE, i])
-        if floats[_TRIAL, i] != 0.0:
-            bytes_[_MOVED, i] = 1
-    free_translation = _chain_velocities(floats[_TRIAL], bytes_[_SIDE], floats[_V], first, last)
+        moved[i] |= _shape_gain(rate[i], trial[i], compliance[i]) != 0.0
+    leaving, coming, next_event = bytes_[_LEAVING], bytes_[_COMING], floats[_NEXT]
     for i in range(start, stop + 1):
         held = 0
-        if bytes_[_SIDE, i] == 1:
-            held = AT_FORWARD
-        elif bytes_[_SIDE, i] == -1:
-            held = AT_BACKWARD
-        if held != 0 and floats[_FORWARD, i] == -floats[_BACKWARD, i]:
-            held = AT_FORWARD | AT_BACKWARD
+        if side[i] != 0:
+            held = AT_FORWARD if side[i] == 1 else AT_BACKWARD
+            if status[i] == AT_FORWARD | AT_BACKWARD and d_forward[i] + d_backward[i] <= 0.0:
+                held = AT_FORWARD | AT_BACKWARD
         if first <= i <= last:
-            bytes_[_LEAVING, i] = status[i] & ~held
-        if held != 0 and floats[_D_FORWARD, i] + floats[_D_BACKWARD, i] >= 0.0:
-            floats[_NEXT, i] = np.inf  # it goes with its bound, and the other one does not come nearer
+            leaving[i] = status[i] & ~held
+        if held != 0 and d_forward[i] + d_backward[i] >= 0.0:
+            next_event[i] = np.inf  # it goes with its bound, and the other one does not come nearer
             continue
-        rate = 0.0
+        climb = 0.0
         if i < n - 1:
-            rate += floats[_RATE, i]
+            climb += rate[i]
         if i > 0:
-            rate -= floats[_RATE, i - 1]
+            climb -= rate[i - 1]
         above, below = _slack(contacts, links, floats, s, i)
         when = np.inf
-        closing = rate - floats[_D_FORWARD, i]
+        closing = climb - d_forward[i]
         if closing > 0.0 and not status[i] & AT_FORWARD:
             when = s + max(above, 0.0) / closing
-            bytes_[_COMING, i] = AT_FORWARD
-        closing = -rate - floats[_D_BACKWARD, i]
+            coming[i] = AT_FORWARD
+        closing = -climb - d_backward[i]
         if closing > 0.0 and not status[i] & AT_BACKWARD:
             other = s + max(below, 0.0) / closing
             if other < when:
                 when = other
-                bytes_[_COMING, i] = AT_BACKWARD
-        floats[_NEXT, i] = when
+                coming[i] = AT_BACKWARD
+        next_event[i] = when
     return free_translation
 
 

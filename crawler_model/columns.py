@@ -121,9 +121,15 @@ class Columns:
             rows: shape (..., C).
 
         Returns:
-            Shape (..., S + 2 N) [m, N].
+            Shape (..., S + 2 N) [m, N]; `rows` itself where nothing is to be done.
         """
-        return np.take(rows, self.index, axis=-1) * self.factor
+        return rows if self._is_plain else np.take(rows, self.index, axis=-1) * self.factor
+
+    @functools.cached_property
+    def _is_plain(self) -> bool:
+        """Whether a row is its own target, as where there is no segment."""
+        same = self.count == self.index.size and (self.index == np.arange(self.count)).all()
+        return bool(same and (self.factor == 1.0).all())
 
 
 def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
