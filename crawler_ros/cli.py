@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -312,8 +312,16 @@ def bench(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the JSON file and a picture of each case.")] = Path("bench"),
     case: Annotated[list[str] | None, typer.Option(help="Only this case; may be given several times.")] = None,
+    node: Annotated[
+        bool, typer.Option("--node", help="Instead: what the ROS 2 node costs; throughput, latency, each feature.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers, side by side, on this machine."""
+    if node:
+        if case:
+            raise CrawlerError("--case goes with the methods; --node measures the node")
+        _bench_node(quick, as_json, out)
+        return
     import matplotlib as _needed_at_the_end  # noqa: F401
 
     from crawler_bench.bench import choose_cases, missing_peers, run_bench
@@ -337,6 +345,26 @@ def bench(
         return
     print_report(measured, screen)
     screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
+
+
+def _bench_node(quick: bool, as_json: bool, out: Path) -> None:
+    import rclpy as _needed  # noqa: F401
+
+    from crawler_bench.bench import describe_machine
+    from crawler_bench.node import QUICK, measure_node, print_rows
+
+    out.mkdir(parents=True, exist_ok=True)
+    console = Console(stderr=True)
+    document = {"schema": 1, "machine": describe_machine(quick)}
+    with console.status("starting") if console.is_terminal else nullcontext() as status:
+        rows = measure_node(**(QUICK if quick else {}), progress=status.update if status else None)
+    text = json.dumps({**document, "rows": rows}, allow_nan=False, indent=1)
+    (out / "node.json").write_text(text + "\n", encoding="utf-8")
+    if as_json:
+        print(text)
+        return
+    print_rows(rows, screen)
+    screen.print(f"written: {out / 'node.json'}")
 
 
 def main() -> None:

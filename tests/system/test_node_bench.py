@@ -6,6 +6,7 @@ import json
 import math
 
 import pytest
+from rich.console import Console
 
 pytest.importorskip("rclpy")
 from crawler_bench.node import measure_node, print_rows
@@ -40,5 +41,5 @@ def test_every_case_has_its_figures(rows):
 
 def test_rows_are_plain_and_print(rows, capsys):
     assert json.loads(json.dumps(rows, allow_nan=False)) == rows
-    print_rows(rows)
+    print_rows(rows, Console())
     assert "real time" in capsys.readouterr().out
