@@ -226,6 +226,11 @@ class Crawler:
         return state
 
     @property
+    def gained(self) -> np.ndarray:
+        """Displacement gained on the last command, shape (N,), in the plane (N, 2) [m]."""
+        return frozen(self._gained)
+
+    @property
     def _gained(self) -> np.ndarray:
         return self._state.contacts[PLANAR_GAINED if self._planar else GAINED]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import threading
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,16 +40,25 @@ class Vertex:
 
 
 class CommandQueue:
-    """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread."""
+    """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread.
 
-    def __init__(self, columns: Columns, in_force: np.ndarray) -> None:
+    In lock-step it takes one after another what makes ticks: an actuation array for one tick, with the friction arrays
+    then pending, or a trajectory for as many as it lasts. Nothing replaces anything then, so that the ticks depend on
+    the order of the messages alone and never on when they arrive.
+    """
+
+    def __init__(self, columns: Columns, in_force: np.ndarray, lock_step: bool = False) -> None:
         """Start with nothing pending.
 
         Args:
             columns: what can be commanded.
             in_force: the command row in force, shape (C,).
+            lock_step: whether messages make the ticks.
         """
         self._columns = columns
+        self._lock_step = lock_step
+        self.arrived = threading.Event()
+        """Set when something arrived that makes a tick in lock-step."""
         self._lengths = columns.lengths
         self._lock = threading.Lock()
         self.reset(in_force)
@@ -60,6 +70,7 @@ class CommandQueue:
             self._friction: list[np.ndarray] = []
             self._trajectories: list[Trajectory] = []
             self._last_was_trajectory = False
+            self._turns: deque[np.ndarray | Trajectory] = deque()
         self._in_force = np.array(in_force)
         self._anchor = Vertex(0, self._in_force)
         self._path: list[Vertex] = []
@@ -82,8 +93,13 @@ class CommandQueue:
                 counts = f"{self._lengths}, x and y of each link"
             raise CommandError(f"actuation command has {array.size} value(s); give {counts}")
         _check_finite("actuation command", array)
+        row = array if planar else np.repeat(array, sizes)
         with self._lock:
-            self._actuation.append(array if planar else np.repeat(array, sizes))
+            if self._lock_step:
+                self._turns.append(row)
+                self.arrived.set()
+                return
+            self._actuation.append(row)
             self._last_was_trajectory = False
 
     def accept_friction(self, values: Sequence[float]) -> None:
@@ -119,7 +135,12 @@ class CommandQueue:
             self._last_was_trajectory = False
 
     def accept_trajectory(
-        self, names: Sequence[str], times_ns: Sequence[int], positions: Sequence[Sequence[float]], stamp_ns: int
+        self,
+        names: Sequence[str],
+        times_ns: Sequence[int],
+        positions: Sequence[Sequence[float]],
+        stamp_ns: int,
+        only_lengths: bool = False,
     ) -> None:
         """Take a trajectory: straight lines through its points, replacing what runs from its start.
 
@@ -128,6 +149,7 @@ class CommandQueue:
             times_ns: time_from_start of each point, not decreasing [ns].
             positions: of each point, one number per name.
             stamp_ns: when it starts [ns, simulated]; 0 for as soon as possible.
+            only_lengths: whether links and segments alone may be named, not friction.
 
         Raises:
             CommandError: naming the name, point or value that does not fit.
@@ -137,6 +159,8 @@ class CommandQueue:
             if name not in self._columns.aliases:
                 raise CommandError(f"trajectory: no joint is called {name!r}; {_known(self._columns, name)}")
             columns.append(self._columns.aliases[name])
+            if only_lengths and columns[-1][0] >= self._lengths:
+                raise CommandError(f"trajectory: {name!r} is a friction; this topic takes links and segments alone")
         taken = np.concatenate(columns) if columns else np.zeros(0, int)
         if np.unique(taken).size != taken.size:
             raise CommandError("trajectory: a joint is named twice")
@@ -155,9 +179,19 @@ class CommandQueue:
                     raise CommandError(f"trajectory: point {i}: {name} is {value:g} N; friction must be >= 0")
         if stamp_ns < 0:
             raise CommandError(f"trajectory: stamp {stamp_ns} ns; simulated time starts at 0")
+        trajectory = Trajectory(stamp_ns or None, columns, list(times_ns), table)
         with self._lock:
-            self._trajectories.append(Trajectory(stamp_ns or None, columns, list(times_ns), table))
+            if self._lock_step:
+                self._turns.append(trajectory)
+                self.arrived.set()
+                return
+            self._trajectories.append(trajectory)
             self._last_was_trajectory = True
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing is there that makes a tick in lock-step."""
+        return not (self._path or self._turns)
 
     def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
@@ -174,6 +208,8 @@ class CommandQueue:
         Returns:
             The vertices; none to hold.
         """
+        if self._lock_step:
+            return self._news(self._take_turn(start_ns, end_ns))
         if not (self._actuation or self._friction or self._trajectories or self._path):
             return []
         with self._lock:
@@ -193,6 +229,24 @@ class CommandQueue:
         if past:
             self._anchor = past[-1]
         return self._news(past + self._pair(actuation, friction, start_ns, end_ns))
+
+    def _take_turn(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        """Take the vertices of a tick in lock-step: of the trajectory that runs, else of what arrived first."""
+        if self._path:
+            return self._follow_path(start_ns, end_ns)
+        with self._lock:
+            self.arrived.clear()
+            if not self._turns:
+                return []
+            turn = self._turns.popleft()
+            if isinstance(turn, Trajectory):
+                friction = []
+            else:
+                friction, self._friction = self._friction, []
+        if isinstance(turn, Trajectory):
+            self._join(turn, start_ns, end_ns, 0)
+            return self._follow_path(start_ns, end_ns)
+        return self._pair([turn], friction, start_ns, end_ns)
 
     def _news(self, vertices: list[Vertex]) -> list[Vertex]:
         """Leave out the vertices that only repeat what is in force."""

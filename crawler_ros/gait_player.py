@@ -106,6 +106,11 @@ class GaitPlayer(Node):
             self.done.set()
         return self._met
 
+    def wake(self) -> None:
+        """Ask a simulator in lock-step for one tick that changes nothing: it is silent until a command comes."""
+        if self._publisher.get_subscription_count() > 0:
+            self._publisher.publish(TrajectoryMessage([]).encode(0, [0], [np.zeros(0)]))
+
     def _say_progress(self) -> None:
         assert self._start_ns is not None
         assert self.drive.period is not None
@@ -171,9 +176,12 @@ def _spin(node: GaitPlayer) -> None:
         signal.signal(number, lambda *_: node.done.set())
     executor = EventsExecutor()
     executor.add_node(node)
-    said = time.monotonic()
+    said = woken = time.monotonic()
     while not node.done.is_set():
         executor.spin_once(timeout_sec=0.1)
+        if node.now_ns < 0 and time.monotonic() - woken > 1.0:
+            woken = time.monotonic()
+            node.wake()
         if node.now_ns < 0 and time.monotonic() - said > 3.0:
             said = time.monotonic()
             node.get_logger().info("waiting for joint_states of a simulator")

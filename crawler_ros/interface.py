@@ -9,7 +9,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -99,6 +99,58 @@ def qos_profile(topic: Topic) -> Any:
         reliability=ReliabilityPolicy[topic.qos["reliability"].upper()],
         durability=DurabilityPolicy[topic.qos["durability"].upper()],
     )
+
+
+def open_publisher(node: Any, topic: Topic) -> Any:
+    """Create the publisher of a topic; parameters `qos_overrides.TOPIC.publisher.*` change its QoS.
+
+    Args:
+        node: an rclpy node.
+        topic: its row in the table of topics.
+
+    Returns:
+        rclpy's publisher.
+    """
+    from rclpy.qos_overriding_options import QoSOverridingOptions
+
+    options = QoSOverridingOptions.with_default_policies()
+    kind = message_class(topic.type)
+    return node.create_publisher(kind, topic.name, qos_profile(topic), qos_overriding_options=options)
+
+
+def open_subscription(node: Any, topic: Topic, receive: Callable[[bytes], None]) -> Any:
+    """Create a subscription to the bytes of a topic; `qos_overrides.TOPIC.subscription.*` change its QoS.
+
+    Args:
+        node: an rclpy node.
+        topic: its row in the table of topics.
+        receive: called with the CDR bytes of each message.
+
+    Returns:
+        rclpy's subscription.
+    """
+    from rclpy.qos_overriding_options import QoSOverridingOptions
+
+    options = QoSOverridingOptions.with_default_policies()
+    kind = message_class(topic.type)
+    return node.create_subscription(
+        kind, topic.name, receive, qos_profile(topic), raw=True, qos_overriding_options=options
+    )
+
+
+def qos_in_use(topic: Topic, end: Any) -> Topic:
+    """Put into a topic's row the QoS that its publisher or subscription has, overrides and all.
+
+    Args:
+        topic: its row in the table of topics.
+        end: rclpy's publisher or subscription.
+
+    Returns:
+        The row.
+    """
+    profile = end.qos_profile
+    names = {key: getattr(profile, key).name.lower() for key in ("history", "reliability", "durability")}
+    return replace(topic, qos={**names, "depth": profile.depth})
 
 
 def offered_qos(topic: Topic) -> list[dict[str, Any]]:

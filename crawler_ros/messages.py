@@ -121,6 +121,34 @@ class PoseMessage:
         return bytes(self._buffer)
 
 
+class OdometryMessage:
+    """A nav_msgs/Odometry on the ground; what it says is exact, so its covariances are zero."""
+
+    def __init__(self, frame: str, child: str) -> None:
+        """Encode the message once.
+
+        Args:
+            frame: the header's frame_id.
+            child: child_frame_id, the frame of the twist.
+        """
+        cdr = CdrWriter()
+        self._stamp = cdr.header(frame)
+        cdr.text(child)
+        place = cdr.align(8)
+        cdr.buffer += bytes((7 + 36 + 6 + 36) * 8)
+        self._buffer = cdr.buffer
+        numbers = np.frombuffer(self._buffer, np.float64, 7 + 36 + 6 + 36, place)
+        numbers[6] = 1.0  # orientation.w
+        self._position, self._velocity = numbers[:2], numbers[43:45]
+
+    def encode(self, stamp_ns: int, position: np.ndarray | float, velocity: np.ndarray | float) -> bytes:
+        """Return the bytes for a net translation and its velocity, on a line numbers, in the plane of shape (2,)."""
+        self._position[: np.size(position)] = position
+        self._velocity[: np.size(velocity)] = velocity
+        _put_stamp(self._buffer, self._stamp, stamp_ns)
+        return bytes(self._buffer)
+
+
 class TrajectoryMessage:
     """A trajectory_msgs/JointTrajectory with fixed names and any number of points, positions only."""
 
@@ -190,6 +218,13 @@ def read_stamp(data: bytes) -> int:
 def encode_clock(ns: int) -> bytes:
     """Encode a rosgraph_msgs/Clock."""
     return _ENCAPSULATION + _STAMP.pack(*divmod(ns, NS))
+
+
+def encode_string(text: str) -> bytes:
+    """Encode a std_msgs/String."""
+    cdr = CdrWriter()
+    cdr.text(text)
+    return bytes(cdr.buffer)
 
 
 def encode_diagnostics(

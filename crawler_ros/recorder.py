@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections import deque
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
@@ -194,7 +195,7 @@ class Recorder:
         self.waiting = 0
         """Bytes taken up by `push` and not yet handed over."""
         self._attachments = attachments
-        self._topics: list[tuple[str, str]] = []
+        self._topics: list[tuple[str, str, dict[str, Any]]] = []
         self._sequences: list[int] = []
         self._process: subprocess.Popen[bytes] | None = None
         self._arrived: list[bytes] = []  # appended to by any thread, emptied by one
@@ -205,13 +206,13 @@ class Recorder:
         """Register a topic; all of them before `start`.
 
         Args:
-            topic: its row in the table of topics.
+            topic: its row in the table of topics, with the QoS that is offered.
             name: what it is called in the graph, namespace and all.
 
         Returns:
             The channel to record its messages on.
         """
-        self._topics.append((topic.name, name))
+        self._topics.append((topic.name, name, topic.qos))
         self._sequences.append(0)
         return len(self._topics) - 1
 
@@ -342,8 +343,8 @@ def main() -> int:
     try:
         bag = BagWriter(Path(header["folder"]), header["attachments"])
         table = topics()
-        for topic, name in header["topics"]:
-            bag.add_topic(table[topic], name)
+        for topic, name, qos in header["topics"]:
+            bag.add_topic(replace(table[topic], qos=qos), name)
         _record(fd, data, bag)
         bag.close()
     except OSError as error:  # a full disk: what was flushed can be recovered

@@ -33,7 +33,16 @@ from crawler_model.uniqueness import commanded_margin
 
 from . import interface
 from .commands import CommandQueue
-from .messages import JointStateMessage, PoseMessage, TrajectoryMessage, encode_clock, encode_diagnostics
+from .diagnostics import diagnose
+from .messages import (
+    JointStateMessage,
+    OdometryMessage,
+    PoseMessage,
+    TrajectoryMessage,
+    encode_clock,
+    encode_diagnostics,
+    encode_string,
+)
 from .states import contact_names, joint_state_names, shown_contacts
 from .stepper import Stepper
 
@@ -41,7 +50,6 @@ if TYPE_CHECKING:
     from .recorder import Recorder
     from .visualizer import ViewerFeed
 
-OK, WARN, ERROR = 0, 1, 2
 _QUIET_S, _MOST_SAID = 1.0, 10  # a refusal is logged once a second, of all refusals ten
 
 
@@ -98,13 +106,14 @@ class Simulator(Node):
         self.start = self.crawler.copy()
         self.stepper = Stepper(rate, self.values["real_time_factor"])
         self.columns = self.scene.columns
-        self.commands = CommandQueue(self.columns, self.start.row)
+        self.lock_step = bool(self.values["lock_step"])
+        self.commands = CommandQueue(self.columns, self.start.row, self.lock_step)
         self.refused: dict[str, int] = {}
         self.refusal = ""
         self._said: dict[str, float] = {}
         self.certificate = [0.0, 0.0, 0.0]
         self.ambiguous = self.overspent = 0
-        self._reported = (0, 0)
+        self.reported = (0, 0, 0, 0)
         self.margin = commanded_margin(self.scene)
         self.regularity = check_regularity(self.scene.commands)
         self.lock = threading.Lock()
@@ -121,8 +130,9 @@ class Simulator(Node):
         with said_if_slow():
             self._readout.read(self.crawler, np.inf, self._joints.numbers, self._contacts.numbers)
         self._pose = PoseMessage(frame)
-        self._recorder: Recorder | None = None
-        self._feed: ViewerFeed | None = None
+        self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
+        self.recorder: Recorder | None = None
+        self.feed: ViewerFeed | None = None
         self._outlets: dict[str, Outlet] = {}
         view = str(self.values["view"])
         if view != "off":
@@ -132,17 +142,17 @@ class Simulator(Node):
         if self.values["record"]:
             from .recorder import Recorder
 
-            self._recorder = Recorder(Path(self.values["record"]), "crawler", self._attachments())
-            self.get_logger().info(f"recording to {self._recorder.folder}")
+            self.recorder = Recorder(Path(self.values["record"]), "crawler", self._attachments())
+            self.get_logger().info(f"recording to {self.recorder.folder}")
         self._open_topics()
-        if self._recorder is not None:
-            self._recorder.start()
+        if self.recorder is not None:
+            self.recorder.start()
         self._open_services()
         self.add_on_set_parameters_callback(self._on_parameters)
         if view != "off":
             from .visualizer import ViewerFeed
 
-            self._feed = ViewerFeed(self.scene, view, self.get_logger().info)
+            self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
         self._next_diagnostics_ns = 0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
@@ -170,27 +180,31 @@ class Simulator(Node):
             "contact_states": self.values["publish.contact_states"],
             "pose": self.values["publish.pose"],
             "applied_commands": self.values["publish.applied_commands"],
+            "odom": self.values["publish.odom"],
+            "robot_description": self.values["publish.robot_description"],
             "/diagnostics": self.values["publish.diagnostics"],
             "/clock": self.values["publish_clock"],
         }
         accept: dict[str, Callable[[Any], None]] = {
             "joint_trajectory": self._accept_trajectory,
+            "actuation_controller/joint_trajectory": lambda m: self._accept_trajectory(m, only_lengths=True),
             "actuation_controller/commands": lambda m: self.commands.accept_actuation(m.data),
             "friction_controller/commands": lambda m: self.commands.accept_friction(m.data),
         }
+        recorder = self.recorder
         for name, topic in interface.topics().items():
-            kind, qos = interface.message_class(topic.type), interface.qos_profile(topic)
             full = self.resolve_topic_name(name)
-            channel = None
-            recorded = topic.direction == "in" or wanted[name] or name == "applied_commands"
-            if self._recorder is not None and recorded:
-                channel = self._recorder.add_topic(topic, full)
             if topic.direction == "out":
-                publisher = self.create_publisher(kind, name, qos) if wanted[name] else None
-                self._outlets[name] = Outlet(publisher, self._recorder, channel)
+                publisher = interface.open_publisher(self, topic) if wanted[name] else None
+                channel = None
+                if recorder is not None and (publisher is not None or name == "applied_commands"):
+                    used = topic if publisher is None else interface.qos_in_use(topic, publisher)
+                    channel = recorder.add_topic(used, full)
+                self._outlets[name] = Outlet(publisher, recorder, channel)
             else:
-                receive = self._receiver(name, kind, channel, accept[name])
-                self.create_subscription(kind, name, receive, qos, raw=True)
+                channel = None if recorder is None else recorder.add_topic(topic, full)
+                kind = interface.message_class(topic.type)
+                interface.open_subscription(self, topic, self._receiver(name, kind, channel, accept[name]))
 
     def _open_services(self) -> None:
         answers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
@@ -203,9 +217,9 @@ class Simulator(Node):
         self, name: str, kind: Any, channel: int | None, accept: Callable[[Any], None]
     ) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            if self._recorder is not None and channel is not None:
+            if self.recorder is not None and channel is not None:
                 now = time.time_ns()
-                self._recorder.record(channel, now, now, bytes(data))
+                self.recorder.record(channel, now, now, bytes(data))
             try:
                 accept(deserialize_message(data, kind))
             except CommandError as error:
@@ -215,13 +229,17 @@ class Simulator(Node):
 
         return receive
 
-    def _accept_trajectory(self, message: Any) -> None:
+    def _accept_trajectory(self, message: Any, only_lengths: bool = False) -> None:
         stamp = message.header.stamp
+        if any(p.velocities or p.accelerations or p.effort for p in message.points):
+            text = "velocities, accelerations and efforts of a trajectory are not followed: straight lines it is"
+            self.get_logger().warning(text, once=True)
         self.commands.accept_trajectory(
             message.joint_names,
             [p.time_from_start.sec * NS + p.time_from_start.nanosec for p in message.points],
             [p.positions for p in message.points],
             stamp.sec * NS + stamp.nanosec,
+            only_lengths,
         )
 
     def _refuse(self, name: str, why: str) -> None:
@@ -242,7 +260,7 @@ class Simulator(Node):
             self.commands.reset(self.start.row)
             self.certificate = [0.0, 0.0, 0.0]
             self.ambiguous = self.overspent = 0
-            self._reported = (0, 0)
+            self.reported = (0, 0, 0, 0)
             self._send_states(None)
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
@@ -283,14 +301,19 @@ class Simulator(Node):
         gc.collect()
         gc.freeze()  # what was loaded so far stays: looking through it again and again would make ticks late
         with self.lock:
+            if self._outlets["robot_description"].wanted:
+                from .robot_description import describe_robot
+
+                text = describe_robot(self.scene, self.values["frame_id"])
+                self._outlets["robot_description"].send(encode_string(text))
             self._send_states(None)
         try:
             while not self.stopping.is_set():
                 wall_ns = time.monotonic_ns()
                 with self.lock:
-                    wait = self.stepper.wait_ns(wall_ns)
+                    wait = self._wait_ns(wall_ns)
                 if wait is None:
-                    self.stopping.wait(0.01)
+                    self.commands.arrived.wait(0.01)
                 elif wait > 0:
                     time.sleep(min(wait / NS, 0.1))
                 else:
@@ -305,11 +328,17 @@ class Simulator(Node):
             server.join()
             self.close()
 
+    def _wait_ns(self, wall_ns: int) -> int | None:
+        """Tell how long to wait before the next tick [ns], 0 when it is due, None for who knows."""
+        if self.lock_step:
+            return None if self.stepper.paused or self.commands.is_idle else 0
+        return self.stepper.wait_ns(wall_ns)
+
     def _push_recording(self, wall_ns: int) -> None:
-        if self._recorder is not None and self._recorder.error is None:
-            self._recorder.push(wall_ns)
-            if self._recorder.error is not None:
-                self.get_logger().error(self._recorder.error)
+        if self.recorder is not None and self.recorder.error is None:
+            self.recorder.push(wall_ns)
+            if self.recorder.error is not None:
+                self.get_logger().error(self.recorder.error)
 
     def _serve(self, executor: EventsExecutor) -> None:
         while not self.stopping.is_set():
@@ -346,10 +375,13 @@ class Simulator(Node):
         if outlets["pose"].wanted:
             y = crawler.net_translation
             outlets["pose"].send(self._pose.encode(now, y) if isinstance(y, float) else self._pose.encode(now, *y))
+        if self._odometry is not None:
+            y, gain = crawler.net_translation, crawler.body.share @ crawler.gained
+            outlets["odom"].send(self._odometry.encode(now, y, gain / seconds))
         if outlets["/clock"].wanted:
             outlets["/clock"].send(encode_clock(now))
-        if self._feed is not None:
-            self._feed.show(now, crawler)
+        if self.feed is not None:
+            self.feed.show(now, crawler)
 
     # -- reports ----------------------------------------------------------------------------------------------------
 
@@ -360,82 +392,16 @@ class Simulator(Node):
         outlet = self._outlets["/diagnostics"]
         if outlet.wanted:
             with self.lock:
-                data = encode_diagnostics(time.time_ns(), self.diagnose())
+                data = encode_diagnostics(time.time_ns(), diagnose(self))
             outlet.send(data)
-
-    def diagnose(self) -> list[tuple[int, str, str, str, list[tuple[str, str]]]]:
-        """Say how the simulation, the commands, the recording and the viewer fare.
-
-        Returns:
-            Level, name, message, hardware id and key-value pairs of each.
-        """
-        me, hardware = self.get_fully_qualified_name().lstrip("/"), self.scene.name
-        late, refused = self.stepper.late, sum(self.refused.values())
-        now = self.crawler.visited_margin
-        level, message = OK, "ticking"
-        if late:
-            level, message = WARN, f"{late} late tick(s): this machine cannot keep the rate; simulated time slows"
-        before, self._reported = self._reported, (self.ambiguous, self.overspent)
-        if self.ambiguous > before[0]:
-            level, message = WARN, "translation not determined now; the one nearest to zero is taken"
-        if self.overspent > before[1]:
-            level, message = WARN, "the budget of events is spent in some ticks now; a catch-up step does the rest"
-        if not np.isfinite(self.certificate).all():
-            level, message = ERROR, "a tick's certificate is not finite: the commands are beyond what doubles can hold"
-        if self.count_publishers("joint_states") > 1:
-            level, message = WARN, "another node publishes joint_states here: two crawlers need two namespaces"
-        residual, violation, complementarity = (f"{v:.3e}" for v in self.certificate)
-        simulation = [
-            ("simulated time [s]", f"{self.stepper.now_ns / NS:.9f}"),
-            ("ticks", str(self.stepper.tick)),
-            ("late ticks", str(late)),
-            ("least friction of the scene", f"{self.regularity.least:.3e} ({self.regularity.where})"),
-            ("uniqueness margin", "not decided" if self.margin is None else f"{self.margin:.3e}"),
-            ("visited margin", f"{now:.3e}"),
-            ("ticks without a determined translation", str(self.ambiguous)),
-            ("ticks over the budget of events", str(self.overspent)),
-            ("largest energy residual of a tick [J]", residual),
-            ("largest violation of a bound [N]", violation),
-            ("largest complementarity [J]", complementarity),
-        ]
-        statuses = [(level, f"{me}: simulation", message, hardware, simulation)]
-        counts = [(f"refused on {name}", str(count)) for name, count in sorted(self.refused.items())]
-        message = f"{refused} message(s) refused; last: {self.refusal}" if refused else "all accepted"
-        statuses.append(
-            (WARN if refused else OK, f"{me}: commands", message, hardware, [("refused", str(refused)), *counts])
-        )
-        if self._recorder is not None:
-            recorder = self._recorder
-            entries = [
-                ("folder", str(recorder.folder)),
-                ("messages", str(recorder.messages)),
-                ("bytes waiting", str(recorder.waiting)),
-            ]
-            broken = recorder.error
-            statuses.append((ERROR if broken else OK, f"{me}: recording", broken or "recording", hardware, entries))
-        if self._feed is not None:
-            dropped = self._feed.dropped
-            message = f"{dropped} frame(s) dropped: the viewer is slow" if dropped else "viewing"
-            if not self._feed.alive:
-                message = "the viewer has ended"
-            statuses.append(
-                (
-                    WARN if dropped or not self._feed.alive else OK,
-                    f"{me}: viewer",
-                    message,
-                    hardware,
-                    [("dropped", str(dropped))],
-                )
-            )
-        return statuses
 
     def close(self) -> None:
         """Finish recording and viewer and take the node out of the graph."""
-        if self._recorder is not None:
-            self._recorder.close()
-            self.get_logger().info(self._recorder.error or f"recorded {self._recorder.folder}")
-        if self._feed is not None:
-            self._feed.close()
+        if self.recorder is not None:
+            self.recorder.close()
+            self.get_logger().info(self.recorder.error or f"recorded {self.recorder.folder}")
+        if self.feed is not None:
+            self.feed.close()
         late = self.stepper.late
         self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late")
         self.destroy_node()

@@ -84,6 +84,31 @@ def contact_names(scene: Scene) -> list[str]:
     return _each_axis([names[int(c)] for c in shown_contacts(scene)], mesh)
 
 
+def tree_of_joints(mesh: Body) -> list[tuple[int, int, int, float]]:
+    """Order the joints along a tree that starts at the root; joints that close a loop are left out.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        For each other station: the station before it, itself, the joint between, and 1.0 where that joint goes from the
+        former to the latter, else -1.0.
+    """
+    steps: list[tuple[int, int, int, float]] = []
+    beside: list[list[tuple[int, int, float]]] = [[] for _ in range(mesh.stations.size)]
+    for joint, (a, b) in enumerate(mesh.joints.tolist()):
+        beside[a].append((b, joint, 1.0))
+        beside[b].append((a, joint, -1.0))
+    known, waiting = {0}, [0]
+    for station in waiting:
+        for other, joint, sign in beside[station]:
+            if other not in known:
+                known.add(other)
+                waiting.append(other)
+                steps.append((station, other, joint, sign))
+    return steps
+
+
 class StationReader:
     """Turns the positions of joint_states back into displacements of the stations."""
 
@@ -95,18 +120,7 @@ class StationReader:
         """
         self._dimension = mesh.dimension
         self._stations = mesh.stations.size
-        self._steps: list[tuple[int, int, int, float]] = []
-        beside: list[list[tuple[int, int, float]]] = [[] for _ in range(self._stations)]
-        for joint, (a, b) in enumerate(mesh.joints.tolist()):
-            beside[a].append((b, joint, 1.0))
-            beside[b].append((a, joint, -1.0))
-        known, waiting = {0}, [0]
-        for station in waiting:
-            for other, joint, sign in beside[station]:
-                if other not in known:
-                    known.add(other)
-                    waiting.append(other)
-                    self._steps.append((station, other, joint, sign))
+        self._steps = tree_of_joints(mesh)
 
     def read(self, values: np.ndarray) -> np.ndarray:
         """Add up root and joints.

@@ -1,4 +1,7 @@
-"""When ticks happen: simulated time in integer nanoseconds, playing, paused or stepping. Reads no clock itself."""
+"""When ticks happen: simulated time in integer nanoseconds, playing, paused or stepping. Reads no clock itself.
+
+In lock-step ticks are made by messages and the wall clock has no say: see `CommandQueue`.
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,155 @@
+"""Lock-step: messages make the ticks, and nothing else does."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from crawler_model import Crawler, load_scene, simulate
+from crawler_ros.replay import simulate_again
+
+from .graph import Graph, graph, seconds, wait_until
+
+SCENE = "three_contacts_one_way"
+LOCK_STEP = ("lock_step:=true", f"scene:={SCENE}")
+
+
+@pytest.fixture
+def ros(tmp_path):
+    with graph(tmp_path) as made:
+        yield made
+
+
+class Loop:
+    """A controller that sends a command, waits for its state, and decides on the next by what it saw."""
+
+    def __init__(self, ros: Graph) -> None:
+        self.states: list[JointState] = []
+        self._arrived = threading.Condition()
+        self._ros = ros
+        ros.node.create_subscription(JointState, "joint_states", self._on_state, 100)
+
+    def _on_state(self, message: JointState) -> None:
+        with self._arrived:
+            self.states.append(message)
+            self._arrived.notify_all()
+
+    def command(self, actuation: np.ndarray) -> JointState:
+        count = len(self.states)
+        self._ros.publish("actuation_controller/commands", Float64MultiArray(data=actuation.tolist()))
+        with self._arrived:
+            assert self._arrived.wait_for(lambda: len(self.states) > count, 20.0)
+            return self.states[count]
+
+
+def act(state: JointState) -> np.ndarray:
+    """Do something that depends on every digit of what was seen."""
+    z = np.array(state.position)[1:]
+    return np.array([0.05, -0.03]) + 0.4 * np.sin(40.0 * z[::-1]) + 0.1 * np.array(state.position)[0]
+
+
+def close_the_loop(ros: Graph, ticks: int = 60) -> np.ndarray:
+    loop = Loop(ros)
+    wait_until(lambda: loop.states, what="state 0")
+    for _ in range(ticks):
+        loop.command(act(loop.states[-1]))
+    assert len(loop.states) == ticks + 1
+    stamps = [seconds(s) for s in loop.states]
+    np.testing.assert_allclose(stamps, np.arange(ticks + 1) / 100.0, atol=1e-12)
+    return np.array([s.position for s in loop.states])
+
+
+def test_a_closed_loop_gives_the_same_bits_on_every_run_and_offline(tmp_path):
+    runs = []
+    for i in range(2):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        with graph(folder) as ros:
+            ros.hear("joint_states")
+            process = ros.start("crawler_ros.simulator", *LOCK_STEP, f"record:={folder / 'bags'}")
+            runs.append(close_the_loop(ros))
+            process.end()
+        (bag,) = (folder / "bags").iterdir()
+        assert simulate_again(bag).identical
+    assert np.array_equal(runs[0], runs[1])
+
+    crawler = Crawler(load_scene(SCENE))
+    for before, after in zip(runs[0][:-1], runs[0][1:], strict=True):
+        seen = JointState(position=before.tolist())
+        crawler.advance(act(seen))
+        assert np.array_equal(np.concatenate((crawler.displacement[:1], crawler.joint_elongation)), after)
+
+
+def test_one_message_is_one_tick_and_then_it_waits(ros):
+    ros.simulator(*LOCK_STEP)
+    for i in range(5):
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1 * i, 0.0]))
+    wait_until(lambda: len(ros.heard["joint_states"]) == 6)
+    assert [round(100 * seconds(s)) for s in ros.heard["joint_states"]] == [0, 1, 2, 3, 4, 5]
+    answer = ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True)
+    assert answer.success
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.0, 0.0]))
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.2, 0.0]))
+    assert "0.060000000" in ros.call("/crawler/step", "std_srvs/srv/Trigger").message
+    assert len(ros.heard["joint_states"]) == 7
+    ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=False)
+    wait_until(lambda: len(ros.heard["joint_states"]) == 8)
+
+
+def test_friction_goes_with_the_next_actuation(ros):
+    ros.simulator(*LOCK_STEP, hear=("joint_states", "applied_commands"))
+    ros.publish("friction_controller/commands", Float64MultiArray(data=[0.7]))
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, 0.1]))
+    wait_until(lambda: ros.heard["applied_commands"])
+    wait_until(lambda: len(ros.heard["joint_states"]) == 2)
+    (ledger,) = ros.heard["applied_commands"]
+    if len(ledger.points) == 1 and list(ledger.points[0].positions)[2:] == [0.7] * 6:
+        return
+    # the two topics have no order between them: the friction came late, and goes with the next one
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.2, 0.1]))
+    wait_until(lambda: len(ros.heard["applied_commands"]) == 2)
+    assert list(ros.heard["applied_commands"][1].points[0].positions)[2:] == [0.7] * 6
+
+
+def test_a_trajectory_runs_to_its_end_and_the_next_one_follows(ros):
+    ros.simulator(*LOCK_STEP, hear=("joint_states",))
+    for target in (0.4, 0.1):
+        message = JointTrajectory(joint_names=["link_1"])
+        point = JointTrajectoryPoint(positions=[target])
+        point.time_from_start.nanosec = 50_000_000
+        message.points.append(point)
+        ros.publish("actuation_controller/joint_trajectory", message)
+    wait_until(lambda: len(ros.heard["joint_states"]) == 11)
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.0, 0.0]))
+    wait_until(lambda: len(ros.heard["joint_states"]) == 12)
+    crawler = Crawler(load_scene(SCENE))
+    ramps = [*np.linspace(0.0, 0.4, 6)[1:], *np.linspace(0.4, 0.1, 6)[1:], 0.0]
+    for state, length in zip(ros.heard["joint_states"][1:], ramps, strict=True):
+        crawler.advance([0.0, length])
+        np.testing.assert_allclose(state.position[0], crawler.displacement[0], atol=1e-14)
+        np.testing.assert_allclose(state.position[1:], crawler.joint_elongation, atol=1e-14)
+
+
+def test_the_gait_player_walks_it_exactly_and_faster_than_real_time(ros):
+    ros.simulator(*LOCK_STEP, hear=("joint_states", "pose"))
+    player = ros.start("crawler_ros.gait_player", f"scene:={SCENE}", "periods:=20")
+    wait_until(lambda: player.process.poll() is not None, 60.0, "the end of the gait")
+    offline = simulate(load_scene(SCENE), duration=20.0)
+    wait_until(lambda: ros.heard["pose"][-1].pose.position.x == pytest.approx(offline.net_translation[-1], abs=1e-12))
+
+
+def test_reset_goes_back_to_state_0_and_drops_what_waits(ros):
+    ros.simulator(*LOCK_STEP)
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.3, 0.0]))
+    wait_until(lambda: len(ros.heard["joint_states"]) == 2)
+    assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
+    wait_until(lambda: len(ros.heard["joint_states"]) == 3)
+    assert seconds(ros.heard["joint_states"][2]) == 0.0
+    assert np.array_equal(ros.heard["joint_states"][2].position, ros.heard["joint_states"][0].position)
