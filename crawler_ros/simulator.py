@@ -69,6 +69,9 @@ class Outlet:
         self._record = None if recorder is None or channel is None else recorder.record
         self._channel = channel
         self.wanted = self._publish is not None or self._record is not None
+        self._publisher = publisher
+        self._last = b""
+        self._listeners = 0
 
     def send(self, data: bytes) -> None:
         """Publish and record a message.
@@ -76,11 +79,20 @@ class Outlet:
         Args:
             data: its CDR bytes.
         """
+        self._last = data
         if self._publish is not None:
             self._publish(data)
         if self._record is not None:
             now = time.time_ns()
             self._record(self._channel, now, now, data)
+
+    def repeat_to_newcomers(self) -> None:
+        """Publish the last message again if somebody has come to listen since this was last asked."""
+        if self._publish is None:
+            return
+        before, self._listeners = self._listeners, self._publisher.get_subscription_count()
+        if self._listeners > before:
+            self._publish(self._last)
 
 
 class Simulator(Node):
@@ -314,6 +326,9 @@ class Simulator(Node):
                     wait = self._wait_ns(wall_ns)
                 if wait is None:
                     self.commands.arrived.wait(0.01)
+                    if self.lock_step and self.stepper.tick == 0:  # nothing else would tell them where it stands
+                        for name in ("joint_states", "contact_states", "pose", "odom"):
+                            self._outlets[name].repeat_to_newcomers()
                 elif wait > 0:
                     time.sleep(min(wait / NS, 0.1))
                 else:
