@@ -29,7 +29,7 @@ Say = Callable[[str], None]
 PARTS = ("throughput", "latency", "real_time", "start", "ledger")
 QUICK: Row = {"contacts": (3, 10), "rates": (100.0, 1000.0), "seconds": 1.0, "repeats": 1, "trials": 50}
 """What a quick run measures."""
-_OPTIONAL = ("contact_states", "pose", "applied_commands")
+_OPTIONAL = ("contact_states", "pose", "odom", "applied_commands", "robot_description")
 _NOTHING = {f"publish.{name}": False for name in _OPTIONAL}
 
 

@@ -168,7 +168,7 @@ def test_whoever_comes_before_the_first_command_hears_state_0(ros):
     process = ros.start("crawler_ros.simulator", *LOCK_STEP)
     wait_until(lambda: "waiting for commands" in process.said)
     for i in range(2):
-        late = []
-        ros.node.create_subscription(JointState, "joint_states", late.append, 10)
-        wait_until(lambda: late, what=f"state 0, by listener {i}")
-        assert seconds(late[0]) == 0.0
+        heard: list[JointState] = []
+        ros.node.create_subscription(JointState, "joint_states", heard.append, 10)
+        wait_until(lambda heard=heard: heard, what=f"state 0, by listener {i}")
+        assert seconds(heard[0]) == 0.0
