@@ -43,15 +43,14 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
         ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=colour)
     ET.SubElement(robot, "link", name=world)
     frames = [f"{station}_frame" for station in stations]
-    for frame in frames:
-        link = ET.SubElement(robot, "link", name=frame)
+    links = [ET.SubElement(robot, "link", name=frame) for frame in frames]
+    for link in links:
         _add_box(link, (size, size, size), (0.0, 0.0, 0.5 * size), "contact")
     _add_joints(robot, stations[0], world, frames[0], place[0], 1.0, _REACH * span, planar)
     for known, new, joint, sign in tree_of_joints(mesh):
         offset = place[new] - place[known]
         _add_joints(robot, joints[joint], frames[known], frames[new], offset, sign, _REACH * span, planar)
-        parent = next(link for link in robot.iter("link") if link.get("name") == frames[known])
-        _add_rod(parent, offset, size)
+        _add_rod(links[known], offset, size)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
