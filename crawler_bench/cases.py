@@ -234,7 +234,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "planar_turning": _planar_turning,
 }
 """All cases, built when asked for."""
-LONG = ("wave_10000", "wave_100000")
+LONG = ("wave_10000", "wave_100000", "long_wave_1000")
 """Cases that a quick run leaves out."""
 
 
