@@ -1,4 +1,6 @@
 # For colcon alone; pip and uv build from pyproject.toml.
+from glob import glob
+
 from setuptools import Distribution, setup
 
 
@@ -13,11 +15,12 @@ setup(
     distclass=WithoutPyproject,
     name="crawler_ros",
     version="0.1.0",
-    packages=["crawler_model", "crawler_ros", "crawler_bench", "msgs_config"],
+    packages=["crawler_model", "crawler_ros", "crawler_ros.examples", "crawler_bench", "msgs_config"],
     package_data={"crawler_model": ["py.typed"], "msgs_config": ["*.yaml", "*.json", "scenes/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/crawler_ros"]),
         ("share/crawler_ros", ["package.xml"]),
+        ("share/crawler_ros/launch", sorted(glob("launch/*"))),
     ],
     zip_safe=False,
     extras_require={"test": ["pytest"]},
@@ -25,6 +28,8 @@ setup(
         "console_scripts": [
             "simulator = crawler_ros.simulator:main",
             "gait_player = crawler_ros.gait_player:main",
+            "speed_control = crawler_ros.examples.speed_control:main",
+            "phase_control = crawler_ros.examples.phase_control:main",
             "crawler = crawler_ros.cli:main",
         ]
     },

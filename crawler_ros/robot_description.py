@@ -7,11 +7,12 @@ the body has no joint in it, and joint_states says nothing that is lost by that.
 
 from __future__ import annotations
 
+import sys
 import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from crawler_model import Scene
+from crawler_model import Scene, load_scene
 
 from .states import joint_names, station_names, tree_of_joints
 
@@ -112,3 +113,7 @@ def _add_joints(
         ET.SubElement(joint, "axis", xyz=_write(*axis))
         ET.SubElement(joint, "limit", lower=_write(-reach), upper=_write(reach), effort="1e9", velocity="1e9")
         parent = to
+
+
+if __name__ == "__main__":  # for launch files: python3 -m crawler_ros.robot_description SCENE
+    print(describe_robot(load_scene(sys.argv[1])))

@@ -1,0 +1,128 @@
+"""A controller to copy: finds, by trying, the phase between shape and friction that carries two contacts furthest.
+
+The link lengthens and shortens once a period; the friction of one contact rises while that of the other falls, later
+by a phase. Each trial plays two periods, the first to settle, and takes the distance of the second. A coarse look round
+the circle finds the right hill, halved steps its top.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Generator
+
+import rclpy
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+NS = 10**9
+NAMES = ["link_0", "contact_0/friction", "contact_1/friction"]
+
+
+class PhaseControl(Node):
+    """Plays period after period, each with a phase that depends on what the ones before gained."""
+
+    def __init__(self) -> None:
+        """Declare parameters and open topics."""
+        super().__init__("phase_control")
+        self.length = self.declare_parameter("length", 4.0).value  # of the stroke, m
+        self.friction = self.declare_parameter("friction", 1.0).value  # mean, N
+        self.depth = self.declare_parameter("depth", 0.5).value  # how much of it is modulated
+        self.phases = self.declare_parameter("phases", 8).value  # of the coarse look
+        self.tolerance = self.declare_parameter("tolerance", 1e-4).value  # of the phase, in periods
+        self.period = round(self.declare_parameter("period", 1.0).value * NS)
+        self.lead = round(self.declare_parameter("lead", 0.5).value * NS)  # s of simulated time for messages to arrive
+        self.now = self.end = -1  # simulated time, and when the period that is played ends, ns
+        self.y = self.y_before = 0.0
+        self.done = Future()
+        self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        self.create_subscription(PoseStamped, "pose", self.on_pose, 10)
+        self.create_timer(0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # never waits for /clock
+        self.control = self.search()
+
+    def on_pose(self, message: PoseStamped) -> None:
+        """Take the net translation and the simulated time."""
+        now = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        if now < self.now:  # the simulator was reset: begin again
+            self.end, self.control = -1, self.search()
+        self.now, self.y = now, message.pose.position.x
+        self.go_on()
+
+    def on_timer(self) -> None:
+        """Ask for a state: a simulator in lock-step is silent until a command comes, even one that changes nothing."""
+        if self.now < 0 and self.commands.get_subscription_count():
+            self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Play the next period when the last one is over."""
+        if self.now < max(self.end, 0) or not self.commands.get_subscription_count():
+            return
+        try:
+            phase = next(self.control) if self.end < 0 else self.control.send(self.y - self.y_before)
+        except StopIteration:
+            self.end = 2**63
+            self.done.set_result(None)
+            return
+        self.y_before, start = self.y, self.now + self.lead
+        trajectory = JointTrajectory(joint_names=NAMES)
+        trajectory.header.stamp = Time(sec=start // NS, nanosec=start % NS)
+        for t in sorted({0.0, 0.5, 1.0, (0.25 + phase) % 1.0, (0.75 + phase) % 1.0}):  # where a wave turns
+            ns = round(t * self.period)
+            point = JointTrajectoryPoint(time_from_start=Duration(sec=ns // NS, nanosec=ns % NS))
+            # a triangle: 0, depth, 0, -depth at the quarters of t - phase
+            swing = self.depth * (1.0 - 4.0 * abs((t - phase + 0.25) % 1.0 - 0.5))
+            length = self.length * (1.0 - abs(1.0 - 2.0 * t))
+            point.positions = [length, self.friction * (1.0 + swing), self.friction * (1.0 - swing)]
+            trajectory.points.append(point)
+        self.end = start + self.period
+        self.commands.publish(trajectory)
+
+    def search(self) -> Generator[float, float, None]:
+        """Yield the phase of each period; be sent the distance that it gained."""
+        step, enough = 1.0 / self.phases, 1e-9 * self.length  # less is rounding
+        best, most = 0.0, -float("inf")
+        for phase in [k * step for k in range(self.phases)]:
+            gained = yield from self.try_phase(phase)
+            if gained > most + enough:
+                best, most = phase, gained
+        while step > self.tolerance:
+            step *= 0.5
+            for phase in ((best + step) % 1.0, (best - step) % 1.0):
+                gained = yield from self.try_phase(phase)
+                if gained > most + enough:
+                    best, most = phase, gained
+                    break
+        self.get_logger().info(f"best phase {best!r} of a period, {most!r} m per period")
+
+    def try_phase(self, phase: float) -> Generator[float, float, float]:
+        """Play a phase for two periods; return the distance of the second."""
+        yield phase
+        gained = yield phase
+        self.get_logger().info(f"phase {phase!r}: gained {gained!r} m")
+        return gained
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the controller until the phase is found, or until a signal.
+
+    Args:
+        args: command line; None for the process's own.
+    """
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
+    try:
+        node = PhaseControl()
+        rclpy.spin_until_future_complete(node, node.done)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""A controller to copy: a PI loop on the distance per period, by way of a gait's amplitude.
+
+The gait lengthens the links one after another and shortens them in the same order. Each period is one trajectory; when
+its last state has arrived, the distance that it gained decides the amplitude of the next one. Waiting in between costs
+nothing: the crawler is rate-independent.
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Generator
+
+import rclpy
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+NS = 10**9
+
+
+class SpeedControl(Node):
+    """Plays a period, measures what it gained, corrects the amplitude, plays the next."""
+
+    def __init__(self) -> None:
+        """Declare parameters and open topics."""
+        super().__init__("speed_control")
+        self.target = self.declare_parameter("target", 0.1).value  # m per period
+        self.kp = self.declare_parameter("kp", 0.05).value
+        self.ki = self.declare_parameter("ki", 0.3).value
+        self.limit = self.declare_parameter("limit", 0.2).value  # greatest amplitude, m
+        self.period = round(self.declare_parameter("period", 1.0).value * NS)
+        self.lead = round(self.declare_parameter("lead", 0.5).value * NS)  # s of simulated time for messages to arrive
+        self.periods = self.declare_parameter("periods", 0).value  # 0: for ever
+        self.joints = self.declare_parameter("joints", "link_.*").value  # a regular expression
+        self.links: list[str] = []
+        self.now = self.end = -1  # simulated time, and when the period that is played ends, ns
+        self.y = self.y_before = 0.0
+        self.done = Future()
+        self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        self.create_subscription(JointState, "joint_states", self.on_joints, 10)
+        self.create_subscription(PoseStamped, "pose", self.on_pose, 10)
+        self.create_timer(0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # never waits for /clock
+        self.control = self.choose_amplitudes()
+
+    def on_joints(self, message: JointState) -> None:
+        """Find the joints to command, once."""
+        if not self.links:
+            self.links = [name for name in message.name if re.fullmatch(self.joints, name)]
+            self.go_on()
+
+    def on_pose(self, message: PoseStamped) -> None:
+        """Take the net translation and the simulated time."""
+        now = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        if now < self.now:  # the simulator was reset: begin again
+            self.end, self.control = -1, self.choose_amplitudes()
+        self.now, self.y = now, message.pose.position.x
+        self.go_on()
+
+    def on_timer(self) -> None:
+        """Ask for a state: a simulator in lock-step is silent until a command comes, even one that changes nothing."""
+        if self.now < 0 and self.commands.get_subscription_count():
+            self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Play the next period when the last one is over."""
+        if not self.links or self.now < max(self.end, 0) or not self.commands.get_subscription_count():
+            return
+        try:
+            amplitude = next(self.control) if self.end < 0 else self.control.send(self.y - self.y_before)
+        except StopIteration:
+            self.end = 2**63
+            self.done.set_result(None)
+            return
+        self.y_before, start = self.y, self.now + self.lead
+        count = len(self.links)
+        trajectory = JointTrajectory(joint_names=self.links)
+        trajectory.header.stamp = Time(sec=start // NS, nanosec=start % NS)
+        for k in range(2 * count + 1):
+            ns = self.period * k // (2 * count)
+            point = JointTrajectoryPoint(time_from_start=Duration(sec=ns // NS, nanosec=ns % NS))
+            point.positions = [amplitude if i < k <= i + count else 0.0 for i in range(count)]
+            trajectory.points.append(point)
+        self.end = start + self.period
+        self.commands.publish(trajectory)
+
+    def choose_amplitudes(self) -> Generator[float, float, None]:
+        """Yield the amplitude of each period; be sent the distance that it gained."""
+        amplitude = integral = 0.0
+        count = 0
+        while not self.periods or count < self.periods:
+            gained = yield amplitude
+            count += 1
+            error = self.target - gained
+            self.get_logger().info(f"period {count}: amplitude {amplitude!r} m, gained {gained!r} m, error {error!r} m")
+            wanted = integral + (self.kp + self.ki) * error
+            amplitude = min(max(wanted, 0.0), self.limit)
+            if (wanted - amplitude) * error <= 0.0:  # no further into a limit
+                integral += self.ki * error
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the controller until its periods are over, or until a signal.
+
+    Args:
+        args: command line; None for the process's own.
+    """
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
+    try:
+        node = SpeedControl()
+        rclpy.spin_until_future_complete(node, node.done)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+"""The example controllers reach what the exact model says can be reached."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+from scipy.optimize import brentq, minimize_scalar
+
+from crawler_model import Scene, load_scene, simulate
+from crawler_ros.examples import phase_control, speed_control
+
+from .graph import graph, wait_until
+
+SPEED, PHASE = "crawler_ros.examples.speed_control", "crawler_ros.examples.phase_control"
+PERIOD = re.compile(r"period (\d+): amplitude (\S+) m, gained (\S+) m")
+TRIAL = re.compile(r"phase (\S+): gained (\S+) m")
+BEST = re.compile(r"best phase (\S+) of a period, (\S+) m per period")
+
+
+@pytest.mark.parametrize("module", [speed_control, phase_control])
+def test_they_are_plain_rclpy_with_standard_messages(module):
+    standard = {"builtin_interfaces", "geometry_msgs", "sensor_msgs", "trajectory_msgs", "rclpy"}
+    imported = set()
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if isinstance(node, ast.ImportFrom):
+            imported.add(node.module.split(".")[0])
+        elif isinstance(node, ast.Import):
+            imported |= {alias.name.split(".")[0] for alias in node.names}
+    assert imported <= standard | {"__future__", "re", "signal", "collections"}
+
+
+def play(folder, scene: str, controller: str, *parameters: str, simulator: tuple[str, ...] = ("lock_step:=true",)):
+    """Run a simulator and a controller until the controller ends; return what it said."""
+    folder.mkdir(exist_ok=True)
+    with graph(folder) as ros:
+        ros.start("crawler_ros.simulator", f"scene:={scene}", *simulator)
+        process = ros.start(controller, *parameters)
+        wait_until(lambda: process.process.poll() is not None, 120.0, "the end of the controller")
+        assert process.process.returncode == 0, process.said
+        return process.said
+
+
+def periods(said: str) -> np.ndarray:
+    """Amplitude and distance of each period."""
+    found = [m.groups() for m in PERIOD.finditer(said)]
+    assert [int(count) for count, _, _ in found] == list(range(1, len(found) + 1))
+    return np.array([[float(amplitude), float(gained)] for _, amplitude, gained in found])
+
+
+def strokes(scene: str, amplitude: float) -> Scene:
+    """Scale the strokes of a gallery scene, so that one is `amplitude` long."""
+    found = load_scene(scene)
+    document = found.document()
+    rows = np.array(document["drive"]["actuation"])
+    document["drive"]["actuation"] = (rows * amplitude / rows.max()).tolist()
+    return Scene.model_validate(document)
+
+
+def exact_amplitude(scene: str, target: float) -> float:
+    """Find the amplitude whose gait, once settled, gains `target` a period."""
+    return brentq(lambda a: simulate(strokes(scene, a), duration=4.0).per_period[-1] - target, 1e-3, 0.2, xtol=1e-13)
+
+
+SCENES = [("three_contacts_one_way", 0.1, 0.08), ("two_contacts_anisotropic", 0.05, 0.07)]
+
+
+@pytest.mark.parametrize(("scene", "target", "closed_form"), SCENES)
+def test_the_speed_reaches_its_target(tmp_path, scene, target, closed_form):
+    played = periods(play(tmp_path, scene, SPEED, f"target:={target}", "periods:=40"))
+    amplitude = exact_amplitude(scene, target)
+    assert amplitude == pytest.approx(closed_form, abs=1e-12)
+    assert played[-1] == pytest.approx([amplitude, target], abs=1e-6)
+    assert len(played) == 40
+
+
+def test_a_target_out_of_reach_does_not_wind_it_up(tmp_path):
+    """The limit is kept, and left as soon as it may be: the integral has not grown meanwhile."""
+    said = play(tmp_path, SCENES[0][0], SPEED, "target:=0.5", "limit:=0.09", "periods:=30")
+    played = periods(said)
+    assert played[:, 0].max() == 0.09
+    assert played[-1] == pytest.approx([0.09, 0.12], abs=1e-12)
+
+
+def test_the_speed_is_reached_at_the_wall_clocks_pace_too(tmp_path):
+    scene, target, amplitude = SCENES[0]
+    free = ("real_time_factor:=20.0", "rate:=50.0")
+    played = periods(play(tmp_path, scene, SPEED, f"target:={target}", "periods:=40", simulator=free))
+    assert played[-1] == pytest.approx([amplitude, target], abs=1e-6)
+
+
+def anchors(phase: float) -> Scene:
+    """Two anchors whose friction is late by `phase`, laid out without the controller's own formulas."""
+    document = load_scene("two_anchor_a").document()
+    quarters = np.arange(5) / 4.0
+    times = np.unique(np.concatenate((quarters, (quarters[:4] + phase) % 1.0)))
+    document["start"] = "relaxed"
+    friction = [np.interp((times - phase) % 1.0, quarters, row) for row in ([1, 1.5, 1, 0.5, 1], [1, 0.5, 1, 1.5, 1])]
+    document["drive"] = {
+        "times": times.tolist(),
+        "period": 1.0,
+        "actuation": np.interp(times, quarters, [0, 2, 4, 2, 0])[:, None].tolist(),
+        "friction": {"isotropic": np.transpose(friction).tolist()},
+    }
+    return Scene.model_validate(document)
+
+
+def exact_gain(phase: float) -> float:
+    return float(simulate(anchors(phase), duration=3.0).per_period[-1])
+
+
+def exact_optimum() -> tuple[float, float]:
+    """Find the phase that gains most: a fine grid round the circle, then golden sections about its best point."""
+    grid = np.arange(100) / 100.0
+    best = float(grid[np.argmax([exact_gain(p) for p in grid])])
+    found = minimize_scalar(lambda p: -exact_gain(p % 1.0), bracket=(best - 0.01, best, best + 0.01), tol=1e-9)
+    return found.x % 1.0, -found.fun
+
+
+def trials(said: str) -> tuple[np.ndarray, float, float]:
+    """Phases and distances tried, and the best of them."""
+    ((best, most),) = BEST.findall(said)
+    return np.array([[float(phase), float(gained)] for phase, gained in TRIAL.findall(said)]), float(best), float(most)
+
+
+def test_the_best_phase_is_found(tmp_path):
+    tried, best, most = trials(play(tmp_path, "two_anchor_a", PHASE, "tolerance:=1.0e-6"))
+    phase, gain = exact_optimum()
+    assert (phase, gain) == pytest.approx((0.2, 2.8), abs=1e-6)  # 40 % more than strategy A, which is phase 0
+    assert best == pytest.approx(phase, abs=1e-6)
+    assert most == pytest.approx(gain, abs=20e-6)  # the hill falls by 16 m a period on its steeper side
+    for tried_phase, gained in tried:
+        assert gained == pytest.approx(exact_gain(tried_phase), abs=1e-8)  # waypoints are whole nanoseconds
+    assert len(tried) < 50
+
+
+def test_the_best_phase_is_found_at_the_wall_clocks_pace_too(tmp_path):
+    free = ("real_time_factor:=20.0", "rate:=50.0")
+    _, best, most = trials(play(tmp_path, "two_anchor_a", PHASE, "tolerance:=1.0e-3", simulator=free))
+    assert (best, most) == pytest.approx((0.2, 2.8), abs=0.02)
+    assert best == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("scene", "controller", "parameters", "pattern"),
+    [
+        (SCENES[0][0], SPEED, ("periods:=12",), PERIOD),
+        ("two_anchor_a", PHASE, ("tolerance:=0.01",), TRIAL),
+    ],
+    ids=["speed", "phase"],
+)
+def test_two_runs_in_lock_step_are_the_same_to_the_bit(tmp_path, scene, controller, parameters, pattern):
+    first, second = (pattern.findall(play(tmp_path / name, scene, controller, *parameters)) for name in "ab")
+    assert first
+    assert first == second  # all digits, as text
