@@ -134,7 +134,7 @@ def compute_ratios(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         key=lambda row: row["error"],
         default=None,
     )
-    if best is not None:
+    if best is not None and get("strategy_a", "exact", 4, "error") is not None:
         four = get("strategy_a", "exact", 4, "us_per_period")
         error = get("strategy_a", "exact", 4, "error")
         what = f"MuJoCo's best on strategy_a (error {best['error']:.1e}) / exact at 4 ticks (error {error:.0e})"

@@ -380,6 +380,9 @@ class Crawler:
         Returns:
             What happened on the way, all ramps together.
         """
+        flags = targets.flags
+        if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one compiled kernel is enough
+            targets = np.array(targets, dtype=np.float64)
         account = np.zeros(ACCOUNT_SIZE)
         account[VISITED] = np.inf
         integrate.follow(

@@ -205,7 +205,8 @@ def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
             if side in ("forward", "backward") and "isotropic" in node:
                 node["forward"] = node["backward"] = node.pop("isotropic")
             elif side == "isotropic" and side not in node and "forward" in node:
-                del node["forward"], node["backward"]
+                node["isotropic"] = node.pop("forward")
+                del node["backward"]
     if path[-1] == "accuracy" and scene.body.segments[int(path[2])].elements is None:
         node.pop("elements", None)
 
@@ -270,7 +271,9 @@ def _unknown(scene: Scene, key: str) -> SceneError:
 
 
 def _check_effect(scene: Scene, path: _Path, key: str) -> None:
-    """Refuse to vary friction that the drive replaces."""
+    """Refuse to vary friction that the drive replaces, and an accuracy where the elements are given."""
+    if path[-1] == "accuracy" and scene.body.segments[int(path[2])].elements is not None:
+        raise SceneError(f"vary: {key}: without effect, the segment's elements are given; vary elements instead")
     drive = scene.drive
     commands = drive is not None and (drive.friction is not None or drive.friction_wave is not None)
     own = path[0] == "friction" or (path[0] == "body" and "friction" in path)

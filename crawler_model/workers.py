@@ -242,13 +242,12 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not come between the answers
     while True:
-        try:
-            run, scenes = pickle.load(sys.stdin.buffer)
-        except EOFError:
-            return
         answer: Any
         try:
+            run, scenes = pickle.load(sys.stdin.buffer)
             answer = run(scenes)
+        except EOFError:
+            return
         except BaseException as error:
             answer = error
         pickle.dump(answer, answers)

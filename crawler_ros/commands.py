@@ -11,7 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from crawler_model.columns import Columns
+from crawler_model.drive import NS
 from crawler_model.errors import LARGEST, CommandError
+
+_MOST_AHEAD_NS = 60 * NS
+"""A stamp farther ahead is of another clock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +75,8 @@ class CommandQueue:
             self._trajectories: list[Trajectory] = []
             self._last_was_trajectory = False
             self._turns: deque[np.ndarray | Trajectory] = deque()
+            self._now_ns = 0
+            self.arrived.clear()
         self._in_force = np.array(in_force)
         self._anchor = Vertex(0, self._in_force)
         self._path: list[Vertex] = []
@@ -179,6 +185,12 @@ class CommandQueue:
                     raise CommandError(f"trajectory: point {i}: {name} is {value:g} N; friction must be >= 0")
         if stamp_ns < 0:
             raise CommandError(f"trajectory: stamp {stamp_ns} ns; simulated time starts at 0")
+        ahead = stamp_ns - self._now_ns
+        if self._lock_step and ahead > _MOST_AHEAD_NS:
+            raise CommandError(
+                f"trajectory: stamp {stamp_ns / NS:g} s is {ahead / NS:g} s ahead of simulated time; in lock-step it "
+                f"may be {_MOST_AHEAD_NS / NS:g} s, because all ticks up to it run at once"
+            )
         trajectory = Trajectory(stamp_ns or None, columns, list(times_ns), table)
         with self._lock:
             if self._lock_step:
@@ -209,6 +221,7 @@ class CommandQueue:
             The vertices; none to hold.
         """
         if self._lock_step:
+            self._now_ns = end_ns
             return self._news(self._take_turn(start_ns, end_ns))
         if not (self._actuation or self._friction or self._trajectories or self._path):
             return []

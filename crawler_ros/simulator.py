@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import os
 import platform
@@ -80,18 +79,22 @@ class Outlet:
             data: its CDR bytes.
         """
         self._last = data
-        if self._publish is not None:
-            self._publish(data)
-        if self._record is not None:
+        if self._record is not None:  # before anybody can answer
             now = time.time_ns()
             self._record(self._channel, now, now, data)
+        if self._publish is not None:
+            self._publish(data)
 
-    def repeat_to_newcomers(self) -> None:
-        """Publish the last message again if somebody has come to listen since this was last asked."""
+    def greet(self, newcomers: bool = True) -> None:
+        """Publish the last message again if somebody has come to listen since this was last asked.
+
+        Args:
+            newcomers: False when all who listen now have heard it.
+        """
         if self._publish is None:
             return
         before, self._listeners = self._listeners, self._publisher.get_subscription_count()
-        if self._listeners > before:
+        if newcomers and self._listeners > before:
             self._publish(self._last)
 
 
@@ -165,7 +168,7 @@ class Simulator(Node):
             from .visualizer import ViewerFeed
 
             self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
-        self._next_diagnostics_ns = 0
+        self._next_diagnostics_ns = self._last_ns = 0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
             f"{self.scene.name}: {mesh.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting for "
@@ -272,8 +275,9 @@ class Simulator(Node):
             self.commands.reset(self.start.row)
             self.certificate = [0.0, 0.0, 0.0]
             self.ambiguous = self.overspent = 0
-            self.reported = (0, 0, 0, 0)
+            self.reported = (0, 0, *self.reported[2:])
             self._send_states(None)
+            self._greet(newcomers=False)
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
 
@@ -319,16 +323,14 @@ class Simulator(Node):
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
             self._send_states(None)
+            self._greet(newcomers=False)
         try:
             while not self.stopping.is_set():
                 wall_ns = time.monotonic_ns()
                 with self.lock:
                     wait = self._wait_ns(wall_ns)
                 if wait is None:
-                    self.commands.arrived.wait(0.01)
-                    if self.lock_step and self.stepper.tick == 0:  # nothing else would tell them where it stands
-                        for name in ("joint_states", "contact_states", "pose", "odom"):
-                            self._outlets[name].repeat_to_newcomers()
+                    self._wait_for_commands()
                 elif wait > 0:
                     time.sleep(min(wait / NS, 0.1))
                 else:
@@ -349,6 +351,20 @@ class Simulator(Node):
             return None if self.stepper.paused or self.commands.is_idle else 0
         return self.stepper.wait_ns(wall_ns)
 
+    def _wait_for_commands(self) -> None:
+        """Wait a little, in lock-step for a command; before the first one, tell newcomers where the crawler stands."""
+        if self.stepper.paused or not self.lock_step:
+            self.stopping.wait(0.01)
+            return
+        self.commands.arrived.wait(0.01)
+        with self.lock:
+            if self.stepper.tick == 0 and self.commands.is_idle:
+                self._greet()
+
+    def _greet(self, newcomers: bool = True) -> None:
+        for name in ("/clock", "joint_states", "contact_states", "pose", "odom"):
+            self._outlets[name].greet(newcomers)
+
     def _push_recording(self, wall_ns: int) -> None:
         if self.recorder is not None and self.recorder.error is None:
             self.recorder.push(wall_ns)
@@ -356,8 +372,12 @@ class Simulator(Node):
                 self.get_logger().error(self.recorder.error)
 
     def _serve(self, executor: EventsExecutor) -> None:
-        while not self.stopping.is_set():
-            executor.spin_once(timeout_sec=0.1)
+        try:
+            while not self.stopping.is_set():
+                executor.spin_once(timeout_sec=0.1)
+        except Exception as error:  # deaf to commands it must not go on as if all were well
+            self.get_logger().fatal(f"topics and services are no longer served: {error!r}")
+            self.stopping.set()
         executor.remove_node(self)
 
     def _tick(self) -> None:
@@ -443,22 +463,8 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when scene or parameters were wrong.
     """
-    if _is_unpaced(sys.argv if args is None else args):
-        # as fast as possible a tick is shorter than the sending of its messages: a thread of the middleware sends them.
-        # At real time the tick sends them itself, for the sake of latency
-        os.environ.setdefault("RMW_FASTRTPS_PUBLICATION_MODE", "ASYNCHRONOUS")
     sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
     return interface.run_node("simulator", Simulator, _spin, args, " ".join(interface.parameters()))
-
-
-def _is_unpaced(words: list[str]) -> bool:
-    """Tell whether a command line asks for `real_time_factor` 0: rmw wants to know before there is a node to ask."""
-    for word in words:
-        name, _, value = word.partition(":=")
-        if name == "real_time_factor":
-            with contextlib.suppress(ValueError):
-                return float(value) == 0.0
-    return False
 
 
 def _spin(node: Simulator) -> None:

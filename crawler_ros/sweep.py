@@ -267,7 +267,7 @@ def _result(runs: ManyRuns, name: str) -> np.ndarray:
 
 
 def _about(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
-    versions = {name: metadata.version(name) for name in ("crawler-ros", "numpy", "numba", "pyarrow")}
+    versions = {name: _version(name) for name in ("crawler-ros", "numpy", "numba", "pyarrow")}
     settings = sweep.settings
     return {
         "schema": 1,
@@ -280,6 +280,13 @@ def _about(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
         "complete": not runs.interrupted,
         "versions": versions | {"python": platform.python_version()},
     }
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # run from its source, not installed
+        return "unknown"
 
 
 def unit_of(scene: Scene, key: str) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -162,6 +165,40 @@ def test_reset_goes_back_to_state_0_and_drops_what_waits(ros):
     assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
     wait_until(lambda: seconds(ros.heard["joint_states"][-1]) == 0.0)
     assert np.array_equal(ros.heard["joint_states"][-1].position, ros.heard["joint_states"][0].position)
+
+
+def test_who_listens_before_the_start_hears_state_0_once(ros):
+    ros.hear("joint_states")
+    process = ros.start("crawler_ros.simulator", *LOCK_STEP)
+    wait_until(lambda: ros.heard["joint_states"], what="state 0")
+    wait_until(lambda: "waiting for commands" in process.said)
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.3, 0.0]))
+    wait_until(lambda: seconds(ros.heard["joint_states"][-1]) > 0.0)
+    assert [seconds(s) for s in ros.heard["joint_states"]] == [0.0, 0.01]
+
+
+def test_a_stamp_of_another_clock_is_refused(ros):
+    process = ros.simulator(*LOCK_STEP)
+    message = JointTrajectory(joint_names=["link_0"], points=[JointTrajectoryPoint(positions=[0.1])])
+    message.header.stamp.sec = 1_700_000_000
+    ros.publish("joint_trajectory", message)
+    wait_until(lambda: "ahead of simulated time" in process.said)
+    assert ticks(ros) == [0]
+
+
+def test_waiting_and_paused_it_takes_no_processor_time(ros):
+    process = ros.simulator(*LOCK_STEP)
+    ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True)
+    ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, 0.0]))
+
+    def used() -> float:
+        fields = Path(f"/proc/{process.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    time.sleep(1.0)
+    before = used()
+    time.sleep(2.0)
+    assert used() - before < 1.0  # a loop that does not wait takes all of the two seconds
 
 
 def test_whoever_comes_before_the_first_command_hears_state_0(ros):

@@ -20,7 +20,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from crawler_model import Crawler, load_scene
 from crawler_ros import bag, interface
 from crawler_ros.replay import simulate_again
-from crawler_ros.simulator import _is_unpaced
 from crawler_ros.visualizer import frames_of_recording
 
 from .graph import environment, graph, seconds, wait_until
@@ -343,16 +342,3 @@ def test_a_player_without_a_drive_says_so(tmp_path):
     done = subprocess.run(command, env=environment(1), capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert "idle has no drive to play" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("word", "unpaced"),
-    [
-        ("real_time_factor:=0.0", True),
-        ("real_time_factor:=0", True),
-        ("real_time_factor:=0.5", False),
-        ("rate:=0", False),
-    ],
-)
-def test_only_without_a_pace_another_thread_sends(word, unpaced):
-    assert _is_unpaced(["simulator", "--ros-args", "-p", word]) is unpaced
