@@ -28,6 +28,7 @@ docs: $(READY)
 
 soak: $(READY)
 	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model --timeout=7200
+	CRAWLER_SOAK=1 $(BIN)/python -m pytest tests/ros/test_load.py tests/ros/test_faults.py tests/ros/test_security.py --timeout=7200
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'

@@ -16,7 +16,7 @@ setup(
     name="crawler_ros",
     version="0.1.0",
     packages=["crawler_model", "crawler_ros", "crawler_ros.examples", "crawler_bench", "msgs_config"],
-    package_data={"crawler_model": ["py.typed"], "msgs_config": ["*.yaml", "*.json", "scenes/*.yaml"]},
+    package_data={"crawler_model": ["py.typed"], "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/crawler_ros"]),
         ("share/crawler_ros", ["package.xml"]),

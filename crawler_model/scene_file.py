@@ -26,6 +26,11 @@ from .scene import (
     WavePart,
 )
 
+LARGEST_FILE = 16 << 20
+"""Bytes."""
+_MOST_VALUES = 5_000_000
+_LONGEST = 500  # of an error, in characters
+
 _INNER = re.compile(r"function-|literal\[|(\w+Part|float|int|str)$")
 """What the validator adds to a path where a value may be of several kinds."""
 
@@ -49,6 +54,39 @@ def _mapping_once(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_once)
 
 
+def _check_aliases(root: yaml.Node, most: int = _MOST_VALUES) -> None:
+    """Refuse aliases that stand for more values than a scene can hold: a few lines can stand for billions."""
+    sizes: dict[int, int] = {}
+    waiting = [root]
+    while waiting:
+        node = waiting[-1]
+        inner = node.value if isinstance(node, yaml.CollectionNode) else []
+        children = [n for pair in inner for n in pair] if isinstance(node, yaml.MappingNode) else inner
+        if id(node) not in sizes:
+            sizes[id(node)] = most  # until it is known: what contains itself is endless
+            waiting += [child for child in children if id(child) not in sizes]
+            continue
+        waiting.pop()
+        if sizes[id(node)] != most:
+            continue
+        sizes[id(node)] = 1 + sum(sizes[id(child)] for child in children)
+        if sizes[id(node)] > most:
+            text = f"with its aliases written out it holds more than {most} values"
+            raise yaml.constructor.ConstructorError(None, None, text, node.start_mark)
+
+
+def _load_plain(text: str) -> Any:
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _check_aliases(node)
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
+
+
 def parse_scene(text: str, source: str = "scene") -> Scene:
     """Read a scene from YAML (or JSON, which is YAML).
 
@@ -63,12 +101,12 @@ def parse_scene(text: str, source: str = "scene") -> Scene:
         SceneError: one line that names the field, the value and what would be right.
     """
     try:
-        data = yaml.load(text, Loader=_Loader)
+        data = _load_plain(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f" in line {mark.line + 1}" if mark is not None else ""
         raise SceneError(f"{source}: not plain YAML{where}: {error.problem}") from None
-    except (yaml.YAMLError, RecursionError) as error:
+    except (yaml.YAMLError, RecursionError, ValueError) as error:  # a date or an integer may be none
         raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(data, dict):
         raise SceneError(f"{source}: a scene is a mapping with the keys {', '.join(Scene.model_fields)}")
@@ -91,7 +129,8 @@ def describe(error: ValidationError) -> str:
     mistakes.sort(key=lambda m: (_of_another_kind(m), m["type"] != "extra_forbidden"))
     places = {mistake["loc"][:2] for mistake in mistakes}  # a value of several kinds is wrong in several ways
     more = f" (and {len(places) - 1} more mistake{'s' * (len(places) > 2)})" if len(places) > 1 else ""
-    return _describe_one(mistakes[0]) + more
+    text = _describe_one(mistakes[0])
+    return (text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...") + more
 
 
 def _of_another_kind(mistake: ErrorDetails) -> bool:
@@ -162,6 +201,17 @@ def gallery() -> dict[str, str]:
     return scenes
 
 
+def _read(path: Path) -> str:
+    """Read a regular file of a scene's size; files of /proc and /sys, of which the size is not known, are none."""
+    size = path.stat().st_size
+    if size == 0:
+        raise ValueError("it is empty")
+    if size > LARGEST_FILE:
+        raise ValueError(f"it has {size} bytes; a scene has at most {LARGEST_FILE}")
+    with path.open("rb") as stream:
+        return stream.read(LARGEST_FILE).decode("utf-8")
+
+
 def load_scene(path_or_name: str | Path) -> Scene:
     """Load a scene file or a scene of the gallery.
 
@@ -178,15 +228,17 @@ def load_scene(path_or_name: str | Path) -> Scene:
     path = Path(text)
     if path.is_file() and (path.suffix or len(path.parts) > 1):
         try:
-            return parse_scene(path.read_text(encoding="utf-8"), text)
-        except (OSError, UnicodeDecodeError) as error:
+            content = _read(path)
+        except (OSError, ValueError) as error:
             raise SceneError(f"{text}: cannot be read: {error}") from None
+        return parse_scene(content, text)
     known = gallery()
     if text in known:
         file = resources.files("msgs_config") / "scenes" / f"{text}.yaml"
         return parse_scene(file.read_text(encoding="utf-8"), text)
     if path.suffix or len(path.parts) > 1:
-        raise SceneError(f"{text}: no such file")
+        there = "not a file: a scene is read from a regular file" if path.exists() else "no such file"
+        raise SceneError(f"{text}: {there}")
     nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
     hint = f"the nearest is {nearest[0]!r}" if nearest else f"there are {', '.join(known)}"
     raise SceneError(f"{text}: no such file, nor a scene of the gallery; {hint}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import functools
 import importlib
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -76,6 +77,31 @@ def find_ament_prefix() -> None:
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 
+def stay_on_loopback() -> None:
+    """Keep ROS on 127.0.0.1 unless the environment asks otherwise; before rclpy is initialised.
+
+    A discovery range says who is looked for, not who can reach us: with LOCALHOST Fast DDS still listens on every
+    interface. A profile of its own opens sockets on loopback alone, and rmw adds others to them unless it is told
+    nothing. Nodes on this machine find ours whatever their range, without the profile.
+    """
+    asked = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
+    given = {name: os.environ[name] for name in asked if os.environ.get(name)}
+    if given not in ({}, {asked[0]: "LOCALHOST"}, {asked[1]: "1"}, {asked[0]: "LOCALHOST", asked[1]: "1"}):
+        return
+    from rclpy.utilities import get_rmw_implementation_identifier
+
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    profile = Path(str(resources.files("msgs_config") / "loopback.xml"))
+    if (
+        get_rmw_implementation_identifier().startswith("rmw_fastrtps")
+        and not os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE")
+        and profile.is_file()
+    ):
+        os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
+        os.environ.pop("ROS_LOCALHOST_ONLY", None)  # it would override the range
+
+
 def message_class(type_name: str) -> Any:
     """Import the class of a message or service type.
 
@@ -115,7 +141,8 @@ def open_publisher(node: Any, topic: Topic) -> Any:
 
     options = QoSOverridingOptions.with_default_policies()
     kind = message_class(topic.type)
-    return node.create_publisher(kind, topic.name, qos_profile(topic), qos_overriding_options=options)
+    with _named(topic):
+        return node.create_publisher(kind, topic.name, qos_profile(topic), qos_overriding_options=options)
 
 
 def open_subscription(node: Any, topic: Topic, receive: Callable[[bytes], None]) -> Any:
@@ -133,9 +160,19 @@ def open_subscription(node: Any, topic: Topic, receive: Callable[[bytes], None])
 
     options = QoSOverridingOptions.with_default_policies()
     kind = message_class(topic.type)
-    return node.create_subscription(
-        kind, topic.name, receive, qos_profile(topic), raw=True, qos_overriding_options=options
-    )
+    with _named(topic):
+        return node.create_subscription(
+            kind, topic.name, receive, qos_profile(topic), raw=True, qos_overriding_options=options
+        )
+
+
+@contextlib.contextmanager
+def _named(topic: Topic) -> Iterator[None]:
+    """Say of a topic that cannot be opened which one it is; QoS that is overridden with no QoS, say."""
+    try:
+        yield
+    except (RuntimeError, ValueError) as error:
+        raise ValueError(f"topic {topic.name}: {error}") from error
 
 
 def qos_in_use(topic: Topic, end: Any) -> Topic:
@@ -245,12 +282,14 @@ def run_node(
 
     words = sys.argv if args is None else args
     find_ament_prefix()
+    stay_on_loopback()
     try:
         try:
             rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
             stray = remove_ros_args(words)[1:]
             if "-h" in stray or "--help" in stray:
                 print(f"usage: {name} --ros-args [-p PARAMETER:=VALUE ...] [-r __ns:=/NAME]\nparameters: {parameters}")
+                print("network: 127.0.0.1 alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET lets other machines in")
                 return 0
             if stray:
                 raise ValueError(f"unknown argument {stray[0]!r}; parameters are given as in --ros-args -p scene:=FILE")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
 import json
 import os
 import select
@@ -179,18 +180,17 @@ class Recorder:
     """
 
     def __init__(self, parent: Path, name: str, attachments: dict[str, Any]) -> None:
-        """Make a new bag folder below `parent`, named after the crawler and the time.
+        """Note what is to be recorded; nothing is made before `start`.
 
         Args:
             parent: folder in which the bag folder is made.
             name: how the folder's name begins.
             attachments: name to plain data: scene, parameters, versions, start state.
-
-        Raises:
-            OSError: when the folder cannot be made.
         """
-        self.folder = _new_folder(parent, name)
-        self.folder.mkdir(parents=True)
+        self.folder = parent
+        """The bag folder, once it is made by `start`."""
+        self._name = name
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.error: str | None = None
         self.waiting = 0
         """Bytes taken up by `push` and not yet handed over."""
@@ -217,7 +217,12 @@ class Recorder:
         return len(self._topics) - 1
 
     def start(self) -> None:
-        """Start the recording process."""
+        """Make a new bag folder, named after the crawler and the time, and start the recording process.
+
+        Raises:
+            OSError: when the folder cannot be made.
+        """
+        self.folder = _make_folder(self.folder, self._name)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "crawler_ros.recorder"],
             stdin=subprocess.PIPE,
@@ -231,6 +236,14 @@ class Recorder:
         with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
             fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._fd, False)
+
+    def now_ns(self) -> int:
+        """Tell the time for the messages of a recording [ns, wall].
+
+        It is the wall clock's when the recording began, and goes on steadily: readers play messages in the order of
+        their times, and a wall clock that is set meanwhile would bring them out of order.
+        """
+        return self._ahead_ns + time.monotonic_ns()
 
     def record(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
         """Take a message; from any thread, each channel from one at a time. `push` hands it on.
@@ -319,13 +332,15 @@ class Recorder:
         return f"recording stopped: {said.decode().strip() or f'the process ended with {self._process.returncode}'}"
 
 
-def _new_folder(parent: Path, name: str) -> Path:
+def _make_folder(parent: Path, name: str) -> Path:
+    """Make a new folder: whatever is there already, a dangling link too, keeps its name to itself."""
+    parent.mkdir(parents=True, exist_ok=True)
     stem = f"{name}_{datetime.now():%Y_%m_%d-%H_%M_%S}"
-    folder = parent / stem
-    count = 1
-    while folder.exists():
-        count += 1
-        folder = parent / f"{stem}_{count}"
+    for count in itertools.count(1):
+        folder = parent / (stem if count == 1 else f"{stem}_{count}")
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir()
+            break
     return folder
 
 

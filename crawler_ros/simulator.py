@@ -66,6 +66,7 @@ class Outlet:
         # what Publisher.publish does with bytes once it has looked at their type: half of its time
         self._publish = None if publisher is None else publisher.handle.publish_raw
         self._record = None if recorder is None or channel is None else recorder.record
+        self._now_ns = None if recorder is None else recorder.now_ns
         self._channel = channel
         self.wanted = self._publish is not None or self._record is not None
         self._publisher = publisher
@@ -80,7 +81,7 @@ class Outlet:
         """
         self._last = data
         if self._record is not None:  # before anybody can answer
-            now = time.time_ns()
+            now = self._now_ns()
             self._record(self._channel, now, now, data)
         if self._publish is not None:
             self._publish(data)
@@ -158,10 +159,10 @@ class Simulator(Node):
             from .recorder import Recorder
 
             self.recorder = Recorder(Path(self.values["record"]), "crawler", self._attachments())
-            self.get_logger().info(f"recording to {self.recorder.folder}")
         self._open_topics()
         if self.recorder is not None:
             self.recorder.start()
+            self.get_logger().info(f"recording to {self.recorder.folder}")
         self._open_services()
         self.add_on_set_parameters_callback(self._on_parameters)
         if view != "off":
@@ -233,7 +234,7 @@ class Simulator(Node):
     ) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
             if self.recorder is not None and channel is not None:
-                now = time.time_ns()
+                now = self.recorder.now_ns()
                 self.recorder.record(channel, now, now, bytes(data))
             try:
                 accept(deserialize_message(data, kind))
