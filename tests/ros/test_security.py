@@ -250,7 +250,6 @@ def strange_paths(folder: Path) -> list[tuple[str, str]]:
     with (folder / "huge.yaml").open("wb") as stream:
         stream.truncate(LARGEST_FILE + 1)
     return [
-        ("../../etc/passwd", "no such file"),
         ("../" * 40 + "etc/passwd", "a scene is a mapping"),
         ("/etc/passwd", "a scene is a mapping"),
         ("/dev/zero", "not a file"),
