@@ -32,18 +32,22 @@ def run(folder: Path, script: str) -> str:
             (folder / text.splitlines()[0].removeprefix("# ")).write_text(text)
     paths = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     lines = f"set -m\n{script}\nwait\n"
-    shell = subprocess.run(
+    shell = subprocess.Popen(
         ["bash", "-c", lines],
         env=environment(next(_domains)) | paths,
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=120,
+        start_new_session=True,
     )
+    try:
+        said, _ = shell.communicate(timeout=120)
+    finally:
+        subprocess.run(["pkill", "-KILL", "-s", str(shell.pid)], check=False)  # its jobs have groups of their own
     for word in BAD:
-        assert word not in shell.stdout.replace("error ", ""), shell.stdout
-    return shell.stdout
+        assert word not in said.replace("error ", ""), said
+    return said
 
 
 def test_there_are_blocks_of_the_kinds_that_are_run_or_read():
