@@ -169,14 +169,14 @@ def measure(recording: Path) -> tuple[np.ndarray, int, int]:
     for record in bag.read(recording):
         messages += 1
         message = decode(record.data, record.type)
-        if record.topic.endswith("joint_trajectory") and start_ns is None:
+        if record.topic.endswith("joint_trajectory") and not start_ns:  # what has no stamp plays nothing
             start_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
         elif record.topic.endswith("pose"):
             y[message.header.stamp.sec * NS + message.header.stamp.nanosec] = message.pose.position.x
         elif record.topic.endswith("diagnostics"):
             values = {v.key: v.value for s in message.status for v in s.values}
             late = int(values["late ticks"])
-    if start_ns is None:
+    if not start_ns:
         raise DemoError(f"{recording}: no command arrived")
     # a command that came late was followed all the same, well before its period's end
     ends = [start_ns + k * period_ns for k in range(PERIODS + 1)]

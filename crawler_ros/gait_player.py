@@ -27,6 +27,7 @@ from .states import joint_state_names
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
+_PATIENCE_S = 10.0  # discovery takes less: who is silent for longer is in lock-step, in the middle of a run
 
 
 class GaitPlayer(Node):
@@ -179,7 +180,7 @@ def _spin(node: GaitPlayer) -> None:
     said = woken = time.monotonic()
     while not node.done.is_set():
         executor.spin_once(timeout_sec=0.1)
-        if node.now_ns < 0 and time.monotonic() - woken > 1.0:
+        if node.now_ns < 0 and time.monotonic() - woken > _PATIENCE_S:
             woken = time.monotonic()
             node.wake()
         if node.now_ns < 0 and time.monotonic() - said > 3.0:

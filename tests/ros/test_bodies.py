@@ -45,7 +45,7 @@ def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
         assert list(states[0].position) == first.ravel().tolist()
     (path,) = (tmp_path / "bags").iterdir()
     heard = [(r.topic, DECODE(r.data, r.type)) for r in bag.read(path) if r.topic in ("/pose", "/joint_trajectory")]
-    start = seconds(next(m for topic, m in heard if topic == "/joint_trajectory"))
+    start = min(seconds(m) for topic, m in heard if topic == "/joint_trajectory" and seconds(m) > 0.0)
     pose = {round(seconds(m), 6): m.pose.position for topic, m in heard if topic == "/pose"}
     y = np.array([[pose[round(start + k, 6)].x, pose[round(start + k, 6)].y] for k in range(4)])
     gained = np.diff(y, axis=0)
