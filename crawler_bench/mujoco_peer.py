@@ -201,10 +201,10 @@ def why_not(case: Case) -> str | None:
     mesh, drive = case.scene.mesh, case.scene.commands
     if mesh.dimension == 2:
         return "friction in the plane is a disc; MuJoCo's friction loss acts on each axis by itself"
-    if not mesh.is_chain:
-        return "springs that are no chain are not built here"
     if (drive.forward != drive.backward).any():
         return "friction differs forwards and backwards; MuJoCo's friction loss is the same both ways"
+    if not mesh.is_chain:
+        return "springs that are no chain are not built here"
     return None
 
 
