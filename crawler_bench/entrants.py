@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -115,3 +115,35 @@ def check_time(deadline: float) -> None:
     """
     if time.perf_counter() > deadline:
         raise OutOfTime
+
+
+class TickByTick:
+    """The part of a run that is the same for all solvers that are called from Python for each tick.
+
+    Attributes:
+        quarters: targets of the ticks of each quarter of a period.
+    """
+
+    quarters: Sequence[np.ndarray]
+    solves: int
+    failures: int
+    steps: int
+    displacement: np.ndarray
+
+    def tick(self, target: np.ndarray) -> None:
+        """Take one implicit step to a target."""
+        raise NotImplementedError
+
+    def quarter(self, number: int, deadline: float) -> float:
+        """Go on for a quarter of a period; see `Run`."""
+        spent = 0.0
+        for target in self.quarters[number % 4]:
+            began = time.perf_counter()
+            self.tick(target)
+            spent += time.perf_counter() - began
+            check_time(deadline)
+        return spent
+
+    def lap(self, number: int, deadline: float) -> tuple[float, int]:
+        """Go on for a period; see `Run`."""
+        return lap_by_quarters(self, number, deadline)

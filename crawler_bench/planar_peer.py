@@ -7,7 +7,6 @@ over the displacements v of a tick, r the spring forces that the new command wou
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -17,13 +16,13 @@ from crawler_model import Scene
 from crawler_model.planar_kernel import laplacian_of
 
 from .cases import Case
-from .entrants import Entrant, check_time, lap_by_quarters
+from .entrants import Entrant, TickByTick
 
 TOLERANCES = (1e-6, 1e-8)
 """Clarabel's own is 1e-8; of finer ones it calls many ticks unsolved."""
 
 
-class ConeRun:
+class ConeRun(TickByTick):
     """Implicit steps by Clarabel: set up once, the linear term updated in place. Friction is isotropic and constant."""
 
     def __init__(self, scene: Scene, quarters: tuple[np.ndarray, ...], tolerance: float) -> None:
@@ -73,20 +72,6 @@ class ConeRun:
         self.displacement = x + np.array(answer.x)[: x.size].reshape(x.shape) * self.length
         self.solves += 1
         self.failures += answer.status != self.good
-
-    def quarter(self, number: int, deadline: float) -> float:
-        """Go on for a quarter of a period; see `entrants.Run`."""
-        spent = 0.0
-        for target in self.quarters[number % 4]:
-            began = time.perf_counter()
-            self.tick(target)
-            spent += time.perf_counter() - began
-            check_time(deadline)
-        return spent
-
-    def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Go on for a period; see `entrants.Run`."""
-        return lap_by_quarters(self, number, deadline)
 
 
 def build_cone_peers(case: Case, ticks: tuple[int, ...]) -> list[Entrant]:

@@ -15,7 +15,6 @@ kept and starts are warm where the solver can.
 from __future__ import annotations
 
 import functools
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ from crawler_model import Scene
 from crawler_model.uniqueness import choose_translation
 
 from .cases import Case
-from .entrants import Entrant, check_time, lap_by_quarters
+from .entrants import Entrant, TickByTick
 
 Solve = Callable[[np.ndarray, "np.ndarray | None", "np.ndarray | None"], "tuple[np.ndarray, bool]"]
 
@@ -251,7 +250,7 @@ BACKENDS: dict[str, Backend] = {
 }
 
 
-class QpRun:
+class QpRun(TickByTick):
     """Catch-up steps by a quadratic program. The state is x alone, so that tensions and displacements cannot part."""
 
     def __init__(self, scene: Scene, quarters: tuple[np.ndarray, ...], backend: Backend, tolerance: float) -> None:
@@ -309,20 +308,6 @@ class QpRun:
         self.displacement = x + moved
         self.solves += 1
         self.failures += not solved
-
-    def quarter(self, number: int, deadline: float) -> float:
-        """Go on for a quarter of a period; see `entrants.Run`."""
-        spent = 0.0
-        for target in self.quarters[number % 4]:
-            began = time.perf_counter()
-            self.tick(target)
-            spent += time.perf_counter() - began
-            check_time(deadline)
-        return spent
-
-    def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Go on for a period; see `entrants.Run`."""
-        return lap_by_quarters(self, number, deadline)
 
 
 def build_qp_peers(case: Case, ticks: tuple[int, ...]) -> list[Entrant]:

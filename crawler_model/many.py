@@ -14,11 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from .body import Body
-from .crawler import METHODS, Crawler, Method, Step
+from .crawler import METHODS, Crawler, Method
 from .drive import NS, find_waypoints
 from .errors import CommandError, CrawlerError
 from .scene import Scene
-from .simulate import average_displacement, default_duration, rational_rate, tick_end_ns
+from .simulate import (
+    Energy,
+    Total,
+    average_displacement,
+    default_duration,
+    rational_rate,
+    stored_energy,
+    tick_end_ns,
+)
 from .workers import Chunk, available_cores, run_chunks
 
 _BLOCK, _NUMBERS = 4096, 4_000_000
@@ -221,9 +229,8 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
     marks = np.zeros((1, 2 * width))  # displacement and its rest at the start and at the last ends of periods
     marks[0, :width] = x.ravel()
     last = marks[0]
-    stiffness = scene.mesh.stiffness.reshape(-1, *(1,) * (scene.mesh.dimension - 1))
-    start = stored = peak = float(_stored(tension[None], stiffness)[0])
-    total = _Total(crawler.visited_margin)
+    start = stored = peak = float(stored_energy(scene.mesh, tension[None])[0])
+    total, periods = Total(crawler.visited_margin), 0
     for targets, ends in _ramps(crawler, settings):
         if stop is not None and stop():
             return None
@@ -232,17 +239,17 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
         step = crawler.follow(targets, records)
         kernel_s += time.perf_counter() - began
         total.add(step)
-        energy = _stored(records[:, 2 * width :].reshape(-1, *tension.shape), stiffness)
+        energy = stored_energy(scene.mesh, records[:, 2 * width :].reshape(-1, *tension.shape))
         stored, peak = float(energy[-1]), max(peak, float(energy.max()))
         last = records[-1, : 2 * width]
-        total.periods += ends.size
+        periods += ends.size
         if ends.size:
             marks = np.concatenate((marks, records[ends[-3:], : 2 * width]))[-3:]
-    size = max(abs(total.work), abs(total.dissipation), abs(stored - start), peak)
+    account = Energy(total.work, total.dissipation, stored - start, total.residual, peak)
     lengths = _lengths(scene.mesh, marks.reshape(-1, 2, *x.shape), last[:width].reshape(x.shape), x)
-    forces = (total.work, total.dissipation, stored - start, abs(total.residual) / size if size > 0.0 else 0.0)
+    forces = (account.work, account.dissipation, account.stored, account.relative_residual)
     margins = (total.violation, total.visited)
-    counts = (kernel_s, total.events, total.overspent, total.periods)
+    counts = (kernel_s, total.events, total.overspent, periods)
     return (_DONE, scene.dimension, total.unique, *lengths, *forces, *margins, *counts)
 
 
@@ -256,37 +263,6 @@ def _lengths(body: Body, marks: np.ndarray, last: np.ndarray, start: np.ndarray)
     settling = gains[-1] - gains[-2] if gains.shape[0] > 1 else none
     lengths = (end, end - begin, period, settling)
     return lengths if body.dimension == 2 else tuple((value, 0.0) for value in lengths)
-
-
-@dataclass
-class _Total:
-    """What happened on all ramps of a run together."""
-
-    visited: float
-    work: float = 0.0
-    dissipation: float = 0.0
-    residual: float = 0.0
-    violation: float = 0.0
-    unique: bool = True
-    events: int = 0
-    overspent: int = 0
-    periods: int = 0
-
-    def add(self, step: Step) -> None:
-        self.work += step.work
-        self.dissipation += step.dissipation
-        self.residual += step.certificate.energy_residual
-        self.violation = max(self.violation, step.certificate.violation)
-        self.visited = min(self.visited, step.visited_margin)
-        self.unique = self.unique and step.unique
-        self.events += step.events
-        self.overspent += step.overspent
-
-
-def _stored(tension: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Compute the energy of the springs, of tensions of shape (T, S, ...), shape (T,)."""
-    energy = 0.5 * tension**2 / stiffness
-    return energy.reshape(energy.shape[0], -1).sum(axis=1)
 
 
 def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, np.ndarray]]:

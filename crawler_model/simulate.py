@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .body import Body
-from .crawler import Crawler, Method, choose_method
+from .crawler import Crawler, Method, Step, choose_method
 from .drive import NS, Drive
 from .errors import CommandError
 from .scene import Scene
@@ -36,6 +36,45 @@ class Energy:
         """The residual relative to the work done, or to the most ever stored where work was given back."""
         size = max(abs(self.work), abs(self.dissipation), abs(self.stored), self.peak)
         return abs(self.residual) / size if size > 0.0 else 0.0
+
+
+@dataclass
+class Total:
+    """What happened on all ramps of a run together; as in `Step`."""
+
+    visited: float
+    work: float = 0.0
+    dissipation: float = 0.0
+    residual: float = 0.0
+    violation: float = 0.0
+    unique: bool = True
+    events: int = 0
+    overspent: int = 0
+
+    def add(self, step: Step) -> None:
+        """Add what happened on some ramps more."""
+        self.work += step.work
+        self.dissipation += step.dissipation
+        self.residual += step.certificate.energy_residual
+        self.violation = max(self.violation, step.certificate.violation)
+        self.visited = min(self.visited, step.visited_margin)
+        self.unique = self.unique and step.unique
+        self.events += step.events
+        self.overspent += step.overspent
+
+
+def stored_energy(body: Body, tension: np.ndarray) -> np.ndarray:
+    """Compute the energy of the springs.
+
+    Args:
+        body: the body.
+        tension: of its springs, shape (T, S), in the plane (T, S, 2) [N].
+
+    Returns:
+        Shape (T,) [J].
+    """
+    energy = 0.5 * tension**2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
+    return energy.reshape(energy.shape[0], -1).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,17 +298,8 @@ class _Run:
         self.waypoint_x: list[np.ndarray] = [crawler.displacement]
         self.waypoint_rest: list[np.ndarray] = [np.zeros(body.position.shape)]
         self.last = (crawler.displacement, np.zeros(body.position.shape))
-        self.work = self.dissipation = self.residual = self.violation = 0.0
-        self.visited = crawler.visited_margin
-        self.unique = True
-        self.events = self.overspent = 0
-        self.stiffness = body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
-        self.peak = float(self._stored(self.tension[:1])[0])
-
-    def _stored(self, tension: np.ndarray) -> np.ndarray:
-        """Compute the energy of the springs, of tensions of shape (T, S, ...), shape (T,)."""
-        energy = 0.5 * tension**2 / self.stiffness
-        return energy.reshape(energy.shape[0], -1).sum(axis=1)
+        self.total = Total(crawler.visited_margin)
+        self.peak = float(stored_energy(body, self.tension[:1])[0])
 
     def go(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`, tick number `first` starting at `after_ns`."""
@@ -282,16 +312,9 @@ class _Run:
         width = self.x[0].size
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size))
         step = self.crawler.follow(np.ascontiguousarray(targets), records)
-        self.work += step.work
-        self.dissipation += step.dissipation
-        self.residual += step.certificate.energy_residual
-        self.violation = max(self.violation, step.certificate.violation)
-        self.visited = min(self.visited, step.visited_margin)
-        self.unique = self.unique and step.unique
-        self.events += step.events
+        self.total.add(step)
         tension = records[:, 2 * width :].reshape(-1, *self.tension.shape[1:])
-        self.peak = max(self.peak, float(self._stored(tension).max()))
-        self.overspent += step.overspent
+        self.peak = max(self.peak, float(stored_energy(self.crawler.body, tension).max()))
 
         place = (vertex_ns.size, *self.x.shape[1:])
         x, rest = records[:, :width].reshape(place), records[:, width : 2 * width].reshape(place)
@@ -327,7 +350,8 @@ class _Run:
         if scene.drive is None and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
-        start, end = self._stored(np.array([self.start.tension, self.crawler.tension]))
+        start, end = stored_energy(body, np.array([self.start.tension, self.crawler.tension]))
+        total = self.total
         arrays = (
             self.time_ns / NS,
             self.x,
@@ -346,13 +370,13 @@ class _Run:
             self.crawler.method,
             rate,
             *arrays,
-            energy=Energy(self.work, self.dissipation, float(end - start), self.residual, self.peak),
-            violation=max(self.violation, 0.0),
-            unique=self.unique,
+            energy=Energy(total.work, total.dissipation, float(end - start), total.residual, self.peak),
+            violation=max(total.violation, 0.0),
+            unique=total.unique,
             uniqueness_margin=commanded_margin(scene),
-            visited_margin=self.visited,
-            events=self.events,
-            overspent=self.overspent,
+            visited_margin=total.visited,
+            events=total.events,
+            overspent=total.overspent,
             ticks=self.ticks,
             wall_s=time.perf_counter() - began,
         )

@@ -41,6 +41,14 @@ class MethodName(str, Enum):
     catch_up = "catch_up"
 
 
+DurationOption = Annotated[
+    float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
+]
+MethodOption = Annotated[
+    MethodName, typer.Option(help="How a tick is integrated; auto is exact on a line, catch_up in the plane.")
+]
+
+
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
     """Show a progress bar on a terminal and nothing in a pipe.
@@ -69,13 +77,9 @@ def _run(scene: Scene, duration: float | None, rate: float, method: str | None) 
 @app.command("simulate")
 def simulate_command(
     scene: SceneArgument,
-    duration: Annotated[
-        float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
-    ] = None,
+    duration: DurationOption = None,
     rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = 100.0,
-    method: Annotated[
-        MethodName, typer.Option(help="How a tick is integrated; auto is exact on a line, catch_up in the plane.")
-    ] = MethodName.auto,
+    method: MethodOption = MethodName.auto,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print where it went."""
@@ -182,13 +186,9 @@ def sweep(
         ),
     ],
     out: Annotated[Path, typer.Option(help="The table to write, .parquet; it must not be there already.")],
-    duration: Annotated[
-        float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
-    ] = None,
+    duration: DurationOption = None,
     rate: Annotated[float, typer.Option(help="Ticks per second, Hz; exact needs none.")] = 100.0,
-    method: Annotated[
-        MethodName, typer.Option(help="How a tick is integrated; auto is exact on a line, catch_up in the plane.")
-    ] = MethodName.auto,
+    method: MethodOption = MethodName.auto,
     workers: Annotated[int | None, typer.Option(help="Runs at a time; by default one a core.", min=1)] = None,
     png: Annotated[
         Path | None, typer.Option(help="The picture, for one or two keys; by default beside the table.")

@@ -277,8 +277,8 @@ class Simulator(Node):
             self.certificate = [0.0, 0.0, 0.0]
             self.ambiguous = self.overspent = 0
             self.reported = (0, 0, *self.reported[2:])
+            self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
             self._send_states(None)
-            self._greet(newcomers=False)
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
 
@@ -323,8 +323,8 @@ class Simulator(Node):
 
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
+            self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
             self._send_states(None)
-            self._greet(newcomers=False)
         try:
             while not self.stopping.is_set():
                 wall_ns = time.monotonic_ns()
