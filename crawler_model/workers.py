@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
@@ -74,8 +75,6 @@ def run_chunks(
             workers = 1
         pool.spread(min(workers, -(-left // pool.size)), apart)
     except KeyboardInterrupt:
-        pool.stop.set()
-        pool.finish()
         return True
     return False
 
@@ -106,8 +105,6 @@ class _Pool:
         self.size = 1
         self.stop = threading.Event()
         self.lock = threading.Lock()
-        self.threads: list[threading.Thread] = []
-        self.error: BaseException | None = None
 
     def probe(self) -> tuple[float, float]:
         """Run the first few here.
@@ -135,19 +132,18 @@ class _Pool:
             workers: number of threads.
             processes: whether all but the first have a process each.
         """
-        for k in range(workers):
-            thread = threading.Thread(target=self._work, args=(processes and k > 0,), name=f"crawler_{k}", daemon=True)
-            self.threads.append(thread)
-            thread.start()
-        self.finish()
-        if self.error is not None:
-            raise self.error
-
-    def finish(self) -> None:
-        """Wait for the threads; Ctrl-C comes through."""
-        for thread in self.threads:
-            while thread.is_alive():
-                thread.join(0.2)
+        if not workers:
+            return
+        with ThreadPoolExecutor(workers, "crawler") as pool:
+            try:
+                works = [pool.submit(self._work, processes and k > 0) for k in range(workers)]
+                while wait(works, 0.2).not_done:  # not a join: one that Ctrl-C breaks takes a running thread for ended
+                    pass
+            except BaseException:
+                self.stop.set()
+                raise
+        for work in works:
+            work.result()
 
     def _take(self) -> tuple[int, int]:
         with self.lock:
@@ -172,9 +168,9 @@ class _Pool:
                 some = self.scenes[first:last]
                 chunk = None if helper is None else helper.run(self.run, some, self.stop)
                 self._keep(first, chunk or self.run(some, stop=self.stop.is_set))
-        except BaseException as error:
-            self.error = self.error or error
+        except BaseException:
             self.stop.set()
+            raise
         finally:
             if helper is not None:
                 helper.close()
