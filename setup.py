@@ -15,7 +15,14 @@ setup(
     distclass=WithoutPyproject,
     name="crawler_ros",
     version="0.1.0",
-    packages=["crawler_model", "crawler_ros", "crawler_ros.examples", "crawler_bench", "msgs_config"],
+    packages=[
+        "crawler_model",
+        "crawler_ros",
+        "crawler_ros.examples",
+        "crawler_ros.replay",
+        "crawler_bench",
+        "msgs_config",
+    ],
     package_data={"crawler_model": ["py.typed"], "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/crawler_ros"]),

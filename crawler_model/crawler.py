@@ -279,6 +279,20 @@ class Crawler:
         other._scratch = integrate.build_scratch(self.scene)
         return other
 
+    def placed(self, displacement: np.ndarray, target: np.ndarray) -> Crawler:
+        """Make a crawler that stands somewhere else, at rest, as one that is met in mid-run.
+
+        Args:
+            displacement: x, shape (N,), in the plane (N, 2) [m].
+            target: the command in force, as from `target`, shape (S + 2 N,).
+
+        Returns:
+            The crawler. Beside the one that went there it differs by rounding.
+        """
+        other = self.copy()
+        other._state = integrate.state_at(self.scene, displacement, target)
+        return other
+
     def __eq__(self, other: object) -> bool:
         """Compare scenes, methods, budgets and states, bit for bit."""
         if not isinstance(other, Crawler):

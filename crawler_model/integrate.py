@@ -72,22 +72,36 @@ def start_state(scene: Scene) -> State:
     Returns:
         The state, at rest.
     """
-    mesh, drive, x = scene.mesh, scene.commands, scene.start_displacement
+    return state_at(scene, scene.start_displacement, scene.commands.targets[0])
+
+
+def state_at(scene: Scene, x: np.ndarray, target: np.ndarray) -> State:
+    """Make the state of a body that stands somewhere under some command.
+
+    Args:
+        scene: whose body it is.
+        x: displacement, shape (N,), in the plane (N, 2) [m].
+        target: the command in force, shape (S + 2 N,).
+
+    Returns:
+        The state, at rest. Contacts at a bound, but for rounding, are taken to be there.
+    """
+    mesh = scene.mesh
     if mesh.dimension == 2:
         contacts = np.zeros((3, mesh.contacts, 2))
         contacts[PLANAR_X] = x
         links = np.zeros((2, mesh.springs, 2))
-        links[PLANAR_ACTUATION] = drive.targets[0, : 2 * mesh.springs].reshape(-1, 2)
+        links[PLANAR_ACTUATION] = target[: 2 * mesh.springs].reshape(-1, 2)
         links[PLANAR_TENSION] = mesh.stiffness[:, None] * (mesh.elongation(x) - links[PLANAR_ACTUATION])
-        friction = drive.targets[0, 2 * mesh.springs :].reshape(mesh.contacts, -1).copy()
+        friction = target[2 * mesh.springs :].reshape(mesh.contacts, -1).copy()
         return State(contacts, links, np.zeros(0, np.int8), friction)
     contacts = np.zeros((state.CONTACT_ROWS, mesh.contacts))
     links = np.zeros((state.LINK_ROWS, mesh.springs))
     contacts[X] = contacts[RELATIVE] = x
-    contacts[FORWARD], contacts[BACKWARD] = drive.forward[0], drive.backward[0]
-    links[ACTUATION] = links[ACTUATION_REF] = drive.actuation[0]
+    contacts[FORWARD], contacts[BACKWARD] = target[mesh.springs :].reshape(2, -1)
+    links[ACTUATION] = links[ACTUATION_REF] = target[: mesh.springs]
     links[SHAPE] = mesh.elongation(x)
-    links[TENSION] = links[TENSION_REF] = mesh.stiffness * (links[SHAPE] - drive.actuation[0])
+    links[TENSION] = links[TENSION_REF] = mesh.stiffness * (links[SHAPE] - target[: mesh.springs])
     return State(contacts, links, _status_at_rest(scene, links[TENSION], contacts), np.zeros((0, 0)))
 
 

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 
 from crawler_model import CrawlerError
 
 _LARGEST_RECORD = 1 << 28
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_BLOCK_BYTES = 1 << 20
 
 
 class BagError(CrawlerError):
@@ -69,6 +77,8 @@ class Bag:
 
     attachments: dict[str, Any]
     complete: bool = False
+    channels: dict[int, tuple[Channel, Schema]] = field(default_factory=dict)
+    """By number, as `read_blocks` meets them."""
 
 
 def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
@@ -112,16 +122,171 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
 
 def _whole_records(stream: IO[bytes]) -> Iterator[McapRecord]:
     """Read records, those inside chunks too, up to the first that is torn or damaged."""
+    for record in _top_records(stream):
+        try:
+            inside = list(breakup_chunk(record, validate_crc=True)) if isinstance(record, Chunk) else [record]
+        except Exception:  # whatever the decompressor makes of damaged bytes: here the readable part ends
+            return
+        yield from inside
+
+
+def _top_records(stream: IO[bytes]) -> Iterator[McapRecord]:
+    """Read records, chunks as they are, up to the first that is torn or damaged."""
     records = iter(
         StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LARGEST_RECORD).records
     )
     while True:
         try:
             record = next(records)
-            inside = list(breakup_chunk(record, validate_crc=True)) if isinstance(record, Chunk) else [record]
-        except Exception:  # whatever the parser or the decompressor makes of damaged bytes: here the readable part ends
+        except Exception:  # whatever the parser makes of damaged bytes: here the readable part ends
             return
-        yield from inside
+        yield record
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Messages that stand together in a file, many at once: their bytes in one piece, and where each stands.
+
+    Attributes:
+        data: the piece, uint8, shape (B,).
+        channel: number of each message's channel, shape (K,).
+        first: where its bytes begin, shape (K,).
+        size: how many they are, shape (K,).
+        log_ns: when it was heard, shape (K,) [ns, wall].
+    """
+
+    data: np.ndarray
+    channel: np.ndarray
+    first: np.ndarray
+    size: np.ndarray
+    log_ns: np.ndarray
+
+
+def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None = None) -> Iterator[Block]:
+    """Read all messages as `read` does, a chunk at a time and without an object for each.
+
+    Args:
+        path: a bag folder or an .mcap file.
+        bag: filled with attachments and channels as they come, and with whether the file is whole.
+        progress: called with the part read, in [0, 1].
+
+    Yields:
+        The messages in the order of the file.
+
+    Raises:
+        BagError: when it is no recording at all.
+    """
+    file = find_file(path)
+    size = max(file.stat().st_size, 1)
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    pending = bytearray()  # small chunks, and messages that stand in none, make one block
+    found, promised, ended = 0, -1, False
+
+    def scanned() -> Block:
+        nonlocal found
+        block = _scan(bytes(pending), schemas, channels)
+        pending.clear()
+        bag.channels |= {k: (c, schemas[c.schema_id]) for k, c in channels.items() if c.schema_id in schemas}
+        found += block.channel.size
+        return block
+
+    with file.open("rb") as stream:
+        for record in _large_records(stream):
+            if isinstance(record, Chunk):
+                data = _decompressed(record)
+                if data is None:
+                    break
+                pending += data
+            elif isinstance(record, Message):
+                head = _MESSAGE.pack(record.channel_id, record.sequence, record.log_time, record.publish_time)
+                pending += _RECORD.pack(Opcode.MESSAGE, len(head) + len(record.data)) + head + record.data
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Statistics):
+                promised = record.message_count
+            elif isinstance(record, Attachment) and record.media_type == "application/json":
+                with contextlib.suppress(ValueError):
+                    bag.attachments[record.name] = json.loads(record.data)
+            ended = isinstance(record, Footer)
+            if len(pending) >= _BLOCK_BYTES:
+                if progress is not None:
+                    progress(stream.tell() / size)
+                yield scanned()
+    if pending:
+        yield scanned()
+    bag.complete = ended and found == promised
+
+
+_READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    int(Opcode.SCHEMA): Schema.read,
+    int(Opcode.CHANNEL): Channel.read,
+    int(Opcode.CHUNK): Chunk.read,
+    int(Opcode.ATTACHMENT): Attachment.read,
+    int(Opcode.STATISTICS): Statistics.read,
+    int(Opcode.FOOTER): Footer.read,
+}
+
+
+def _large_records(stream: IO[bytes]) -> Iterator[McapRecord]:
+    """Read records as `_top_records` does, but pass over the indices of messages, which cost more than the messages."""
+    stream.seek(8)  # the magic
+    while True:
+        head = stream.read(_RECORD.size)
+        if len(head) < _RECORD.size:
+            return
+        opcode, length = _RECORD.unpack(head)
+        if length > _LARGEST_RECORD:
+            return
+        data = stream.read(length)
+        if len(data) < length:
+            return
+        try:
+            if opcode == Opcode.MESSAGE:
+                yield Message.read(ReadDataStream(BytesIO(data)), length)
+            elif opcode in _READERS:
+                yield _READERS[opcode](ReadDataStream(BytesIO(data)))
+        except Exception:  # whatever the parser makes of damaged bytes: here the readable part ends
+            return
+        if opcode == Opcode.FOOTER:
+            return
+
+
+def _decompressed(chunk: Chunk) -> bytes | None:
+    """Take a chunk's bytes; None where they are damaged."""
+    try:
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        return stream.read(size)
+    except Exception:  # whatever the decompressor makes of damaged bytes: here the readable part ends
+        return None
+
+
+def _scan(data: bytes, schemas: dict[int, Schema], channels: dict[int, Channel]) -> Block:
+    """Find the messages in a chunk's bytes, and what schemas and channels it holds."""
+    rows: list[tuple[int, int, int, int]] = []
+    place, end = 0, len(data)
+    read_head, read_message = _RECORD.unpack_from, _MESSAGE.unpack_from
+    while place + _RECORD.size <= end:
+        opcode, length = read_head(data, place)
+        place += _RECORD.size
+        if place + length > end:
+            break
+        if opcode == 0x05:  # a message
+            channel, _, log_ns, _ = read_message(data, place)
+            rows.append((channel, place + _MESSAGE.size, length - _MESSAGE.size, log_ns))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            stream = ReadDataStream(BytesIO(data[place : place + length]))
+            if opcode == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                schemas[schema.id] = schema
+            else:
+                made = Channel.read(stream)
+                channels[made.id] = made
+        place += length
+    table = np.array(rows, dtype=np.int64).reshape(-1, 4)
+    return Block(np.frombuffer(data, np.uint8), *(np.ascontiguousarray(column) for column in table.T))
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from rich.table import Table
 
 from crawler_model import CrawlerError, Scene, Trajectory, gallery, load_scene, prepare, simulate
 
+from .replay_command import compare, replay
+
 app = typer.Typer(
     help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists what can be run.",
     no_args_is_help=True,
@@ -256,42 +258,8 @@ def view(
         raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
 
 
-@app.command()
-def replay(
-    recording: Annotated[Path, typer.Argument(help="A bag folder or an .mcap file, whole or torn.")],
-    recover: Annotated[
-        bool, typer.Option("--recover", help="Write what can be read of a torn recording as a whole one beside it.")
-    ] = False,
-) -> None:
-    """Tell whether a recording is whole, simulate it again and compare; recover one that was cut off."""
-    from . import bag
-    from .replay import simulate_again
-
-    health = bag.examine(recording)
-    seconds = max((health.last_ns - health.first_ns) / 1e9, 0.0)
-    screen.print(f"{recording}: {'whole' if health.complete else 'cut off: its end is missing'}, {seconds:.1f} s")
-    for topic, count in sorted(health.counts.items()):
-        rate = f", {count / seconds:.1f} a second" if seconds else ""
-        screen.print(f"  {topic}: {count} of {health.types[topic]}{rate}")
-    if health.counts:
-        again = simulate_again(recording)
-        resets = f", {again.resets} reset(s)" if again.resets else ""
-        if again.identical:
-            screen.print(f"simulated again: {again.ticks} states, identical to the bit{resets}")
-        elif again.ticks:
-            screen.print(
-                f"simulated again: {again.ticks} states{resets}, differing by up to {again.max_difference:.3g} m, "
-                f"first at {again.first_difference:g} s"
-            )
-    if recover and health.complete:
-        screen.print("nothing to recover: the recording is whole")
-    elif recover:
-        source = recording if recording.is_dir() else recording.with_suffix("")
-        folder = source.with_name(source.name + "_recovered")
-        count = bag.recover(recording, folder)
-        screen.print(f"recovered {count} messages: {folder}")
-    elif not health.complete:
-        raise CrawlerError(f"{recording}: its end is missing; crawler replay --recover writes what can be read")
+app.command("replay")(replay)
+app.command("compare")(compare)
 
 
 @app.command()

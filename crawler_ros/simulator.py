@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import gc
 import os
-import platform
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +17,6 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-import crawler_ros
 from crawler_model import CommandError, Crawler, load_scene, prepare
 from crawler_model._compiled import said_if_slow
 from crawler_model.crawler import Step
@@ -44,6 +41,7 @@ from .messages import (
 )
 from .states import contact_names, joint_state_names, shown_contacts
 from .stepper import Stepper
+from .versions import versions
 
 if TYPE_CHECKING:
     from .recorder import Recorder
@@ -441,18 +439,6 @@ class Simulator(Node):
         late = self.stepper.late
         self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late")
         self.destroy_node()
-
-
-def versions() -> dict[str, str]:
-    """List the versions that decide the bits of a result."""
-    found = {"crawler": crawler_ros.__version__, "python": platform.python_version()}
-    for name in ("numpy", "numba", "llvmlite"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    found["machine"] = platform.machine()
-    return found
 
 
 def main(args: list[str] | None = None) -> int:

@@ -213,12 +213,15 @@ class ViewerFeed:
             self._process.kill()
 
 
-def frames_of_recording(path: Path, scene: Scene | None = None) -> tuple[Scene, Iterator[Frame]]:
+def frames_of_recording(
+    path: Path, scene: Scene | None = None, robot: str | None = None
+) -> tuple[Scene, Iterator[Frame]]:
     """Read frames from a recording.
 
     Args:
         path: a bag folder or an .mcap file, whole or torn.
         scene: the body, for a recording that does not hold its scene.
+        robot: what its topics begin with, where several were recorded; None for all there are.
 
     Returns:
         The scene and its frames, one per joint_states message.
@@ -240,8 +243,10 @@ def frames_of_recording(path: Path, scene: Scene | None = None) -> tuple[Scene, 
         scene = Scene.model_validate(head.attachments["scene"])
 
     def all_records() -> Iterator[Any]:
-        yield from waiting
-        yield from records
+        for part in (waiting, records):
+            for record in part:
+                if robot is None or record.topic.startswith(robot):
+                    yield record
 
     return scene, in_sequence(_frames(all_records(), scene))
 
@@ -506,12 +511,14 @@ def to_viewer(stream: Any) -> None:
         subprocess.Popen([sys.executable, "-m", "rerun", "--connect", url], start_new_session=True)
 
 
-def draw_recording(recording: Path, rrd: Path) -> int:
+def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot: str | None = None) -> int:
     """Draw a recording into an .rrd file.
 
     Args:
         recording: a bag folder or an .mcap file.
         rrd: the file to write.
+        scene: the body, for a recording that does not hold its scene.
+        robot: what its topics begin with, where several were recorded.
 
     Returns:
         The number of frames drawn: at most fifty a simulated second.
@@ -519,7 +526,7 @@ def draw_recording(recording: Path, rrd: Path) -> int:
     Raises:
         BagError: when the recording cannot be read.
     """
-    scene, frames = frames_of_recording(recording)
+    scene, frames = frames_of_recording(recording, scene, robot)
     drawing = Drawing(scene, to_file(rrd))
     count = 0
     for frame in thin(frames):

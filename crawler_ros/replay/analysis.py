@@ -1,0 +1,356 @@
+"""From a recording to knowledge: health, cycles, slips, energy, margins, and the recorded commands simulated again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crawler_model import Crawler, CrawlerError, Scene
+from crawler_model.drive import NS
+
+from ..bag import BagError
+from ..states import contact_names
+from ..versions import versions
+from .cycle_table import Cycle, Energy, account_of, tabulate_cycles
+from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
+from .margins import Margins, find_margins
+from .midrun import fit_start
+from .observe import observe
+from .ramps import Piece, RampTable, Sink
+from .resimulate import Comparison, Resimulation
+from .slips import SlipFinder, Slips
+
+_SURVEYED = 0.2
+"""The part of the work that the first look is."""
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What a recording tells.
+
+    Attributes:
+        path: the recording.
+        survey: all stamps of it.
+        robot: what the crawler's topics begin with.
+        scene: what ran; None when nobody knows.
+        method: how it was integrated; None when nobody knows.
+        topics: health of each topic.
+        problems: what is not as it should be, a line each.
+        comparison: with the simulation; None where there was none.
+        explanation: why it is identical, or is not, or was not made.
+        fitted_ns: where the simulation started, when it had to be read from the states [ns]; None at the scene's start.
+        table: a row a ramp.
+        contacts: names of the shown contacts.
+        cycles: in order.
+        cycle_source: "drive", "recurrence" or "none".
+        slips: of the shown contacts.
+        energy: of the whole run; None when the scene is not known.
+        margins: likewise.
+    """
+
+    path: Path
+    survey: Survey
+    robot: str
+    scene: Scene | None
+    method: str | None
+    topics: dict[str, TopicHealth]
+    problems: tuple[str, ...]
+    comparison: Comparison | None
+    explanation: str
+    fitted_ns: int | None
+    table: RampTable
+    contacts: tuple[str, ...]
+    cycles: tuple[Cycle, ...]
+    cycle_source: str
+    slips: Slips
+    energy: Energy | None
+    margins: Margins | None
+
+    @property
+    def healthy(self) -> bool:
+        """Whether all is as it should be."""
+        return not self.problems
+
+    @property
+    def seconds(self) -> float:
+        """How much time was simulated, all runs together [s]."""
+        return float((self.table.end_ns - self.table.start_ns).sum()) / NS
+
+    def as_plain(self) -> dict[str, Any]:
+        """Lay it out as `crawler replay --json` prints it; plain numbers, lists and text, schema 1."""
+        said = self.comparison
+        return {
+            "schema": 1,
+            "recording": str(self.path),
+            "scene": None if self.scene is None else self.scene.name,
+            "method": self.method,
+            "namespace": self.robot.rstrip("/") or "/",
+            "simulated_s": self.seconds,
+            "healthy": self.healthy,
+            "problems": list(self.problems),
+            "health": {name: topic.as_plain() for name, topic in self.topics.items()},
+            "complete": self.survey.complete,
+            "cycles": [cycle.as_plain() for cycle in self.cycles],
+            "cycle_source": self.cycle_source,
+            "slips": self._plain_slips(),
+            "energy": None if self.energy is None else self.energy.as_plain(),
+            "margins": None if self.margins is None else self.margins.as_plain(),
+            "resimulation": {
+                "ticks": 0 if said is None else said.ticks,
+                "max_difference": None if said is None else said.max_difference,
+                "identical": said is not None and said.identical,
+                "first_difference": None if said is None else said.first_difference,
+                "resets": 0 if said is None else said.resets,
+                "from": None if said is None else (self.fitted_ns or 0) / NS,
+                "explanation": self.explanation,
+            },
+        }
+
+    def _plain_slips(self) -> list[dict[str, Any]]:
+        slips = self.slips
+        planar = self.table.net_translation.shape[1] == 2
+        columns = (slips.contact, slips.direction, slips.run, slips.start_ns, slips.end_ns, slips.distance)
+        return [
+            {
+                "contact": self.contacts[contact],
+                "direction": way if planar else int(way),
+                "start": start / NS,
+                "length": (end - start) / NS,
+                "distance": distance,
+                "run": run,
+            }
+            for contact, way, run, start, end, distance in zip(*(c.tolist() for c in columns), strict=True)
+        ]
+
+
+def analyse(
+    path: Path,
+    scene: Scene | None = None,
+    namespace: str | None = None,
+    sinks: Sequence[Sink] | Callable[[Survey, Scene | None], Sequence[Sink]] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Replay:
+    """Read a recording and find out what happened.
+
+    Args:
+        path: a bag folder or an .mcap file.
+        scene: what ran, for a recording that does not hold it.
+        namespace: which crawler, where several were recorded.
+        sinks: take what every ramp did; or what makes them once the recording has been looked through.
+        progress: called with the part done, in [0, 1].
+
+    Returns:
+        What was found.
+
+    Raises:
+        BagError: when it is no recording of a crawler.
+    """
+    tell = progress or (lambda part: None)
+    survey = survey_recording(path, lambda part: tell(_SURVEYED * part))
+    robot = choose_robot(survey, namespace)
+    rate = find_rate(survey, robot)
+    scene = scene or _recorded_scene(survey)
+    table = RampTable()
+    planar = (scene is not None and scene.dimension == 2) or (scene is None and _is_planar(survey, robot))
+    finder = _LateFinder(planar)
+    takers = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
+
+    def rest(part: float) -> None:
+        tell(_SURVEYED + (1.0 - _SURVEYED) * part)
+
+    said, why, fitted, method = _follow(survey, robot, scene, rate, [table, *takers], rest)
+    if said is None:
+        shown = observe(survey, robot, table, takers, rest)
+        if planar:
+            shown = shown[::2]
+    else:
+        assert scene is not None
+        table.finish()
+        shown = tuple(contact_names(scene)[:: scene.dimension])
+    known = said is not None
+    cycles, source = tabulate_cycles(table, scene)
+    topics = check_topics(survey, robot, rate)
+    return Replay(
+        path=path,
+        survey=survey,
+        robot=robot,
+        scene=scene,
+        method=method,
+        topics=topics,
+        problems=tuple(_problems(survey, robot, topics, said, why, fitted, scene)),
+        comparison=said,
+        explanation=why,
+        fitted_ns=fitted,
+        table=table,
+        contacts=tuple(name.removesuffix("/x") for name in shown),
+        cycles=cycles,
+        cycle_source=source,
+        slips=finder.finish(),
+        energy=account_of(table) if known else None,
+        margins=find_margins(table, scene) if known and scene is not None else None,
+    )
+
+
+def simulate_again(path: Path) -> Comparison:
+    """Follow a recording's ledger from its start and compare every recorded state.
+
+    Args:
+        path: a bag folder or an .mcap file that holds its scene and `applied_commands`.
+
+    Returns:
+        The comparison.
+
+    Raises:
+        BagError: when it cannot be read, or holds no scene.
+    """
+    survey = survey_recording(path)
+    robot = choose_robot(survey, None)
+    scene = _recorded_scene(survey)
+    if scene is None:
+        raise BagError(f"{path}: it does not hold its scene, so it cannot be simulated again")
+    said, why, _, _ = _follow(survey, robot, scene, find_rate(survey, robot), [], None)
+    if said is None:
+        raise BagError(why)
+    return said
+
+
+class _LateFinder:
+    """A `SlipFinder` that learns from the first piece how many contacts there are."""
+
+    def __init__(self, planar: bool) -> None:
+        self._planar = planar
+        self._finder: SlipFinder | None = None
+
+    def __call__(self, piece: Piece) -> None:
+        if self._finder is None:
+            self._finder = SlipFinder(piece.gained.shape[1], self._planar)
+        self._finder.add(piece.run, piece.start_ns, piece.end_ns, piece.gained)
+
+    def finish(self) -> Slips:
+        return (self._finder or SlipFinder(0, self._planar)).finish()
+
+
+def _recorded_scene(survey: Survey) -> Scene | None:
+    document = survey.attachments.get("scene")
+    if document is None:
+        return None
+    try:
+        return Scene.model_validate(document)
+    except CrawlerError as error:
+        raise BagError(f"{survey.path}: the scene that it holds is not one of this version: {error}") from None
+
+
+def _is_planar(survey: Survey, robot: str) -> bool:
+    """Tell a recording of a planar body by the names of its joints."""
+    from .. import bag
+
+    for record in bag.read(survey.path):
+        if record.topic in (robot + "joint_states", robot + "contact_states"):
+            return b"contact_0/x\0" in record.data
+    return False
+
+
+def _follow(
+    survey: Survey,
+    robot: str,
+    scene: Scene | None,
+    rate: Fraction | None,
+    sinks: Sequence[Sink],
+    progress: Callable[[float], None] | None,
+) -> tuple[Comparison | None, str, int | None, str | None]:
+    """Simulate again where that is possible; say why it is not, or what came of it."""
+    if scene is None:
+        return None, "not simulated again: the recording does not hold its scene; give it with --scene", None, None
+    ledger = survey.topics.get(robot + "applied_commands")
+    if ledger is None or ledger.stamp_ns.size == 0:
+        return None, "not simulated again: applied_commands, what the ticks followed, was not recorded", None, None
+    parameters = survey.attachments.get("parameters")
+    given = parameters.get("method") if isinstance(parameters, dict) else None
+    start = Crawler(scene, None if given == "auto" else given)
+    fitted: int | None = None
+    if int(ledger.stamp_ns[0]) > 0:
+        try:
+            start, fitted = fit_start(survey, robot, start, rate)
+        except BagError as error:
+            return None, f"not simulated again: {str(error).removeprefix(f'{survey.path}: ')}", None, start.method
+    said = Resimulation(survey, robot, start, rate, sinks, fitted or 0).go(progress)
+    return said, _explain(survey, said, start, fitted, given is not None), fitted, start.method
+
+
+def _explain(survey: Survey, said: Comparison, start: Crawler, fitted: int | None, method_known: bool) -> str:
+    """Say in a line why states are the same, or what can have made them differ."""
+    if said.ticks == 0:
+        return "no state was compared: joint_states was not recorded" + (f"; {said.stopped}" if said.stopped else "")
+    if fitted is not None:
+        text = f"begins in mid-run: the state at {fitted / NS:g} s was read from the recording, but for its rounding"
+        if said.identical:
+            return f"{text}; identical from there on"
+    elif said.identical:
+        return "identical to the bit" + (f", up to where {said.stopped}" if said.stopped else "")
+    else:
+        text = f"first difference at {said.first_difference:g} s, {said.first_where}"
+    reasons = []
+    if said.stopped:
+        reasons.append(said.stopped)
+    if said.missing:
+        reasons.append(f"{said.missing} ledger message(s) missing from {said.missing_at:g} s on")
+    recorded = survey.attachments.get("versions")
+    if isinstance(recorded, dict):
+        ours = versions()
+        reasons += [
+            f"recorded with {name} {recorded[name]}, here {ours[name]}"
+            for name in ours
+            if recorded.get(name, ours[name]) != ours[name]
+        ]
+    elif fitted is None:
+        reasons.append("the recording does not say which versions made it")
+    if not method_known:
+        reasons.append(f"it does not say how it was made: {start.method} from the scene's start is assumed")
+    if not reasons and fitted is None:
+        reasons.append("ledger, versions and method are the recording's own: were its states changed?")
+    return f"{text}; {'; '.join(reasons)}" if reasons else text
+
+
+def _problems(
+    survey: Survey,
+    robot: str,
+    topics: dict[str, TopicHealth],
+    said: Comparison | None,
+    why: str,
+    fitted: int | None,
+    scene: Scene | None,
+) -> list[str]:
+    """List what is wrong, the worst first."""
+    found = []
+    if not survey.complete:
+        found.append("its end is missing; crawler replay --recover writes what can be read")
+    for name, topic in topics.items():
+        short = name.removeprefix(robot)
+        if topic.missing:
+            after = topic.gaps[0][0]
+            found.append(f"{short}: {topic.missing} tick(s) missing, the first behind {after:g} s")
+        if topic.out_of_order and short in ("applied_commands", "joint_states", "contact_states", "pose"):
+            found.append(f"{short}: {topic.out_of_order} stamp(s) go back without a reset")
+        if topic.duplicates and short == "applied_commands":
+            found.append(f"{short}: {topic.duplicates} tick(s) came twice")
+    if scene is not None and said is None:
+        found.append(why)
+    if said is not None and not said.identical:
+        size = 1.0 + abs(said.max_difference)
+        rounding = fitted is not None and said.ticks > 0 and said.max_difference <= _SAME * size
+        if not rounding:
+            found.append(f"simulated again it is not identical: {why}")
+    elif said is not None and said.stopped:
+        found.append(said.stopped)
+    return found
+
+
+def size_of(table: RampTable) -> float:
+    """Tell the size of the lengths in a run, for what rounding is [m]."""
+    return max(table.shape_size, float(np.abs(table.net_translation).max(initial=0.0)))

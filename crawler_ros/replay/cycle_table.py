@@ -1,0 +1,138 @@
+"""What each cycle of a run gained and cost. Pure: a table of ramps in, cycles out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from crawler_model import Scene
+from crawler_model.drive import NS
+
+from .cycles import ROUNDING, find_cycles, signature_weights
+from .ramps import RampTable
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The energy account of some time; residual: stored + dissipation - work, relative to the largest of them."""
+
+    work: float
+    dissipation: float
+    stored: float
+    residual: float
+
+    def as_plain(self) -> dict[str, Any]:
+        """Lay it out for JSON."""
+        return dict(self.__dict__)
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle of the commands.
+
+    Attributes:
+        run: between which resets it lies.
+        start: when it begins [s].
+        end: when it ends [s].
+        translation: net translation gained [m]; in the plane x and y.
+        slip_forward: distance that contacts slid forward, all together [m].
+        slip_backward: the same backward [m].
+        energy: its account; None when the scene is not known.
+        least_margin: least distance of a spring force from its bound [N]; None likewise.
+        transient: whether shape or translation are not yet those of the steady cycle.
+    """
+
+    run: int
+    start: float
+    end: float
+    translation: float | tuple[float, ...]
+    slip_forward: float
+    slip_backward: float
+    energy: Energy | None
+    least_margin: float | None
+    transient: bool
+
+    def as_plain(self) -> dict[str, Any]:
+        """Lay it out for JSON."""
+        energy = dict.fromkeys(("work", "dissipation", "stored", "residual"))
+        plain = {**self.__dict__, **(energy if self.energy is None else self.energy.as_plain())}
+        del plain["energy"]
+        plain["translation"] = list(self.translation) if isinstance(self.translation, tuple) else self.translation
+        return plain
+
+
+def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Energy:
+    """Sum up the energies of some ramps; the stored energy of each run counts from its own start.
+
+    Args:
+        table: the ramps.
+        first: the ramp at whose end the account opens.
+        last: the ramp at whose end it closes; None for the last of all.
+
+    Returns:
+        The account.
+    """
+    last = table.run.size - 1 if last is None else last
+    rows = slice(first + 1, last + 1)
+    same = table.run[first + 1 : last + 1] == table.run[first:last]
+    work, dissipation = float(table.work[rows].sum()), float(table.dissipation[rows].sum())
+    change = np.diff(table.stored[first : last + 1])
+    stored = float(table.stored[last] - table.stored[first]) if same.all() else float(change[same].sum())
+    peak = float(table.stored[first : last + 1].max(initial=0.0))
+    size = max(abs(work), abs(dissipation), abs(stored), peak)
+    residual = abs(stored + dissipation - work) / size if size > 0.0 else 0.0
+    return Energy(work, dissipation, stored, residual)
+
+
+def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle, ...], str]:
+    """Find the cycles of a recording and what each did.
+
+    Args:
+        table: its ramps.
+        scene: what ran; None when that is not known.
+
+    Returns:
+        The cycles in order, and where they are from: "drive", "recurrence" or "none".
+    """
+    if table.run.size == 0:
+        return (), "none"
+    count = 0 if scene is None else scene.columns.count
+    drive = None if scene is None or scene.drive is None else scene.commands
+    cycles: list[Cycle] = []
+    sources = []
+    for run in np.unique(table.run).tolist():
+        first, path = table.path(run)
+        for stretch in find_cycles(path, drive, signature_weights(count)):
+            sources.append(stretch.source)
+            cycles += _tabulate(table, run, first + np.array(stretch.bounds))
+    return tuple(cycles), "none" if not cycles else sources[0]
+
+
+def _tabulate(table: RampTable, run: int, rows: np.ndarray) -> list[Cycle]:
+    y, shape = table.net_translation, table.shape
+    gained = y[rows[1:]] - y[rows[:-1]]
+    # of a shape the largest elongation tells what rounding is, and so does how far the body is from the origin
+    near = ROUNDING * max(table.shape_size, float(np.abs(gained).max(initial=0.0)))
+    closes = np.abs(shape[rows[1:]] - shape[rows[:-1]]).max(axis=1) <= near
+    steady = closes & (np.abs(gained - gained[-1]).max(axis=1) <= near)
+    known = bool(np.isfinite(table.work[rows[0] + 1 : rows[-1] + 1]).all())
+    made = []
+    for k, (first, last) in enumerate(zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True)):
+        inside = slice(first + 1, last + 1)
+        translation = gained[k].tolist()
+        made.append(
+            Cycle(
+                run,
+                float(table.end_ns[first]) / NS,
+                float(table.end_ns[last]) / NS,
+                translation[0] if len(translation) == 1 else tuple(translation),
+                float(table.forward[inside].sum()),
+                float(table.backward[inside].sum()),
+                account_of(table, first, last) if known else None,
+                float(table.margin[inside].min()) if known else None,
+                not bool(steady[k]),
+            )
+        )
+    return made

@@ -1,0 +1,76 @@
+"""Where a crawler stood when its recording begins in mid-run: read from its states, to simulate on from there."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+
+from crawler_model import Crawler
+
+from .. import bag
+from ..states import StationReader, shown_contacts
+from .health import Survey, next_tick_ns
+from .layouts import JOINT_STATE, TRAJECTORY, Decoder
+
+
+def fit_start(survey: Survey, robot: str, crawler: Crawler, rate: Fraction | None) -> tuple[Crawler, int]:
+    """Find a state at which all is known: the end of the first tick in which something was commanded.
+
+    Before it the friction in force is nowhere recorded; behind it the ledger names every command, and the states tell
+    where the contacts stand.
+
+    Args:
+        survey: of the recording.
+        robot: what the crawler's topics begin with.
+        crawler: of the scene and method.
+        rate: ticks per second [Hz].
+
+    Returns:
+        The crawler there, and that time [ns].
+
+    Raises:
+        BagError: saying what is missing.
+    """
+    mesh = crawler.body
+    whole = np.unique(shown_contacts(crawler.scene)).size == mesh.contacts
+    source = "contact_states" if whole and robot + "contact_states" in survey.topics else "joint_states"
+    begins = f"{survey.path}: it begins in mid-run"
+    if robot + source not in survey.topics or (source == "joint_states" and mesh.segments):
+        raise bag.BagError(
+            f"{begins}, and without contact_states of {'all contacts' if mesh.segments else 'any kind'} "
+            "nothing tells where the contacts stood"
+        )
+    ledger = Decoder(robot + "applied_commands", TRAJECTORY)
+    states = Decoder(robot + source, JOINT_STATE)
+    head = bag.Bag({})
+    found: tuple[int, np.ndarray] | None = None
+    seen: dict[int, np.ndarray] = {}
+    for block in bag.read_blocks(survey.path, head):
+        names = {d.topic: c for c, (d, _) in head.channels.items()}
+        if found is None:
+            which = np.flatnonzero(block.channel == names.get(ledger.topic, -1))
+            ends = [
+                (next_tick_ns(int(times[j, 0]), rate), numbers[-1][j])
+                for _, times, numbers in (ledger.read(block, which) if which.size else [])
+                for j in range(len(times) if numbers else 0)
+            ]
+            found = min(ends, key=lambda end: end[0], default=None)
+        which = np.flatnonzero(block.channel == names.get(states.topic, -1))
+        for _, times, numbers in states.read(block, which) if which.size else []:
+            seen |= dict(zip(times[:, 0].tolist(), numbers[0], strict=True))
+        if found is not None and found[0] in seen:
+            return _place(crawler, source, seen[found[0]], found[1]), found[0]
+    what = "nothing is commanded in it" if found is None else "the state behind its first command is missing"
+    raise bag.BagError(f"{begins}, and {what}")
+
+
+def _place(crawler: Crawler, source: str, numbers: np.ndarray, row: np.ndarray) -> Crawler:
+    mesh, scene = crawler.body, crawler.scene
+    x = np.zeros(mesh.position.shape)
+    if source == "contact_states":
+        shown = shown_contacts(scene)
+        x[shown] = numbers.reshape(-1, *mesh.position.shape[1:]) - mesh.position[shown]
+    else:
+        x[mesh.stations] = StationReader(mesh).read(numbers)
+    return crawler.placed(x, scene.columns.target(row))

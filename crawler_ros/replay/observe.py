@@ -1,0 +1,161 @@
+"""What a recording says by itself, without a scene: where the contacts stood, what was commanded, no forces within."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .. import bag
+from .health import Survey
+from .layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
+from .ramps import Piece, RampTable, Sink
+
+_NOISE = 1e-13
+
+
+def observe(
+    survey: Survey,
+    robot: str,
+    table: RampTable,
+    sinks: Sequence[Sink],
+    progress: Callable[[float], None] | None = None,
+) -> tuple[str, ...]:
+    """Lay a recording out as ramps, one a state.
+
+    Args:
+        survey: of the recording.
+        robot: what the crawler's topics begin with.
+        table: filled; its net translation is that of `pose` where there is one, else the mean of the contacts.
+        sinks: take the pieces.
+        progress: called with the part done, in [0, 1].
+
+    Returns:
+        The names of the contacts.
+
+    Raises:
+        BagError: when no state was recorded.
+    """
+    states = "contact_states" if robot + "contact_states" in survey.topics else "joint_states"
+    if robot + states not in survey.topics:
+        raise bag.BagError(
+            f"{survey.path}: neither contact_states nor joint_states was recorded: nothing tells how it moved"
+        )
+    kinds = {states: JOINT_STATE, "applied_commands": TRAJECTORY, "pose": POSE}
+    decoders = {n: Decoder(robot + n, kind) for n, kind in kinds.items() if robot + n in survey.topics}
+    head = bag.Bag({})
+    reader = _Reader(states)
+    poses: list[np.ndarray] = []
+    for block in bag.read_blocks(survey.path, head, progress):
+        names = {d.topic: c for c, (d, _) in head.channels.items()}
+        read = {}
+        for name, decoder in decoders.items():
+            which = np.flatnonzero(block.channel == names.get(robot + name, -1))
+            if which.size:
+                read[name] = _in_order(decoder.read(block, which), which.size)
+        if "pose" in read:
+            poses.append(np.column_stack((read["pose"][0], read["pose"][1][:, 0, :2])))
+        reader.command(*read.get("applied_commands", (None, None)))
+        if states in read:
+            piece = reader.piece(*read[states], decoders[states].names or ())
+            for sink in (table, *sinks):
+                sink(piece)
+    table.finish()
+    if poses:
+        _take_poses(table, np.concatenate(poses))
+    names_of = decoders[states].names or ()
+    return names_of if states == "contact_states" else names_of[:1]
+
+
+def _in_order(groups: list, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Put groups of messages of one kind back in order: stamps (K,), the last three sequences or fewer (K, n, M)."""
+    stamps = np.zeros(count, np.int64)
+    width = max((n.shape[1] for _, _, numbers in groups for n in numbers), default=0)
+    depth = max((min(len(numbers), 3) for _, _, numbers in groups), default=0)
+    table = np.full((count, depth, width), np.nan)
+    for at, times, numbers in groups:
+        stamps[at] = times[:, 0]
+        for k, values in enumerate(numbers[-3:]):
+            table[at, depth - min(len(numbers), 3) + k, : values.shape[1]] = values
+    return stamps, table
+
+
+class _Reader:
+    """Keeps what passes from block to block."""
+
+    def __init__(self, states: str) -> None:
+        self._whole = states == "contact_states"
+        self._run, self._last_ns = 0, -1
+        self._position: np.ndarray | None = None
+        self._begin: np.ndarray | None = None
+        self._stamps, self._rows = np.zeros(0, np.int64), np.zeros((0, 0))
+
+    def command(self, stamps: np.ndarray | None, rows: np.ndarray | None) -> None:
+        """Take the ledger of a block; ticks without a point hold."""
+        if stamps is None or rows is None or rows.shape[1] == 0:
+            return
+        known = ~np.isnan(rows[:, -1]).any(axis=1)
+        if self._rows.size:
+            stamps = np.append(self._stamps[-1:], stamps[known])
+            rows = np.vstack((self._rows[-1:], rows[known, -1]))
+        else:
+            stamps, rows = stamps[known], rows[known, -1]
+        self._stamps, self._rows = stamps, rows
+
+    def piece(self, stamps: np.ndarray, numbers: np.ndarray, names: tuple[str, ...]) -> Piece:
+        """Lay out the states of a block."""
+        planar = any(name.endswith("/x") for name in names)
+        count = stamps.size
+        before = np.append(self._last_ns, stamps[:-1])
+        begins = (stamps == 0) & (before > 0)
+        run = self._run + np.cumsum(begins)
+        position = numbers[:, 0] if self._whole else numbers[:, 0, : 1 + planar]
+        ground = numbers[:, 2] if self._whole else numbers[:, 2, : 1 + planar]
+        earlier = np.vstack((position[:1] if self._position is None else self._position[None], position[:-1]))
+        gained = np.where((begins | (before < 0))[:, None], 0.0, position - earlier)
+        # differences of positions have their rounding
+        moved = np.abs(gained) > _NOISE * np.abs(position).max(initial=0.0)
+        gained = gained * moved
+        shape = (count, -1, 2) if planar else (count, -1)
+        if self._begin is None:
+            self._begin = position[0].copy()
+        y = (position - self._begin).reshape(shape).mean(axis=1)
+        nothing, unknown = np.zeros((count, 0)), np.full(count, np.nan)
+        elongation = np.diff(position.reshape(shape), axis=1)
+        rows = self._rows.shape[1]
+        command = np.zeros((count, rows))
+        if rows:
+            at = np.searchsorted(self._stamps, stamps, side="left") - 1
+            command = self._rows[np.maximum(at, 0)]
+        self._run, self._last_ns, self._position = int(run[-1]), int(stamps[-1]), position[-1].copy()
+        return Piece(
+            run=run,
+            start_ns=np.where(begins | (before < 0), stamps, before),
+            end_ns=stamps,
+            ends_tick=np.ones(count, bool),
+            command=command,
+            position=position.reshape(shape),
+            gained=gained.reshape(shape),
+            ground=ground.reshape(shape),
+            elongation=elongation,
+            tension=nothing.reshape(count, 0, 2) if planar else nothing,
+            least=nothing,
+            most=nothing,
+            net_translation=y,
+            work=unknown,
+            dissipation=unknown,
+            stored=unknown,
+            margin=unknown,
+            nearest=np.full(count, -1),
+            visited=unknown,
+            unique=np.ones(count, bool),
+        )
+
+
+def _take_poses(table: RampTable, poses: np.ndarray) -> None:
+    """Put recorded poses in the place of means, where each state has one."""
+    run = np.cumsum(np.append(False, (poses[1:, 0] == 0) & (poses[:-1, 0] > 0)))
+    place = {key: i for i, key in enumerate(zip(run.tolist(), poses[:, 0].astype(np.int64).tolist(), strict=True))}
+    at = np.array([place.get(key, -1) for key in zip(table.run.tolist(), table.end_ns.tolist(), strict=True)])
+    if at.size and (at >= 0).all():
+        table.net_translation = poses[at, 1 : 1 + table.net_translation.shape[1]]

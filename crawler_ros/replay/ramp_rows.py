@@ -1,0 +1,170 @@
+"""Ramps followed by the model, collected row by row and laid out as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from crawler_model import Crawler, Scene
+from crawler_model.body import Body
+from crawler_model.readout import Readout
+from crawler_model.simulate import average_displacement
+from crawler_model.stasis import stasis_bounds
+from crawler_model.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, VISITED, WORK
+
+from .ramps import Piece
+
+_NOISE = 1e-14
+"""Gains below this part of the body's length are rounding."""
+
+
+class RampRows:
+    """Ramps as they are computed, one after another, and then a piece of them."""
+
+    def __init__(self, scene: Scene, widths: tuple[int, int]) -> None:
+        """Begin empty.
+
+        Args:
+            scene: what runs.
+            widths: entries of joint_states and of contact_states.
+        """
+        self._scene, self._widths = scene, widths
+        self.run: list[int] = []
+        self.start_ns: list[int] = []
+        self.end_ns: list[int] = []
+        self.ends_tick: list[bool] = []
+        self._commands: list[np.ndarray] = []
+        self._targets: list[np.ndarray] = []
+        self._x: list[np.ndarray] = []
+        self._shape: list[np.ndarray] = []
+        self._tension: list[np.ndarray] = []
+        self._gained: list[np.ndarray] = []
+        self._accounts: list[np.ndarray] = []
+        self.joints: list[np.ndarray] = []
+        self.contacts: list[np.ndarray] = []
+
+    def add(
+        self,
+        run: int,
+        start_ns: int,
+        end_ns: int,
+        ends_tick: bool,
+        row: np.ndarray,
+        target: np.ndarray,
+        crawler: Crawler,
+        account: np.ndarray,
+    ) -> None:
+        """Note a ramp that was just followed.
+
+        Args:
+            run: between which resets it lies.
+            start_ns: when it begins.
+            end_ns: when it ends.
+            ends_tick: whether a tick ends there too.
+            row: the command at its end.
+            target: the same for every spring and contact.
+            crawler: at its end.
+            account: of the step.
+        """
+        self.run.append(run)
+        self.start_ns.append(start_ns)
+        self.end_ns.append(end_ns)
+        self.ends_tick.append(ends_tick)
+        self._commands.append(row)
+        self._targets.append(target)
+        self._x.append(crawler.displacement.copy())
+        self._shape.append(crawler.shape.copy())
+        self._tension.append(crawler.tension.copy())
+        self._gained.append(crawler.gained.copy())
+        self._accounts.append(account)
+
+    def hold(self, run: int, start_ns: int, end_ns: int, row: np.ndarray, target: np.ndarray, crawler: Crawler) -> None:
+        """Note a tick in which nothing was commanded; see `add`."""
+        account = np.zeros(ACCOUNT_SIZE)
+        account[VISITED] = np.inf
+        self.add(run, start_ns, end_ns, True, row, target, crawler, account)
+        self._gained[-1] = np.zeros_like(self._gained[-1])
+
+    def read(self, readout: Readout, crawler: Crawler) -> None:
+        """Note what the topics say at the end of a tick."""
+        joints, contacts = np.empty((3, self._widths[0])), np.empty((3, self._widths[1]))
+        readout.read(crawler, np.inf, joints, contacts)
+        self.joints.append(joints)
+        self.contacts.append(contacts)
+
+    def piece(self, shown: np.ndarray) -> Piece:
+        """Lay out all of them.
+
+        Args:
+            shown: the contacts that contact_states speaks of, shape (M,).
+
+        Returns:
+            The piece.
+        """
+        mesh = self._scene.mesh
+        x, tension, gained = np.array(self._x), np.array(self._tension), np.array(self._gained)
+        shape, target, account = np.array(self._shape), np.array(self._targets), np.array(self._accounts)
+        force = spring_forces(mesh, tension)
+        margins = self._margins(force, target)
+        least, most = self._bounds(tension, target)
+        # a contact that reaches its bound as a ramp ends may gain what rounding left over: that is no slip
+        noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(mesh.position, axis=0).max()))
+        gained = np.where(np.abs(gained) > noise, gained, 0.0)
+        stiffness = mesh.stiffness.reshape(-1, *(1,) * (mesh.dimension - 1))
+        rows = x.shape[0]
+        return Piece(
+            run=np.array(self.run, np.int64),
+            start_ns=np.array(self.start_ns, np.int64),
+            end_ns=np.array(self.end_ns, np.int64),
+            ends_tick=np.array(self.ends_tick),
+            command=np.array(self._commands),
+            position=(mesh.position + x)[:, shown],
+            gained=gained[:, shown],
+            ground=-force[:, shown],
+            elongation=_over_joints(mesh.joint_sum, shape),
+            tension=_over_joints(mesh.joint_mean, tension),
+            least=least,
+            most=most,
+            net_translation=average_displacement(mesh, x) if mesh.dimension == 1 else x.mean(axis=1),
+            work=account[:, WORK],
+            dissipation=account[:, DISSIPATION],
+            stored=(0.5 * tension**2 / stiffness).reshape(rows, -1).sum(axis=1),
+            margin=margins.min(axis=1),
+            nearest=margins.argmin(axis=1),
+            visited=account[:, VISITED],
+            unique=account[:, AMBIGUOUS] == 0.0,
+        )
+
+    def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Compute each contact's distance from its nearest bound, shape (R, N)."""
+        mesh, scene = self._scene.mesh, self._scene
+        n, lengths = mesh.contacts, mesh.springs * mesh.dimension
+        if mesh.dimension == 1:
+            forward, backward = target[:, lengths : lengths + n], target[:, lengths + n :]
+            return np.minimum(forward - force, force + backward)
+        friction = target[:, lengths:].reshape(target.shape[0], n, -1)
+        if scene.directions.size == 0:
+            return friction[..., 0] - np.linalg.norm(force, axis=2)
+        return (friction - force @ scene.directions.T).min(axis=2)
+
+    def _bounds(self, tension: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute between which tensions each link may be; NaN where the body is no chain of links."""
+        mesh = self._scene.mesh
+        if mesh.dimension == 2 or not mesh.is_chain or mesh.segments:
+            nothing = np.full((tension.shape[0], mesh.joints.shape[0]), np.nan)
+            return nothing, nothing
+        s, n = mesh.springs, mesh.contacts
+        return stasis_bounds(tension, target[:, s : s + n], target[:, s + n :])
+
+
+def spring_forces(mesh: Body, tension: np.ndarray) -> np.ndarray:
+    """Compute g on each contact for many tensions, shape (R, S), in the plane (R, S, 2); shape (R, N[, 2]) [N]."""
+    if mesh.dimension == 1:
+        return mesh.spring_force(tension)
+    return np.array([mesh.spring_force(row) for row in tension])
+
+
+def _over_joints(combine: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
+    """Combine values of springs over the joints, for many rows at once, shape (R, S, ...) to (R, J, ...)."""
+    return np.ascontiguousarray(np.moveaxis(combine(np.moveaxis(values, 0, -1)), -1, 0))

@@ -1,0 +1,126 @@
+"""What is known of each ramp of a run: pieces as they are computed, and the table that is kept of all of them.
+
+A ramp is one straight line of the commands; a tick has one, or several where commands came in between. Pieces hold
+every contact and go to whoever wants them (a table on disk, a picture); the table that stays has a few numbers a ramp,
+however large the body is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .cycles import CommandPath, signature_weights
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Ramps that follow one another. What is not known is NaN.
+
+    Attributes:
+        run: between which resets, shape (R,).
+        start_ns: when each ramp begins, shape (R,) [ns, simulated].
+        end_ns: when it ends, shape (R,).
+        ends_tick: whether a tick ends there too, shape (R,).
+        command: the row in force at its end, shape (R, C); C = 0 where no command is known.
+        position: of each shown contact, xi + x, shape (R, M), in the plane (R, M, 2) [m].
+        gained: what each shown contact gained, likewise [m].
+        ground: force of the ground on each shown contact, -g, likewise [N].
+        elongation: of each joint, shape (R, J), in the plane (R, J, 2) [m].
+        tension: of each joint, likewise [N].
+        least: least tension that its link may have while the others keep theirs, shape (R, J) [N].
+        most: the greatest, likewise.
+        net_translation: y, shape (R,), in the plane (R, 2) [m].
+        work: of the actuators, shape (R,) [J].
+        dissipation: shape (R,) [J].
+        stored: at the end, shape (R,) [J].
+        margin: least distance of a spring force from its nearest bound at the end, shape (R,) [N].
+        nearest: the contact that has it, counted along the whole body, shape (R,); -1 where it is not known.
+        visited: how near all contacts came to sliding at once, shape (R,).
+        unique: whether the translation was determined, shape (R,).
+    """
+
+    run: np.ndarray
+    start_ns: np.ndarray
+    end_ns: np.ndarray
+    ends_tick: np.ndarray
+    command: np.ndarray
+    position: np.ndarray
+    gained: np.ndarray
+    ground: np.ndarray
+    elongation: np.ndarray
+    tension: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    net_translation: np.ndarray
+    work: np.ndarray
+    dissipation: np.ndarray
+    stored: np.ndarray
+    margin: np.ndarray
+    nearest: np.ndarray
+    visited: np.ndarray
+    unique: np.ndarray
+
+
+Sink = Callable[[Piece], None]
+"""Takes pieces in order."""
+
+_KEPT = (
+    *("run", "start_ns", "end_ns", "ends_tick", "work", "dissipation", "stored"),
+    *("margin", "nearest", "visited", "unique"),
+)
+
+
+class RampTable:
+    """Keeps of all pieces what does not grow with the body: a `Sink`. Arrays are there after `finish`."""
+
+    def __init__(self) -> None:
+        """Begin empty."""
+        self._parts: dict[str, list[np.ndarray]] = {}
+        self.run = self.start_ns = self.end_ns = np.zeros(0, np.int64)
+        self.ends_tick = self.unique = np.zeros(0, bool)
+        self.work = self.dissipation = self.stored = self.margin = self.visited = np.zeros(0)
+        self.nearest = np.zeros(0, np.int64)
+        self.forward = self.backward = np.zeros(0)
+        """Distances slid, all shown contacts together, shape (R,) [m]; in the plane by the sign of their x."""
+        self.net_translation = np.zeros((0, 1))
+        """Shape (R, d) [m]."""
+        self.place = self.shape = np.zeros((0, 2))
+        """Commands and elongations as two combinations, shape (R, 2)."""
+        self.shape_size = 0.0
+
+    def __call__(self, piece: Piece) -> None:
+        """Take a piece."""
+        made = {name: getattr(piece, name) for name in _KEPT}
+        rows = piece.run.size
+        size = np.abs(piece.gained) if piece.gained.ndim == 2 else np.linalg.norm(piece.gained, axis=2)
+        along = piece.gained if piece.gained.ndim == 2 else piece.gained[..., 0]
+        made["forward"] = np.where(along > 0.0, size, 0.0).sum(axis=1)
+        made["backward"] = np.where(along > 0.0, 0.0, size).sum(axis=1)
+        made["net_translation"] = piece.net_translation.reshape(rows, -1)
+        made["place"] = piece.command @ signature_weights(piece.command.shape[1])
+        shape = piece.elongation.reshape(rows, -1)
+        made["shape"] = shape @ signature_weights(shape.shape[1])
+        self.shape_size = max(self.shape_size, float(np.abs(shape).sum(axis=1).max(initial=0.0)))
+        for name, values in made.items():
+            self._parts.setdefault(name, []).append(np.array(values))
+
+    def finish(self) -> RampTable:
+        """Join the pieces."""
+        for name in list(self._parts):
+            setattr(self, name, np.concatenate(self._parts.pop(name)))
+        return self
+
+    def path(self, run: int) -> tuple[int, CommandPath]:
+        """Lay out the commands of a run; its first ramp is the state at its start.
+
+        Args:
+            run: between which resets.
+
+        Returns:
+            The row of the run's first ramp, and the path.
+        """
+        rows = np.flatnonzero(self.run == run)
+        return int(rows[0]), CommandPath(self.end_ns[rows], self.place[rows])

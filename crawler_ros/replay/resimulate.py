@@ -1,0 +1,308 @@
+"""From a recording's commands back through the model: every ramp again, with its account, against what was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+
+from crawler_model import Crawler
+from crawler_model.drive import NS
+from crawler_model.readout import Readout
+
+from .. import bag
+from ..states import contact_names, joint_state_names, shown_contacts
+from .health import Survey, next_tick_ns
+from .layouts import JOINT_STATE, TRAJECTORY, Decoder
+from .ramp_rows import RampRows
+from .ramps import Sink
+
+_MOST_WAITING = 20_000
+_LEDGER, _JOINTS, _CONTACTS = "applied_commands", "joint_states", "contact_states"
+
+
+@dataclass
+class Comparison:
+    """How recorded states differ from ours.
+
+    Attributes:
+        ticks: states compared.
+        resets: how often simulated time went back to 0.
+        max_difference: largest difference of a displacement or elongation [m].
+        max_force_difference: largest difference of a force [N].
+        first_difference: simulated time of the first difference [s]; None when there is none.
+        first_where: the joint, its quantity, recorded and simulated value there.
+        unmatched: recorded states without a simulated one.
+        stopped: why the ledger could not be followed to its end; "" when it could.
+        missing: ticks whose ledger message is missing, and the time of the first [s].
+        missing_at: see `missing`.
+        duplicates: ledger messages that came twice; they were followed once.
+    """
+
+    ticks: int = 0
+    resets: int = 0
+    max_difference: float = 0.0
+    max_force_difference: float = 0.0
+    first_difference: float | None = None
+    first_where: str = ""
+    unmatched: int = 0
+    stopped: str = ""
+    missing: int = 0
+    missing_at: float | None = None
+    duplicates: int = 0
+
+    @property
+    def identical(self) -> bool:
+        """Whether every number compared has the same bits."""
+        return self.ticks > 0 and self.first_difference is None
+
+
+@dataclass(eq=False)
+class _Kept:
+    """States that wait for their partner: keys and numbers."""
+
+    keys: list[tuple[int, int]] = field(default_factory=list)
+    numbers: list[np.ndarray] = field(default_factory=list)
+
+
+class Resimulation:
+    """Follows the ledger of a recording and compares."""
+
+    def __init__(
+        self,
+        survey: Survey,
+        robot: str,
+        start: Crawler,
+        rate: Fraction | None,
+        sinks: Sequence[Sink],
+        begin_ns: int = 0,
+    ) -> None:
+        """Stand at the start.
+
+        Args:
+            survey: of the recording.
+            robot: what the crawler's topics begin with.
+            start: the crawler as it was when simulated time was `begin_ns`.
+            rate: ticks per second [Hz].
+            sinks: take what every ramp did.
+            begin_ns: ledger messages before it are passed over [ns].
+        """
+        self.comparison = Comparison()
+        self._survey, self._robot, self._rate, self._sinks = survey, robot, rate, sinks
+        self._start, self._crawler, self._begin_ns = start, start.copy(), begin_ns
+        scene = start.scene
+        self._scene, self._mesh = scene, scene.mesh
+        self._shown = shown_contacts(scene)
+        self._readout = Readout(scene.mesh, self._shown)
+        self._widths = len(joint_state_names(scene.mesh)), len(contact_names(scene))
+        self._row = start.row
+        self._target = np.concatenate((start.actuation.ravel(), start.friction))
+        self._run, self._last_ns, self._ticked = 0, begin_ns - 1, False
+        self._end_ns = begin_ns
+        self._waiting = {name: (_Kept(), _Kept()) for name in (_JOINTS, _CONTACTS)}
+        kinds = {_LEDGER: TRAJECTORY, _JOINTS: JOINT_STATE, _CONTACTS: JOINT_STATE}
+        self._decoders = {
+            name: Decoder(robot + name, kind) for name, kind in kinds.items() if robot + name in survey.topics
+        }
+
+    def go(self, progress: Callable[[float], None] | None = None) -> Comparison:
+        """Read the recording once and follow it.
+
+        Args:
+            progress: called with the part done, in [0, 1].
+
+        Returns:
+            The comparison.
+
+        Raises:
+            BagError: when the recording's joints are not the scene's.
+        """
+        head = bag.Bag({})
+        self._give_start()
+        for block in bag.read_blocks(self._survey.path, head, progress):
+            self._take(block, {c: d.topic.removeprefix(self._robot) for c, (d, _) in head.channels.items()})
+            if self.comparison.stopped:
+                break
+        self.comparison.unmatched += sum(len(theirs.keys) for _, theirs in self._waiting.values())
+        return self.comparison
+
+    def _take(self, block: bag.Block, names: dict[int, str]) -> None:
+        places = {
+            name: np.flatnonzero(np.isin(block.channel, [c for c, n in names.items() if n == name]))
+            for name in self._decoders
+        }
+        read = {name: self._decoders[name].read(block, which) for name, which in places.items() if which.size}
+        self._check_names()
+        resets = self._find_resets(places, read)
+        for name in (_JOINTS, _CONTACTS):
+            for at, times, numbers in read.get(name, []):
+                where = places[name][at]
+                runs = self._run + np.searchsorted(resets, where, side="right")
+                self._keep(name, 1, runs, times[:, 0], np.stack(numbers, axis=1))
+        self._follow_block(places.get(_LEDGER, np.zeros(0, np.int64)), read.get(_LEDGER, []), resets)
+        for name in (_JOINTS, _CONTACTS):
+            self._compare(name)
+
+    def _check_names(self) -> None:
+        wanted = {
+            _LEDGER: self._scene.columns.names,
+            _JOINTS: tuple(joint_state_names(self._mesh)),
+            _CONTACTS: tuple(contact_names(self._scene)),
+        }
+        for name, decoder in self._decoders.items():
+            if decoder.names is not None and decoder.names != wanted[name] and (decoder.names or name != _LEDGER):
+                raise bag.BagError(
+                    f"{self._survey.path}: {decoder.topic} has {', '.join(decoder.names[:5])}, the scene "
+                    f"{self._scene.name} {', '.join(wanted[name][:5])}: it is not the scene that was recorded"
+                )
+
+    def _find_resets(self, places: dict[str, np.ndarray], read: dict[str, list]) -> np.ndarray:
+        """Find where in a block simulated time goes back to 0: at a state of time 0 behind ticks."""
+        ledger = places.get(_LEDGER, np.zeros(0, np.int64))
+        found: list[int] = []
+        if _JOINTS in self._decoders:
+            groups = read.get(_JOINTS, [])
+            zero = np.sort(np.concatenate([places[_JOINTS][at[t[:, 0] == 0]] for at, t, _ in groups] or [ledger[:0]]))
+            before, ticked = 0, self._ticked
+            for place in zero.tolist():
+                ticks = int(np.searchsorted(ledger, place))
+                if ticked or ticks > before:
+                    found.append(place)
+                before, ticked = ticks, False
+            return np.array(found, dtype=np.int64)
+        order = sorted(
+            (int(ledger[i]), int(stamp))
+            for at, times, _ in read.get(_LEDGER, [])
+            for i, stamp in zip(at, times[:, 0], strict=True)
+        )
+        last = self._last_ns
+        for place, stamp in order:
+            if stamp == 0 and last > 0:
+                found.append(place)
+            last = stamp
+        return np.array(found, dtype=np.int64)
+
+    def _reset(self) -> None:
+        self._crawler = self._start.copy()
+        self._row = self._start.row
+        self._target = np.concatenate((self._start.actuation.ravel(), self._start.friction))
+        self._run += 1
+        self._last_ns, self._ticked, self._end_ns = -1, False, 0
+        self.comparison.resets += 1
+        self._give_start()
+
+    def _follow_block(self, places: np.ndarray, groups: list, resets: np.ndarray) -> None:
+        """Follow the ledger's messages of a block, in order."""
+        messages: list[tuple[int, int, np.ndarray, list[np.ndarray], int]] = []
+        for at, times, numbers in groups:
+            for j, i in enumerate(at.tolist()):
+                messages.append((int(places[i]), int(times[j, 0]), times[j, 1:], numbers, j))
+        messages.sort(key=lambda m: m[0])
+        turns = resets.tolist()
+        rows = RampRows(self._scene, self._widths)
+        for place, stamp, offsets, numbers, j in messages:
+            while turns and turns[0] < place:
+                turns.pop(0)
+                self._give(rows)
+                rows = RampRows(self._scene, self._widths)
+                self._reset()
+            if stamp < self._begin_ns and self._run == 0:
+                continue
+            if stamp == self._last_ns:
+                self.comparison.duplicates += 1
+                continue
+            if stamp < self._last_ns:
+                self.comparison.stopped = (
+                    f"the ledger's clock jumps back from {self._last_ns / NS:g} s to {stamp / NS:g} s without a reset"
+                )
+                break
+            self._tick(rows, stamp, offsets, [n[j] for n in numbers])
+        self._give(rows)
+        for _ in turns:
+            self._reset()
+
+    def _tick(self, rows: RampRows, stamp: int, offsets: np.ndarray, points: list[np.ndarray]) -> None:
+        if stamp > self._end_ns + 1:
+            self.comparison.missing += max(round((stamp - self._end_ns) * float(self._rate or 0) / NS), 1)
+            if self.comparison.missing_at is None:
+                self.comparison.missing_at = self._end_ns / NS
+        end = max(next_tick_ns(stamp, self._rate), stamp)
+        crawler, before = self._crawler, stamp
+        for number, row in enumerate(points):
+            target = self._scene.columns.target(np.ascontiguousarray(row))
+            step = crawler.follow(target[None])
+            last = number == len(points) - 1
+            until = end if last else min(max(stamp + int(offsets[number]), before), end)
+            rows.add(self._run, before, until, last, row, target, crawler, step.account)
+            self._row, self._target, before = row, target, until
+        if not points:
+            rows.hold(self._run, stamp, end, self._row, self._target, crawler)
+        rows.read(self._readout, crawler)
+        self._last_ns, self._end_ns, self._ticked = stamp, end, True
+
+    def _give_start(self) -> None:
+        """Hand on the state at the start of a run, as a ramp that takes no time."""
+        rows = RampRows(self._scene, self._widths)
+        rows.hold(self._run, self._end_ns, self._end_ns, self._row, self._target, self._crawler)
+        rows.read(self._readout, self._crawler)
+        self._give(rows)
+
+    def _give(self, rows: RampRows) -> None:
+        if not rows.run:
+            return
+        joints, contacts = np.array(rows.joints), np.array(rows.contacts)
+        ends = np.array(rows.end_ns)[np.array(rows.ends_tick)]
+        runs = np.array(rows.run)[np.array(rows.ends_tick)]
+        self._keep(_JOINTS, 0, runs, ends, joints)
+        self._keep(_CONTACTS, 0, runs, ends, contacts)
+        piece = rows.piece(self._shown)
+        for sink in self._sinks:
+            sink(piece)
+
+    def _keep(self, name: str, side: int, runs: np.ndarray, ns: np.ndarray, numbers: np.ndarray) -> None:
+        if name in self._decoders:
+            kept = self._waiting[name][side]
+            kept.keys += zip(runs.tolist(), ns.tolist(), strict=True)
+            kept.numbers.append(numbers)
+
+    def _compare(self, name: str) -> None:
+        """Compare the states whose partner is there; the others wait, as long as there is memory."""
+        ours, theirs = self._waiting[name]
+        if not ours.keys or not theirs.keys:
+            return
+        numbers, recorded = np.concatenate(ours.numbers), np.concatenate(theirs.numbers)
+        place = {key: i for i, key in enumerate(ours.keys)}
+        pairs = np.array([place.get(key, -1) for key in theirs.keys])
+        found = np.flatnonzero(pairs >= 0)
+        if found.size:
+            self._count(name, [theirs.keys[i] for i in found], numbers[pairs[found]], recorded[found])
+        newest = max(theirs.keys)
+        left = [i for i, key in enumerate(ours.keys) if key > newest][-_MOST_WAITING:]
+        ours.keys, ours.numbers = [ours.keys[i] for i in left], [numbers[left]]
+        latest = max(place)
+        alone = np.flatnonzero(pairs < 0).tolist()
+        rest = [i for i in alone if theirs.keys[i] > latest][-_MOST_WAITING:]
+        self.comparison.unmatched += len(alone) - len(rest)
+        theirs.keys, theirs.numbers = [theirs.keys[i] for i in rest], [recorded[rest]]
+
+    def _count(self, name: str, keys: list[tuple[int, int]], ours: np.ndarray, theirs: np.ndarray) -> None:
+        said = self.comparison
+        if name == _JOINTS:
+            said.ticks += len(keys)
+        apart = np.abs(ours - theirs)[:, ::2]  # positions and efforts; velocities follow from them
+        wrong = ~(ours == theirs)[:, ::2]
+        if not wrong.any():
+            return
+        apart[np.isnan(apart)] = 0.0
+        said.max_difference = max(said.max_difference, float(apart[:, 0].max()))
+        said.max_force_difference = max(said.max_force_difference, float(apart[:, 1].max()))
+        row, quantity, joint = (int(v) for v in np.argwhere(wrong)[0])
+        seconds = keys[row][1] / NS
+        if said.first_difference is None:
+            said.first_difference = seconds
+            label = (self._decoders[name].names or ())[joint]
+            pair = theirs[row, 2 * quantity, joint], ours[row, 2 * quantity, joint]
+            what = ("position", "effort")[quantity]
+            said.first_where = f"{name} {label} {what}: recorded {pair[0]:.17g}, simulated {pair[1]:.17g}"

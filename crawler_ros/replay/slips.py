@@ -1,0 +1,138 @@
+"""Slips: stretches of time in which a contact slides one way. Pure: arrays in, tables out, a piece at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUNDING = 1e-12
+"""A contact that gains less than this part of what the fastest one gains stands: it is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slips:
+    """Slips in the order in which they begin.
+
+    Attributes:
+        contact: place among the shown contacts, shape (K,).
+        direction: 1 forward, -1 backward; in the plane the angle of the whole slip [rad]; shape (K,).
+        run: between which resets, shape (K,).
+        start_ns: shape (K,) [ns, simulated].
+        end_ns: shape (K,) [ns, simulated].
+        distance: the sum of what it gained in each ramp, >= 0, shape (K,) [m].
+    """
+
+    contact: np.ndarray
+    direction: np.ndarray
+    run: np.ndarray
+    start_ns: np.ndarray
+    end_ns: np.ndarray
+    distance: np.ndarray
+
+
+def sliding(gained: np.ndarray) -> np.ndarray:
+    """Tell which way contacts slid in each ramp.
+
+    Args:
+        gained: shape (R, M), in the plane (R, M, 2) [m].
+
+    Returns:
+        1 forward, -1 backward, 0 stuck; in the plane 1 slid; int8, shape (R, M).
+    """
+    if gained.ndim == 3:
+        size = np.linalg.norm(gained, axis=2)
+        return (size > ROUNDING * size.max(axis=1, initial=0.0, keepdims=True)).astype(np.int8)
+    least = ROUNDING * np.abs(gained).max(axis=1, initial=0.0, keepdims=True)
+    return (np.sign(gained) * (np.abs(gained) > least)).astype(np.int8)
+
+
+class SlipFinder:
+    """Collects slips from pieces of a run that follow one another. A pause in which nothing moves ends a slip."""
+
+    def __init__(self, contacts: int, planar: bool) -> None:
+        """Begin with every contact stuck.
+
+        Args:
+            contacts: number of contacts M.
+            planar: whether they move in the plane.
+        """
+        self._planar = planar
+        self._found: list[np.ndarray] = []
+        self._way = np.zeros(contacts, np.int8)
+        self._since = np.zeros(contacts, np.int64)
+        self._until = np.zeros(contacts, np.int64)
+        self._sum = np.zeros((contacts, 3))
+        self._run = 0
+
+    def add(self, run: np.ndarray, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
+        """Take the ramps that come next.
+
+        Args:
+            run: between which resets each lies, not decreasing, shape (R,).
+            start_ns: when each begins, shape (R,).
+            end_ns: when it ends, shape (R,).
+            gained: what each contact gained, shape (R, M), in the plane (R, M, 2) [m].
+        """
+        for number in np.unique(run).tolist():
+            rows = np.flatnonzero(run == number)
+            if number != self._run:
+                self._close(np.arange(self._way.size))
+                self._run = number
+            self._add_run(start_ns[rows], end_ns[rows], gained[rows])
+
+    def _add_run(self, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
+        way = sliding(gained)
+        size = np.linalg.norm(gained, axis=2) if self._planar else np.abs(gained)
+        total = np.zeros((gained.shape[0] + 1, gained.shape[1], 3))
+        np.cumsum(size, axis=0, out=total[1:, :, 0])
+        np.cumsum(gained if self._planar else gained[..., None], axis=0, out=total[1:, :, 1 : 1 + 1 + self._planar])
+        changed = np.flatnonzero((way != np.vstack((self._way[None], way[:-1]))).any(axis=0))
+        for contact in changed.tolist():
+            column = way[:, contact]
+            edges = np.flatnonzero(column != np.append(self._way[contact], column[:-1]))
+            at = 0
+            for edge in edges.tolist():
+                if self._way[contact]:
+                    self._extend(contact, total[edge, contact] - total[at, contact], end_ns[edge - 1], edge > at)
+                    self._close([contact])
+                self._way[contact], at = column[edge], edge
+                self._since[contact], self._sum[contact] = start_ns[edge], 0.0
+            if self._way[contact]:
+                self._extend(contact, total[-1, contact] - total[at, contact], end_ns[-1], True)
+        unchanged = np.setdiff1d(np.flatnonzero(self._way), changed)
+        self._sum[unchanged] += total[-1, unchanged]
+        self._until[unchanged] = end_ns[-1]
+
+    def _extend(self, contact: int, gained: np.ndarray, end_ns: int, later: bool) -> None:
+        self._sum[contact] += gained
+        if later:
+            self._until[contact] = end_ns
+
+    def _close(self, contacts: np.ndarray | list[int]) -> None:
+        for contact in contacts:
+            if self._way[contact]:
+                distance, x, y = self._sum[contact]
+                direction = np.arctan2(y, x) if self._planar else float(self._way[contact])
+                row = (contact, direction, self._run, self._since[contact], self._until[contact], distance)
+                self._found.append(np.array(row, dtype=_ROW))
+                self._way[contact] = 0
+
+    def finish(self) -> Slips:
+        """End the slips that go on and lay out all of them."""
+        self._close(np.arange(self._way.size))
+        table = np.array(self._found, dtype=_ROW) if self._found else np.zeros(0, dtype=_ROW)
+        table = table[np.lexsort((table["contact"], table["start_ns"], table["run"]))]
+        return Slips(*(np.ascontiguousarray(table[name]) for name in _ROW.names or ()))
+
+
+_ROW = np.dtype(
+    [
+        ("contact", np.int64),
+        ("direction", np.float64),
+        ("run", np.int64),
+        ("start_ns", np.int64),
+        ("end_ns", np.int64),
+        ("distance", np.float64),
+    ]
+)

@@ -1,0 +1,79 @@
+"""Two recordings beside each other."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from PIL import Image
+
+from crawler_model import Scene, load_scene
+from crawler_ros.bag import BagError
+from crawler_ros.replay.compare import compare_recordings, draw_comparison
+
+from ..recordings import record
+from .test_replay import crawler
+
+
+def longer(name: str, length: float) -> Scene:
+    document = load_scene(name).document()
+    document["drive"]["length"] = length
+    return Scene.model_validate(document)
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """Strategy B at k Lmax = 4 mu and at 6 mu: the same gain at another price."""
+    folder = tmp_path_factory.mktemp("pair")
+    return tuple(record(folder / f"b{length}", longer("two_anchor_b", length), 3) for length in (4, 6))
+
+
+def test_a_run_is_like_itself(pair):
+    found = compare_recordings(pair[0], pair[0])
+    assert found.commands_differ is None
+    assert found.motion_differs is None
+    assert found.max_difference == 0.0
+    assert all(v == 0.0 for v in found.energy.values())
+    assert all(s["count"] == 0 and s["distance"] == 0.0 for s in found.slips)
+
+
+def test_more_amplitude_costs_more_and_gains_nothing(pair):
+    found = compare_recordings(*pair)
+    assert [float(v) for v in found.translation] == pytest.approx([0.0] * 3, abs=1e-12)
+    assert found.commands_differ == pytest.approx(0.31)
+    assert found.energy["dissipation"] > 3.0
+    assert all(s["distance"] > 1.0 for s in found.slips)
+
+
+def test_two_rates_of_one_gait_command_the_same(tmp_path):
+    a, b = (record(tmp_path / f"r{rate}", "two_anchor_a", 2, rate=rate) for rate in (100.0, 20.0))
+    found = compare_recordings(a, b)
+    assert found.commands_differ is None
+    assert found.motion_differs is None
+    assert found.max_difference < 1e-12
+
+
+def test_different_bodies_are_refused(pair, tmp_path):
+    other = record(tmp_path / "c", "three_contacts_one_way", 1)
+    with pytest.raises(BagError, match="different bodies"):
+        compare_recordings(pair[0], other)
+
+
+def test_the_command_prints_json_text_and_a_figure(pair, tmp_path):
+    done = crawler("compare", *pair, "--json", "--png", tmp_path / "x.png")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["commands"]["first_difference"] == pytest.approx(0.31)
+    assert len(said["translation"]) == 3
+    assert Image.open(tmp_path / "x.png").size[0] > 800
+    text = crawler("compare", *pair).stdout
+    assert "commands: different from 0.31 s on" in text
+    assert len(text.splitlines()) < 30
+
+
+def test_the_figure_is_drawn_of_bodies_in_the_plane(tmp_path):
+    path = record(tmp_path / "p", "planar_rectilinear", 1)
+    found = compare_recordings(path, path)
+    draw_comparison(found, tmp_path / "x.png")
+    assert (tmp_path / "x.png").stat().st_size > 20_000
+    json.dumps(found.as_plain(), allow_nan=False)

@@ -1,0 +1,355 @@
+"""What `crawler replay` finds in recordings: of real runs, of made-up ones, and of what is not well."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import mcap.writer
+import numpy as np
+import pytest
+
+from crawler_model import load_scene, simulate
+from crawler_ros import bag
+from crawler_ros.bag import BagError
+from crawler_ros.replay import analyse
+from crawler_ros.replay.health import survey_recording
+
+from ..recordings import attachments, messages, play, record, rewrite, write
+
+PERIODS = 4
+
+
+def crawler(*arguments) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-m", "crawler_ros.cli", *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, timeout=120, env=os.environ | {"COLUMNS": "140"})
+
+
+@pytest.fixture(scope="session")
+def real(tmp_path_factory):
+    """Runs of a simulator in lock-step under a gait player, made on demand."""
+    pytest.importorskip("rclpy")
+    from .graph import graph, wait_until
+
+    made: dict[str, Path] = {}
+
+    def run(scene: str) -> Path:
+        if scene not in made:
+            folder = tmp_path_factory.mktemp(scene)
+            with graph(folder) as ros:
+                given = f"scene:={scene}"
+                simulator = ros.start("crawler_ros.simulator", given, f"record:={folder / 'bags'}", "lock_step:=true")
+                wait_until(lambda: "waiting for commands" in simulator.said, 60, "the start")
+                player = ros.start("crawler_ros.gait_player", given, f"periods:={PERIODS}")
+                assert player.process.wait(60) == 0, player.said
+                time.sleep(0.2)
+                assert simulator.end() == 0
+            (made[scene],) = (folder / "bags").iterdir()
+        return made[scene]
+
+    return run
+
+
+CLOSED_FORMS = {"two_anchor_a": 2.0, "two_anchor_b": 2.0, "two_anchor_c": 2.0, "three_contacts_two_ways": 0.07}
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "two_anchor_b", "three_contacts_two_ways", "hybrid_body"])
+def test_a_real_run_gains_in_each_cycle_what_the_model_says(real, name):
+    found = analyse(real(name))
+    assert found.problems == ()
+    assert found.comparison.identical
+    assert found.comparison.ticks > 100
+    assert found.cycle_source == "drive"
+    offline = simulate(load_scene(name), duration=PERIODS * load_scene(name).commands.period)
+    assert [c.translation for c in found.cycles] == pytest.approx(offline.per_period.tolist(), abs=1e-12)
+    if name in CLOSED_FORMS:
+        assert found.cycles[-1].translation == pytest.approx(CLOSED_FORMS[name], abs=1e-12)
+    for cycle in found.cycles:
+        assert cycle.energy.residual < 1e-12
+        assert cycle.energy.stored + cycle.energy.dissipation == pytest.approx(cycle.energy.work)
+    assert found.energy.dissipation == pytest.approx(offline.energy.dissipation)
+
+
+def test_json_has_the_keys_of_the_contract_and_only_numbers(real):
+    done = crawler("replay", real("two_anchor_a"), "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 1
+
+    def refuse(text):
+        raise AssertionError(text)
+
+    said = json.loads(done.stdout, parse_constant=refuse)
+    assert {"health", "complete", "cycles", "slips", "energy", "margins", "resimulation"} <= said.keys()
+    assert said["complete"] is True
+    assert said["resimulation"]["identical"] is True
+    assert said["resimulation"]["max_difference"] == 0.0
+    assert said["resimulation"]["first_difference"] is None
+    assert said["resimulation"]["ticks"] == said["health"]["/joint_states"]["count"]
+    cycle = {"start", "end", "translation", "slip_forward", "slip_backward", "work", "dissipation", "stored"}
+    assert cycle | {"residual", "least_margin", "transient"} <= said["cycles"][0].keys()
+    assert {"contact", "direction", "start", "length", "distance"} <= said["slips"][0].keys()
+    assert {"work", "dissipation", "stored", "residual"} == said["energy"].keys()
+    assert {"least", "least_at", "visited", "unique"} <= said["margins"].keys()
+
+
+def test_text_fits_a_screen(real):
+    done = crawler("replay", real("two_anchor_b"))
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) <= 40
+    assert "identical to the bit" in done.stdout
+    assert "4 cycle(s), the drive's periods; 0 transient" in done.stdout
+    assert "net" not in done.stderr
+
+
+def test_the_real_and_the_made_up_recording_say_the_same(real, tmp_path):
+    ours = analyse(record(tmp_path / "made", "two_anchor_a", PERIODS)).as_plain()
+    theirs = analyse(real("two_anchor_a")).as_plain()
+    assert ours["cycles"] == theirs["cycles"]
+    assert ours["slips"] == theirs["slips"]
+
+
+def test_strategy_b_slips_the_wrong_way_first(tmp_path):
+    """Beyond k Lmax = 3 mu what more amplitude gains it loses in the slide back that begins each half period."""
+    found = analyse(record(tmp_path / "b", "two_anchor_b", 3))
+    lost = [s for s in found.as_plain()["slips"] if s["direction"] == -1]
+    assert len(lost) == 6
+    assert found.cycles[0].slip_backward == pytest.approx(1.0)
+    assert found.cycles[0].slip_forward == pytest.approx(5.0)
+    assert found.cycles[0].translation == pytest.approx(2.0)
+
+
+def test_the_first_cycle_from_rest_is_a_transient(tmp_path):
+    found = analyse(record(tmp_path / "a", "three_contacts_one_way", 4))
+    assert [c.transient for c in found.cycles] == [True, False, False, False]
+    assert found.cycles[0].translation != pytest.approx(0.14)
+    assert [c.translation for c in found.cycles[1:]] == pytest.approx([0.14] * 3)
+
+
+def test_a_plane_body(real):
+    found = analyse(real("planar_three_points"))
+    assert found.problems == ()
+    assert found.comparison.identical
+    assert len(found.cycles[0].translation) == 2
+    assert all(s["distance"] >= 0.0 and -np.pi <= s["direction"] <= np.pi for s in found.as_plain()["slips"])
+    json.dumps(found.as_plain(), allow_nan=False)
+
+
+def test_ticks_with_waypoints_inside_are_followed_exactly(tmp_path):
+    found = analyse(record(tmp_path / "b", "two_anchor_a", 4, rate=7.0, wait=1.0), None)
+    assert found.comparison.identical
+    assert [c.translation for c in found.cycles] == pytest.approx([2.0] * 4)
+
+
+def unchanged(name, stamp, data):
+    return [(name, stamp, data)]
+
+
+def bare(source: Path, folder: Path, change=unchanged, compression=mcap.writer.CompressionType.ZSTD) -> Path:
+    """What `ros2 bag record` would have written: by mcap's own writer, without attachments."""
+    folder.mkdir()
+    with (folder / f"{folder.name}_0.mcap").open("wb") as stream:
+        writer = mcap.writer.Writer(stream, compression=compression, chunk_size=50_000)
+        writer.start("ros2", "libmcap")
+        channels: dict[str, int] = {}
+        from crawler_ros.messages import read_stamp
+
+        for r in bag.read(source):
+            if r.topic not in channels:
+                schema = writer.register_schema(r.type, "ros2msg", r.schema.data)
+                channels[r.topic] = writer.register_channel(r.topic, "cdr", schema, dict(r.channel.metadata))
+            for _, _, data in change(r.topic[1:], read_stamp(r.data), r.data):
+                writer.add_message(channels[r.topic], r.log_ns, data, r.publish_ns)
+        writer.finish()
+    return folder
+
+
+@pytest.mark.parametrize("compression", [*mcap.writer.CompressionType])
+def test_a_recording_without_attachments_is_simulated_again_with_its_scene(tmp_path, compression):
+    path = bare(record(tmp_path / "a", "two_anchor_a", 3), tmp_path / "bare", compression=compression)
+    alone = analyse(path)
+    assert alone.comparison is None
+    assert "--scene" in alone.explanation
+    # what was commanded before the first command is not recorded, so that the first whole cycle begins behind it
+    assert [c.translation for c in alone.cycles] == pytest.approx([2.0] * 2)
+    assert alone.cycles[0].energy is None
+    assert alone.problems == ()
+    json.dumps(alone.as_plain(), allow_nan=False)
+    known = analyse(path, load_scene("two_anchor_a"))
+    assert known.comparison.identical
+    assert known.problems == ()
+    assert known.cycle_source == "drive"
+    slips = [[(s["contact"], s["direction"], s["start"]) for s in f.as_plain()["slips"]] for f in (alone, known)]
+    assert slips[0] == slips[1]
+
+
+def test_the_wrong_scene_is_named(tmp_path):
+    path = bare(record(tmp_path / "a", "two_anchor_a", 1), tmp_path / "bare")
+    with pytest.raises(BagError, match="it is not the scene that was recorded"):
+        analyse(path, load_scene("three_contacts_one_way"))
+
+
+def test_a_recording_that_begins_in_mid_run_is_compared_from_a_state_that_it_holds(tmp_path):
+    late = lambda name, stamp, data: [(name, stamp, data)] * (stamp >= 1_000_000_000)  # noqa: E731
+    path = bare(record(tmp_path / "a", "two_anchor_a", 4), tmp_path / "bare", late)
+    found = analyse(path, load_scene("two_anchor_a"))
+    assert found.fitted_ns == 1_010_000_000
+    assert found.comparison.max_difference < 1e-12
+    assert found.comparison.ticks > 300
+    assert "begins in mid-run" in found.explanation
+    assert found.problems == ()
+    assert found.cycles[-1].translation == pytest.approx(2.0)
+
+
+def test_mid_run_without_states_says_what_is_missing(tmp_path):
+    keep = lambda name, stamp, data: [(name, stamp, data)] * (stamp >= 10**9 and name == "applied_commands")  # noqa: E731
+    path = bare(record(tmp_path / "a", "two_anchor_a", 2), tmp_path / "bare", keep)
+    with pytest.raises(BagError, match="neither contact_states nor joint_states was recorded"):
+        analyse(path, load_scene("two_anchor_a"))
+
+
+def test_a_missing_ledger_message_is_located_and_explained(tmp_path):
+    drop = lambda name, stamp, data: [(name, stamp, data)] * (name != "applied_commands" or stamp != 790_000_000)  # noqa: E731
+    source = record(tmp_path / "a", "two_anchor_b", 2)
+    path = rewrite(source, tmp_path / "b", drop, survey_recording(source).attachments)
+    found = analyse(path)
+    assert not found.comparison.identical
+    assert found.comparison.missing == 1
+    assert found.comparison.missing_at == pytest.approx(0.79)
+    assert "1 ledger message(s) missing from 0.79 s on" in found.explanation
+    assert found.topics["/applied_commands"].gaps == ((0.78, 0.8, 1),)
+    assert not found.healthy
+
+
+def test_a_changed_state_is_found_at_its_time_and_place(tmp_path):
+    def change(name, stamp, data):
+        if name == "joint_states" and stamp == 1_230_000_000:
+            data = bytearray(data)
+            place = len(data) - 8 * 6 - 2 * 8 + 8  # somewhere in the numbers
+            data[place] ^= 1
+            data = bytes(data)
+        return [(name, stamp, data)]
+
+    source = record(tmp_path / "a", "two_anchor_a", 2)
+    path = rewrite(source, tmp_path / "b", change, survey_recording(source).attachments)
+    found = analyse(path)
+    assert found.comparison.first_difference == pytest.approx(1.23)
+    assert found.comparison.max_difference < 1e-9
+    assert "joint_states" in found.comparison.first_where
+
+
+def test_another_version_is_named(tmp_path):
+    scene = load_scene("two_anchor_a")
+    attached = attachments(scene)
+    attached["versions"] = {**attached["versions"], "numpy": "1.0"}
+    other = load_scene("two_anchor_b")
+    sent = messages(other, play(other, 0, 10**9))
+    found = analyse(write(tmp_path / "a", sent, attached))
+    assert "recorded with numpy 1.0" in found.explanation
+
+
+def test_missing_and_doubled_ticks_are_counted(tmp_path):
+    def change(name, stamp, data):
+        return [(name, stamp, data)] * {500_000_000: 0, 510_000_000: 0, 600_000_000: 2}.get(stamp, 1)
+
+    source = record(tmp_path / "a", "two_anchor_a", 1)
+    path = rewrite(source, tmp_path / "b", change, survey_recording(source).attachments)
+    found = analyse(path)
+    for topic in ("/joint_states", "/applied_commands"):
+        assert found.topics[topic].missing == 2
+        assert found.topics[topic].duplicates == 1
+    assert found.comparison.duplicates == 1
+    assert any("2 tick(s) missing" in p for p in found.problems)
+    done = crawler("replay", path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("crawler: ")
+    assert len([line for line in done.stderr.splitlines() if "compiling" not in line]) == 1
+
+
+def test_a_clock_that_jumps_back_ends_the_simulation_there(tmp_path):
+    scene = load_scene("two_anchor_a")
+    sent = list(messages(scene, play(scene, 0, 10**9)))
+    path = write(tmp_path / "a", [*sent, *[m for m in sent if m[1] >= 500_000_000]], attachments(scene))
+    found = analyse(path)
+    assert "jumps back from 0.99 s to 0.5 s" in found.comparison.stopped
+    assert any("go back without a reset" in p for p in found.problems)
+
+
+def test_a_reset_is_no_jump(tmp_path):
+    scene = load_scene("two_anchor_a")
+    sent = list(messages(scene, play(scene, 300_000_000, 2_300_000_000)))
+    found = analyse(write(tmp_path / "a", [*sent, *sent], attachments(scene)))
+    assert found.problems == ()
+    assert found.comparison.identical
+    assert found.comparison.resets == 1
+    assert len(found.cycles) == 4
+    assert [c.run for c in found.cycles] == [0, 0, 1, 1]
+    assert found.energy.residual < 1e-12
+
+
+def test_two_robots_are_told_apart(tmp_path):
+    one, two = load_scene("two_anchor_a"), load_scene("two_anchor_b")
+    left = [(n, s, d) for n, s, d in messages(one, play(one, 0, 10**9))]
+    bag_path = tmp_path / "a"
+    from crawler_ros import interface
+    from crawler_ros.recorder import BagWriter
+
+    writer = BagWriter(bag_path, {})
+    for space, sent in (("/left/", left), ("/right/", messages(two, play(two, 0, 2 * 10**9)))):
+        channels = {}
+        for k, (name, _, data) in enumerate(sent):
+            if name not in channels:
+                channels[name] = writer.add_topic(interface.topics()[name], space + name)
+            writer.write(channels[name], 10**18 + k, 10**18 + k, data)
+    writer.close()
+    with pytest.raises(BagError, match="2 robots; choose one with --namespace /left, /right"):
+        analyse(bag_path)
+    found = analyse(bag_path, two, "right")
+    assert found.comparison.identical
+    assert found.comparison.ticks == 201
+    with pytest.raises(BagError, match="no crawler in the namespace /middle; there are /left, /right"):
+        analyse(bag_path, None, "middle")
+
+
+def test_what_is_no_crawlers_recording_is_named(tmp_path):
+    from crawler_ros.recorder import BagWriter
+
+    BagWriter(tmp_path / "empty", {}).close()
+    with pytest.raises(BagError, match="there is no message in it"):
+        analyse(tmp_path / "empty")
+    scene = load_scene("two_anchor_a")
+    poses = [m for m in messages(scene, play(scene, 0, 10**8)) if m[0] == "pose"]
+    with pytest.raises(BagError, match=r"no crawler in it.*pose \(geometry_msgs"):
+        analyse(write(tmp_path / "poses", poses, {}))
+
+
+@pytest.mark.parametrize("part", [0.3, 0.7, 0.98])
+def test_a_torn_file_tells_what_it_can_and_is_recovered(tmp_path, part):
+    data = bag.find_file(record(tmp_path / "a", "ten_contact_wave", 3)).read_bytes()
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(data[: int(len(data) * part)])
+    done = crawler("replay", torn, "--recover")
+    if part < 0.5:
+        assert done.returncode == 1
+        return
+    assert done.returncode == 1
+    assert "its end is missing" in done.stderr
+    again = crawler("replay", tmp_path / "torn_recovered", "--json")
+    assert json.loads(again.stdout)["complete"] is True
+    assert json.loads(again.stdout)["resimulation"]["identical"] is True
+
+
+def test_reading_in_blocks_gives_every_message(tmp_path):
+    path = record(tmp_path / "a", "three_contacts_two_ways", 3)
+    for source in (path, bare(path, tmp_path / "none", compression=mcap.writer.CompressionType.NONE)):
+        head = bag.Bag({})
+        blocks = [
+            (head.channels[c][0].topic, b.data[f : f + s].tobytes())
+            for b in bag.read_blocks(source, head)
+            for c, f, s in zip(b.channel.tolist(), b.first.tolist(), b.size.tolist(), strict=True)
+        ]
+        assert blocks == [(r.topic, r.data) for r in bag.read(source)]
+        assert head.complete
