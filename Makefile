@@ -20,6 +20,7 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/crawler bench --out benchmarks/results
 	$(BIN)/crawler bench --node --out benchmarks/results
+	$(BIN)/crawler bench --replay --out benchmarks/results
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

@@ -399,7 +399,7 @@ def print_rows(rows: Sequence[Row], screen: Console) -> None:
         keys = [key for key in held[0] if key != "case" and not key.endswith("_spread")]
         table = Table(title=case.replace("_", " "), title_justify="left")
         for key in keys:
-            table.add_column(key.replace("_", " "), justify="right" if key != "feature" else "left")
+            table.add_column(key.replace("_", " "), justify="left" if isinstance(held[0][key], str) else "right")
         for row in held:
             table.add_row(*(_cell(row[key], row.get(f"{key}_spread")) for key in keys))
         screen.print(table)

@@ -216,5 +216,14 @@ def children(pid: int) -> list[int]:
 
 def memory_mb(pid: int) -> float:
     """Read the resident memory of a process [MiB]."""
-    found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
+    return _status_mb(pid, "VmRSS")
+
+
+def peak_memory_mb(pid: int) -> float:
+    """Read the most resident memory that a process has had [MiB]; 0 when it has ended."""
+    return _status_mb(pid, "VmHWM")
+
+
+def _status_mb(pid: int, field: str) -> float:
+    found = re.search(rf"{field}:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
     return int(found[1]) / 1024.0 if found else 0.0

@@ -94,9 +94,9 @@ def simulate_command(
         return
     table = Table(title=f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz", title_justify="left")
     periods = run.per_period.size > 0
-    table.add_column("time [s]", justify="right")
-    table.add_column("net translation [m]", justify="right")
-    table.add_column("gained in the period [m]" if periods else "gained [m]", justify="right")
+    table.add_column(r"time \[s]", justify="right")
+    table.add_column(r"net translation \[m]", justify="right")
+    table.add_column(r"gained in the period \[m]" if periods else r"gained \[m]", justify="right")
     from .scene_report import write_length
 
     y = run.waypoint_net_translation
@@ -283,12 +283,17 @@ def bench(
     node: Annotated[
         bool, typer.Option("--node", help="Instead: what the ROS 2 node costs; throughput, latency, each feature.")
     ] = False,
+    replay: Annotated[
+        bool, typer.Option("--replay", help="Instead: reading, analysing and exporting recordings, up to three hours.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers, side by side, on this machine."""
-    if node:
+    if node or replay:
         if case:
-            raise CrawlerError("--case goes with the methods; --node measures the node")
-        _bench_node(quick, as_json, out)
+            raise CrawlerError("--case goes with the methods; --node and --replay measure something else")
+        if node and replay:
+            raise CrawlerError("--node and --replay: one at a time")
+        _bench_processes("node" if node else "replay", quick, as_json, out)
         return
     import matplotlib as _needed_at_the_end  # noqa: F401
 
@@ -315,24 +320,30 @@ def bench(
     screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
 
 
-def _bench_node(quick: bool, as_json: bool, out: Path) -> None:
+def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
+    """Measure what runs in processes of its own: the node, or replays."""
     import rclpy as _needed  # noqa: F401
 
+    from crawler_bench import node, replay
     from crawler_bench.bench import describe_machine
-    from crawler_bench.node import QUICK, measure_node, print_rows
 
     out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
     document = {"schema": 1, "machine": describe_machine(quick)}
     with console.status("starting") if console.is_terminal else nullcontext() as status:
-        rows = measure_node(**(QUICK if quick else {}), progress=status.update if status else None)
+        progress = status.update if status else None
+        if name == "node":
+            rows = node.measure_node(**(node.QUICK if quick else {}), progress=progress)
+        else:
+            rows = replay.measure_replay(**(replay.QUICK if quick else {}), progress=progress)
     text = json.dumps({**document, "rows": rows}, allow_nan=False, indent=1)
-    (out / "node.json").write_text(text + "\n", encoding="utf-8")
+    file = out / f"{name}.json"
+    file.write_text(text + "\n", encoding="utf-8")
     if as_json:
         print(text)
         return
-    print_rows(rows, screen)
-    screen.print(f"written: {out / 'node.json'}")
+    node.print_rows(rows, screen)
+    screen.print(f"written: {file}")
 
 
 def main() -> None:

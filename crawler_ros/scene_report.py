@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from crawler_model import Trajectory
@@ -45,7 +46,7 @@ def _contacts(run: Trajectory) -> Table:
     )
     friction = ("friction [N]",) if planar else ("-backward [N]", "forward [N]")
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
-        table.add_column(column, justify="right")
+        table.add_column(escape(column), justify="right")
     force = mesh.spring_force(run.tension[0])
     drive = scene.commands
     size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))

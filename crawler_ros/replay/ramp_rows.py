@@ -43,6 +43,7 @@ class RampRows:
         self._accounts: list[np.ndarray] = []
         self.joints: list[np.ndarray] = []
         self.contacts: list[np.ndarray] = []
+        self.poses: list[tuple[float, ...]] = []
 
     def add(
         self,
@@ -86,12 +87,20 @@ class RampRows:
         self.add(run, start_ns, end_ns, True, row, target, crawler, account)
         self._gained[-1] = np.zeros_like(self._gained[-1])
 
-    def read(self, readout: Readout, crawler: Crawler) -> None:
-        """Note what the topics say at the end of a tick."""
+    def read(self, readout: Readout, crawler: Crawler, seconds: float) -> None:
+        """Note what the topics say at the end of a tick.
+
+        Args:
+            readout: of the scene.
+            crawler: at the tick's end, which it went to in one step.
+            seconds: what the tick took [s]; infinite at the start, NaN where it is not known.
+        """
         joints, contacts = np.empty((3, self._widths[0])), np.empty((3, self._widths[1]))
-        readout.read(crawler, np.inf, joints, contacts)
+        readout.read(crawler, seconds, joints, contacts)
         self.joints.append(joints)
         self.contacts.append(contacts)
+        x, y = np.resize(np.append(crawler.net_translation, 0.0), 2).tolist()
+        self.poses.append((x, y, 0.0, 0.0, 0.0, 0.0, 1.0))
 
     def piece(self, shown: np.ndarray) -> Piece:
         """Lay out all of them.

@@ -67,7 +67,8 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
     known = cycles[0].energy is not None
     columns = ["time [s]", "translation [m]", "slip forward [m]", "slip back [m]"]
     columns += ["work [J]", "dissipation [J]", "residual", "least margin [N]"] if known else []
-    for column in (*columns, ""):
+    columns += [""] if transient else []
+    for column in columns:
         table.add_column(escape(column), justify="right")
     count = len(cycles)
     rows = list(range(count))
@@ -78,7 +79,7 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
         if i != last + 1:
             table.add_row(f"({i - last - 1} more)", *[""] * (len(table.columns) - 1))
         last = i
-        table.add_row(*_cycle(cycles[i], known, replay.table.shape_size))
+        table.add_row(*_cycle(cycles[i], known, replay.table.shape_size)[: len(columns)])
     screen.print(table)
 
 

@@ -15,12 +15,14 @@ from crawler_model.readout import Readout
 from .. import bag
 from ..states import contact_names, joint_state_names, shown_contacts
 from .health import Survey, next_tick_ns
-from .layouts import JOINT_STATE, TRAJECTORY, Decoder
+from .layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
 from .ramp_rows import RampRows
 from .ramps import Sink
 
 _MOST_WAITING = 20_000
-_LEDGER, _JOINTS, _CONTACTS = "applied_commands", "joint_states", "contact_states"
+_LEDGER, _JOINTS = "applied_commands", "joint_states"
+_STATES = {_JOINTS: JOINT_STATE, "contact_states": JOINT_STATE, "pose": POSE}
+_AXES = ("x", "y", "z", *(f"orientation.{axis}" for axis in "xyzw"))
 
 
 @dataclass
@@ -101,10 +103,11 @@ class Resimulation:
         self._target = np.concatenate((start.actuation.ravel(), start.friction))
         self._run, self._last_ns, self._ticked = 0, begin_ns - 1, False
         self._end_ns = begin_ns
-        self._waiting = {name: (_Kept(), _Kept()) for name in (_JOINTS, _CONTACTS)}
-        kinds = {_LEDGER: TRAJECTORY, _JOINTS: JOINT_STATE, _CONTACTS: JOINT_STATE}
+        self._waiting = {name: (_Kept(), _Kept()) for name in _STATES}
         self._decoders = {
-            name: Decoder(robot + name, kind) for name, kind in kinds.items() if robot + name in survey.topics
+            name: Decoder(robot + name, kind)
+            for name, kind in {_LEDGER: TRAJECTORY, **_STATES}.items()
+            if robot + name in survey.topics
         }
 
     def go(self, progress: Callable[[float], None] | None = None) -> Comparison:
@@ -136,20 +139,21 @@ class Resimulation:
         read = {name: self._decoders[name].read(block, which) for name, which in places.items() if which.size}
         self._check_names()
         resets = self._find_resets(places, read)
-        for name in (_JOINTS, _CONTACTS):
+        for name in _STATES:
             for at, times, numbers in read.get(name, []):
                 where = places[name][at]
                 runs = self._run + np.searchsorted(resets, where, side="right")
                 self._keep(name, 1, runs, times[:, 0], np.stack(numbers, axis=1))
         self._follow_block(places.get(_LEDGER, np.zeros(0, np.int64)), read.get(_LEDGER, []), resets)
-        for name in (_JOINTS, _CONTACTS):
+        for name in _STATES:
             self._compare(name)
 
     def _check_names(self) -> None:
         wanted = {
             _LEDGER: self._scene.columns.names,
             _JOINTS: tuple(joint_state_names(self._mesh)),
-            _CONTACTS: tuple(contact_names(self._scene)),
+            "contact_states": tuple(contact_names(self._scene)),
+            "pose": (),
         }
         for name, decoder in self._decoders.items():
             if decoder.names is not None and decoder.names != wanted[name] and (decoder.names or name != _LEDGER):
@@ -230,6 +234,12 @@ class Resimulation:
                 self.comparison.missing_at = self._end_ns / NS
         end = max(next_tick_ns(stamp, self._rate), stamp)
         crawler, before = self._crawler, stamp
+        whole = crawler
+        if (
+            len(points) > 1
+        ):  # the node follows a tick at once: what was gained in it is the sum of its ramps but for bits
+            whole = crawler.copy()
+            whole.follow(np.array([self._scene.columns.target(np.ascontiguousarray(row)) for row in points]))
         for number, row in enumerate(points):
             target = self._scene.columns.target(np.ascontiguousarray(row))
             step = crawler.follow(target[None])
@@ -238,25 +248,26 @@ class Resimulation:
             rows.add(self._run, before, until, last, row, target, crawler, step.account)
             self._row, self._target, before = row, target, until
         if not points:
+            crawler.follow(self._target[None][:0])
             rows.hold(self._run, stamp, end, self._row, self._target, crawler)
-        rows.read(self._readout, crawler)
+        rows.read(self._readout, whole, np.nan if self._begin_ns else (end - stamp) / NS)
         self._last_ns, self._end_ns, self._ticked = stamp, end, True
 
     def _give_start(self) -> None:
         """Hand on the state at the start of a run, as a ramp that takes no time."""
         rows = RampRows(self._scene, self._widths)
         rows.hold(self._run, self._end_ns, self._end_ns, self._row, self._target, self._crawler)
-        rows.read(self._readout, self._crawler)
+        rows.read(self._readout, self._crawler, np.nan if self._begin_ns else np.inf)
         self._give(rows)
 
     def _give(self, rows: RampRows) -> None:
         if not rows.run:
             return
-        joints, contacts = np.array(rows.joints), np.array(rows.contacts)
         ends = np.array(rows.end_ns)[np.array(rows.ends_tick)]
         runs = np.array(rows.run)[np.array(rows.ends_tick)]
-        self._keep(_JOINTS, 0, runs, ends, joints)
-        self._keep(_CONTACTS, 0, runs, ends, contacts)
+        said = (np.array(rows.joints), np.array(rows.contacts), np.array(rows.poses)[:, None])
+        for name, numbers in zip(_STATES, said, strict=True):
+            self._keep(name, 0, runs, ends, numbers)
         piece = rows.piece(self._shown)
         for sink in self._sinks:
             sink(piece)
@@ -291,18 +302,17 @@ class Resimulation:
         said = self.comparison
         if name == _JOINTS:
             said.ticks += len(keys)
-        apart = np.abs(ours - theirs)[:, ::2]  # positions and efforts; velocities follow from them
-        wrong = ~(ours == theirs)[:, ::2]
+        wrong = ~((ours == theirs) | (np.isnan(ours) & ~np.isnan(theirs)))
         if not wrong.any():
             return
-        apart[np.isnan(apart)] = 0.0
+        apart = np.nan_to_num(np.abs(ours - theirs), nan=0.0)
         said.max_difference = max(said.max_difference, float(apart[:, 0].max()))
-        said.max_force_difference = max(said.max_force_difference, float(apart[:, 1].max()))
-        row, quantity, joint = (int(v) for v in np.argwhere(wrong)[0])
+        said.max_force_difference = max(said.max_force_difference, float(apart[:, 2:].max(initial=0.0)))
+        row, quantity, place = (int(v) for v in np.argwhere(wrong)[0])
         seconds = keys[row][1] / NS
         if said.first_difference is None:
             said.first_difference = seconds
-            label = (self._decoders[name].names or ())[joint]
-            pair = theirs[row, 2 * quantity, joint], ours[row, 2 * quantity, joint]
-            what = ("position", "effort")[quantity]
-            said.first_where = f"{name} {label} {what}: recorded {pair[0]:.17g}, simulated {pair[1]:.17g}"
+            label = ((self._decoders[name].names or ()) + _AXES)[place]
+            what = ("position", "velocity", "effort")[quantity]
+            pair = f"recorded {theirs[row, quantity, place]:.17g}, simulated {ours[row, quantity, place]:.17g}"
+            said.first_where = f"{name} {label} {what}: {pair}"

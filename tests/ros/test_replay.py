@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import subprocess
 import sys
 import time
@@ -239,6 +240,25 @@ def test_a_changed_state_is_found_at_its_time_and_place(tmp_path):
     assert found.comparison.first_difference == pytest.approx(1.23)
     assert found.comparison.max_difference < 1e-9
     assert "joint_states" in found.comparison.first_where
+
+
+@pytest.mark.parametrize(
+    ("topic", "from_the_end", "where"),
+    [("joint_states", 32, "joint_states link_0 velocity"), ("pose", 56, "pose x position")],
+)
+def test_every_number_of_a_state_is_compared(tmp_path, topic, from_the_end, where):
+    def change(name, stamp, data):
+        if name == topic and stamp == 1_230_000_000:
+            place = len(data) - from_the_end
+            (number,) = struct.unpack_from("<d", data, place)
+            data = data[:place] + struct.pack("<d", np.nextafter(number, 9.0)) + data[place + 8 :]
+        return [(name, stamp, data)]
+
+    source = record(tmp_path / "a", "two_anchor_a", 2)
+    assert analyse(source).comparison.identical
+    found = analyse(rewrite(source, tmp_path / "b", change, survey_recording(source).attachments)).comparison
+    assert found.first_difference == pytest.approx(1.23)
+    assert found.first_where.startswith(where)
 
 
 def test_another_version_is_named(tmp_path):

@@ -10,6 +10,7 @@ from rich.console import Console
 
 pytest.importorskip("rclpy")
 from crawler_bench.node import measure_node, print_rows
+from crawler_bench.replay import JOBS, measure_replay, run_job
 
 KEYS = {
     "throughput": {"n", "recording", "subscriber", "driven", "ticks_per_s", "us_per_tick", "real_time"},
@@ -43,3 +44,17 @@ def test_rows_are_plain_and_print(rows, capsys):
     assert json.loads(json.dumps(rows, allow_nan=False)) == rows
     print_rows(rows, Console())
     assert "real time" in capsys.readouterr().out
+
+
+def test_replay_is_measured_beside_readers():
+    rows = measure_replay(periods=(2,), repeats=1)
+    assert [row["what"] for row in rows] == list(JOBS)
+    for row in rows:
+        assert row["messages"] > 800  # four topics, 100 ticks a second
+        assert row["messages_per_s"] * row["seconds"] == pytest.approx(row["messages"])
+        assert row["memory_mb"] > 5.0
+
+
+def test_a_job_that_fails_is_no_measurement(tmp_path):
+    with pytest.raises(RuntimeError, match="exit status 1"):
+        run_job(JOBS["replay"], tmp_path / "missing")
