@@ -26,6 +26,7 @@ docs: $(READY)
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/hard_cases.py
 	$(BIN)/python docs/phase_diagram.py
+	$(BIN)/python docs/tutorial.py
 
 soak: $(READY)
 	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model --timeout=7200

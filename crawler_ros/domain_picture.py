@@ -6,7 +6,7 @@ Tensions are drawn as they are, positive when stretched; [G] draws the same sets
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +15,20 @@ import numpy as np
 from crawler_model import Scene, Trajectory, simulate
 from crawler_model.body import Body
 from crawler_model.planar_kernel import corners_of
-from crawler_model.stasis import StasisDomain, directions_of, domain_evolution, section_forces
+from crawler_model.stasis import Facet, StasisDomain, directions_of, domain_evolution, section_forces, spring_force
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
-FORWARD, BACK = "#1a8a3a", "#b02a1e"
-"""Facets that let the body go forward, and back."""
-_FACE, _SECTION, _USED, _GREY, _ACTUATION = "#f2dcda", "#e0605a", "#2f5fc4", "#8a8a8a", "#e08a1e"
-_CONTACT = ("#1f3fbf", "#1fa8c8")
+STYLE = {"font.size": 9, "axes.titlesize": 9, "mathtext.fontset": "dejavusans"}
+"""matplotlib settings of these pictures."""
+FORWARD, BACK = "#009e73", "#c8400f"
+"""Facets that let the body go forward, and back: a green and a red that differ for colour-blind eyes too."""
+CONTACTS, ACTUATION = ("#1f3fbf", "#1fa8c8"), "#e08a1e"
+"""The two contacts of a body, and its actuation."""
+_FACE, _SECTION, _USED, _GREY = "#f2dcda", "#e0605a", "#2f5fc4", "#8a8a8a"
 _MOST_PANELS, _MOST_TIMES, _MOST_BARS = 6, 16, 40
 _SAMPLES, _MOST_SAMPLES = 1200, 4_000_000
 _DASHES = ("-", "--", ":", "-.")
@@ -55,7 +59,7 @@ def draw_domain(scene: Scene, png: Path) -> None:
     draw = {2: _draw_two, 3: _draw_three}.get(contacts, _draw_many)
     if scene.mesh.dimension == 2:
         draw = _draw_plane
-    with matplotlib.rc_context({"font.size": 9, "axes.titlesize": 9, "mathtext.fontset": "dejavusans"}):
+    with matplotlib.rc_context(STYLE):
         figure = draw(scene, run)
         figure.savefig(png, dpi=100, pil_kwargs={"optimize": True})
         plt.close(figure)
@@ -99,8 +103,16 @@ def _shown_waypoints(scene: Scene) -> list[tuple[float, StasisDomain]]:
     return [(float(times[i]), domains[i]) for i in rows]
 
 
-def _friction_at(scene: Scene, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Read the friction in force, straight lines between waypoints; each of shape (T, N)."""
+def friction_at(scene: Scene, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Read the friction that a scene commands.
+
+    Args:
+        scene: a body on a line.
+        time_s: when, shape (T,) [s].
+
+    Returns:
+        mu_plus and mu_minus, straight lines between waypoints, each of shape (T, N) [N].
+    """
     drive = scene.commands
 
     def read(rows: np.ndarray) -> np.ndarray:
@@ -160,7 +172,7 @@ def _draw_two(scene: Scene, run: Trajectory) -> Figure:
     reach = max(float(max(domain.forward.max(), domain.backward.max())) for _, domain in shown) or 1.0
     for i, (time_s, domain) in enumerate(shown):
         axis = axes[f"box_{i}"]
-        _draw_box(axis, domain, reach, len(shown) <= 1)
+        draw_box(axis, domain, reach, len(shown) <= 1)
         axis.set_title(f"t = {time_s:.3g} s" if len(shown) > 1 else "the box C of both spring forces, and its section")
         axis.set_xlabel("$(g_0 + g_1)/2$ [N]")
         if i == 0:
@@ -171,8 +183,8 @@ def _draw_two(scene: Scene, run: Trajectory) -> Figure:
         axes["box_0"].plot(0.0, _section_path(scene, run.tension)[0, 0], "o", color="black", markersize=5)
         return figure
     marks = _marked_instants(run, swept)
-    _draw_band(axes["band"], scene, run)
-    _draw_motion(axes["motion"], run)
+    draw_band(axes["band"], run)
+    draw_motion(axes["motion"], run)
     lowest = axes["band"] if swept else axes["motion"]
     lowest.set_xlabel("simulated time [s]")
     for name in ("band", "motion"):
@@ -182,7 +194,7 @@ def _draw_two(scene: Scene, run: Trajectory) -> Figure:
         if axes[name] is not lowest:
             axes[name].tick_params(labelbottom=False)
     if swept:
-        _draw_sweeping(axes["sweep"], run, shown[0][1], marks)
+        draw_sweeping(axes["sweep"], run, marks)
     for i, row in enumerate(marks):
         text, size = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.4g} s", 7)
         frame: Any = ("data", "axes fraction")
@@ -215,8 +227,15 @@ def _box_corners(domain: StasisDomain) -> np.ndarray:
     return _turned(np.array(corners))
 
 
-def _draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool) -> None:
-    """Draw the box C, its section in red and, at the section's ends, the normal that says which way they let go."""
+def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True) -> None:
+    """Draw the box C, its section in red and, at the section's ends, the normal that says which way they let go.
+
+    Args:
+        axis: where to; its limits are set.
+        domain: of two contacts.
+        reach: the largest friction that must find room [N].
+        large: whether there is room to name the contact that slides.
+    """
     limit = 1.62 * reach
     axis.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
     axis.axhline(0.0, color="#c0c0c0", linewidth=0.8)
@@ -256,23 +275,28 @@ def _draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool) -> No
         axis.annotate("critical", (0.0, ends[1]), (0, 4), bbox=box, zorder=5, **style)
 
 
-def _draw_band(axis: Axes, scene: Scene, run: Trajectory) -> None:
-    """Draw the stasis interval over time as a band, its ends coloured by direction, and the tension in it."""
-    drive = scene.commands
+def draw_band(axis: Axes, run: Trajectory) -> None:
+    """Draw the stasis interval over time as a band, its ends coloured by direction, and the tension in it.
+
+    Args:
+        axis: where to.
+        run: of two contacts.
+    """
+    scene, drive = run.scene, run.scene.commands
     repeats = [0.0] if drive.period is None else np.arange(0.0, run.time[-1], drive.period)
     time_s = np.unique(np.concatenate([run.time, *(start + drive.times for start in repeats)]))
     time_s = time_s[time_s <= run.time[-1]]
-    plus, minus = _friction_at(scene, time_s)
+    plus, minus = friction_at(scene, time_s)
     bounds = {0: (plus[:, 0], -minus[:, 0]), 1: (minus[:, 1], -plus[:, 1])}
     least, most = np.maximum(bounds[0][1], bounds[1][1]), np.minimum(bounds[0][0], bounds[1][0])
     axis.fill_between(time_s, least, most, color=_FACE, linewidth=0)
     if not _is_constant(scene):
         for contact, (upper, lower) in bounds.items():
             label = f"friction of contact {contact}"
-            axis.plot(time_s, upper, color=_CONTACT[contact], linewidth=1.0, label=label)
-            axis.plot(time_s, lower, color=_CONTACT[contact], linewidth=1.0)
+            axis.plot(time_s, upper, color=CONTACTS[contact], linewidth=1.0, label=label)
+            axis.plot(time_s, lower, color=CONTACTS[contact], linewidth=1.0)
     half = (time_s[:-1] + time_s[1:]) / 2.0
-    mid_plus, mid_minus = _friction_at(scene, half)
+    mid_plus, mid_minus = friction_at(scene, half)
     for bound, lead in (
         (most, mid_minus[:, 1] - mid_plus[:, 0]),  # > 0: contact 0 slides forward first
         (least, mid_minus[:, 0] - mid_plus[:, 1]),
@@ -301,15 +325,20 @@ def _draw_band(axis: Axes, scene: Scene, run: Trajectory) -> None:
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, fontsize=8, frameon=False)
 
 
-def _draw_motion(axis: Axes, run: Trajectory) -> None:
-    """Draw actuation, displacements and net translation over time."""
+def draw_motion(axis: Axes, run: Trajectory) -> None:
+    """Draw actuation, displacements and net translation over time.
+
+    Args:
+        axis: where to.
+        run: of two contacts.
+    """
     actuation = _actuation(run)[:, : len(_DASHES)]
     for i in range(actuation.shape[1]):
         name = "actuation $L$" if actuation.shape[1] == 1 else f"actuation $L_{i}$"
-        axis.plot(run.time, actuation[:, i], _DASHES[i], color=_ACTUATION, linewidth=1.3, label=name)
+        axis.plot(run.time, actuation[:, i], _DASHES[i], color=ACTUATION, linewidth=1.3, label=name)
     for contact in (0, 1):
         axis.plot(
-            run.time, run.displacement[:, contact], color=_CONTACT[contact], linewidth=1.5, label=f"$x_{contact}$"
+            run.time, run.displacement[:, contact], color=CONTACTS[contact], linewidth=1.5, label=f"$x_{contact}$"
         )
     axis.plot(run.time, run.net_translation, color=FORWARD, linewidth=1.8, label="net translation $y$")
     axis.set_ylabel("length [m]")
@@ -330,14 +359,20 @@ def _marked_instants(run: Trajectory, middles: bool) -> list[int]:
     return list(dict.fromkeys(marks))[: len(_LETTERS)]
 
 
-def _draw_sweeping(axis: Axes, run: Trajectory, domain: StasisDomain, marks: Sequence[int]) -> None:
+def draw_sweeping(axis: Axes, run: Trajectory, marks: Sequence[int]) -> None:
     """Draw the sweeping process of two contacts and one spring: the moving box and the point that it pushes along.
 
     With u = -2 k x and l = (-k L, k L) the spring forces are g = l + u - mean(u), and the law of motion becomes
     -udot in N_{C - l + mean(u)}(u): here the factor 2 k is exact, and everything is a force. In the turned plane of
     `_turned`, u is the point (-2 k y, k z) and its box is C moved to (-2 k y, k L). The first axis is reversed, so
     that the body goes forward where the point goes right; hence boxes appear as mirror images of C.
+
+    Args:
+        axis: where to; its limits and labels are set.
+        run: of two contacts and one spring under constant friction.
+        marks: ticks at which the box is drawn, lettered from a, at most nine.
     """
+    domain = domain_evolution(run.scene.commands)[1][0]
     stiffness = float(run.scene.mesh.stiffness[0])
     shape = stiffness * (run.displacement[:, 1] - run.displacement[:, 0])
     place = 2.0 * stiffness * run.net_translation
@@ -357,7 +392,9 @@ def _draw_sweeping(axis: Axes, run: Trajectory, domain: StasisDomain, marks: Seq
         letters[key] = f"{letters[key]}, {letter}" if key in letters else letter
     side = corners[corners[:, 0].argmax()]
     for at, text in letters.items():
-        axis.annotate(text, np.array(at) + side, (4, 0), textcoords="offset points", va="center", fontsize=10)
+        style = {"textcoords": "offset points", "va": "center", "fontsize": 10, "zorder": 5}
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
+        axis.annotate(text, np.array(at) + side, (4, 0), bbox=box, **style)
     axis.set(aspect="equal", xlabel="net translation $2 k y$ [N]  (right: forward)", ylabel="shape $k z$ [N]")
     axis.set_title("sweeping process: $k L$ moves the box up and down, sideways it follows the point that it pushes")
     axis.set_xlim(right=float(place[used].max()) + 1.6 * right)
@@ -379,8 +416,8 @@ def _draw_three(scene: Scene, run: Trajectory) -> Figure:
     path = _section_path(scene, run.tension)[_last_period(run)]
     limits = _limits([domain.vertices() for _, domain in shown])
     for axis, (time_s, domain) in zip(grid.ravel(), shown, strict=False):
-        _draw_polygon(axis, domain, [f"contact {i}" for i in range(3)], len(shown) == 1)
-        _draw_path(axis, path)
+        draw_polygon(axis, domain, [f"contact {i}" for i in range(3)], len(shown) == 1)
+        draw_path(axis, path)
         if len(shown) > 1:
             axis.set_title(f"t = {time_s:.3g} s")
             here = _section_path(scene, run.tension)[[_nearest(run, time_s)]]
@@ -411,8 +448,15 @@ def _limits(polygons: Sequence[np.ndarray]) -> list[tuple[float, float]]:
     return [(float(middle) - half, float(middle) + half) for middle in (low + high) / 2.0]
 
 
-def _draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large: bool = True) -> None:
-    """Draw a domain of three contacts, each side coloured by the direction that it allows."""
+def draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large: bool = True) -> None:
+    """Draw a domain of three contacts, each side coloured by the direction that it allows.
+
+    Args:
+        axis: where to; its limits are left to the caller.
+        domain: of three contacts.
+        names: what the three are called.
+        large: whether there is room for large letters.
+    """
     corners = domain.vertices()
     axis.set_aspect("equal")
     axis.locator_params(nbins=7)
@@ -422,12 +466,7 @@ def _draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large:
     if corners.shape[0] < 3:
         axis.plot(*corners.T, "o-", color=_GREY, linewidth=2.0, zorder=2)
         return
-    following = np.roll(corners, -1, axis=0)
-    for facet in domain.facets():
-        bound = (domain.forward if facet.direction > 0 else domain.backward)[facet.contact]
-        slack = bound - (corners + following) / 2.0 @ facet.normal
-        side = int(slack.argmin())
-        a, b = corners[side], following[side]
+    for facet, a, b in _sides(domain):
         color = FORWARD if facet.direction > 0 else BACK
         axis.plot(*np.array([a, b]).T, color=color, linewidth=5.0, solid_capstyle="round", zorder=2)
         out = facet.normal / np.abs(facet.normal).max()
@@ -445,8 +484,52 @@ def _draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large:
         )
 
 
-def _draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
-    """Draw a path with arrows along it, its start a dot."""
+def _sides(domain: StasisDomain) -> Iterator[tuple[Facet, np.ndarray, np.ndarray]]:
+    """Find the side that each facet of a polygon is: its ends, each of shape (2,) [N]."""
+    corners = domain.vertices()
+    following = np.roll(corners, -1, axis=0)
+    for facet in domain.facets():
+        bound = (domain.forward if facet.direction > 0 else domain.backward)[facet.contact]
+        slack = bound - (corners + following) / 2.0 @ facet.normal
+        side = int(slack.argmin())
+        yield facet, corners[side], following[side]
+
+
+def draw_box_in_space(axis: Axes3D, domain: StasisDomain) -> None:
+    """Draw the box C of three spring forces and its section by the plane in which they balance.
+
+    The section's sides are coloured by the direction that they allow: each lies in the face of the box whose normal is
+    the contact that slides there.
+
+    Args:
+        axis: a three-dimensional one.
+        domain: of three contacts.
+    """
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    low, high = -domain.backward, domain.forward
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    edges = [(a, b) for a, b in itertools.combinations(corners, 2) if np.count_nonzero(a != b) == 1]
+    axis.add_collection3d(Line3DCollection(edges, colors=_GREY, linewidths=0.9))
+    section = spring_force(domain.vertices())
+    axis.add_collection3d(Poly3DCollection([section], facecolor=_SECTION, alpha=0.45, edgecolor="none"))
+    for facet, a, b in _sides(domain):
+        color = FORWARD if facet.direction > 0 else BACK
+        axis.plot(*spring_force(np.array([a, b])).T, color=color, linewidth=3.5)
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axis.set(xlabel="$g_0$ [N]", ylabel="$g_1$ [N]", zlabel="$g_2$ [N]", aspect="equal")
+    axis.locator_params(nbins=4)
+    axis.grid(False)
+
+
+def draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
+    """Draw a path with arrows along it, its start a dot.
+
+    Args:
+        axis: where to.
+        path: shape (T, 2).
+        arrows: how many.
+    """
     axis.plot(*path.T, color="black", linewidth=1.3, zorder=4)
     axis.plot(*path[0], "o", color="black", markersize=7, zorder=5)
     run = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T)))) if path.shape[0] > 1 else np.zeros(1)
@@ -527,8 +610,8 @@ def _draw_projections(
         ]
     for domain in merged[1:]:
         axis.fill(*domain.vertices().T, facecolor="none", edgecolor=_GREY, linewidth=0.9, zorder=1)
-    _draw_polygon(axis, merged[0], groups)
-    _draw_path(axis, path[:, pair])
+    draw_polygon(axis, merged[0], groups)
+    draw_path(axis, path[:, pair])
     limits = _limits([domain.vertices() for domain in merged])
     axis.set(xlim=limits[0], ylim=limits[1], xlabel=_label(scene, pair[0]), ylabel=_label(scene, pair[1]))
 
@@ -599,7 +682,7 @@ def _draw_plane(scene: Scene, run: Trajectory) -> Figure:
             outline = _friction_outline(mu, scene.directions)
             axis.fill(*outline.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
         axis.plot(*force[:, i].T, color="black", linewidth=1.0)
-        axis.plot(*np.where(slides[:, i, None], force[:, i], np.nan).T, color="#1a8a3a", linewidth=3.0)
+        axis.plot(*np.where(slides[:, i, None], force[:, i], np.nan).T, color=FORWARD, linewidth=3.0)
         axis.set_title(f"contact {i}: green while it slides")
         axis.set_aspect("equal")
         axis.set_xlabel("$g_x$ [N]")

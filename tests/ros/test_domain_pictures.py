@@ -14,7 +14,7 @@ from PIL import Image
 from crawler_model import Scene, load_scene
 from crawler_ros.domain_picture import draw_domain
 
-FORWARD, BACK, SECTION, DOMAIN = (26, 138, 58), (176, 42, 30), (224, 96, 90), (242, 220, 218)
+FORWARD, BACK, SECTION, DOMAIN = (0, 158, 115), (200, 64, 15), (224, 96, 90), (242, 220, 218)
 
 
 def drawn(scene: Scene, folder: Path) -> np.ndarray:
