@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from crawler_model import CrawlerError, Scene
 
-from .domain_picture import ACTUATION
+from .colors import ACTUATION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,6 +17,8 @@ from crawler_model.body import Body
 from crawler_model.planar_kernel import corners_of
 from crawler_model.stasis import Facet, StasisDomain, directions_of, domain_evolution, section_forces, spring_force
 
+from .colors import ACTUATION, BACK, CONTACTS, FORWARD, GREY, TENSION
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -24,11 +26,7 @@ if TYPE_CHECKING:
 
 STYLE = {"font.size": 9, "axes.titlesize": 9, "mathtext.fontset": "dejavusans"}
 """matplotlib settings of these pictures."""
-FORWARD, BACK = "#009e73", "#c8400f"
-"""Facets that let the body go forward, and back: a green and a red that differ for colour-blind eyes too."""
-CONTACTS, ACTUATION = ("#1f3fbf", "#1fa8c8"), "#e08a1e"
-"""The two contacts of a body, and its actuation."""
-_FACE, _SECTION, _USED, _GREY = "#f2dcda", "#e0605a", "#2f5fc4", "#8a8a8a"
+_FACE, _SECTION = "#f2dcda", "#e0605a"
 _MOST_PANELS, _MOST_TIMES, _MOST_BARS = 6, 16, 40
 _SAMPLES, _MOST_SAMPLES = 1200, 4_000_000
 _DASHES = ("-", "--", ":", "-.")
@@ -243,9 +241,9 @@ def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True)
     axis.locator_params(nbins=6)
     for i, force in enumerate(np.eye(2)):
         ends = _turned(np.outer([-1.0, 1.0], force)) * 2.4 * reach
-        axis.plot(*ends.T, color=_GREY, linewidth=0.8, linestyle="--", zorder=1)
+        axis.plot(*ends.T, color=GREY, linewidth=0.8, linestyle="--", zorder=1)
         tip = _turned(force) * 2.55 * reach
-        axis.annotate(f"$g_{i}$", tip, ha="center", va="bottom" if i == 0 else "top", color=_GREY)
+        axis.annotate(f"$g_{i}$", tip, ha="center", va="bottom" if i == 0 else "top", color=GREY)
     axis.fill(*_box_corners(domain).T, facecolor="#e8e8e8", edgecolor="#303030", linewidth=1.2, zorder=2)
     ends = domain.vertices()[:, 0]
     axis.plot([0.0, 0.0], ends, color=_SECTION, linewidth=4.0 if large else 3.0, solid_capstyle="butt", zorder=3)
@@ -270,7 +268,7 @@ def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True)
             zorder=5,
         )
     if not facets:
-        style = {"textcoords": "offset points", "color": _GREY, "va": "bottom", "ha": "center"}
+        style = {"textcoords": "offset points", "color": GREY, "va": "bottom", "ha": "center"}
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
         axis.annotate("critical", (0.0, ends[1]), (0, 4), bbox=box, zorder=5, **style)
 
@@ -302,7 +300,7 @@ def draw_band(axis: Axes, run: Trajectory) -> None:
         (least, mid_minus[:, 0] - mid_plus[:, 1]),
     ):
         near = 1e-12 * (mid_plus + mid_minus).sum(axis=1)
-        colors = np.where(lead > near, FORWARD, np.where(lead < -near, BACK, _GREY))
+        colors = np.where(lead > near, FORWARD, np.where(lead < -near, BACK, GREY))
         starts = [0, *(np.flatnonzero(colors[1:] != colors[:-1]) + 1), colors.size]
         for begin, end in itertools.pairwise(starts):
             stretch = slice(begin, end + 1)
@@ -462,9 +460,9 @@ def draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large: 
     axis.locator_params(nbins=7)
     axis.axhline(0.0, color="#c8c8c8", linewidth=0.8, zorder=0)
     axis.axvline(0.0, color="#c8c8c8", linewidth=0.8, zorder=0)
-    axis.fill(*corners.T, facecolor=_FACE, edgecolor=_GREY, linewidth=1.0, zorder=1)
+    axis.fill(*corners.T, facecolor=_FACE, edgecolor=GREY, linewidth=1.0, zorder=1)
     if corners.shape[0] < 3:
-        axis.plot(*corners.T, "o-", color=_GREY, linewidth=2.0, zorder=2)
+        axis.plot(*corners.T, "o-", color=GREY, linewidth=2.0, zorder=2)
         return
     for facet, a, b in _sides(domain):
         color = FORWARD if facet.direction > 0 else BACK
@@ -510,7 +508,7 @@ def draw_box_in_space(axis: Axes3D, domain: StasisDomain) -> None:
     low, high = -domain.backward, domain.forward
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
     edges = [(a, b) for a, b in itertools.combinations(corners, 2) if np.count_nonzero(a != b) == 1]
-    axis.add_collection3d(Line3DCollection(edges, colors=_GREY, linewidths=0.9))
+    axis.add_collection3d(Line3DCollection(edges, colors=GREY, linewidths=0.9))
     section = spring_force(domain.vertices())
     axis.add_collection3d(Poly3DCollection([section], facecolor=_SECTION, alpha=0.45, edgecolor="none"))
     for facet, a, b in _sides(domain):
@@ -609,7 +607,7 @@ def _draw_projections(
             f"{at[a]:.3g} m" if b - a == 1 else f"{at[a]:.3g}-{at[b - 1]:.3g} m" for a, b in itertools.pairwise(bounds)
         ]
     for domain in merged[1:]:
-        axis.fill(*domain.vertices().T, facecolor="none", edgecolor=_GREY, linewidth=0.9, zorder=1)
+        axis.fill(*domain.vertices().T, facecolor="none", edgecolor=GREY, linewidth=0.9, zorder=1)
     draw_polygon(axis, merged[0], groups)
     draw_path(axis, path[:, pair])
     limits = _limits([domain.vertices() for domain in merged])
@@ -625,11 +623,11 @@ def _draw_ranges(axis: Axes, scene: Scene, path: np.ndarray) -> None:
     edge = {"edgecolor": "#c83c3c", "linewidth": 1.5}
     label = "" if _is_constant(scene) else "whatever the friction commanded"
     _draw_bars(axis, least.max(axis=0), most.min(axis=0), 0.8, label, facecolor="none", **edge)
-    _draw_bars(axis, path.min(axis=0), path.max(axis=0), 0.35, "what the last period has", color=_USED)
+    _draw_bars(axis, path.min(axis=0), path.max(axis=0), 0.35, "what the last period has", color=TENSION)
     sections = np.arange(path.shape[1])
     axis.use_sticky_edges = False
     axis.margins(x=0.02, y=0.06)
-    axis.axhline(0.0, color=_GREY, linewidth=0.8)
+    axis.axhline(0.0, color=GREY, linewidth=0.8)
     axis.set_xlabel("link" if _symbol(scene) == "T" else "section")
     if scene.mesh.segments:
         axis.set_xlabel("place along the body [m]")

@@ -15,6 +15,7 @@ from crawler_model import CrawlerError, Scene
 from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds
 
+from .colors import BACK, FORWARD, STICK, TENSION
 from .domain_picture import draw_domain as draw_domain
 from .states import station_names
 from .visualizer import has_stasis_bounds
@@ -22,7 +23,6 @@ from .visualizer import has_stasis_bounds
 if TYPE_CHECKING:
     from .visualizer import Frame
 
-_SLIP_FORWARD, _SLIP_BACK, _STICK = "#1a8a3a", "#b02a1e", "#c8c8c8"
 _MOST_LINKS, _MOST_NAMED = 4, 12
 
 
@@ -69,7 +69,7 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     place = at + x
     names = [name.removeprefix("contact_") for name in station_names(mesh)]
     axes[0].plot(time_s, place, color="#9a9a9a", linewidth=0.8)
-    for sign, color in ((1, _SLIP_FORWARD), (-1, _SLIP_BACK)):
+    for sign, color in ((1, FORWARD), (-1, BACK)):
         axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
     axes[0].set_ylabel("contacts [m]")
     for i in range(contacts if contacts <= _MOST_NAMED else 0):
@@ -83,10 +83,10 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
         axes[1 + i].fill_between(time_s, least[:, i], most[:, i], color="#f2dcda", linewidth=0, label="bounds")
         for bound in (least, most):
             axes[1 + i].plot(time_s, bound[:, i], color="#c83c3c", linewidth=0.6)
-        axes[1 + i].plot(time_s, tension[:, i], color="#2f5fc4", linewidth=1.4)
+        axes[1 + i].plot(time_s, tension[:, i], color=TENSION, linewidth=1.4)
         axes[1 + i].set_ylabel(f"$T_{{{i}}}$ [N]")
     edges = np.append(time_s, time_s[-1] + (time_s[-1] - time_s[-2] if time_s.size > 1 else 1.0))
-    colors = ListedColormap([_SLIP_BACK, _STICK, _SLIP_FORWARD])
+    colors = ListedColormap([BACK, STICK, FORWARD])
     axes[-2].pcolormesh(edges, np.arange(contacts + 1) - 0.5, state.T, cmap=colors, vmin=-1, vmax=1)
     shown = range(contacts) if contacts <= _MOST_NAMED else [0, contacts - 1]
     axes[-2].set_yticks(shown, [names[i] for i in shown])

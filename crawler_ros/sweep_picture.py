@@ -9,13 +9,14 @@ import numpy as np
 
 from crawler_model import ManyRuns
 
+from .colors import ACTUATION, TENSION
 from .sweep import Sweep, shown_gain, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LINE, _OPEN, _INVALID = "#2f5fc4", "#e08a1e", "#d8d8d8"
+_INVALID = "#d8d8d8"
 _ROUNDING = 1e-9
 _WORDS = {"per_period": "net translation in the last period [m]", "gained": "net translation over the run [m]"}
 
@@ -55,10 +56,10 @@ def draw_sweep(sweep: Sweep, runs: ManyRuns, png: Path) -> None:
 def _draw_line(axes: Axes, values: np.ndarray, gain: np.ndarray, runs: ManyRuns) -> None:
     order = np.argsort(values, kind="stable")
     axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
-    axes.plot(values[order], gain[order], color=_LINE, linewidth=1.4, marker="o" if values.size <= 60 else "", ms=3)
+    axes.plot(values[order], gain[order], color=TENSION, linewidth=1.4, marker="o" if values.size <= 60 else "", ms=3)
     opened = (runs.status == "done") & ~runs.unique
     if opened.any():
-        axes.plot(values[opened], gain[opened], "o", color=_OPEN, ms=4, label="translation not unique")
+        axes.plot(values[opened], gain[opened], "o", color=ACTUATION, ms=4, label="translation not unique")
     for i, value in enumerate(values[runs.status == "invalid"]):
         axes.axvline(value, color=_INVALID, zorder=0, label="invalid" if i == 0 else None)
     if axes.get_legend_handles_labels()[0]:
@@ -87,8 +88,8 @@ def _draw_map(
     opened[row, column] = (runs.status == "done") & ~runs.unique
     if opened.any() and not opened.all():
         at = np.nonzero(opened)
-        axes.plot(x[at[1]], y[at[0]], ".", color=_OPEN, ms=2)
-        handles.append(Patch(color=_OPEN, label="translation not unique"))
+        axes.plot(x[at[1]], y[at[0]], ".", color=ACTUATION, ms=2)
+        handles.append(Patch(color=ACTUATION, label="translation not unique"))
     if not np.isfinite(table).all():
         handles.append(Patch(color=_INVALID, label="invalid or not run"))
     if handles:

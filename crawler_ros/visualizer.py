@@ -27,13 +27,14 @@ from crawler_model.body import Body
 from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds, stasis_polygon
 
+from .colors import BACK, FORWARD, rgb
 from .states import StationReader, joint_names, station_names
 
 FRAME_EVERY_NS = 20_000_000
 LIVE_PORT = 9876
 _PIPE_BYTES = 1 << 20
 _STATE_NAMES = {-1: "slip back", 0: "stick", 1: "slip forward"}
-_STATE_COLORS = {-1: (176, 42, 30), 0: (80, 80, 80), 1: (26, 138, 58)}
+_STATE_COLORS = {-1: rgb(BACK), 0: (80, 80, 80), 1: rgb(FORWARD)}
 _LINK_COLORS = [(64, 110, 220), (230, 140, 30), (120, 80, 200), (20, 160, 160)]
 _BOUND_COLOR = (200, 60, 60)
 _SINGLE_PLOTS = 4

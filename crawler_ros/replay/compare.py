@@ -16,10 +16,10 @@ from crawler_model import Scene
 from crawler_model.drive import NS
 
 from ..bag import BagError
+from ..colors import BACK, FORWARD
 from ..scene_report import write_length
 from .analysis import Replay, analyse, size_of
 from .cycles import ROUNDING
-from .page import BACK, FORWARD
 
 _MOST_SHOWN = 8
 _COLORS = ("#46688f", "#d07a1e")

@@ -9,6 +9,7 @@ import numpy as np
 
 from crawler_model.drive import NS
 
+from ..colors import BACK, FORWARD, GREY, STICK, TENSION
 from ..picture import PictureError
 
 if TYPE_CHECKING:
@@ -17,9 +18,7 @@ if TYPE_CHECKING:
     from .analysis import Replay
     from .samples import Samples
 
-FORWARD, BACK, STICK, TENSION = "#1a8a3a", "#b02a1e", "#d4d4d4", "#2f5fc4"
 _MOST_LINKS, _MOST_NAMED, _MOST_CYCLES_BARS = 4, 12, 60
-_GREY = "#8a8a8a"
 
 
 def draw_replay(replay: Replay, samples: Samples, png: Path) -> None:
@@ -51,7 +50,7 @@ def draw_replay(replay: Replay, samples: Samples, png: Path) -> None:
     name = "scene not known" if replay.scene is None else replay.scene.name
     verdict = "as recorded: no simulation" if replay.comparison is None else replay.explanation
     figure.suptitle(f"{name}, {replay.path.name}", fontsize=11)
-    axes[0].set_title(_short(verdict), fontsize=8, color=_GREY, loc="left")
+    axes[0].set_title(_short(verdict), fontsize=8, color=GREY, loc="left")
     _draw_positions(axes[0], time, samples.get("position"), state, replay.contacts)
     for i in range(links):
         _draw_tension(axes[1 + i], time, tension[:, i], samples.get("least")[:, i], samples.get("most")[:, i], i)
@@ -118,7 +117,7 @@ def _draw_tension(
     axis.plot(time, tension, color=TENSION, linewidth=1.5)
     axis.set_ylabel(f"$T_{{{link}}}$ [N]")
     if link == 0 and np.isfinite(least).any():
-        axis.set_title("tension (blue) within the stasis domain (red)", fontsize=8, color=_GREY, loc="left")
+        axis.set_title("tension (blue) within the stasis domain (red)", fontsize=8, color=GREY, loc="left")
 
 
 def _draw_timeline(axis: Axes, time: np.ndarray, state: np.ndarray, names: tuple[str, ...]) -> None:
@@ -154,7 +153,7 @@ def _draw_cycles(axes: Any, replay: Replay) -> None:
     if not cycles:
         for axis in axes:
             axis.set_axis_off()
-        gains.text(0.0, 0.5, "the commands do not repeat: there are no cycles", fontsize=9, color=_GREY)
+        gains.text(0.0, 0.5, "the commands do not repeat: there are no cycles", fontsize=9, color=GREY)
         return
     planar = isinstance(cycles[0].translation, tuple)
     gained = np.array([np.atleast_1d(c.translation)[0] for c in cycles])
@@ -184,4 +183,4 @@ def _draw_cycles(axes: Any, replay: Replay) -> None:
     split.axhline(0.0, color="#9a9a9a", linewidth=0.8)
     split.margins(y=0.2)
     split.set_ylabel("slip of all contacts [m]")
-    split.set_title("in the last cycle", fontsize=8, color=_GREY, loc="left")
+    split.set_title("in the last cycle", fontsize=8, color=GREY, loc="left")

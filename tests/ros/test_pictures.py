@@ -18,10 +18,11 @@ pytest.importorskip("rerun")
 from PIL import Image
 
 from crawler_model import Crawler, CrawlerError, load_scene
+from crawler_ros.colors import BACK, FORWARD, TENSION, rgb
 from crawler_ros.picture import draw_page, screenshot
 from crawler_ros.visualizer import Drawing, Frame, ViewerFeed, frame_of, thin, to_file
 
-GREEN, RED, GREY = (26, 138, 58), (176, 42, 30), (80, 80, 80)
+GREEN, RED, GREY = rgb(FORWARD), rgb(BACK), (80, 80, 80)
 RENDERER = any(Path("/usr/share/vulkan/icd.d").glob("*.json")) if Path("/usr/share/vulkan/icd.d").is_dir() else False
 needs_renderer = pytest.mark.skipif(not RENDERER, reason="no Vulkan driver here (Debian: mesa-vulkan-drivers)")
 
@@ -108,7 +109,7 @@ def test_the_page_shows_slips_in_their_colours(tmp_path):
     draw_page(load_scene("three_contacts_two_ways"), frames("three_contacts_two_ways"), tmp_path / "p.png")
     picture = np.asarray(Image.open(tmp_path / "p.png").convert("RGB")).astype(int)
     assert picture.shape[1] > 1000
-    for color in ((26, 138, 58), (47, 95, 196)):
+    for color in (rgb(FORWARD), rgb(TENSION)):
         assert (np.abs(picture - color).max(axis=2) < 30).sum() > 500
 
 

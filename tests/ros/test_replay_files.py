@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from crawler_ros.colors import FORWARD, TENSION, rgb
 from crawler_ros.replay import analyse
 
 from ..recordings import record
@@ -36,7 +37,7 @@ def test_tables_pages_and_rrd(tmp_path, name):
     assert (tmp_path / "x.rrd").stat().st_size > 10_000
     pixels = np.asarray(Image.open(tmp_path / "x.png").convert("RGB")).astype(int)
     assert pixels.shape[1] > 1000
-    for color in ((26, 138, 58), (47, 95, 196)):  # slips forward, tension
+    for color in (rgb(FORWARD), rgb(TENSION)):
         assert (np.abs(pixels - color).max(axis=2) < 12).sum() > 200
 
 

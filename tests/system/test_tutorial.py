@@ -20,7 +20,8 @@ from PIL import Image
 from crawler_model import Crawler, Scene, load_scene, simulate, simulate_many, vary
 from crawler_model.stasis import StasisDomain, spring_force
 from crawler_ros.body_picture import draw_body
-from crawler_ros.domain_picture import FORWARD, STYLE
+from crawler_ros.colors import FORWARD
+from crawler_ros.domain_picture import STYLE
 
 DOCS = Path(__file__).parent.parent.parent / "docs"
 PICTURES = DOCS / "pictures" / "tutorial"

@@ -1,0 +1,23 @@
+"""Colours of all pictures, on paper and in rerun; those of forward and back differ for colour-blind eyes too."""
+
+from __future__ import annotations
+
+FORWARD, BACK = "#009e73", "#c8400f"
+"""Slips forward and back; facets of the stasis domain that let the body go that way."""
+STICK, GREY = "#c8c8c8", "#8a8a8a"
+TENSION, ACTUATION = "#2f5fc4", "#e08a1e"
+CONTACTS = ("#1f3fbf", "#1fa8c8")
+"""The two contacts of a body, where both are drawn as lines."""
+
+
+def rgb(color: str) -> tuple[int, int, int]:
+    """Take a colour apart.
+
+    Args:
+        color: as "#rrggbb".
+
+    Returns:
+        Red, green and blue, 0 .. 255.
+    """
+    red, green, blue = bytes.fromhex(color[1:])
+    return red, green, blue
