@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from .visualizer import ViewerFeed
 
 _QUIET_S, _MOST_SAID = 1.0, 10  # a refusal is logged once a second, of all refusals ten
+_MOST_WORDS = 300
 
 
 class Outlet:
@@ -257,6 +258,7 @@ class Simulator(Node):
         )
 
     def _refuse(self, name: str, why: str) -> None:
+        why = why if len(why) <= _MOST_WORDS else why[:_MOST_WORDS] + " ..."  # it may name what was sent
         self.refused[name] = self.refused.get(name, 0) + 1
         self.refusal = f"{name}: {why}"
         now = time.monotonic()

@@ -161,6 +161,7 @@ BAD = [
     ("joint_trajectory", trajectory(["link_0"], (0.0, [1.0, 2.0])), "2 position(s) for 1 name(s)"),
     ("joint_trajectory", trajectory(["link_0"], (1.0, [1.0]), (0.5, [1.0])), "times must not fall"),
     ("joint_trajectory", trajectory(["contact_0/friction"], (0.0, [math.nan])), "entry 0 is nan"),
+    ("joint_trajectory", trajectory(["x" * 10_000], (0.0, [1.0])), "no joint is called 'xxx"),
 ]
 
 
@@ -174,6 +175,7 @@ def test_bad_messages_are_refused_whole_logged_and_counted(ros):
     assert not np.any(ros.heard["joint_states"][-1].position)
     assert not np.any(ros.heard["joint_states"][-1].effort)
     assert simulator.process.poll() is None
+    assert max(len(line) for line in simulator.said.splitlines()) < 500
     ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, 0.0]))
     wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
     level = {s.name: s.level for s in ros.heard["/diagnostics"][-1].status}
