@@ -44,6 +44,12 @@ def play(scene: Scene, first_ns: int, last_ns: int, rate: float = 100.0) -> Iter
         tick += 1
 
 
+def hold(first: int, count: int, rate: float = 100.0) -> Iterator[tuple[int, list, list]]:
+    """Ticks in which nothing is commanded, from tick `first` on."""
+    for tick in range(first, first + count):
+        yield tick_end_ns(tick, rational_rate(rate)), [], []
+
+
 def messages(scene: Scene, ticks, rate: float = 100.0, crawler: Crawler | None = None) -> Iterator[Message]:
     """What a node sends in these ticks, the state at the start first."""
     crawler = crawler or Crawler(scene)

@@ -24,6 +24,7 @@ from .observe import observe
 from .ramps import Piece, RampTable, Sink
 from .resimulate import Comparison, Resimulation
 from .slips import SlipFinder, Slips
+from .standstill import Standstill, find_standstill
 
 _SURVEYED = 0.2
 """The part of the work that the first look is."""
@@ -52,6 +53,7 @@ class Replay:
         slips: of the shown contacts.
         energy: of the whole run; None when the scene is not known.
         margins: likewise.
+        standstill: the rest in which it ended; None when it moved to the end.
     """
 
     path: Path
@@ -71,6 +73,7 @@ class Replay:
     slips: Slips
     energy: Energy | None
     margins: Margins | None
+    standstill: Standstill | None
 
     @property
     def healthy(self) -> bool:
@@ -101,6 +104,7 @@ class Replay:
             "slips": self._plain_slips(),
             "energy": None if self.energy is None else self.energy.as_plain(),
             "margins": None if self.margins is None else self.margins.as_plain(),
+            "standstill": None if self.standstill is None else self.standstill.as_plain(),
             "resimulation": {
                 "ticks": 0 if said is None else said.ticks,
                 "max_difference": None if said is None else said.max_difference,
@@ -194,6 +198,7 @@ def analyse(
         slips=finder.finish(),
         energy=account_of(table) if known else None,
         margins=find_margins(table, scene) if known and scene is not None else None,
+        standstill=find_standstill(table),
     )
 
 

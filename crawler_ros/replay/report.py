@@ -38,6 +38,8 @@ def print_replay(replay: Replay, screen: Console) -> None:
     _print_cycles(replay, screen)
     _print_slips(replay, screen)
     _print_account(replay, screen)
+    if replay.standstill is not None:
+        screen.print(replay.standstill.explain())
     for problem in replay.problems:
         screen.print(f"[yellow]not well:[/] {problem}")
 

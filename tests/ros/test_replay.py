@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import struct
@@ -14,13 +15,15 @@ import mcap.writer
 import numpy as np
 import pytest
 
-from crawler_model import load_scene, simulate
+from crawler_model import Scene, load_scene, simulate
+from crawler_model.drive import NS
 from crawler_ros import bag
 from crawler_ros.bag import BagError
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
+from crawler_ros.replay.standstill import Standstill
 
-from ..recordings import attachments, messages, play, record, rewrite, write
+from ..recordings import attachments, hold, messages, play, record, rewrite, write
 
 PERIODS = 4
 
@@ -332,6 +335,39 @@ def test_two_robots_are_told_apart(tmp_path):
     assert found.comparison.ticks == 201
     with pytest.raises(BagError, match="no crawler in the namespace /middle; there are /left, /right"):
         analyse(bag_path, None, "middle")
+
+
+def stopping(length: float, periods: float, rest: float, folder: Path) -> Standstill | None:
+    """Strategy B from rest, and then nothing for a while."""
+    plain = load_scene("two_anchor_b").model_dump(exclude_unset=True)
+    plain["drive"]["length"], plain["start"] = length, {"displacement": [0.0, 0.0]}
+    scene = Scene.model_validate(plain)
+    sent = itertools.chain(play(scene, 0, round(periods * NS)), hold(round(periods * 100), round(rest * 100)))
+    return analyse(write(folder, messages(scene, sent), attachments(scene))).standstill
+
+
+def test_a_run_whose_commands_end_says_so(tmp_path):
+    found = stopping(4.0, 2.0, 1.0, tmp_path / "a")
+    assert found.commanded_until == pytest.approx(2.0)
+    assert found.until == pytest.approx(3.0)
+    assert found.since <= 2.0
+    assert found.explain().endswith("none came after that")
+
+
+def test_commands_too_weak_to_slide_are_told_with_their_distance(tmp_path):
+    """k Lmax < mu: the tension stays L / 2 below what would move a contact, never nearer than 0.1 N."""
+    found = stopping(0.4, 3.0, 0.0, tmp_path / "a")
+    assert found.since == 0.0
+    assert found.margin == pytest.approx(0.1)
+    assert "no spring force got past its bound (the nearest stayed 0.1 N away)" in found.explain()
+
+
+def test_a_run_without_commands_rests_throughout(tmp_path):
+    assert stopping(4.0, 0.0, 1.0, tmp_path / "a").explain().endswith("no command changed anything")
+
+
+def test_a_run_that_moves_to_its_end_did_not_stop(tmp_path):
+    assert analyse(record(tmp_path / "a", "two_anchor_a", 2)).standstill is None
 
 
 def test_what_is_no_crawlers_recording_is_named(tmp_path):

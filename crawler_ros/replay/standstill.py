@@ -1,0 +1,74 @@
+"""Whether a run ended at rest, since when, and whether for want of commands or of force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from crawler_model.drive import NS
+
+from .ramps import RampTable
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """A rest at the end of a recording that is longer than any before.
+
+    Attributes:
+        since: when the last slip ended [s]; the start of the run when there was none.
+        until: the end of the recording [s].
+        commanded_until: when the commands changed for the last time [s]; None when they never did.
+        margin: least distance of a spring force from its bound meanwhile [N]; None when forces are not known.
+    """
+
+    since: float
+    until: float
+    commanded_until: float | None
+    margin: float | None
+
+    def as_plain(self) -> dict[str, Any]:
+        """Lay it out for JSON."""
+        return dict(self.__dict__)
+
+    def explain(self) -> str:
+        """Say it in a line."""
+        rest = f"at rest from {self.since:g} s to the end at {self.until:g} s"
+        if self.commanded_until is None:
+            return f"{rest}: no command changed anything"
+        said = [f"{rest}: commands changed up to {self.commanded_until:g} s"]
+        if self.commanded_until > self.since:
+            near = "" if self.margin is None else f" (the nearest stayed {self.margin:.3g} N away)"
+            said.append(f"meanwhile no spring force got past its bound{near}")
+        if self.commanded_until < self.until:
+            said.append("none came after that")
+        return "; ".join(said)
+
+
+def find_standstill(table: RampTable) -> Standstill | None:
+    """Look at the end of the last run.
+
+    Args:
+        table: its ramps; without commands where none were recorded.
+
+    Returns:
+        The rest, or None when the crawler moved to the end, or had rested as long before.
+    """
+    rows = np.flatnonzero(table.run == table.run[-1])
+    start, end = table.start_ns[rows], table.end_ns[rows]
+    slides = (table.forward + table.backward)[rows] > 0.0
+    edges = np.concatenate(([start[0]], end[slides]))
+    pauses = np.append(start[slides], end[-1]) - edges
+    if pauses[-1] <= 0 or (pauses[:-1] >= pauses[-1]).any():
+        return None
+    _, path = table.path(int(table.run[-1]))
+    changes = np.flatnonzero(path.moved())
+    resting = table.margin[rows][end > edges[-1]]
+    known = resting.size and np.isfinite(resting).all()
+    return Standstill(
+        since=float(edges[-1]) / NS,
+        until=float(end[-1]) / NS,
+        commanded_until=float(path.time_ns[changes[-1] + 1]) / NS if changes.size else None,
+        margin=max(float(resting.min()), 0.0) if known else None,
+    )
