@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test lint bench docs soak clean
+.PHONY: demo test lint bench docs figures soak clean
 
 demo: $(READY)
 	$(BIN)/crawler demo
@@ -24,6 +24,10 @@ bench: $(READY)
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "open site/index.html"
+
+figures: $(READY)
 	$(BIN)/python docs/hard_cases.py
 	$(BIN)/python docs/phase_diagram.py
 	$(BIN)/python docs/tutorial.py
@@ -35,8 +39,8 @@ soak: $(READY)
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,bench,sweep,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,bench,sweep,docs,test]'
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

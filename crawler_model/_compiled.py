@@ -44,7 +44,14 @@ def _package_stamp() -> tuple[tuple[str, float, int], ...]:
 
 @contextlib.contextmanager
 def said_if_slow(patience: float = 1.0) -> Iterator[None]:
-    """Say on standard error that kernels are being compiled, if the body takes longer than `patience` [s]."""
+    """Say on standard error that kernels are being compiled, if the body takes long.
+
+    Args:
+        patience: how long it may take without a word [s].
+
+    Yields:
+        Nothing.
+    """
     text = "crawler: compiling the kernels, once on this machine (about half a minute) ..."
     timer = threading.Timer(patience, lambda: print(text, file=sys.stderr, flush=True))
     timer.daemon = True

@@ -117,7 +117,7 @@ class Step:
 
     @property
     def visited_margin(self) -> float:
-        """How near all contacts came to sliding at once."""
+        """How near all contacts came to sliding at once [1]."""
         return float(self.account[VISITED])
 
     @property
@@ -252,7 +252,7 @@ class Crawler:
 
     @property
     def visited_margin(self) -> float:
-        """How near all contacts are to sliding at once, now."""
+        """How near all contacts are to sliding at once, now [1]."""
         if self._planar:
             total = 2.0 * float(self._state.friction.mean(axis=1).sum())
             return float(np.maximum(self.margins, 0.0).sum()) / total if total > 0.0 else 0.0

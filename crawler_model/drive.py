@@ -173,8 +173,8 @@ def wave(mean: float, amplitude: float, wavelength: float, phase: np.ndarray, po
     """Compute a wave that travels towards +x, mean + amplitude sin 2 pi (phase - position / wavelength).
 
     Args:
-        mean: its mean.
-        amplitude: its amplitude, in the same unit.
+        mean: about which it swings [any unit].
+        amplitude: how far [the same unit].
         wavelength: not 0 [m]; negative for a wave towards -x.
         phase: time over period, shape (W,).
         position: shape (M,) [m].

@@ -54,7 +54,7 @@ def count_elements(gains: Callable[[int], np.ndarray], scale: float, accuracy: f
     Args:
         gains: what is compared: net translation of each period (or of the whole run) with so many elements [m].
         scale: largest change of length commanded [m].
-        accuracy: error allowed relative to `scale`.
+        accuracy: error allowed, relative to `scale` [1].
 
     Returns:
         The number: more than the least number from which on every grid is accurate enough, at most a few times more.

@@ -15,7 +15,7 @@ class Regularity:
 
     Attributes:
         least: smallest coefficient, of any contact at any time [N, on a segment N/m].
-        greatest: largest coefficient.
+        greatest: largest coefficient [N, on a segment N/m].
         rate: largest rate of change of a coefficient, its Lipschitz constant [N/s, on a segment N/m/s].
         where: name of the column with the smallest coefficient.
 

@@ -55,11 +55,19 @@ class State:
     friction: np.ndarray
 
     def copy(self) -> State:
-        """Fork the state."""
+        """Fork the state.
+
+        Returns:
+            Another state of the same numbers, in arrays of its own.
+        """
         return State(self.contacts.copy(), self.links.copy(), self.status.copy(), self.friction.copy())
 
     def bits(self) -> bytes:
-        """Lay all numbers out as bytes, for comparison."""
+        """Lay all numbers out for comparison.
+
+        Returns:
+            The bytes of all arrays, one after another.
+        """
         return b"".join(a.tobytes() for a in (self.contacts, self.links, self.status, self.friction))
 
 

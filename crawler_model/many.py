@@ -101,7 +101,13 @@ class ManyRuns:
 
 @dataclass(frozen=True)
 class Settings:
-    """How long, at which rate and by which method runs go; as for `simulate`."""
+    """How runs go; as for `simulate`.
+
+    Attributes:
+        duration: of each run [s]; None: ten periods, or to the last waypoint.
+        rate: ticks per second [Hz].
+        method: "exact", "catch_up", or None for that of the body.
+    """
 
     duration: float | None = None
     rate: float = 100.0

@@ -57,18 +57,31 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
+def _key(meaning: str, unit: str = "", **bounds: float) -> Any:
+    """Say of a key what the schema and docs/reference/scenes.md say; bounds by their names in JSON schema."""
+    return Field(description=meaning, json_schema_extra={**({"unit": unit} if unit else {}), **bounds})
+
+
 class LinksPart(_Part):
     """The springs between contacts and ends of segments."""
 
-    stiffness: Numbers
-    between: tuple[tuple[int | str, int | str], ...] | None = None
+    stiffness: Annotated[Numbers, _key("One number, or one per link.", "N/m", exclusiveMinimum=0)]
+    between: Annotated[
+        tuple[tuple[int | str, int | str], ...] | None,
+        _key(
+            "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
+            "Left out: the chain of neighbours."
+        ),
+    ] = None
 
 
 class TablePart(_Part):
     """A value along a segment: straight lines between positions, constant beyond them."""
 
-    at: tuple[Number, ...]
-    value: tuple[Number, ...]
+    at: Annotated[tuple[Number, ...], _key("Positions along the body, strictly increasing.", "m")]
+    value: Annotated[
+        tuple[Number, ...], _key("The value at each position, in the unit of the key that the table stands for.")
+    ]
 
     @model_validator(mode="after")
     def _fits(self) -> TablePart:
@@ -108,22 +121,36 @@ class _TwoSided(_Part):
 class SegmentFrictionPart(_TwoSided):
     """Friction of a segment per length, N/m: forward and backward, or isotropic."""
 
-    forward: Number | TablePart | None = None
-    backward: Number | TablePart | None = None
-    isotropic: Number | TablePart | None = None
+    forward: Annotated[Number | TablePart | None, _key("Against sliding towards +x.", "N/m", minimum=0)] = None
+    backward: Annotated[Number | TablePart | None, _key("Against sliding towards -x.", "N/m", minimum=0)] = None
+    isotropic: Annotated[Number | TablePart | None, _key("Both in one.", "N/m", minimum=0)] = None
 
 
 class SegmentPart(_Part):
     """An interval of the body that touches the ground all along."""
 
-    name: str
-    start: Number = Field(alias="from")
-    stop: Number = Field(alias="to")
-    stiffness: Number | TablePart
-    friction: Annotated[SegmentFrictionPart, BeforeValidator(_explain_friction)]
-    accuracy: Number | None = None
-    elements: int | None = None
-    shown: int | None = None
+    name: Annotated[str, _key("A word of its own; commands and joints carry it.")]
+    start: Annotated[Number, _key("Where it begins in the reference shape.", "m")] = Field(alias="from")
+    stop: Annotated[Number, _key("Where it ends, beyond `from`.", "m")] = Field(alias="to")
+    stiffness: Annotated[Number | TablePart, _key("The modulus along it.", "N", exclusiveMinimum=0)]
+    friction: Annotated[SegmentFrictionPart, BeforeValidator(_explain_friction), _key("Friction per length of ground.")]
+    accuracy: Annotated[
+        Number | None,
+        _key(
+            "Largest error of the net translation per period, relative to the largest change of length commanded; "
+            "the number of elements follows from it. Give it or `elements`.",
+            minimum=1e-6,
+            maximum=0.5,
+        ),
+    ] = None
+    elements: Annotated[
+        int | None,
+        _key("How many springs the segment is cut into; overrides `accuracy`.", minimum=1, maximum=1_000_000),
+    ] = None
+    shown: Annotated[
+        int | None,
+        _key("How many of its contacts `contact_states` lists, both ends among them. Left out: all.", minimum=2),
+    ] = None
 
     @model_validator(mode="after")
     def _sane(self) -> SegmentPart:
@@ -145,19 +172,43 @@ class SegmentPart(_Part):
 class BodyPart(_Part):
     """Contacts, segments and links."""
 
-    contacts: tuple[Numbers, ...] = ()
-    segments: tuple[SegmentPart, ...] = ()
-    links: LinksPart | None = None
+    contacts: Annotated[
+        tuple[Numbers, ...],
+        _key("Reference positions of the isolated contacts: strictly increasing, or [x, y] in the plane.", "m"),
+    ] = ()
+    segments: Annotated[
+        tuple[SegmentPart, ...], _key("Parts that touch the ground all along; they overlap nothing.")
+    ] = ()
+    links: Annotated[
+        LinksPart | None,
+        _key("Springs that join contacts and ends of segments; needed where there are two parts or more."),
+    ] = None
 
 
 class FrictionPart(_Part):
     """Friction of the isolated contacts, N: forward and backward, isotropic, or in the plane by directions."""
 
-    forward: Numbers | None = None
-    backward: Numbers | None = None
-    isotropic: Numbers | None = None
-    directions: tuple[Number, ...] | None = None
-    value: Table | None = None
+    forward: Annotated[
+        Numbers | None, _key("Against sliding towards +x: one number, or one per contact.", "N", minimum=0)
+    ] = None
+    backward: Annotated[
+        Numbers | None, _key("Against sliding towards -x: one number, or one per contact.", "N", minimum=0)
+    ] = None
+    isotropic: Annotated[
+        Numbers | None, _key("Both in one; in the plane the same in every direction.", "N", minimum=0)
+    ] = None
+    directions: Annotated[
+        tuple[Number, ...] | None,
+        _key("In the plane: at least three angles, increasing within one turn, less than half a turn apart.", "rad"),
+    ] = None
+    value: Annotated[
+        Table | None,
+        _key(
+            "Friction against sliding in each direction, linear between them and convex: one row, or one per contact.",
+            "N",
+            minimum=0,
+        ),
+    ] = None
 
     @model_validator(mode="after")
     def _one_way(self) -> FrictionPart:
@@ -181,25 +232,50 @@ class FrictionPart(_Part):
 class FrictionRowsPart(_TwoSided):
     """Commanded friction, a row per time: forward and backward, or isotropic."""
 
-    forward: Table | None = None
-    backward: Table | None = None
-    isotropic: Table | None = None
+    forward: Annotated[
+        Table | None,
+        _key(
+            "Against sliding towards +x: a row per time, a column per isolated contact (N), then per segment (N/m); "
+            "or one number for all.",
+            "N, N/m",
+            minimum=0,
+        ),
+    ] = None
+    backward: Annotated[Table | None, _key("Against sliding towards -x, likewise.", "N, N/m", minimum=0)] = None
+    isotropic: Annotated[Table | None, _key("Both in one, likewise.", "N, N/m", minimum=0)] = None
 
 
 class StartPart(_Part):
     """Where the contacts stand at the start."""
 
-    displacement: Table
+    displacement: Annotated[
+        Table,
+        _key(
+            "Of the isolated contacts, then of both ends of each segment, straight between; in the plane [x, y] each.",
+            "m",
+        ),
+    ]
 
 
 class WavePart(_Part):
     """A travelling sine, sampled."""
 
-    amplitude: Number
-    wavelength: Number
-    period: Number
-    mean: Number = 0.0
-    samples: int = 64
+    amplitude: Annotated[
+        Number,
+        _key(
+            "Of the links' lengths (m) and the segments' strain; of a `friction_wave` N, along segments N/m.",
+            "m, 1; N, N/m",
+        ),
+    ]
+    wavelength: Annotated[
+        Number,
+        _key("In the reference shape, not 0; a positive one travels towards +x, a negative one towards -x.", "m"),
+    ]
+    period: Annotated[Number, _key("After it the wave repeats.", "s", exclusiveMinimum=0)]
+    mean: Annotated[
+        Number, _key("About which it swings; of a `friction_wave` at least the amplitude.", "m, 1; N, N/m")
+    ] = 0.0
+    samples: Annotated[int, _key("Waypoints in a period, straight lines between.", minimum=3, maximum=1_000_000)] = 64
 
     @model_validator(mode="after")
     def _sane(self) -> WavePart:
@@ -215,14 +291,43 @@ class WavePart(_Part):
 class DrivePart(_Part):
     """Open-loop commands: times, or wave and friction_wave, or strategy."""
 
-    times: tuple[Number, ...] | None = None
-    period: Number | None = None
-    actuation: Deep | None = None
-    friction: FrictionRowsPart | Number | None = None
-    wave: WavePart | None = None
-    friction_wave: WavePart | None = None
-    strategy: Literal["A", "B", "C"] | None = None
-    length: Number | None = None
+    times: Annotated[
+        tuple[Number, ...] | None, _key("Of the waypoints: from 0, strictly increasing; straight lines between.", "s")
+    ] = None
+    period: Annotated[
+        Number | None,
+        _key(
+            "With `times`: after it the drive repeats; left out, it is played once, then held. With a `strategy`: left "
+            "out, 1 s.",
+            "s",
+            exclusiveMinimum=0,
+        ),
+    ] = None
+    actuation: Annotated[
+        Deep | None,
+        _key(
+            "With `times`: a row per time, a column per link (m), then per segment (strain); in the plane [x, y] each.",
+            "m, 1",
+        ),
+    ] = None
+    friction: Annotated[
+        FrictionRowsPart | Number | None,
+        _key(
+            "With `times`: commanded friction; left out, the scene's holds. With a `strategy`: mu, about which the "
+            "friction of both contacts swings.",
+            "N",
+            minimum=0,
+        ),
+    ] = None
+    wave: Annotated[WavePart | None, _key("A travelling wave of lengths and strains.")] = None
+    friction_wave: Annotated[
+        WavePart | None,
+        _key("A travelling wave of friction, both ways alike; alone, or beside a `wave` of the same period."),
+    ] = None
+    strategy: Annotated[
+        Literal["A", "B", "C"] | None, _key("Two contacts on one link, driven as in the paper's section 5.2.")
+    ] = None
+    length: Annotated[Number | None, _key("With a `strategy`: Lmax, the greatest actuation.", "m")] = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> DrivePart:
@@ -238,6 +343,8 @@ class DrivePart(_Part):
         for key in sorted(self.model_fields_set - allowed):
             if getattr(self, key) is not None:
                 raise ValueError(f"`{key}` does not go with this kind of drive; it takes {', '.join(sorted(allowed))}")
+        if self.period is not None and not self.period > 0.0:
+            raise ValueError(f"period: {self.period:g} s; it must be > 0")
         if self.times is not None and self.actuation is None:
             raise ValueError("`actuation` is missing: one row per time")
         if self.times is not None and isinstance(self.friction, float):
@@ -256,13 +363,29 @@ class Scene(_Part):
     Source of the format: docs/scenes.md. SI units throughout.
     """
 
-    name: str
-    dimension: Literal[1, 2] = 1
-    body: BodyPart
-    friction: Annotated[FrictionPart, BeforeValidator(_explain_friction)] | None = None
-    tolerance: Number | None = None
-    start: StartPart | Literal["relaxed"] | None = None
-    drive: DrivePart | None = None
+    name: Annotated[str, _key("What tables and recordings call it.")]
+    dimension: Annotated[Literal[1, 2], _key("1 on a line, 2 in the plane.")] = 1
+    body: Annotated[BodyPart, _key("What the crawler is made of.")]
+    friction: Annotated[
+        Annotated[FrictionPart, BeforeValidator(_explain_friction)] | None,
+        _key("Friction of the isolated contacts; needed where there are any."),
+    ] = None
+    tolerance: Annotated[
+        Number | None,
+        _key(
+            "In the plane alone: largest error of a ramp, relative to the largest change commanded. Left out: 1e-4.",
+            minimum=1e-9,
+            maximum=0.5,
+        ),
+    ] = None
+    start: Annotated[
+        StartPart | Literal["relaxed"] | None,
+        _key("Where the contacts stand at the start; `relaxed`: without forces in the springs. Left out: x = 0."),
+    ] = None
+    drive: Annotated[
+        DrivePart | None,
+        _key("What `crawler simulate` and the gait player play. Left out: the crawler waits for commands."),
+    ] = None
 
     @model_validator(mode="after")
     def _fits_together(self) -> Scene:

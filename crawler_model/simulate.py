@@ -23,7 +23,15 @@ _MOST_SAMPLES = 100_000_000
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of a run; stored + dissipation - work = residual; peak is the most ever stored [J]."""
+    """The energy account of a run: stored + dissipation - work = residual.
+
+    Attributes:
+        work: done by the actuators [J].
+        dissipation: lost to friction [J].
+        stored: in the springs at the end, less what was there at the start [J].
+        residual: what does not add up [J].
+        peak: the most ever stored [J].
+    """
 
     work: float
     dissipation: float
@@ -33,14 +41,25 @@ class Energy:
 
     @property
     def relative_residual(self) -> float:
-        """The residual relative to the work done, or to the most ever stored where work was given back."""
+        """The residual relative to the work done [1], or to the most ever stored where work was given back."""
         size = max(abs(self.work), abs(self.dissipation), abs(self.stored), self.peak)
         return abs(self.residual) / size if size > 0.0 else 0.0
 
 
 @dataclass
 class Total:
-    """What happened on all ramps of a run together; as in `Step`."""
+    """What happened on all ramps of a run together; as in `Step`.
+
+    Attributes:
+        visited: the least visited margin [1].
+        work: done by the actuators [J].
+        dissipation: lost to friction [J].
+        residual: of the energy account [J].
+        violation: largest excess over a bound [N].
+        unique: whether the translation was determined on every ramp.
+        events: linear pieces.
+        overspent: ramps with too many events.
+    """
 
     visited: float
     work: float = 0.0
@@ -52,7 +71,11 @@ class Total:
     overspent: int = 0
 
     def add(self, step: Step) -> None:
-        """Add what happened on some ramps more."""
+        """Add what happened on some ramps more.
+
+        Args:
+            step: the account of these ramps.
+        """
         self.work += step.work
         self.dissipation += step.dissipation
         self.residual += step.certificate.energy_residual
@@ -82,6 +105,9 @@ class Trajectory:
     """A run. Arrays are read-only; T counts the ticks and the start, W the start and the waypoints passed.
 
     Attributes:
+        scene: what ran.
+        method: "exact" or "catch_up".
+        rate: ticks per second [Hz].
         time: of the start and each tick's end, shape (T,) [s].
         displacement: x, shape (T, N), in the plane (T, N, 2) [m].
         tension: shape (T, S), in the plane (T, S, 2) [N].
@@ -95,8 +121,8 @@ class Trajectory:
         energy: the account of the whole run.
         violation: largest excess of a spring force over its bound [N].
         unique: False when on some stretch the translation was not determined.
-        uniqueness_margin: of the friction commanded (its least over the waypoints); None when not decided.
-        visited_margin: how near all contacts came to sliding at once.
+        uniqueness_margin: of the friction commanded (its least over the waypoints) [1]; None when not decided.
+        visited_margin: how near all contacts came to sliding at once [1].
         events: linear pieces.
         overspent: ramps whose budget of events was spent.
         ticks: number of ticks.

@@ -127,7 +127,7 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        The margin; 0 when all contacts are at a bound and when there is no friction at all.
+        The margin [1]; 0 when all contacts are at a bound and when there is no friction at all.
     """
     g, plus, minus = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (force, forward, backward)))
     return float(nearness(np.array(g), np.array(plus), np.array(minus)))
@@ -135,7 +135,16 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
 
 @compiled
 def nearness(force, forward, backward):
-    """Do what `visited_margin` says, unchecked."""
+    """Compute the visited margin of a state, unchecked; see `visited_margin`.
+
+    Args:
+        force: g of the springs on each contact, shape (N,) [N].
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The distances to the nearest bounds, relative to all friction [1]; 0 without friction.
+    """
     near = 0.0
     total = 0.0
     for i in range(force.shape[0]):

@@ -84,7 +84,11 @@ def simulate_command(
     method: MethodOption = MethodName.auto,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
-    """Run a scene offline, without ROS, and print where it went."""
+    """Run a scene offline, without ROS, and print where it went.
+
+    In the JSON, displacement is that of the isolated contacts, then of both ends of each segment; events counts linear
+    pieces, ticks included; energy.residual is relative to the work.
+    """
     loaded = load_scene(scene)
     if loaded.drive is None and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; say how long to run with --duration")

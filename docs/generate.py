@@ -1,13 +1,134 @@
-"""Generate what is derived from the code: the JSON schema of scene files."""
+"""Generate what is derived from code and tables: the JSON schema of scene files and the pages in docs/reference."""
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Iterator
+from enum import Enum
 from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
 
+import yaml
+from typer.models import ArgumentInfo
+
+import crawler_model
+import crawler_ros.replay
 from crawler_model import Scene
+from crawler_ros import interface
+from crawler_ros.cli import app
 
-SCHEMA = Path(__file__).parent.parent / "msgs_config" / "scene.schema.json"
+ROOT = Path(__file__).parent.parent
+REFERENCE = ROOT / "docs" / "reference"
+
+_DEPTHS = ("number", "list of numbers", "list of lists", "list of lists of lists")
+_TAKEN = {bool: "", str: "text", int: "whole number", float: "number", Path: "path"}
+_OTHER_NODES = {
+    "crawler-gait-player": "crawler_ros/gait_player.py",
+    "crawler-speed-control": "crawler_ros/examples/speed_control.py",
+    "crawler-phase-control": "crawler_ros/examples/phase_control.py",
+}
+
+_SCENES = """# Scene files: every key
+
+SI units. A list may be given as one number where all its entries are equal; a key with a default may be left out. What
+the parts are for, with examples: [Scenes](../scenes.md). For editors the same is in
+[scene.schema.json](../../msgs_config/scene.schema.json).
+
+"""
+_TOPICS = """# Topics and services
+
+What [topics.yaml](../../msgs_config/topics.yaml) says, from which the node makes its publishers, subscriptions and
+recordings. Names without a leading `/` are relative: a namespace makes another crawler.
+
+In the plane every joint and contact has `/x` and `/y`. A segment along which a wave runs has a name for each element
+(`trunk/element_3`, `trunk/contact_3/forward`). Stamps are simulated time, of the end of the tick, but for
+`applied_commands`, which has its start. Messages of a wrong length, with NaN or negative friction are refused whole,
+logged and counted in `/diagnostics`.
+
+## Commands
+
+{commands}\
+## States
+
+{states}\
+## Quality of service
+
+Parameters `qos_overrides./TOPIC.publisher.*` (states) and `.subscription.*` (commands) of the simulator change
+`reliability`, `depth` and `history` of a topic.
+
+{qos}\
+## Services
+
+The node is called `crawler`.
+
+{services}"""
+_PARAMETERS = """# Parameters
+
+Given as `--ros-args -p NAME:=VALUE`; a `double` is written with a point.
+
+## crawler-simulator
+
+From [simulator.yaml](../../msgs_config/simulator.yaml). Those marked can be changed while it runs, the others refuse
+it with a reason.
+
+{simulator}\
+Those of the quality of service, `qos_overrides./TOPIC...`, are [with the topics](topics.md#quality-of-service).
+
+## The other nodes
+
+The gait player plays the drive of `scene`, `periods` times (0: on and on). What the parameters of the two controllers
+mean is said [where they are described](../controllers.md#two-controllers-to-copy).
+
+{others}"""
+_COMMAND = """# The crawler command
+
+Exit status 0 means that all is well; 1 that it is not, with one line on standard error that says what, where and what
+would be right; 2 that the command line is wrong; 130 that it was stopped. Long work shows its progress on a terminal
+and none in a pipe. `crawler VERB --help` says what this page says.
+
+"""
+_PYTHON = """# Python
+
+What `import crawler_model` and `import crawler_ros.replay` offer. Each name's docstring, in the file to which it is
+linked, says arguments, shapes, units, errors and the source; in the site that `make docs` builds they stand below.
+Arrays are float64 and read-only; SI units throughout.
+
+"""
+
+
+def table(*columns: str, rows: Iterable[Iterable[str]]) -> str:
+    """Lay out a table in Markdown.
+
+    Args:
+        *columns: what stands in its head.
+        rows: its cells, row by row; columns that are empty all the way down are left out.
+
+    Returns:
+        The table, with an empty line behind it.
+    """
+    cells = [[" ".join(cell.split()).replace("|", "\\|") for cell in row] for row in rows]
+    kept = [k for k in range(len(columns)) if any(row[k] for row in cells)]
+    lines = [[columns[k] for k in kept], ["---"] * len(kept), *([row[k] for k in kept] for row in cells)]
+    return "".join("|" + "|".join(f" {cell} " if cell else " " for cell in line) + "|\n" for line in lines) + "\n"
+
+
+def code(value: Any) -> str:
+    """Write a value as code, as YAML has it; nothing for None."""
+    return "" if value is None else f"`{value if isinstance(value, str) else json.dumps(value)}`"
+
+
+def paragraphs(thing: Any) -> list[str]:
+    """Split a docstring into paragraphs, each on one line."""
+    return [" ".join(paragraph.split()) for paragraph in (inspect.getdoc(thing) or "").split("\n\n")]
+
+
+def wrapped(text: str) -> str:
+    """Break a paragraph into lines."""
+    return textwrap.fill(text, 150, break_long_words=False, break_on_hyphens=False)
 
 
 def schema() -> str:
@@ -15,6 +136,195 @@ def schema() -> str:
     return json.dumps(Scene.model_json_schema(), indent=2) + "\n"
 
 
+def scenes() -> str:
+    """Write down every key of a scene file, from its schema."""
+    root = Scene.model_json_schema()
+    parts = root["$defs"]
+    places: dict[str, list[str]] = {}
+    _find_parts(root, "", parts, places)
+    headings = {name: "Tables along a segment" if name == "TablePart" else ", ".join(at) for name, at in places.items()}
+    anchors = {name: re.sub(r"[^\w-]", "", text.lower().replace(" ", "-")) for name, text in headings.items()}
+    text = _SCENES + "## The file\n\n" + _keys(root, anchors)
+    for name, heading in headings.items():
+        text += f"## {heading}\n\n{parts[name]['description']}\n\n{_keys(parts[name], anchors)}"
+    return text
+
+
+def _find_parts(part: Any, path: str, parts: dict[str, Any], places: dict[str, list[str]]) -> None:
+    """Note at which keys each part of the schema stands, in the order in which a reader comes upon them."""
+    for key, value in part["properties"].items():
+        for name in re.findall(r'"#/\$defs/(\w+)"', json.dumps(value)):
+            where = f"{path}.{key}" if path else key
+            if where not in places.setdefault(name, []):
+                places[name].append(where)
+                _find_parts(parts[name], where, parts, places)
+
+
+def _keys(part: dict[str, Any], anchors: dict[str, str]) -> str:
+    rows = []
+    for key, value in part["properties"].items():
+        default = "required" if key in part.get("required", ()) else code(value.get("default"))
+        kind = ", ".join(_kinds(value, anchors))
+        rows.append((code(key), kind, value.get("unit", ""), default, _range(value), value["description"]))
+    return table("key", "type", "unit", "default", "range", "meaning", rows=rows)
+
+
+def _depths(value: dict[str, Any]) -> set[int]:
+    """Tell how deep in lists the numbers may stand; nothing for what holds no numbers."""
+    if "anyOf" in value:
+        return set().union(*(_depths(other) for other in value["anyOf"]))
+    if value.get("type") == "array" and "items" in value:
+        return {1 + depth for depth in _depths(value["items"])}
+    return {0} if value.get("type") == "number" else set()
+
+
+def _kinds(value: dict[str, Any], anchors: dict[str, str]) -> list[str]:
+    """Name what a key takes."""
+    found = [_DEPTHS[depth] for depth in sorted(_depths(value))]
+    for other in value.get("anyOf", [value]):
+        if _depths(other) or other.get("type") == "null":
+            continue
+        if "$ref" in other:
+            found.append(f"[mapping](#{anchors[other['$ref'].split('/')[-1]]})")
+        elif "enum" in other or "const" in other:
+            found += [code(choice) for choice in other.get("enum", [other.get("const")])]
+        elif other["type"] == "array":
+            inner = other["items"]
+            found.append("list of pairs" if "prefixItems" in inner else f"list of {_kinds(inner, anchors)[0]}s")
+        else:
+            found.append({"string": "text", "integer": "whole number"}[other["type"]])
+    return found
+
+
+def _range(value: dict[str, Any]) -> str:
+    least, above, most = (value.get(key) for key in ("minimum", "exclusiveMinimum", "maximum"))
+    if most is not None:
+        return f"{_number(least)} .. {_number(most)}"
+    return f">= {_number(least)}" if least is not None else f"> {_number(above)}" if above is not None else ""
+
+
+def _number(value: Any) -> str:
+    return f"{value:_}".replace("_", " ") if isinstance(value, int) else f"{value:g}".replace("e-0", "e-")
+
+
+def topics() -> str:
+    """Write down every topic and service, from msgs_config/topics.yaml."""
+    given = yaml.safe_load((ROOT / "msgs_config" / "topics.yaml").read_text(encoding="utf-8"))
+    parts = {"in": "", "out": ""}
+    for name, row in given["topics"].items():
+        said = f"{code(row['type'])}; quality of service: [{row['qos']}](#quality-of-service)"
+        said += "".join(f"; {key}: {row[key]}" for key in ("unit", "frame") if key in row)
+        parts[row["direction"]] += f"### {name}\n\n{said}\n\n{wrapped(row['meaning'])}\n\n"
+    keys = ("reliability", "durability", "history", "depth")
+    qos = table("name", *keys, rows=((n, *(str(row[key]) for key in keys)) for n, row in given["qos"].items()))
+    rows = ((code(f"crawler/{n}"), row["type"], row["meaning"]) for n, row in given["services"].items())
+    text = _TOPICS.format(
+        commands=parts["in"], states=parts["out"], qos=qos, services=table("service", "type", "meaning", rows=rows)
+    )
+    return re.sub(r"(?<=_msgs|_srvs)/(msg|srv)/", "/", text)
+
+
+def parameters() -> str:
+    """Write down the parameters of all nodes, the simulator's from msgs_config/simulator.yaml."""
+    rows = []
+    for row in interface.parameters().values():
+        bounds = " .. ".join(f"{bound:g}" for bound in row.range) if row.range else ", ".join(map(code, row.choices))
+        default = "(empty)" if row.default == "" else code(row.default)
+        rows.append((code(row.name), row.type, default, bounds, "yes" if row.runtime else "", row.meaning))
+    simulator = table("parameter", "type", "default", "range", "while it runs", "meaning", rows=rows)
+    found = ((node, *pair) for node, file in _OTHER_NODES.items() for pair in declared(ROOT / file))
+    others = table("node", "parameter", "default", rows=((code(a), code(b), code(c)) for a, b, c in found))
+    return _PARAMETERS.format(simulator=simulator, others=others)
+
+
+def declared(file: Path) -> list[tuple[str, Any]]:
+    """Read which parameters a node declares, without rclpy.
+
+    Args:
+        file: its source.
+
+    Returns:
+        Name and default of each, in order.
+    """
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    values = {ast.unparse(n.targets[0]): n.value for n in tree.body if isinstance(n, ast.Assign)}
+    calls = [
+        n for n in ast.walk(tree) if isinstance(n, ast.Call) and getattr(n.func, "attr", "") == "declare_parameter"
+    ]
+    return [
+        (ast.literal_eval(call.args[0]), ast.literal_eval(values.get(ast.unparse(call.args[1]), call.args[1])))
+        for call in sorted(calls, key=lambda call: call.lineno)
+    ]
+
+
+def command() -> str:
+    """Write down every verb of the `crawler` command, from the functions behind them."""
+    verbs = {(verb.name or verb.callback.__name__): verb.callback for verb in app.registered_commands if verb.callback}
+    text = _COMMAND
+    text += table("verb", "does", rows=((f"[`{n}`](#crawler-{n})", paragraphs(verb)[0]) for n, verb in verbs.items()))
+    for name, verb in verbs.items():
+        text += f"## crawler {name}\n\n"
+        for paragraph in paragraphs(verb):
+            example = paragraph.startswith("crawler ")
+            text += f"```bash\n{paragraph}\n```\n\n" if example else f"{wrapped(paragraph)}\n\n"
+        text += table("argument or option", "takes", "default", "meaning", rows=_options(verb))
+    return text
+
+
+def _options(verb: Callable[..., None]) -> Iterator[tuple[str, str, str, str]]:
+    hints = get_type_hints(verb, include_extras=True)
+    for name, parameter in inspect.signature(verb).parameters.items():
+        kind, info = get_args(hints[name])
+        kinds = [k for k in get_args(kind) if k is not type(None)] or [kind]
+        several, one = get_origin(kinds[0]) is list, (get_args(kinds[0]) or kinds)[0]
+        label = name.upper()
+        if not isinstance(info, ArgumentInfo):
+            given = [text for text in (info.default, *(info.param_decls or ())) if isinstance(text, str)]
+            label = ", ".join(given) or f"--{name.replace('_', '-')}"
+        takes = code(info.metavar) or _TAKEN.get(one, "")
+        if issubclass(one, Enum):
+            takes = ", ".join(code(choice.value) for choice in one)
+        default = parameter.default
+        if default is inspect.Parameter.empty:
+            default = "required"
+        else:
+            default = "" if default in (None, False) else code(str(getattr(default, "value", default)))
+        yield code(label), f"{takes}, several times" if several else takes, default, info.help or ""
+
+
+def python() -> str:
+    """Write down the public names of two packages; titles and marks are for docs/mkdocs_hook.py."""
+    text = _PYTHON
+    for package in (crawler_model, crawler_ros.replay):
+        rows = []
+        modules = {name: getattr(package, name).__module__ for name in package.__all__}
+        for name, module in modules.items():
+            file = f"../../{module.replace('.', '/')}.py"
+            rows.append((f'[`{name}`]({file} "{module}.{name}")', paragraphs(getattr(package, name))[0]))
+        text += f"## {package.__name__}\n\n{paragraphs(package)[0]}\n\n{table('name', 'is', rows=rows)}"
+        text += "".join(f"<!-- docstring of {module}.{name} -->\n\n" for name, module in modules.items())
+    return text
+
+
+FILES: dict[Path, Callable[[], str]] = {
+    ROOT / "msgs_config" / "scene.schema.json": schema,
+    **{REFERENCE / f"{page.__name__}.md": page for page in (scenes, topics, parameters, command, python)},
+}
+"""What is generated, and how; each file ends with one line end."""
+
+
+def generated() -> Iterator[tuple[Path, str]]:
+    """Generate everything.
+
+    Yields:
+        Each file and what it holds.
+    """
+    for file, write in FILES.items():
+        yield file, write().rstrip("\n") + "\n"
+
+
 if __name__ == "__main__":
-    SCHEMA.write_text(schema(), encoding="utf-8")
-    print(f"written: {SCHEMA.relative_to(SCHEMA.parent.parent)}")
+    REFERENCE.mkdir(exist_ok=True)
+    for file, text in generated():
+        file.write_text(text, encoding="utf-8")
+        print(f"written: {file.relative_to(ROOT)}")

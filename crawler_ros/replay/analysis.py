@@ -86,7 +86,11 @@ class Replay:
         return float((self.table.end_ns - self.table.start_ns).sum()) / NS
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out as `crawler replay --json` prints it; plain numbers, lists and text, schema 1."""
+        """Lay it out as `crawler replay --json` prints it.
+
+        Returns:
+            Plain numbers, lists and text, schema 1; lengths in m, times in s, energies in J, forces in N.
+        """
         said = self.comparison
         return {
             "schema": 1,
@@ -357,5 +361,12 @@ def _problems(
 
 
 def size_of(table: RampTable) -> float:
-    """Tell the size of the lengths in a run, for what rounding is [m]."""
+    """Tell the size of the lengths in a run, for what rounding is.
+
+    Args:
+        table: all ramps of the run.
+
+    Returns:
+        The largest length in it [m].
+    """
     return max(table.shape_size, float(np.abs(table.net_translation).max(initial=0.0)))

@@ -50,7 +50,11 @@ class RunComparison:
     slips: tuple[dict[str, Any], ...]
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out as `crawler compare --json` prints it; schema 1."""
+        """Lay it out as `crawler compare --json` prints it.
+
+        Returns:
+            Plain numbers, lists and text, schema 1; lengths in m, times in s, energies in J.
+        """
         runs = [
             {
                 "recording": str(run.path),

@@ -16,7 +16,14 @@ from .ramps import RampTable
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of some time; residual: stored + dissipation - work, relative to the largest of them."""
+    """The energy account of some time.
+
+    Attributes:
+        work: done by the actuators [J].
+        dissipation: lost to friction [J].
+        stored: in the springs at the end, less what was there at the start [J].
+        residual: stored + dissipation - work, relative to the largest of them [1].
+    """
 
     work: float
     dissipation: float
@@ -24,7 +31,11 @@ class Energy:
     residual: float
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON."""
+        """Lay it out for JSON.
+
+        Returns:
+            The attributes by name, as plain numbers, lists and text.
+        """
         return dict(self.__dict__)
 
 
@@ -55,7 +66,11 @@ class Cycle:
     transient: bool
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON."""
+        """Lay it out for JSON.
+
+        Returns:
+            The attributes by name, as plain numbers, lists and text.
+        """
         energy = dict.fromkeys(("work", "dissipation", "stored", "residual"))
         plain = {**self.__dict__, **(energy if self.energy is None else self.energy.as_plain())}
         del plain["energy"]

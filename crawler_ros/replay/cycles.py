@@ -38,7 +38,7 @@ class CommandPath:
 
     Attributes:
         time_ns: when each vertex was reached, shape (V,) [ns]; the first is the start.
-        place: what was commanded there, as two combinations, shape (V, 2).
+        place: what was commanded there, as two combinations of all numbers, in SI units, shape (V, 2).
     """
 
     time_ns: np.ndarray
@@ -46,11 +46,15 @@ class CommandPath:
 
     @property
     def tolerance(self) -> float:
-        """What counts as rounding."""
+        """What counts as rounding [the unit of `place`]."""
         return ROUNDING * float(np.abs(self.place).max(initial=0.0))
 
     def moved(self) -> np.ndarray:
-        """Tell on the way to which vertices the command changed, shape (V - 1,)."""
+        """Tell on the way to which vertices the command changed.
+
+        Returns:
+            A bool for each stretch between two vertices, shape (V - 1,).
+        """
         return np.abs(np.diff(self.place, axis=0)).max(axis=1, initial=0.0) > self.tolerance
 
 

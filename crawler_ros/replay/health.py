@@ -178,7 +178,15 @@ def find_rate(survey: Survey, robot: str) -> Fraction | None:
 
 
 def next_tick_ns(stamp_ns: int, rate: Fraction | None) -> int:
-    """Tell when the tick that begins at a stamp ends; for unknown rates, at once."""
+    """Tell when the tick that begins at a stamp ends.
+
+    Args:
+        stamp_ns: simulated time of the tick's start [ns].
+        rate: ticks per second [Hz]; None where it is not known.
+
+    Returns:
+        Simulated time of the tick's end [ns]; for unknown rates that of its start.
+    """
     if rate is None:
         return stamp_ns
     n, d = rate.numerator, NS * rate.denominator
@@ -195,7 +203,7 @@ class TopicHealth:
     Attributes:
         type: its type.
         count: messages.
-        rate: per simulated second where they are stamped, else per second heard; None for a single message.
+        rate: messages per simulated second where they are stamped, else per second heard [Hz]; None for a single one.
         first: earliest stamp [s]; None where there is none.
         last: latest stamp [s].
         gaps: (after, before, missing ticks), the first twenty; times in s.
@@ -215,7 +223,11 @@ class TopicHealth:
     duplicates: int
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON."""
+        """Lay it out for JSON.
+
+        Returns:
+            The attributes by name, as plain numbers, lists and text.
+        """
         gaps = [{"after": a, "before": b, "missing": n} for a, b, n in self.gaps]
         return {**self.__dict__, "gaps": gaps}
 
@@ -267,5 +279,12 @@ def _check_topic(stamps: Stamps, rate: Fraction | None) -> TopicHealth:
 
 
 def file_size(path: Path) -> int:
-    """Tell how large a recording is, in bytes."""
+    """Tell how large a recording is.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        The size of its .mcap file [bytes].
+    """
     return os.stat(bag.find_file(path)).st_size

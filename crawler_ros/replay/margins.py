@@ -24,7 +24,7 @@ class Margins:
             as something slides.
         least_at: when that was first [s].
         least_contact: which contact it was.
-        visited: how near all contacts came to sliding at once, 0 for all of them.
+        visited: how near all contacts came to sliding at once [1], 0 for all of them; None when nothing was commanded.
         unique: whether the translation was determined throughout.
         ambiguous: stretches in which it was not (start, end) [s], the first hundred.
     """
@@ -37,7 +37,11 @@ class Margins:
     ambiguous: tuple[tuple[float, float], ...]
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON."""
+        """Lay it out for JSON.
+
+        Returns:
+            The attributes by name, as plain numbers, lists and text.
+        """
         return {**self.__dict__, "ambiguous": [list(pair) for pair in self.ambiguous]}
 
 

@@ -60,8 +60,8 @@ class RampRows:
 
         Args:
             run: between which resets it lies.
-            start_ns: when it begins.
-            end_ns: when it ends.
+            start_ns: when it begins [ns].
+            end_ns: when it ends [ns].
             ends_tick: whether a tick ends there too.
             row: the command at its end.
             target: the same for every spring and contact.
@@ -81,7 +81,16 @@ class RampRows:
         self._accounts.append(account)
 
     def hold(self, run: int, start_ns: int, end_ns: int, row: np.ndarray, target: np.ndarray, crawler: Crawler) -> None:
-        """Note a tick in which nothing was commanded; see `add`."""
+        """Note a tick in which nothing was commanded; as `add` notes a ramp.
+
+        Args:
+            run: between which resets it lies.
+            start_ns: simulated time at its start [ns].
+            end_ns: simulated time at its end [ns].
+            row: the command in force, shape (C,).
+            target: the same by spring and contact.
+            crawler: the crawler at its end.
+        """
         account = np.zeros(ACCOUNT_SIZE)
         account[VISITED] = np.inf
         self.add(run, start_ns, end_ns, True, row, target, crawler, account)
@@ -168,7 +177,15 @@ class RampRows:
 
 
 def spring_forces(mesh: Body, tension: np.ndarray) -> np.ndarray:
-    """Compute g on each contact for many tensions, shape (R, S), in the plane (R, S, 2); shape (R, N[, 2]) [N]."""
+    """Compute g on each contact for many tensions.
+
+    Args:
+        mesh: the body.
+        tension: of its springs, shape (R, S), in the plane (R, S, 2) [N].
+
+    Returns:
+        Shape (R, N), in the plane (R, N, 2) [N].
+    """
     if mesh.dimension == 1:
         return mesh.spring_force(tension)
     return np.array([mesh.spring_force(row) for row in tension])

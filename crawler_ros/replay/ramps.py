@@ -22,7 +22,7 @@ class Piece:
     Attributes:
         run: between which resets, shape (R,).
         start_ns: when each ramp begins, shape (R,) [ns, simulated].
-        end_ns: when it ends, shape (R,).
+        end_ns: when it ends, shape (R,) [ns, simulated].
         ends_tick: whether a tick ends there too, shape (R,).
         command: the row in force at its end, shape (R, C); C = 0 where no command is known.
         position: of each shown contact, xi + x, shape (R, M), in the plane (R, M, 2) [m].
@@ -108,7 +108,11 @@ class RampTable:
             self._parts.setdefault(name, []).append(np.array(values))
 
     def finish(self) -> RampTable:
-        """Join the pieces."""
+        """Join the pieces.
+
+        Returns:
+            The table itself.
+        """
         for name in list(self._parts):
             setattr(self, name, np.concatenate(self._parts.pop(name)))
         return self

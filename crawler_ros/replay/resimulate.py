@@ -38,8 +38,8 @@ class Comparison:
         first_where: the joint, its quantity, recorded and simulated value there.
         unmatched: recorded states without a simulated one.
         stopped: why the ledger could not be followed to its end; "" when it could.
-        missing: ticks whose ledger message is missing, and the time of the first [s].
-        missing_at: see `missing`.
+        missing: ticks whose ledger message is missing.
+        missing_at: simulated time of the first of them [s]; None when there is none.
         duplicates: ledger messages that came twice; they were followed once.
     """
 

@@ -70,8 +70,8 @@ class SlipFinder:
 
         Args:
             run: between which resets each lies, not decreasing, shape (R,).
-            start_ns: when each begins, shape (R,).
-            end_ns: when it ends, shape (R,).
+            start_ns: when each begins, shape (R,) [ns].
+            end_ns: when it ends, shape (R,) [ns].
             gained: what each contact gained, shape (R, M), in the plane (R, M, 2) [m].
         """
         for number in np.unique(run).tolist():
@@ -119,7 +119,11 @@ class SlipFinder:
                 self._way[contact] = 0
 
     def finish(self) -> Slips:
-        """End the slips that go on and lay out all of them."""
+        """End the slips that go on and lay out all of them.
+
+        Returns:
+            The slips, in the order in which they begin, run by run.
+        """
         self._close(np.arange(self._way.size))
         table = np.array(self._found, dtype=_ROW) if self._found else np.zeros(0, dtype=_ROW)
         table = table[np.lexsort((table["contact"], table["start_ns"], table["run"]))]

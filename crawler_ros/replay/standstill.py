@@ -29,11 +29,19 @@ class Standstill:
     margin: float | None
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON."""
+        """Lay it out for JSON.
+
+        Returns:
+            Its attributes by name.
+        """
         return dict(self.__dict__)
 
     def explain(self) -> str:
-        """Say it in a line."""
+        """Say it in a line.
+
+        Returns:
+            Since when it rested, and why.
+        """
         rest = f"at rest from {self.since:g} s to the end at {self.until:g} s"
         if self.commanded_until is None:
             return f"{rest}: no command changed anything"

@@ -205,6 +205,75 @@ def test_the_schema_on_disk_is_that_of_the_code():
     assert json.loads(text) == Scene.model_json_schema()
 
 
+LINE = {"name": "x", "body": {"contacts": [0, 1], "links": {"stiffness": 1}}, "friction": {"isotropic": 1}}
+TRUNK = {"name": "t", "from": 0, "to": 1, "stiffness": 1, "friction": {"forward": 1, "backward": 2}, "elements": 4}
+SEGMENT = {"name": "x", "body": {"segments": [TRUNK]}}
+WAYPOINTS = {"times": [0, 1], "actuation": [[0], [0]], "friction": {"forward": 1, "backward": 2}}
+WAVE = {"amplitude": 0.1, "wavelength": 1, "period": 1}
+PLANE = {"name": "x", "dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1}}}
+BOUNDED = {
+    ("LinksPart", "stiffness"): (LINE, "body/links/stiffness"),
+    ("SegmentPart", "stiffness"): (SEGMENT, "body/segments/0/stiffness"),
+    ("SegmentPart", "accuracy"): (SEGMENT, "body/segments/0/accuracy"),
+    ("SegmentPart", "elements"): (SEGMENT, "body/segments/0/elements"),
+    ("SegmentPart", "shown"): (SEGMENT, "body/segments/0/shown"),
+    ("SegmentFrictionPart", "forward"): (SEGMENT, "body/segments/0/friction/forward"),
+    ("SegmentFrictionPart", "backward"): (SEGMENT, "body/segments/0/friction/backward"),
+    ("SegmentFrictionPart", "isotropic"): (SEGMENT, "body/segments/0/friction=isotropic"),
+    ("FrictionPart", "forward"): ({**LINE, "friction": {"forward": 1, "backward": 2}}, "friction/forward"),
+    ("FrictionPart", "backward"): ({**LINE, "friction": {"forward": 1, "backward": 2}}, "friction/backward"),
+    ("FrictionPart", "isotropic"): (LINE, "friction/isotropic"),
+    ("FrictionPart", "value"): ({**PLANE, "friction": {"directions": [0, 2, 4], "value": 1}}, "friction/value"),
+    ("FrictionRowsPart", "forward"): ({**LINE, "drive": WAYPOINTS}, "drive/friction/forward"),
+    ("FrictionRowsPart", "backward"): ({**LINE, "drive": WAYPOINTS}, "drive/friction/backward"),
+    ("FrictionRowsPart", "isotropic"): ({**LINE, "drive": WAYPOINTS}, "drive/friction=isotropic"),
+    ("DrivePart", "period"): ({**LINE, "drive": {"strategy": "A", "length": 0, "friction": 1}}, "drive/period"),
+    ("DrivePart", "friction"): ({**LINE, "drive": {"strategy": "A", "length": 0, "friction": 1}}, "drive/friction"),
+    ("WavePart", "period"): ({**LINE, "drive": {"wave": WAVE}}, "drive/wave/period"),
+    ("WavePart", "samples"): ({**LINE, "drive": {"wave": WAVE}}, "drive/wave/samples"),
+    ("Scene", "tolerance"): ({**PLANE, "friction": {"isotropic": 1}}, "tolerance"),
+}
+
+
+def put(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    """Set a key; behind `=` the one that takes the place of all others in its part."""
+    document = copy.deepcopy(document)
+    place: Any = document
+    *parents, last = path.split("=")[0].split("/")
+    for key in parents:
+        place = place[int(key) if isinstance(place, list) else key]
+    place[last] = {path.split("=")[1]: value} if "=" in path else value
+    return document
+
+
+def bounds() -> dict[tuple[str, str], dict[str, float]]:
+    root = Scene.model_json_schema()
+    found = {}
+    for name, part in {**root["$defs"], "Scene": root}.items():
+        for key, value in part["properties"].items():
+            limits = {k: value[k] for k in ("minimum", "exclusiveMinimum", "maximum") if k in value}
+            if limits:
+                found[name, key] = limits
+    return found
+
+
+@pytest.mark.parametrize("key", bounds(), ids=".".join)
+def test_the_ranges_in_the_schema_are_those_of_the_program(key):
+    document, path = BOUNDED[key]
+    limits = bounds()[key]
+    whole = key[1] in ("elements", "samples", "shown")
+    for kind, limit in limits.items():
+        beyond = {"minimum": limit - 1, "exclusiveMinimum": limit, "maximum": limit + 1}[kind]
+        with pytest.raises(SceneError) as error:
+            parse_scene(json.dumps(put(document, path, beyond)), "x.yaml")
+        assert re.search(r"must (be|lie)|are shown", str(error.value)), error.value
+    least = limits.get("minimum", limits.get("exclusiveMinimum", 0) + 1e-3)
+    if key[1] != "accuracy":  # which would take long
+        document = put(document, path, least if whole else float(least))
+        document.pop("start", None)
+        assert parse_scene(json.dumps(document), "x.yaml").name == "x"
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
+import functools
 import importlib
 import inspect
+import itertools
 import pkgutil
 import re
 import shutil
 import subprocess
 import sys
+import textwrap
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
 import crawler_bench
 import crawler_model
 import crawler_ros
+import crawler_ros.replay
 
 ROOT = Path(crawler_model.__file__).parent.parent
 OPTIONAL = ("rclpy", "rerun", "mcap", "matplotlib", "rosbags", "osqp", "typer", "rich", "pyarrow", "distributed")
@@ -71,37 +80,160 @@ def test_pure_modules_stay_pure():
         assert "rclpy" not in imports(ROOT / "crawler_ros" / f"{name}.py")
 
 
-def public_functions():
-    for package in (crawler_model, crawler_ros, crawler_bench):
-        for info in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
-            try:
-                module = importlib.import_module(info.name)
-            except ModuleNotFoundError:
+def modules(package: ModuleType) -> Iterator[ModuleType]:
+    yield package
+    for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        try:
+            yield importlib.import_module(info.name)
+        except ModuleNotFoundError as error:  # an extra that is not installed, never a module of ours
+            if str(error.name).startswith("crawler_"):
+                raise
+
+
+def public_things(package: ModuleType) -> Iterator[tuple[str, Any]]:
+    """Every public function and class of a package, methods and properties as functions, each where it is written."""
+    for module in modules(package):
+        for name, thing in vars(module).items():
+            thing = getattr(thing, "py_func", thing)
+            if name.startswith("_") or getattr(thing, "__module__", None) != module.__name__:
                 continue
-            for name, thing in vars(module).items():
-                if name.startswith("_"):
-                    continue
-                thing = getattr(thing, "py_func", thing)
-                if getattr(thing, "__module__", None) != module.__name__:
-                    continue
-                if inspect.isfunction(thing):
-                    yield f"{module.__name__}.{name}", thing
-                elif inspect.isclass(thing):
-                    for method, function in vars(thing).items():
-                        if inspect.isfunction(function) and not method.startswith("_"):
-                            yield f"{module.__name__}.{name}.{method}", function
+            if inspect.isfunction(thing):
+                yield f"{module.__name__}.{name}", thing
+            elif inspect.isclass(thing):
+                yield f"{module.__name__}.{name}", thing
+                for member, value in vars(thing).items():
+                    if not member.startswith("_") and (inspect.isfunction(value) or isinstance(value, _WRAPPED)):
+                        yield f"{module.__name__}.{name}.{member}", value
 
 
-@pytest.mark.parametrize(("name", "function"), list(public_functions()), ids=lambda v: v if isinstance(v, str) else "")
+_WRAPPED = (property, functools.cached_property, staticmethod, classmethod)
+EVERYTHING = list(dict(t for p in (crawler_model, crawler_ros, crawler_bench) for t in public_things(p)).items())
+INTERFACE = list(dict(t for p in (crawler_model, crawler_ros.replay) for t in public_things(p)).items())
+"""What others call: the model, and what reads recordings."""
+
+
+def plain(thing: Any) -> Any:
+    """The function behind a property, a class method or a static method."""
+    if isinstance(thing, property):
+        return thing.fget
+    return getattr(thing, "func", getattr(thing, "__func__", thing))
+
+
+def functions(things: list[tuple[str, Any]]) -> list[Any]:
+    return [pytest.param(name, thing, id=name) for name, thing in things if inspect.isfunction(plain(thing))]
+
+
+def classes(things: list[tuple[str, Any]]) -> list[Any]:
+    return [pytest.param(name, thing, id=name) for name, thing in things if inspect.isclass(thing)]
+
+
+def entries(text: str, section: str) -> dict[str, str]:
+    """The entries of a section of a docstring: name (`a, b` for two) and what is said of it."""
+    found: dict[str, str] = {}
+    lines = text.split(f"\n{section}:\n")[1].splitlines() if f"\n{section}:\n" in text else []
+    for line in itertools.takewhile(lambda line: not line or line.startswith("    "), lines):
+        entry = re.match(r" {4}(\*{0,2}\w+(?:, \*{0,2}\w+)*): (.*)", line)
+        if entry:
+            found[entry[1].replace("*", "")] = entry[2]
+        elif found:
+            found[list(found)[-1]] += " " + line.strip()
+    return found
+
+
+def names(text: str, section: str) -> list[str]:
+    return [name for entry in entries(text, section) for name in entry.split(", ")]
+
+
+def parameters(function: Any) -> list[str]:
+    return [p for p in inspect.signature(function).parameters if p not in ("self", "cls")]
+
+
+def body(function: Any) -> list[ast.AST]:
+    """The nodes of a function, those of the functions inside it left out."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+    found: list[ast.AST] = []
+    todo = list(ast.iter_child_nodes(tree))
+    while todo:
+        node = todo.pop()
+        found.append(node)
+        if not isinstance(node, (ast.FunctionDef, ast.Lambda, ast.ClassDef)):
+            todo += ast.iter_child_nodes(node)
+    return found
+
+
+def raised(function: Any) -> set[str]:
+    """Names of the errors that a function itself raises."""
+    found = set()
+    for node in body(function):
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            error = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+            name = error.attr if isinstance(error, ast.Attribute) else getattr(error, "id", "")
+            found |= {name} if name[:1].isupper() else set()
+    return found
+
+
+def documentation(thing: Any) -> str:
+    return inspect.cleandoc(plain(thing).__doc__ or "")  # its own: not one that it inherits
+
+
+@pytest.mark.parametrize(("name", "function"), functions(EVERYTHING))
 def test_docstrings_name_the_arguments_that_there_are(name, function):
-    text = inspect.getdoc(function) or ""
+    text = documentation(function)
     assert text, f"{name} has no docstring"
-    if "Args:" not in text:
-        return
-    section = re.split(r"\n(?:Returns|Raises|Yields|Source)\b", text.split("Args:")[1])[0]
-    documented = [m[1] for m in re.finditer(r"^ {4}\*{0,2}(\w+)(?=[,:])", section, re.M)]
-    wanted = [p for p in inspect.signature(function).parameters if p not in ("self", "cls")]
-    assert documented == wanted, name
+    if "Args:" in text:
+        assert names(text, "Args") == parameters(plain(function)), name
+
+
+@pytest.mark.parametrize(("name", "function"), functions(INTERFACE))
+def test_docstrings_say_what_a_function_takes_gives_and_raises(name, function):
+    attribute = isinstance(function, (property, functools.cached_property))
+    text, function = documentation(function), plain(function)
+    assert names(text, "Args") == parameters(function)
+    nodes = body(function)
+    gives = any(isinstance(n, ast.Return) and n.value is not None for n in nodes)
+    yields = any(isinstance(n, (ast.Yield, ast.YieldFrom)) for n in nodes)
+    if not attribute:
+        assert gives <= ("\nReturns:\n" in text), "it returns something"
+        assert yields <= ("\nYields:\n" in text), "it yields something"
+    assert raised(function) <= set(names(text, "Raises"))
+
+
+@pytest.mark.parametrize(("name", "kind"), classes(EVERYTHING))
+def test_classes_have_docstrings_of_their_own(name, kind):
+    text = documentation(kind)
+    assert text
+    assert not text.startswith(f"{kind.__name__}("), "that is what `dataclass` writes where there is none"
+
+
+@pytest.mark.parametrize(("name", "kind"), [c for c in classes(INTERFACE) if dataclasses.is_dataclass(c.values[1])])
+def test_docstrings_of_dataclasses_name_the_fields_that_there_are(name, kind):
+    own = [f.name for f in dataclasses.fields(kind) if f.name in vars(kind).get("__annotations__", {})]
+    assert names(documentation(kind), "Attributes") == [f for f in own if not f.startswith("_")]
+
+
+FLOAT = ("float", "float | None")
+UNIT = r"\[[^\]]+\]"
+
+
+def test_numbers_in_docstrings_have_units():
+    """What is annotated `float` has its unit in brackets; [1] where it has none."""
+    silent = []
+    for name, thing in INTERFACE:
+        text, annotated = documentation(thing), inspect.get_annotations(plain(thing))
+        for entry, said in {**entries(text, "Args"), **entries(text, "Attributes")}.items():
+            for key in entry.split(", "):
+                if annotated.get(key) in FLOAT and not re.search(UNIT, said):
+                    silent.append(f"{name}: {key}")
+        if annotated.get("return") in FLOAT and not re.search(UNIT, text.split("Returns:")[-1]):
+            silent.append(f"{name}: what it returns")
+    assert silent == []
+
+
+@pytest.mark.parametrize(("name", "kind"), [c for c in classes(INTERFACE) if issubclass(c.values[1], BaseModel)])
+def test_keys_of_scene_files_are_described(name, kind):
+    for key, field in kind.model_fields.items():
+        assert field.description, key
+        assert field.description.endswith("."), key
 
 
 def test_kernels_are_compiled_anew_when_any_of_their_files_changed(tmp_path):

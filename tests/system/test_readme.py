@@ -1,7 +1,8 @@
-"""The README's commands and code, run as they stand there."""
+"""What the README promises: the demonstration, its tables, its controller, its nodes."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -12,20 +13,10 @@ import pytest
 
 from crawler_ros import interface
 
+from ..pages import ROOT, blocks, prose
 from .test_command import CRAWLER, good
 
-ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BIN = Path(sys.executable).parent
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
-
-
-def commands() -> list[str]:
-    lines = [line.split("  #")[0].strip() for block in blocks("console") for line in block.splitlines()]
-    return [line for line in lines if line]
 
 
 @pytest.fixture(scope="module")
@@ -55,64 +46,50 @@ def test_demos_recording_is_whole(demonstrated):
     assert "nothing to recover" in good("replay", str(recording), "--recover")
 
 
-def test_the_make_targets_are_there():
-    assert commands()[:2] == ["make demo", "make test"]
+def test_the_two_commands_are_there():
+    first = next(block for block in blocks("README.md", README) if block.language == "bash")
+    assert [line.split("  ")[0] for line in first.text.splitlines()[1:]] == ["make demo", "make test"]
     for target, runs in (("demo", "crawler demo"), ("test", "python -m pytest")):
         text = subprocess.run(["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=True).stdout
         assert runs in text
-
-
-def test_every_command_of_the_readme_exists():
-    for line in commands():
-        words = line.split()
-        if words[0] == "crawler":
-            good(words[1], "--help")
-        elif words[0].startswith("crawler-"):
-            assert (BIN / words[0]).exists()
-        else:
-            assert words[0] in ("make", "cd", "colcon", "ros2", "pip"), line
-
-
-@pytest.mark.parametrize(
-    "line", [c for c in commands() if c.split()[:2] in (["crawler", v] for v in ("scenes", "simulate", "check"))]
-)
-def test_the_models_commands_run(line):
-    assert good(*line.split()[1:])
-
-
-def test_the_python_of_the_readme_runs(capsys):
-    _, code, many = blocks("python")
-    exec(compile(code + many, "README", "exec"), {})
-    said = capsys.readouterr().out
-    assert said.splitlines()[:2] == ["[2. 2. 2.]", "[0. 3.]"]
-    assert said.splitlines()[2].startswith("True Certificate")
-    assert said.splitlines()[3] == "[2.  1.5]"
 
 
 def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
     pytest.importorskip("rclpy")
     from tests.ros.graph import environment, graph, wait_until
 
+    (script,) = [block for block in blocks("README.md", README) if block.file == "my_controller.py"]
     with graph(tmp_path) as ros:
         ros.simulator(hear=("joint_states",))
-        code = blocks("python")[0]
-        script = tmp_path / "controller.py"
-        script.write_text(code + "import time; time.sleep(1.0)\n")
-        subprocess.run([sys.executable, script], env=environment(ros.domain), timeout=60, check=True)
+        (tmp_path / script.file).write_text(script.text)
+        subprocess.run([sys.executable, tmp_path / script.file], env=environment(ros.domain), timeout=60, check=True)
         wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
 
 
-def test_every_topic_and_parameter_is_in_the_tables():
-    for name, topic in interface.topics().items():
-        assert f"| `{name}` | {topic.type.replace('/msg/', '/')} | {topic.direction}" in README, name
-    for name in interface.parameters():
-        assert f"`{name}`" in README or f"`.{name.split('.')[-1]}`" in README, name
+def rows(head: str) -> list[list[str]]:
+    """The cells of the table with this head."""
+    lines = prose(README).split(f"| {head} |\n")[1].split("\n\n")[0].splitlines()[1:]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
-def test_its_files_and_pictures_are_there():
-    for link in re.findall(r"\]\(([^)#]+)\)", README):
-        if not link.startswith("http"):
-            assert (ROOT / link).is_file(), link
+def test_every_topic_is_in_the_table_with_its_type_and_direction():
+    table = {name: (kind, direction) for name, kind, direction, _ in rows("topic | type | direction | meaning")}
+    wanted = interface.topics().items()
+    assert table == {f"`{name}`": (topic.type.replace("/msg/", "/"), topic.direction) for name, topic in wanted}
+
+
+def test_parameters_in_the_table_have_the_defaults_of_the_node():
+    table = rows("parameter | default | meaning")
+    assert [name for name, _, _ in table][:2] == ["`scene`", "`rate`"]
+    for name, default, _ in table:
+        value = interface.parameters()[name.strip("`")].default
+        shown = value if isinstance(value, str) else json.dumps(value)
+        assert default == (f"`{shown}`" if shown else "(empty)"), name
+
+
+def test_every_service_is_named():
+    for name in interface.services():
+        assert f"`crawler/{name}`" in README
 
 
 def test_the_nodes_are_found_through_the_ament_index():
