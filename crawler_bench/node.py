@@ -90,7 +90,7 @@ def _summary(values: Sequence[float], name: str) -> Row:
 
 
 def measure_throughput(
-    domain: Domain, contacts: Sequence[int], recording: Sequence[bool], seconds: float, repeats: int, say: Callable
+    domain: Domain, contacts: Sequence[int], recording: Sequence[bool], seconds: float, repeats: int, say: Say
 ) -> list[Row]:
     """Measure ticks a second as fast as possible: held and driven, recorded or not, with and without a subscriber.
 
@@ -187,9 +187,7 @@ def measure_latency(
     return rows
 
 
-def measure_real_time(
-    domain: Domain, contacts: Sequence[int], seconds: float, repeats: int, say: Callable
-) -> list[Row]:
+def measure_real_time(domain: Domain, contacts: Sequence[int], seconds: float, repeats: int, say: Say) -> list[Row]:
     """Measure late ticks and processor time at real time and 1 kHz, recorded, beside an empty loop at the same rate.
 
     Args:
@@ -299,10 +297,10 @@ def measure_ledger(
         found[name].append((1e6 / rate, memory, ready - began))
     rows = []
     for name, (beside, *_) in variants.items():
-        times, memory, starts = zip(*found[name], strict=True)
+        times, memories, starts = zip(*found[name], strict=True)
         extra = [t - other[0] for t, other in zip(times, found[beside], strict=True)]
         row = {"case": "ledger", "n": contacts, "feature": name, "beside": beside} | _summary(times, "us_per_tick")
-        rows.append(row | _summary(extra, "extra_us") | _summary(memory, "memory_mb") | _summary(starts, "start_s"))
+        rows.append(row | _summary(extra, "extra_us") | _summary(memories, "memory_mb") | _summary(starts, "start_s"))
     return rows
 
 
@@ -330,7 +328,11 @@ def measure_start(domain: Domain, contacts: int, repeats: int, say: Say) -> list
     for _ in range(repeats + 1):
         say("start-up")
         first: list[float] = []
-        with domain.hearing("joint_states", lambda _, first=first: first.append(time.time())):
+
+        def hear(_: Any, first: list[float] = first) -> None:
+            first.append(time.time())
+
+        with domain.hearing("joint_states", hear):
             began = time.time()
             with domain.simulator(write_chain(domain.folder, contacts), real_time_factor=1.0) as (_, log):
                 wait_until(lambda: first)  # noqa: B023

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from enum import Enum
 from pathlib import Path
@@ -213,9 +213,11 @@ def sweep(
     first link). A row holds the numbers varied, the net translation in the last period, energies, and whether the
     answer is unique; invalid variations say why. Ctrl-C keeps what is done.
     """
+    from crawler_model.many import Settings
+
     from . import sweep as sweeps
 
-    settings = sweeps.Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
+    settings = Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
     plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite)
     with progress_bar("sweeping") as progress:
         runs = sweeps.run_sweep(plan, workers, scheduler, progress)
@@ -350,10 +352,14 @@ def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
     screen.print(f"written: {file}")
 
 
-def main() -> None:
-    """Run the command; every expected error is one line on standard error."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command; every expected error is one line on standard error.
+
+    Args:
+        arguments: the verb and what follows; None for the process's own.
+    """
     try:
-        status = app(standalone_mode=False)
+        status = app(arguments, prog_name="crawler", standalone_mode=False)
     except typer.Exit as error:
         status = error.exit_code
     except _UsageError as error:

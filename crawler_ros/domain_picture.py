@@ -155,6 +155,7 @@ def _draw_two(scene: Scene, run: Trajectory) -> Figure:
     shown = _shown_waypoints(scene)
     moves = run.time.size > 1
     swept = moves and _is_constant(scene) and scene.mesh.springs == 1
+    rows: list[Any]
     if not moves:
         rows, heights, size = [["box_0"]], [1.0], (5.5, 5.5)
     elif swept:
@@ -194,11 +195,11 @@ def _draw_two(scene: Scene, run: Trajectory) -> Figure:
     if swept:
         draw_sweeping(axes["sweep"], run, marks)
     for i, row in enumerate(marks):
-        text, size = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.4g} s", 7)
+        text, fontsize = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.4g} s", 7)
         frame: Any = ("data", "axes fraction")
         where = (float(run.time[row]), 1.0)
         axes["motion"].annotate(
-            text, where, (0, 3), xycoords=frame, textcoords="offset points", ha="center", fontsize=size
+            text, where, (0, 3), xycoords=frame, textcoords="offset points", ha="center", fontsize=fontsize
         )
     return figure
 
@@ -243,7 +244,7 @@ def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True)
         ends = _turned(np.outer([-1.0, 1.0], force)) * 2.4 * reach
         axis.plot(*ends.T, color=GREY, linewidth=0.8, linestyle="--", zorder=1)
         tip = _turned(force) * 2.55 * reach
-        axis.annotate(f"$g_{i}$", tip, ha="center", va="bottom" if i == 0 else "top", color=GREY)
+        axis.annotate(f"$g_{i}$", tuple(tip), ha="center", va="bottom" if i == 0 else "top", color=GREY)
     axis.fill(*_box_corners(domain).T, facecolor="#e8e8e8", edgecolor="#303030", linewidth=1.2, zorder=2)
     ends = domain.vertices()[:, 0]
     axis.plot([0.0, 0.0], ends, color=_SECTION, linewidth=4.0 if large else 3.0, solid_capstyle="butt", zorder=3)
@@ -256,7 +257,7 @@ def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True)
         push[facet.contact] = facet.direction
         tip = end + _turned(push) * 0.75 * reach
         arrow = {"arrowstyle": "-|>", "color": color, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
-        axis.annotate("", tip, end, arrowprops=arrow, zorder=4)
+        axis.annotate("", tuple(tip), tuple(end), arrowprops=arrow, zorder=4)
         axis.annotate(
             _TRANSLATION[facet.direction] + f"\ncontact {facet.contact}" * large,
             (tip[0], tip[1]),
@@ -268,7 +269,7 @@ def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True)
             zorder=5,
         )
     if not facets:
-        style = {"textcoords": "offset points", "color": GREY, "va": "bottom", "ha": "center"}
+        style: Any = {"textcoords": "offset points", "color": GREY, "va": "bottom", "ha": "center"}
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
         axis.annotate("critical", (0.0, ends[1]), (0, 4), bbox=box, zorder=5, **style)
 
@@ -390,9 +391,9 @@ def draw_sweeping(axis: Axes, run: Trajectory, marks: Sequence[int]) -> None:
         letters[key] = f"{letters[key]}, {letter}" if key in letters else letter
     side = corners[corners[:, 0].argmax()]
     for at, text in letters.items():
-        style = {"textcoords": "offset points", "va": "center", "fontsize": 10, "zorder": 5}
+        style: Any = {"textcoords": "offset points", "va": "center", "fontsize": 10, "zorder": 5}
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
-        axis.annotate(text, np.array(at) + side, (4, 0), bbox=box, **style)
+        axis.annotate(text, tuple(np.array(at) + side), (4, 0), bbox=box, **style)
     axis.set(aspect="equal", xlabel="net translation $2 k y$ [N]  (right: forward)", ylabel="shape $k z$ [N]")
     axis.set_title("sweeping process: $k L$ moves the box up and down, sideways it follows the point that it pushes")
     axis.set_xlim(right=float(place[used].max()) + 1.6 * right)
@@ -559,8 +560,9 @@ def _draw_many(scene: Scene, run: Trajectory) -> Figure:
         first, which_first = _between_parts(scene.mesh), "sections that part the body"
     pairs = list(dict.fromkeys([first, _liveliest(path)]))
     names = [f"onto_{i}" for i in range(len(pairs))]
+    rows: list[Any] = [names, ["ranges"] * len(names)]
     figure, axes = plt.subplot_mosaic(
-        [names, ["ranges"] * len(names)],
+        rows,
         figsize=(5.6 * len(names) + 0.4, 9.0),
         height_ratios=[2, 1.2],
         layout="constrained",

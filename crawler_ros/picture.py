@@ -7,7 +7,7 @@ import subprocess
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -144,7 +144,7 @@ def viewer_binary() -> str:
     return str(Path(rerun_cli.__file__).parent / "rerun")
 
 
-def _connect(client_type: type, port: int, viewer: subprocess.Popen[str]) -> object:
+def _connect(client_type: Any, port: int, viewer: subprocess.Popen[str]) -> Any:
     deadline = time.monotonic() + 20.0
     while True:
         if viewer.poll() is not None:

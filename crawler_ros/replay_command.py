@@ -1,8 +1,9 @@
-"""The verbs `crawler replay` and `crawler compare`."""
+"""The verbs `crawler replay` and `crawler compare`, and the executable `replay`."""
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -154,3 +155,10 @@ def compare(
     print_comparison(found, screen)
     if png is not None:
         screen.print(f"drawn: {png}")
+
+
+def main() -> None:
+    """Run `crawler replay` as an executable of its own: `ros2 run crawler_ros replay BAG`."""
+    from .cli import main as crawler
+
+    crawler(["replay", *sys.argv[1:]])

@@ -65,8 +65,8 @@ class Outlet:
         # what Publisher.publish does with bytes once it has looked at their type: half of its time
         self._publish = None if publisher is None else publisher.handle.publish_raw
         self._record = None if recorder is None or channel is None else recorder.record
-        self._now_ns = None if recorder is None else recorder.now_ns
-        self._channel = channel
+        self._now_ns = time.time_ns if recorder is None else recorder.now_ns
+        self._channel = -1 if channel is None else channel
         self.wanted = self._publish is not None or self._record is not None
         self._publisher = publisher
         self._last = b""

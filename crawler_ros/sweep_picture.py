@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -79,7 +79,7 @@ def _draw_map(
     least, most = np.nanmin(gain, initial=0.0) < -_ROUNDING * limit, np.nanmax(gain, initial=0.0) > _ROUNDING * limit
     # white is no motion, green forward, purple backward
     cmap = "PRGn" if least and most else "Purples_r" if least else "Greens"
-    scale = {"cmap": cmap, "vmin": -limit if least else 0.0, "vmax": limit if most or not least else 0.0}
+    scale: Any = {"cmap": cmap, "vmin": -limit if least else 0.0, "vmax": limit if most or not least else 0.0}
     axes.set_facecolor(_INVALID)
     drawn = axes.pcolormesh(x, y, table, shading="nearest", rasterized=True, **scale)
     figure.colorbar(drawn, ax=axes, label=label)

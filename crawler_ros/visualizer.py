@@ -427,7 +427,7 @@ class Drawing:
         for i, name in enumerate(self._plotted):
             stream.log(f"tension/{name}", rr.Scalars([frame.tension[i], *(b[i] for b in reversed(bounds))]))
         stream.log("net_translation", rr.Scalars([y - self._middle]))
-        for i in np.flatnonzero(frame.state != self._last_state):
+        for i in np.flatnonzero(frame.state != self._last_state).tolist():
             stream.log(f"contacts/{self._names[i]}", rr.StateChange(state=_STATE_NAMES[int(frame.state[i])]))
         self._last_state = frame.state
         if self._polygon:

@@ -167,7 +167,7 @@ def analyse(
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and _is_planar(survey, robot))
     finder = _LateFinder(planar)
-    takers = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
+    takers: list[Sink] = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
     def rest(part: float) -> None:
         tell(_SURVEYED + (1.0 - _SURVEYED) * part)

@@ -152,7 +152,7 @@ def _part(one: Replay, two: Replay, name: str, tolerance: float) -> tuple[float 
     if name == "place":
         grid = np.union1d(*times)
     else:
-        grid = np.intersect1d(*times)
+        grid = np.intersect1d(times[0], times[1])
     grid = grid[(grid <= min(t[-1] for t in times)) & (grid >= max(t[0] for t in times))]
     if grid.size == 0:
         return None, 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,7 @@ def observe(
     head = bag.Bag({})
     reader = _Reader(states)
     poses: list[np.ndarray] = []
+    takers: list[Sink] = [table, *sinks]
     for block in bag.read_blocks(survey.path, head, progress):
         names = {d.topic: c for c, (d, _) in head.channels.items()}
         read = {}
@@ -58,7 +60,7 @@ def observe(
         reader.command(*read.get("applied_commands", (None, None)))
         if states in read:
             piece = reader.piece(*read[states], decoders[states].names or ())
-            for sink in (table, *sinks):
+            for sink in takers:
                 sink(piece)
     table.finish()
     if poses:
@@ -67,7 +69,7 @@ def observe(
     return names_of if states == "contact_states" else names_of[:1]
 
 
-def _in_order(groups: list, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _in_order(groups: list[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
     """Put groups of messages of one kind back in order: stamps (K,), the last three sequences or fewer (K, n, M)."""
     stamps = np.zeros(count, np.int64)
     width = max((n.shape[1] for _, _, numbers in groups for n in numbers), default=0)

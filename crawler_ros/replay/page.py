@@ -45,7 +45,7 @@ def draw_replay(replay: Replay, samples: Samples, png: Path) -> None:
     energy = replay.energy is not None
     heights = [2.6, *[1.1] * links, 0.5 + 0.16 * min(state.shape[1], 12), *([1.4] if energy else [])]
     figure = plt.figure(figsize=(11, 1.25 * sum(heights) + 2.9), layout="constrained")
-    parts = figure.subfigures(2, 1, height_ratios=[1.25 * sum(heights), 2.5])
+    parts: Any = figure.subfigures(2, 1, height_ratios=[1.25 * sum(heights), 2.5])
     axes = np.atleast_1d(parts[0].subplots(len(heights), 1, sharex=True, height_ratios=heights))
     name = "scene not known" if replay.scene is None else replay.scene.name
     verdict = "as recorded: no simulation" if replay.comparison is None else replay.explanation

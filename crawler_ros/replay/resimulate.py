@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -162,7 +163,7 @@ class Resimulation:
                     f"{self._scene.name} {', '.join(wanted[name][:5])}: it is not the scene that was recorded"
                 )
 
-    def _find_resets(self, places: dict[str, np.ndarray], read: dict[str, list]) -> np.ndarray:
+    def _find_resets(self, places: dict[str, np.ndarray], read: dict[str, list[Any]]) -> np.ndarray:
         """Find where in a block simulated time goes back to 0: at a state of time 0 behind ticks."""
         ledger = places.get(_LEDGER, np.zeros(0, np.int64))
         found: list[int] = []
@@ -197,7 +198,7 @@ class Resimulation:
         self.comparison.resets += 1
         self._give_start()
 
-    def _follow_block(self, places: np.ndarray, groups: list, resets: np.ndarray) -> None:
+    def _follow_block(self, places: np.ndarray, groups: list[Any], resets: np.ndarray) -> None:
         """Follow the ledger's messages of a block, in order."""
         messages: list[tuple[int, int, np.ndarray, list[np.ndarray], int]] = []
         for at, times, numbers in groups:
