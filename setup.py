@@ -35,6 +35,7 @@ setup(
         "console_scripts": [
             "simulator = crawler_ros.simulator:main",
             "gait_player = crawler_ros.gait_player:main",
+            "replay = crawler_ros.replay_command:main",
             "speed_control = crawler_ros.examples.speed_control:main",
             "phase_control = crawler_ros.examples.phase_control:main",
             "crawler = crawler_ros.cli:main",

@@ -19,8 +19,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rich.console import Console
-from rich.table import Table
 
 from .node_domain import PATIENCE_S, TICK_HZ, Domain, children, cpu_seconds, drive, memory_mb, wait_until
 
@@ -387,30 +385,3 @@ def measure_node(
         finally:
             domain.close()
     return rows
-
-
-def print_rows(rows: Sequence[Row], screen: Console) -> None:
-    """Print a table for each kind of row.
-
-    Args:
-        rows: from `measure_node`.
-        screen: where to.
-    """
-    for case, group in itertools.groupby(rows, key=lambda row: str(row["case"])):
-        held = list(group)
-        keys = [key for key in held[0] if key != "case" and not key.endswith("_spread")]
-        table = Table(title=case.replace("_", " "), title_justify="left")
-        for key in keys:
-            table.add_column(key.replace("_", " "), justify="left" if isinstance(held[0][key], str) else "right")
-        for row in held:
-            table.add_row(*(_cell(row[key], row.get(f"{key}_spread")) for key in keys))
-        screen.print(table)
-
-
-def _cell(value: Any, spread: float | None) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else ""
-    if not isinstance(value, float):
-        return str(value)
-    digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 10 else 3
-    return f"{value:.{digits}f}" + (f" ± {spread / 2:.{digits}f}" if spread else "")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from .bench import Bench
+from .node import Row
 
 
 def write_time(us: float | None) -> str:
@@ -140,3 +143,30 @@ def compute_ratios(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         what = f"MuJoCo's best on strategy_a (error {best['error']:.1e}) / exact at 4 ticks (error {error:.0e})"
         ratio(f"time of a period: {what}", best["us_per_period"], four, "> 1")
     return found
+
+
+def print_rows(rows: Sequence[Row], screen: Console) -> None:
+    """Print a table for each kind of row.
+
+    Args:
+        rows: from `measure_node`.
+        screen: where to.
+    """
+    for case, group in itertools.groupby(rows, key=lambda row: str(row["case"])):
+        held = list(group)
+        keys = [key for key in held[0] if key != "case" and not key.endswith("_spread")]
+        table = Table(title=case.replace("_", " "), title_justify="left")
+        for key in keys:
+            table.add_column(key.replace("_", " "), justify="left" if isinstance(held[0][key], str) else "right")
+        for row in held:
+            table.add_row(*(_cell(row[key], row.get(f"{key}_spread")) for key in keys))
+        screen.print(table)
+
+
+def _cell(value: Any, spread: float | None) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else ""
+    if not isinstance(value, float):
+        return str(value)
+    digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 10 else 3
+    return f"{value:.{digits}f}" + (f" ± {spread / 2:.{digits}f}" if spread else "")

@@ -5,12 +5,14 @@
 after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 """
 
-from .crawler import Certificate, Crawler, Step, prepare
+from .account import Energy
+from .crawler import Crawler, prepare
 from .errors import CommandError, CrawlerError, SceneError
 from .many import ManyRuns, simulate_many
 from .scene import Scene
 from .scene_file import gallery, load_scene, parse_scene
-from .simulate import Energy, Trajectory, simulate
+from .simulate import Trajectory, simulate
+from .step import Certificate, Step
 from .vary import Variations, vary
 
 __all__ = [

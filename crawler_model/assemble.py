@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import drive as drives
 from ._compiled import said_if_slow
-from .body import Body, End, Interval, build_body, frozen, spread
+from .arrays import spread
+from .assemble_start import check_start
+from .body import Body
+from .build_body import End, Interval, build_body
 from .columns import Columns, build_columns, build_planar_columns
-from .drive import Drive
 from .elements import MOST_UNMEASURED, average, count_elements
 from .errors import SceneError
-from .scene import DrivePart, FrictionRowsPart, Scene, SegmentPart, TablePart, WavePart
+from .scene import FrictionRowsPart, Scene, SegmentPart, TablePart
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-_ROUNDING = 1e3 * 32.0 * np.finfo(np.float64).eps
 
 
 def check_scene(scene: Scene) -> None:
@@ -48,7 +47,7 @@ def check_scene(scene: Scene) -> None:
 
 
 def _check_planar(scene: Scene) -> None:
-    from .planar_kernel import check_directions
+    from .planar_friction import check_directions
 
     if scene.body.segments:
         raise SceneError("body.segments: segments lie on a line; leave them out of a planar scene")
@@ -273,214 +272,3 @@ def friction_row(scene: Scene) -> np.ndarray:
             edges = np.concatenate((nodes[:1], 0.5 * (nodes[:-1] + nodes[1:]), nodes[-1:]))
             values.append(average(_field(field), edges, _breaks(field)))
     return np.concatenate(values)
-
-
-def build_drive(scene: Scene) -> Drive:
-    """Make waypoints of a scene's drive.
-
-    Args:
-        scene: the scene.
-
-    Returns:
-        The drive, with the scene's friction where it commands none.
-
-    Raises:
-        SceneError: naming the row or value that does not fit.
-    """
-    columns, part = scene.columns, scene.drive
-    friction = friction_row(scene)
-    if part is None:
-        row = np.concatenate((np.zeros(columns.lengths), friction))
-        return Drive(frozen([0.0]), None, frozen(row[None]), columns)
-    if part.strategy is not None:
-        return _build_strategy(scene, part)
-    if part.times is None:
-        return _build_waves(scene, part, friction)
-    times = np.array(part.times)
-    rows = np.zeros((times.size, columns.count))
-    rows[:, columns.lengths :] = friction
-    if scene.dimension == 2:
-        rows[:, : columns.lengths] = _planar_rows(part.actuation, times.size, scene.mesh.springs)
-    else:
-        item = "link(s) and segment" if scene.mesh.segments else "link"
-        given = _rows(part.actuation, times.size, columns.actuation_sizes.size, "drive.actuation", item)
-        rows[:, : columns.lengths] = np.repeat(given, columns.actuation_sizes, axis=1)
-    if isinstance(part.friction, FrictionRowsPart):
-        if columns.planar:
-            raise SceneError("drive.friction: friction given by directions is constant; leave it out")
-        item = "contact(s) and segment" if scene.mesh.segments else "contact"
-        names = ("isotropic", "isotropic") if part.friction.isotropic is not None else ("forward", "backward")
-        both = [
-            np.repeat(
-                _rows(table, times.size, columns.friction_sizes.size, f"drive.friction.{name}", item),
-                columns.friction_sizes,
-                axis=1,
-            )
-            for name, table in zip(names, part.friction.sides, strict=True)
-        ]
-        rows[:, columns.lengths :] = np.hstack(both[: columns.sides])
-    return drives.build_waypoints(times, part.period, rows, columns)
-
-
-def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndarray:
-    if isinstance(table, float):
-        return np.full((rows, columns), table)
-    if len(table) != rows:
-        raise SceneError(f"{field}: {len(table)} row(s) for {rows} time(s); give one row per time")
-    for i, row in enumerate(table):
-        if isinstance(row, tuple) and any(isinstance(v, tuple) for v in row):
-            raise SceneError(f"{field}: row {i} holds lists; on a line each entry is a number (or dimension: 2)")
-    return np.array([spread(row, columns, f"{field}: row {i}", item) for i, row in enumerate(table)])
-
-
-def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
-    if not isinstance(table, tuple) or len(table) != rows:
-        count = len(table) if isinstance(table, tuple) else 1
-        raise SceneError(f"drive.actuation: {count} row(s) for {rows} time(s); give one row per time")
-    for i, row in enumerate(table):
-        entries = row if isinstance(row, tuple) else (row,)
-        wrong = [k for k, e in enumerate(entries) if not isinstance(e, tuple) or len(e) != 2]
-        if len(entries) != links or wrong:
-            found = f"entry {wrong[0]} is {entries[wrong[0]]}" if wrong else f"{len(entries)} entries"
-            raise SceneError(
-                f"drive.actuation: row {i}: {found}; a planar scene gives [x, y] for each of {links} link(s)"
-            )
-    return np.array(table).reshape(rows, 2 * links)
-
-
-def _build_strategy(scene: Scene, part: DrivePart) -> Drive:
-    columns = scene.columns
-    mesh = scene.mesh
-    if (mesh.isolated.size, mesh.springs, len(mesh.segments)) != (2, 1, 0):
-        raise SceneError(f"drive.strategy: strategies drive 2 contacts on 1 link, this body has {mesh.describe()}")
-    assert part.strategy is not None
-    assert part.length is not None
-    assert isinstance(part.friction, float)
-    period = 1.0 if part.period is None else part.period
-    times, actuation, mu = drives.strategy_waypoints(part.strategy, part.length, part.friction, period)
-    return drives.build_waypoints(times, period, np.hstack((actuation, mu, mu)), columns)
-
-
-def _build_waves(scene: Scene, part: DrivePart, friction: np.ndarray) -> Drive:
-    mesh, columns = scene.mesh, scene.columns
-    waves = [w for w in (part.wave, part.friction_wave) if w is not None]
-    period = waves[0].period
-    if any(w.period != period for w in waves):
-        raise SceneError("drive.friction_wave.period: it must be that of drive.wave")
-    times = drives.merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
-    times[-1] = period
-    rows = np.zeros((times.size, columns.count))
-    rows[:, columns.lengths :] = friction
-    if part.wave is not None:
-        middle = 0.5 * (mesh.position[mesh.ends[:, 0]] + mesh.position[mesh.ends[:, 1]])
-        places = np.concatenate([middle[mesh.link_springs], *(middle[s.springs] for s in mesh.segments)])
-        rows[:, : columns.lengths] = _sampled(part.wave, times, places)
-    if part.friction_wave is not None:
-        w = part.friction_wave
-        if w.mean < abs(w.amplitude):
-            raise SceneError(
-                f"drive.friction_wave: mean {w.mean:g} N is less than the amplitude {abs(w.amplitude):g} N; "
-                "friction must be >= 0 all the time"
-            )
-        places = np.concatenate([mesh.position[mesh.isolated], *(mesh.position[s.contacts] for s in mesh.segments)])
-        mu = np.maximum(_sampled(w, times, places), 0.0)
-        rows[:, columns.lengths :] = np.hstack((mu, mu))
-    return drives.build_waypoints(times, period, rows, columns)
-
-
-def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Read a wave, straight between its own samples, at the waypoints, shape (W, places)."""
-    phase = np.arange(part.samples + 1) / part.samples
-    values = drives.wave(part.mean, part.amplitude, part.wavelength, phase, places)
-    at = times / part.period * part.samples
-    before = np.minimum(np.floor(at + 1e-9).astype(np.int64), part.samples)
-    after = np.minimum(before + 1, part.samples)
-    rest = np.clip(at - before, 0.0, 1.0)
-    rest[rest < 1e-8] = 0.0  # on a sample, to the bit
-    return values[before] + rest[:, None] * (values[after] - values[before])
-
-
-def build_start(scene: Scene) -> np.ndarray:
-    """Place the contacts at the start.
-
-    Args:
-        scene: the scene.
-
-    Returns:
-        Displacement, shape (N,), in the plane (N, 2) [m]. A scene gives it for the isolated contacts and both ends of
-        each segment, straight between; `relaxed` is a start without spring forces.
-
-    Raises:
-        SceneError: on a wrong length.
-    """
-    mesh = scene.mesh
-    if scene.start is None:
-        return np.zeros(mesh.position.shape)
-    if scene.start == "relaxed":
-        return mesh.relaxed(scene.commands.actuation[0])
-    given = scene.start.displacement
-    if mesh.dimension == 2:
-        rows = given if isinstance(given, tuple) else (given,) * mesh.contacts
-        if len(rows) != mesh.contacts or any(isinstance(r, tuple) and len(r) != 2 for r in rows):
-            raise SceneError(f"start.displacement: a planar scene gives [x, y] for each of {mesh.contacts} contacts")
-        return np.array([spread(row, 2, "start.displacement", "coordinate") for row in rows])
-    if isinstance(given, tuple) and any(isinstance(v, tuple) for v in given):
-        raise SceneError("start.displacement: on a line each entry is a number (or dimension: 2)")
-    stations = mesh.stations
-    item = "contact(s) and segment end" if mesh.segments else "contact"
-    values = spread(given, stations.size, "start.displacement", item)
-    x = np.empty(mesh.contacts)
-    x[stations] = values
-    for k, segment in enumerate(mesh.segments):
-        first, last = values[mesh.isolated.size + 2 * k :][:2]
-        x[segment.contacts] = np.linspace(first, last, segment.elements + 1)
-    return x
-
-
-def check_start(scene: Scene) -> None:
-    """Check that the springs' forces at the start are within the friction at the start.
-
-    Args:
-        scene: the scene; its parts are built and so checked on the way.
-
-    Raises:
-        SceneError: naming the contact and by how much its bound is exceeded.
-    """
-    mesh, drive, x = scene.mesh, scene.commands, scene.start_displacement
-    if mesh.dimension == 2:
-        _check_planar_start(scene)
-        return
-    tension = mesh.stiffness * (mesh.elongation(x) - drive.actuation[0])
-    force, forward, backward = mesh.spring_force(tension), drive.forward[0], drive.backward[0]
-    margins = np.minimum(forward - force, force + backward)
-    excess = margins + _ROUNDING * (mesh.force_size(tension) + forward + backward)
-    worst = int(np.argmin(excess))
-    if excess[worst] >= 0.0:
-        return
-    g = force[worst]
-    bound, side = (forward[worst], "forward") if g > 0.0 else (backward[worst], "backward")
-    proposal = "write `start: relaxed`"
-    if not mesh.segments:
-        relaxed = x[0] + mesh.relaxed(drive.actuation[0])
-        text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
-        proposal = f"a start without tension is [{text}], or {proposal}"
-    raise SceneError(
-        f"start.displacement: {mesh.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than its "
-        f"{side} friction {bound:g} N; {proposal}"
-    )
-
-
-def _check_planar_start(scene: Scene) -> None:
-    mesh, drive, x = scene.mesh, scene.commands, scene.start_displacement
-    tension = mesh.stiffness[:, None] * (mesh.elongation(x) - drive.actuation[0].reshape(-1, 2))
-    force = mesh.spring_force(tension)
-    friction = drive.targets[0, 2 * mesh.springs :].reshape(mesh.contacts, -1)
-    normals = scene.directions
-    load = np.linalg.norm(force, axis=1)[:, None] if normals.size == 0 else force @ normals.T
-    excess = (load - friction).max(axis=1) - _ROUNDING * (np.abs(tension).sum() + friction.max(axis=1))
-    worst = int(np.argmax(excess))
-    if excess[worst] > 0.0:
-        raise SceneError(
-            f"start.displacement: contact {worst} is pulled by [{force[worst, 0]:g}, {force[worst, 1]:g}] N, "
-            f"{excess[worst]:g} N more than its friction; `start: relaxed` is a start without tension"
-        )

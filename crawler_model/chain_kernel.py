@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from ._compiled import compiled
+from .uniqueness import CRITICAL
 
 EPS = float(np.finfo(np.float64).eps)
 POSITION, SLOPE, JUMP, REACH = range(4)
@@ -196,3 +197,69 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
         side[0] = -1
     else:
         side[0] = 0
+
+
+NOISE = 1e-14
+"""A velocity below this part of the sum of the shape rates around it is rounding."""
+
+
+@compiled
+def shape_gain(tension, trial, compliance):
+    """Compute by how much a link's shape changes when its tension comes out other than tried; rounding is none.
+
+    Args:
+        tension: of the link, or its rate [N].
+        trial: what it would be if no contact slid [N].
+        compliance: of the link [m/N].
+
+    Returns:
+        The change of its elongation [m].
+    """
+    change = tension - trial
+    return change * compliance if abs(change) > 16.0 * EPS * (abs(tension) + abs(trial)) else 0.0
+
+
+@compiled
+def chain_velocities(shape_rate, side, velocity, first, last):
+    """Integrate v_{i+1} = v_i + w_i over contacts first..last, at rest where `side` is 0 and beyond the range.
+
+    Args:
+        shape_rate: w, the rate of each link's elongation, shape (N - 1,).
+        side: the bound that each contact is at, 1, 0 or -1, int8, shape (N,).
+        velocity: output, v of first..last, shape (N,).
+        first: the first contact of the range.
+        last: the last one.
+
+    Returns:
+        True where nothing fixes the translation: the range is the whole chain and no contact is at rest.
+    """
+    n = side.shape[0]
+    anchor = first
+    free_translation = False
+    if first > 0:
+        velocity[first] = shape_rate[first - 1] if side[first] != 0 else 0.0
+    else:
+        while anchor <= last and side[anchor] != 0:
+            anchor += 1
+        if anchor <= last:
+            velocity[anchor] = 0.0
+        elif last == n - 1:
+            free_translation = True
+            anchor = first
+            velocity[first] = 0.0
+        else:
+            anchor = last
+            velocity[last] = -shape_rate[last]
+    size = 0.0
+    for i in range(max(first - 1, 0), min(last, n - 2) + 1):
+        size += abs(shape_rate[i])
+    for i in range(anchor - 1, first - 1, -1):
+        velocity[i] = velocity[i + 1] - shape_rate[i]
+    for i in range(anchor + 1, last + 1):
+        velocity[i] = velocity[i - 1] + shape_rate[i - 1] if side[i] != 0 else 0.0
+    if not free_translation:
+        for i in range(first, last + 1):
+            v = velocity[i]
+            if abs(v) <= NOISE * size or (v * side[i] < 0.0 and abs(v) <= CRITICAL * size):
+                velocity[i] = 0.0
+    return free_translation

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .body import frozen
+from .arrays import frozen
 from .columns import Columns
 from .errors import SceneError
 

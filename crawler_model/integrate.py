@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from . import chain_tick, state
+from . import chain_memory, chain_tick, state
 from .scene import Scene
 from .state import (
     ACTUATION,
@@ -138,14 +138,14 @@ def build_scratch(scene: Scene) -> tuple[Any, ...]:
     if mesh.dimension == 2:
         return ()
     if mesh.is_chain:
-        return tuple(chain_tick.scratch(mesh.contacts))
-    from . import graph_kernel, graph_tick
+        return tuple(chain_memory.scratch(mesh.contacts))
+    from . import graph_kernel, graph_memory
 
     network = scene.network
     return (
         (network.order, network.band),
         graph_kernel.workspace(network),
-        graph_tick.scratch(mesh.contacts, mesh.springs),
+        graph_memory.scratch(mesh.contacts, mesh.springs),
     )
 
 
@@ -207,23 +207,29 @@ def follow(
             records,
         )
     else:
-        from . import planar_tick
+        _follow_in_plane(scene, state, targets, account, records)
 
-        size = float(np.abs(np.ptp(scene.commands.targets[:, : 2 * mesh.springs], axis=0)).max(initial=0.0))
-        size = size or float(np.abs(np.ptp(mesh.position, axis=0)).max())
-        tolerance = (scene.tolerance or DEFAULT_TOLERANCE) * size
-        if scene.directions.size:
-            tolerance *= _POLYGONS
-        planar_tick.follow(
-            mesh.ends,
-            mesh.stiffness,
-            scene.directions,
-            state.contacts,
-            state.links,
-            state.friction,
-            targets,
-            tolerance,
-            _MOST_STEPS,
-            account,
-            records,
-        )
+
+def _follow_in_plane(scene: Scene, state: State, targets: np.ndarray, account: np.ndarray, records: np.ndarray) -> None:
+    """Follow ramps to the scene's tolerance, a part of the lengths that the drive commands."""
+    from . import planar_tick
+
+    mesh = scene.mesh
+    size = float(np.abs(np.ptp(scene.commands.targets[:, : 2 * mesh.springs], axis=0)).max(initial=0.0))
+    size = size or float(np.abs(np.ptp(mesh.position, axis=0)).max())
+    tolerance = (scene.tolerance or DEFAULT_TOLERANCE) * size
+    if scene.directions.size:
+        tolerance *= _POLYGONS
+    planar_tick.follow(
+        mesh.ends,
+        mesh.stiffness,
+        scene.directions,
+        state.contacts,
+        state.links,
+        state.friction,
+        targets,
+        tolerance,
+        _MOST_STEPS,
+        account,
+        records,
+    )

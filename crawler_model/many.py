@@ -13,20 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .account import Energy, Total, average_displacement, stored_energy
 from .body import Body
 from .crawler import METHODS, Crawler, Method
 from .drive import NS, find_waypoints
 from .errors import CommandError, CrawlerError
 from .scene import Scene
-from .simulate import (
-    Energy,
-    Total,
-    average_displacement,
-    default_duration,
-    rational_rate,
-    stored_energy,
-    tick_end_ns,
-)
+from .simulate import default_duration, rational_rate, tick_end_ns
 from .workers import Chunk, available_cores, run_chunks
 
 _BLOCK, _NUMBERS = 4096, 4_000_000

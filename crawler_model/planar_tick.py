@@ -13,7 +13,9 @@ import numpy as np
 
 from . import planar_kernel
 from ._compiled import compiled
-from .planar_kernel import corners_of, excess, laplacian_of, project_planar, resistance, solve_with_clarabel
+from .planar_cone import solve_with_clarabel
+from .planar_friction import corners_of, excess, resistance
+from .planar_kernel import laplacian_of, project_planar
 from .state import (
     AMBIGUOUS,
     COMPLEMENTARITY,

@@ -430,7 +430,7 @@ class Scene(_Part):
     @functools.cached_property
     def commands(self) -> Drive:
         """The drive, or for a scene without one L = 0 and the scene's friction for ever."""
-        from .assemble import build_drive
+        from .assemble_drive import build_drive
 
         return build_drive(self)
 
@@ -446,6 +446,6 @@ class Scene(_Part):
     @functools.cached_property
     def start_displacement(self) -> np.ndarray:
         """X at the start, shape (N,), in the plane (N, 2) [m]."""
-        from .assemble import build_start
+        from .assemble_start import build_start
 
         return build_start(self)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import TypeAdapter, ValidationError
 
+from .arrays import frozen
 from .assemble import check_scene
-from .body import frozen
 from .errors import SceneError
 from .scene import Scene
 from .scene_file import describe, known_keys

@@ -332,6 +332,7 @@ def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
 
     from crawler_bench import node, replay
     from crawler_bench.bench import describe_machine
+    from crawler_bench.report import print_rows
 
     out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
@@ -348,7 +349,7 @@ def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
     if as_json:
         print(text)
         return
-    node.print_rows(rows, screen)
+    print_rows(rows, screen)
     screen.print(f"written: {file}")
 
 

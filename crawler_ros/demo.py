@@ -70,8 +70,9 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
     """
     import rclpy  # noqa: F401  (say what is missing before anything is started)
 
+    from .frames import frames_of_recording, thin
     from .picture import draw_page
-    from .visualizer import draw_recording, frames_of_recording, thin
+    from .visualizer import draw_recording
 
     began = time.monotonic()
     out.mkdir(parents=True, exist_ok=True)

@@ -27,7 +27,7 @@ def diagnose(node: Simulator) -> list[Status]:
         Level, name, message, hardware id and key-value pairs of each.
     """
     me, hardware = node.get_fully_qualified_name().lstrip("/"), node.scene.name
-    late, refused = node.stepper.late, sum(node.refused.values())
+    late, refused = node.stepper.late, node.refusals.total
     now = node.crawler.visited_margin
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
     before, node.reported = node.reported, (node.ambiguous, node.overspent, late, refused)
@@ -57,8 +57,8 @@ def diagnose(node: Simulator) -> list[Status]:
         ("largest complementarity [J]", complementarity),
     ]
     statuses = [(level, f"{me}: simulation", message, hardware, simulation)]
-    counts = [(f"refused on {name}", str(count)) for name, count in sorted(node.refused.items())]
-    message = f"{refused} message(s) refused; last: {node.refusal}" if refused else "all accepted"
+    counts = [(f"refused on {name}", str(count)) for name, count in sorted(node.refusals.counts.items())]
+    message = f"{refused} message(s) refused; last: {node.refusals.last}" if refused else "all accepted"
     level = WARN if refused > before[3] else OK
     statuses.append((level, f"{me}: commands", message, hardware, [("refused", str(refused)), *counts]))
     if node.recorder is not None:

@@ -17,11 +17,11 @@ from crawler_model.stasis import stasis_bounds
 
 from .colors import BACK, FORWARD, STICK, TENSION
 from .domain_picture import draw_domain as draw_domain
+from .frames import has_stasis_bounds
 from .states import station_names
-from .visualizer import has_stasis_bounds
 
 if TYPE_CHECKING:
-    from .visualizer import Frame
+    from .frames import Frame
 
 _MOST_LINKS, _MOST_NAMED = 4, 12
 

@@ -19,12 +19,12 @@ from rclpy.serialization import deserialize_message
 
 from crawler_model import CommandError, Crawler, load_scene, prepare
 from crawler_model._compiled import said_if_slow
-from crawler_model.crawler import Step
 from crawler_model.drive import NS
 from crawler_model.friction import check_regularity
 from crawler_model.readout import Readout
 from crawler_model.simulate import rational_rate
 from crawler_model.state import COMPLEMENTARITY, RESIDUAL, VIOLATION
+from crawler_model.step import Step
 from crawler_model.uniqueness import commanded_margin
 
 from . import interface
@@ -39,63 +39,15 @@ from .messages import (
     encode_diagnostics,
     encode_string,
 )
+from .outlet import Outlet
+from .refusals import Refusals
 from .states import contact_names, joint_state_names, shown_contacts
 from .stepper import Stepper
 from .versions import versions
 
 if TYPE_CHECKING:
     from .recorder import Recorder
-    from .visualizer import ViewerFeed
-
-_QUIET_S, _MOST_SAID = 1.0, 10  # a refusal is logged once a second, of all refusals ten
-_MOST_WORDS = 300
-
-
-class Outlet:
-    """Where the messages of one topic go: to who listens, and into the recording."""
-
-    def __init__(self, publisher: Any, recorder: Recorder | None, channel: int | None) -> None:
-        """Take both ways out.
-
-        Args:
-            publisher: rclpy's; None to publish nothing.
-            recorder: the recording, if there is one.
-            channel: its channel; None to record nothing.
-        """
-        # what Publisher.publish does with bytes once it has looked at their type: half of its time
-        self._publish = None if publisher is None else publisher.handle.publish_raw
-        self._record = None if recorder is None or channel is None else recorder.record
-        self._now_ns = time.time_ns if recorder is None else recorder.now_ns
-        self._channel = -1 if channel is None else channel
-        self.wanted = self._publish is not None or self._record is not None
-        self._publisher = publisher
-        self._last = b""
-        self._listeners = 0
-
-    def send(self, data: bytes) -> None:
-        """Publish and record a message.
-
-        Args:
-            data: its CDR bytes.
-        """
-        self._last = data
-        if self._record is not None:  # before anybody can answer
-            now = self._now_ns()
-            self._record(self._channel, now, now, data)
-        if self._publish is not None:
-            self._publish(data)
-
-    def greet(self, newcomers: bool = True) -> None:
-        """Publish the last message again if somebody has come to listen since this was last asked.
-
-        Args:
-            newcomers: False when all who listen now have heard it.
-        """
-        if self._publish is None:
-            return
-        before, self._listeners = self._listeners, self._publisher.get_subscription_count()
-        if newcomers and self._listeners > before:
-            self._publish(self._last)
+    from .viewer_feed import ViewerFeed
 
 
 class Simulator(Node):
@@ -123,9 +75,7 @@ class Simulator(Node):
         self.columns = self.scene.columns
         self.lock_step = bool(self.values["lock_step"])
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step)
-        self.refused: dict[str, int] = {}
-        self.refusal = ""
-        self._said: dict[str, float] = {}
+        self.refusals = Refusals(self.get_logger().warning)
         self.certificate = [0.0, 0.0, 0.0]
         self.ambiguous = self.overspent = 0
         self.reported = (0, 0, 0, 0)
@@ -134,24 +84,13 @@ class Simulator(Node):
         self.lock = threading.Lock()
         self.stopping = threading.Event()
 
-        mesh = self.scene.mesh
-        self._hold = np.empty((0, self.columns.index.size))
-        frame = self.values["frame_id"]
-        self._ledger = TrajectoryMessage(list(self.columns.names))
-        shown = self.values["publish.contact_states"]
-        self._joints = JointStateMessage(joint_state_names(mesh))
-        self._contacts = JointStateMessage(contact_names(self.scene) if shown else [], frame)
-        self._readout = Readout(mesh, shown_contacts(self.scene) if shown else np.zeros(0, np.int64))
-        with said_if_slow():
-            self._readout.read(self.crawler, np.inf, self._joints.numbers, self._contacts.numbers)
-        self._pose = PoseMessage(frame)
-        self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
+        self._prepare_messages()
         self.recorder: Recorder | None = None
         self.feed: ViewerFeed | None = None
         self._outlets: dict[str, Outlet] = {}
         view = str(self.values["view"])
         if view != "off":
-            from .visualizer import check_view
+            from .viewer_feed import check_view
 
             check_view(view)  # before anything is opened
         if self.values["record"]:
@@ -165,16 +104,31 @@ class Simulator(Node):
         self._open_services()
         self.add_on_set_parameters_callback(self._on_parameters)
         if view != "off":
-            from .visualizer import ViewerFeed
+            from .viewer_feed import ViewerFeed
 
             self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
         self._next_diagnostics_ns = self._last_ns = 0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
-            f"{self.scene.name}: {mesh.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting for "
-            f"commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
+            f"{self.scene.name}: {self.scene.mesh.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
+            f"for commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
             f"{name}/pause, {name}/step, {name}/reset"
         )
+
+    def _prepare_messages(self) -> None:
+        """Lay out what is sent at every tick."""
+        mesh = self.scene.mesh
+        self._hold = np.empty((0, self.columns.index.size))
+        frame = self.values["frame_id"]
+        self._ledger = TrajectoryMessage(list(self.columns.names))
+        shown = self.values["publish.contact_states"]
+        self._joints = JointStateMessage(joint_state_names(mesh))
+        self._contacts = JointStateMessage(contact_names(self.scene) if shown else [], frame)
+        self._readout = Readout(mesh, shown_contacts(self.scene) if shown else np.zeros(0, np.int64))
+        with said_if_slow():
+            self._readout.read(self.crawler, np.inf, self._joints.numbers, self._contacts.numbers)
+        self._pose = PoseMessage(frame)
+        self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
 
     def _attachments(self) -> dict[str, Any]:
         return {
@@ -238,9 +192,9 @@ class Simulator(Node):
             try:
                 accept(deserialize_message(data, kind))
             except CommandError as error:
-                self._refuse(name, str(error))
+                self.refusals.add(name, str(error))
             except Exception as error:  # bytes that do not decode must not end the node
-                self._refuse(name, f"not a message of this type: {error}")
+                self.refusals.add(name, f"not a message of this type: {error}")
 
         return receive
 
@@ -256,16 +210,6 @@ class Simulator(Node):
             stamp.sec * NS + stamp.nanosec,
             only_lengths,
         )
-
-    def _refuse(self, name: str, why: str) -> None:
-        why = why if len(why) <= _MOST_WORDS else why[:_MOST_WORDS] + " ..."  # it may name what was sent
-        self.refused[name] = self.refused.get(name, 0) + 1
-        self.refusal = f"{name}: {why}"
-        now = time.monotonic()
-        self._said = {text: at for text, at in self._said.items() if now - at < _QUIET_S}
-        if self.refusal not in self._said and len(self._said) < _MOST_SAID:
-            self._said[self.refusal] = now
-            self.get_logger().warning(f"refused a message on {name}: {why}")
 
     # -- services and parameters ------------------------------------------------------------------------------------
 

@@ -6,33 +6,27 @@ slow or stopped viewer costs frames, never a tick. A recording is drawn by the s
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import json
 import os
 import struct
 import subprocess
 import sys
-import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from crawler_model import Crawler, Scene
-from crawler_model.body import Body
+from crawler_model import Scene
 from crawler_model.drive import NS
 from crawler_model.stasis import stasis_bounds, stasis_polygon
 
 from .colors import BACK, FORWARD, rgb
-from .states import StationReader, joint_names, station_names
+from .frames import Frame, frame_sizes, frames_of_recording, has_stasis_bounds, in_sequence, thin
+from .states import joint_names, station_names
+from .viewer_feed import LIVE_PORT
 
-FRAME_EVERY_NS = 20_000_000
-LIVE_PORT = 9876
-_PIPE_BYTES = 1 << 20
 _STATE_NAMES = {-1: "slip back", 0: "stick", 1: "slip forward"}
 _STATE_COLORS = {-1: rgb(BACK), 0: (80, 80, 80), 1: rgb(FORWARD)}
 _LINK_COLORS = [(64, 110, 220), (230, 140, 30), (120, 80, 200), (20, 160, 160)]
@@ -40,253 +34,6 @@ _BOUND_COLOR = (200, 60, 60)
 _SINGLE_PLOTS = 4
 _TRAIL = 50
 _PAGE = 1.6  # how far the body walks before the page turns, in body lengths
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One instant to draw, of the stations and joints of a body (see `crawler_model.body.Body`).
-
-    Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
-    tension of each joint, in the plane its size; mu_plus and mu_minus of each station where a chain has no segments.
-    """
-
-    time_ns: int
-    displacement: np.ndarray
-    tension: np.ndarray
-    state: np.ndarray
-    forward: np.ndarray
-    backward: np.ndarray
-
-    def pack(self) -> bytes:
-        """Lay the frame out as bytes: the time, then all numbers as doubles."""
-        numbers = (self.displacement, self.tension, self.state, self.forward, self.backward)
-        return struct.pack("<q", self.time_ns) + np.concatenate(numbers).astype("<f8").tobytes()
-
-    @staticmethod
-    def unpack(data: bytes, mesh: Body) -> Frame:
-        """Undo `pack`."""
-        (ns,) = struct.unpack_from("<q", data)
-        cuts = np.cumsum(_frame_sizes(mesh))
-        x, tension, state, forward, backward = np.split(np.frombuffer(data, "<f8", int(cuts[-1]), 8), cuts[:-1])
-        return Frame(ns, x, tension, state.astype(np.int8), forward, backward)
-
-
-def _frame_sizes(mesh: Body) -> list[int]:
-    stations, joints = mesh.stations.size, mesh.joints.shape[0]
-    friction = stations if has_stasis_bounds(mesh) else 0
-    return [stations * mesh.dimension, joints, stations, friction, friction]
-
-
-def has_stasis_bounds(mesh: Body) -> bool:
-    """Tell whether each link's tension has bounds that follow from its neighbours'.
-
-    Args:
-        mesh: the body.
-
-    Returns:
-        True for a chain of isolated contacts.
-    """
-    return mesh.is_chain and not mesh.segments
-
-
-def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray) -> Frame:
-    """Take a frame of a crawler.
-
-    Args:
-        crawler: the crawler.
-        time_ns: simulated time [ns].
-        state: what each of its contacts did since the frame before.
-
-    Returns:
-        The frame.
-    """
-    mesh = crawler.body
-    at = mesh.stations
-    tension = crawler.joint_tension
-    if mesh.dimension == 2:
-        tension = np.linalg.norm(tension, axis=1)
-    none = np.zeros(0)
-    bounded = has_stasis_bounds(mesh)
-    forward, backward = (crawler.forward[at], crawler.backward[at]) if bounded else (none, none)
-    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward)
-
-
-def check_view(view: str) -> None:
-    """Check where a view goes.
-
-    Args:
-        view: "live", or the path of an .rrd file that is not there yet.
-
-    Raises:
-        FileExistsError: when the file exists.
-        ValueError: when it is something else.
-    """
-    if view == "live":
-        return
-    if Path(view).suffix != ".rrd":
-        raise ValueError(f"view: {view!r}; it must be off, live, or a path that ends in .rrd")
-    if Path(view).exists():
-        raise FileExistsError(f"view: {view} exists; give a path that does not")
-
-
-class ViewerFeed:
-    """The simulator's end of the pipe to a drawing process."""
-
-    def __init__(self, scene: Scene, view: str, say: Callable[[str], Any]) -> None:
-        """Start the drawing process.
-
-        Args:
-            scene: what is drawn.
-            view: "live", or the path of an .rrd file.
-            say: told where to look.
-
-        Raises:
-            FileExistsError: when the file exists: nothing is overwritten.
-            ValueError: when `view` is something else.
-        """
-        check_view(view)
-        if view != "live":
-            Path(view).parent.mkdir(parents=True, exist_ok=True)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "crawler_ros.visualizer", view], stdin=subprocess.PIPE, start_new_session=True
-        )
-        assert self._process.stdin is not None
-        self._pipe = self._process.stdin
-        header = json.dumps(scene.document()).encode()
-        self._pipe.write(struct.pack("<I", len(header)) + header)
-        self._pipe.flush()
-        with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
-            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-        os.set_blocking(self._pipe.fileno(), False)
-        self._waiting = b""
-        self._shown_ns: int | None = None
-        self._moved: np.ndarray | None = None
-        self.dropped = 0
-        where = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy (open it with: rerun --connect)" if view == "live" else view
-        say(f"drawing to {where}")
-
-    def show(self, time_ns: int, crawler: Crawler) -> None:
-        """Offer a frame; at most fifty a simulated second are taken, and none waits.
-
-        Args:
-            time_ns: simulated time.
-            crawler: its state is drawn.
-        """
-        state = crawler.contact_state
-        self._moved = state if self._moved is None else np.where(state != 0, state, self._moved)
-        if self._shown_ns is not None and 0 <= time_ns - self._shown_ns < FRAME_EVERY_NS:
-            return
-        self._shown_ns = time_ns
-        frame = frame_of(crawler, time_ns, self._moved)
-        self._moved = None
-        if not self._push():
-            self.dropped += 1
-            return
-        self._waiting = frame.pack()
-        self._push()
-
-    @property
-    def alive(self) -> bool:
-        """Whether the drawing process still runs."""
-        return self._process.poll() is None
-
-    def _push(self) -> bool:
-        """Write what is waiting as far as it goes; tell whether it all went."""
-        try:
-            while self._waiting:
-                self._waiting = self._waiting[os.write(self._pipe.fileno(), self._waiting) :]
-        except BlockingIOError:
-            return False
-        except BrokenPipeError:
-            self._waiting = b""
-            return False
-        return True
-
-    def close(self) -> None:
-        """Let the drawing process finish its file; give a stuck one ten seconds."""
-        deadline = time.monotonic() + 10.0
-        while not self._push() and self.alive and time.monotonic() < deadline:
-            time.sleep(0.02)
-        self._pipe.close()
-        try:
-            self._process.wait(max(deadline - time.monotonic(), 0.1))
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-
-
-def frames_of_recording(
-    path: Path, scene: Scene | None = None, robot: str | None = None
-) -> tuple[Scene, Iterator[Frame]]:
-    """Read frames from a recording.
-
-    Args:
-        path: a bag folder or an .mcap file, whole or torn.
-        scene: the body, for a recording that does not hold its scene.
-        robot: what its topics begin with, where several were recorded; None for all there are.
-
-    Returns:
-        The scene and its frames, one per joint_states message.
-
-    Raises:
-        BagError: when it cannot be read, or its scene is missing.
-    """
-    from . import bag
-
-    head = bag.Bag({})
-    records = bag.read(path, head)
-    waiting = []
-    for record in records:  # attachments stand before the first message
-        waiting.append(record)
-        break
-    if scene is None:
-        if "scene" not in head.attachments:
-            raise bag.BagError(f"{path}: it does not hold its scene; give one with --scene")
-        scene = Scene.model_validate(head.attachments["scene"])
-
-    def all_records() -> Iterator[Any]:
-        for part in (waiting, records):
-            for record in part:
-                if robot is None or record.topic.startswith(robot):
-                    yield record
-
-    return scene, in_sequence(_frames(all_records(), scene))
-
-
-def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Put runs between resets one after another: a reset takes simulated time back to 0, a picture goes on."""
-    offset = last = 0
-    for frame in frames:
-        if frame.time_ns + offset < last:
-            offset = last
-        last = frame.time_ns + offset
-        yield replace(frame, time_ns=last)
-
-
-def _frames(records: Iterable[Any], scene: Scene) -> Iterator[Frame]:
-    from rosbags.typesys import Stores, get_typestore
-
-    decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-    mesh, columns = scene.mesh, scene.columns
-    bounded = has_stasis_bounds(mesh)
-    n = mesh.contacts if bounded else 0
-    forward, backward = scene.commands.forward[0][:n], scene.commands.backward[0][:n]
-    stations = StationReader(mesh)
-    for record in records:
-        name = record.topic.rsplit("/", 1)[-1]
-        if name == "applied_commands":
-            points = decode(record.data, record.type).points
-            if points:
-                friction = np.asarray(points[-1].positions)[columns.lengths :]
-                forward, backward = friction[:n], friction[n : 2 * n]
-        elif name == "joint_states":
-            message = decode(record.data, record.type)
-            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-            x, v = stations.read(message.position), stations.read(message.velocity)
-            tension = message.effort[mesh.dimension :]
-            if mesh.dimension == 2:
-                v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
-            moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
-            yield Frame(stamp, x.ravel(), tension, (np.sign(v) * moving).astype(np.int8), forward, backward)
 
 
 class Drawing:
@@ -537,19 +284,6 @@ def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot
     return count
 
 
-def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:
-    """Keep frames at least `every_ns` apart; a slip between two of them shows in the later one."""
-    shown: int | None = None
-    moved: np.ndarray | None = None
-    for frame in frames:
-        moved = frame.state if moved is None else np.where(frame.state != 0, frame.state, moved)
-        if shown is not None and 0 <= frame.time_ns - shown < every_ns:
-            continue
-        shown = frame.time_ns
-        yield Frame(frame.time_ns, frame.displacement, frame.tension, moved, frame.forward, frame.backward)
-        moved = None
-
-
 def main() -> int:
     """Draw the frames that arrive on standard input until it ends."""
     view = sys.argv[1]
@@ -562,7 +296,7 @@ def main() -> int:
         print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
         return 1
     mesh = scene.mesh
-    size = 8 + 8 * sum(_frame_sizes(mesh))
+    size = 8 + 8 * sum(frame_sizes(mesh))
     for frame in in_sequence(
         Frame.unpack(data, mesh) for data in iter(lambda: source.read(size), b"") if len(data) == size
     ):

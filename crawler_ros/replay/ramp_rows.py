@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from crawler_model import Crawler, Scene
+from crawler_model.account import average_displacement
 from crawler_model.body import Body
 from crawler_model.readout import Readout
-from crawler_model.simulate import average_displacement
 from crawler_model.stasis import stasis_bounds
 from crawler_model.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, VISITED, WORK
 

@@ -6,7 +6,9 @@ import pytest
 from crawler_model import planar_kernel
 from crawler_model.chain_kernel import project, workspace
 from crawler_model.errors import SceneError
-from crawler_model.planar_kernel import MOST_SWEEPS, check_directions, laplacian_of, project_planar, solve_with_clarabel
+from crawler_model.planar_cone import solve_with_clarabel
+from crawler_model.planar_friction import check_directions
+from crawler_model.planar_kernel import MOST_SWEEPS, laplacian_of, project_planar
 from crawler_model.planar_tick import ACTUATION, GAINED, TENSION, X
 from crawler_model.planar_tick import follow as follow_planar
 from crawler_model.state import AMBIGUOUS, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, VISITED, WORK

@@ -70,6 +70,35 @@ def test_without_recording_or_viewer_neither_is_imported():
     assert not loaded_by("import crawler_ros.simulator") & {"rerun", "mcap", "matplotlib", "rosbags"}
 
 
+LONG_FILES = {
+    "crawler_model/scene.py": "what a scene file may hold, key by key",
+    "crawler_ros/simulator.py": "the wiring of one node, one class",
+}
+MOST_LINES, MOST_IN_A_FUNCTION = 400, 60
+
+
+def sources() -> list[Path]:
+    return sorted(
+        file for package in ("crawler_model", "crawler_ros", "crawler_bench") for file in (ROOT / package).rglob("*.py")
+    )
+
+
+def test_files_have_one_subject_and_are_short():
+    long = {str(f.relative_to(ROOT)) for f in sources() if len(f.read_text().splitlines()) > MOST_LINES}
+    assert long == set(LONG_FILES)
+
+
+def test_functions_are_short_but_for_compiled_kernels():
+    """Kernels stay in one piece, decision 0022."""
+    for file in sources():
+        for node in ast.walk(ast.parse(file.read_text())):
+            if not isinstance(node, ast.FunctionDef) or any("compiled" in ast.dump(d) for d in node.decorator_list):
+                continue
+            text = ast.get_docstring(node)
+            lines = node.end_lineno - node.lineno + 1 - (len(text.splitlines()) + 2 if text else 0)
+            assert lines <= MOST_IN_A_FUNCTION, f"{file.name}: {node.name} has {lines} lines"
+
+
 def test_the_model_knows_nothing_of_ros():
     for file in (ROOT / "crawler_model").glob("*.py"):
         assert not imports(file) & {"crawler_ros", *OPTIONAL}, file

@@ -11,10 +11,11 @@ from std_msgs.msg import Float64MultiArray
 from crawler_model import Crawler, load_scene, simulate
 from crawler_model.readout import Readout
 from crawler_ros import bag
+from crawler_ros.frames import frames_of_recording
 from crawler_ros.picture import draw_page
 from crawler_ros.replay import simulate_again
 from crawler_ros.states import StationReader, contact_names, joint_state_names, shown_contacts
-from crawler_ros.visualizer import draw_recording, frames_of_recording
+from crawler_ros.visualizer import draw_recording
 
 from .graph import graph, seconds, wait_until
 from .test_recording import DECODE

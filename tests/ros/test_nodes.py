@@ -19,8 +19,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_model import Crawler, load_scene
 from crawler_ros import bag, interface
+from crawler_ros.frames import frames_of_recording
 from crawler_ros.replay import simulate_again
-from crawler_ros.visualizer import frames_of_recording
 
 from .graph import environment, graph, seconds, wait_until
 from .test_recording import DECODE

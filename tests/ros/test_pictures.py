@@ -19,8 +19,10 @@ from PIL import Image
 
 from crawler_model import Crawler, CrawlerError, load_scene
 from crawler_ros.colors import BACK, FORWARD, TENSION, rgb
+from crawler_ros.frames import Frame, frame_of, thin
 from crawler_ros.picture import draw_page, screenshot
-from crawler_ros.visualizer import Drawing, Frame, ViewerFeed, frame_of, thin, to_file
+from crawler_ros.viewer_feed import ViewerFeed
+from crawler_ros.visualizer import Drawing, to_file
 
 GREEN, RED, GREY = rgb(FORWARD), rgb(BACK), (80, 80, 80)
 RENDERER = any(Path("/usr/share/vulkan/icd.d").glob("*.json")) if Path("/usr/share/vulkan/icd.d").is_dir() else False

@@ -9,8 +9,9 @@ import pytest
 from rich.console import Console
 
 pytest.importorskip("rclpy")
-from crawler_bench.node import measure_node, print_rows
+from crawler_bench.node import measure_node
 from crawler_bench.replay import JOBS, measure_replay, run_job
+from crawler_bench.report import print_rows
 
 KEYS = {
     "throughput": {"n", "recording", "subscriber", "driven", "ticks_per_s", "us_per_tick", "real_time"},

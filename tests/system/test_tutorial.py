@@ -21,7 +21,7 @@ from crawler_model import Crawler, Scene, load_scene, simulate, simulate_many, v
 from crawler_model.stasis import StasisDomain, spring_force
 from crawler_ros.body_picture import draw_body
 from crawler_ros.colors import FORWARD
-from crawler_ros.domain_picture import STYLE
+from crawler_ros.domain_text import STYLE
 
 DOCS = Path(__file__).parent.parent.parent / "docs"
 PICTURES = DOCS / "pictures" / "tutorial"
