@@ -77,6 +77,10 @@ class Bag:
 
     attachments: dict[str, Any]
     complete: bool = False
+    damaged: int = 0
+    """Chunks that could not be read, and were passed over."""
+    lost: int | None = None
+    """Messages that the file promises and does not give; None where its end is missing, which would tell."""
     channels: dict[int, tuple[Channel, Schema]] = field(default_factory=dict)
     """By number, as `read_blocks` meets them."""
 
@@ -121,12 +125,12 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
 
 
 def _whole_records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Read records, those inside chunks too, up to the first that is torn or damaged."""
+    """Read records, those inside chunks too; damaged chunks are passed over, a torn record is the end."""
     for record in _top_records(stream):
         try:
             inside = list(breakup_chunk(record, validate_crc=True)) if isinstance(record, Chunk) else [record]
-        except Exception:  # whatever the decompressor makes of damaged bytes: here the readable part ends
-            return
+        except Exception:  # whatever the decompressor makes of damaged bytes: the next chunk may be well
+            continue
         yield from inside
 
 
@@ -196,8 +200,9 @@ def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None =
             if isinstance(record, Chunk):
                 data = _decompressed(record)
                 if data is None:
-                    break
-                pending += data
+                    bag.damaged += 1
+                else:
+                    pending += data
             elif isinstance(record, Message):
                 head = _MESSAGE.pack(record.channel_id, record.sequence, record.log_time, record.publish_time)
                 pending += _RECORD.pack(Opcode.MESSAGE, len(head) + len(record.data)) + head + record.data
@@ -218,6 +223,7 @@ def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None =
     if pending:
         yield scanned()
     bag.complete = ended and found == promised
+    bag.lost = promised - found if ended else None
 
 
 _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
@@ -255,11 +261,11 @@ def _large_records(stream: IO[bytes]) -> Iterator[McapRecord]:
 
 
 def _decompressed(chunk: Chunk) -> bytes | None:
-    """Take a chunk's bytes; None where they are damaged."""
+    """Take a chunk's bytes; None where they are damaged, whatever the decompressor makes of that."""
     try:
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         return stream.read(size)
-    except Exception:  # whatever the decompressor makes of damaged bytes: here the readable part ends
+    except Exception:
         return None
 
 
@@ -324,8 +330,23 @@ def examine(path: Path) -> Health:
     return Health(bag.complete, counts, types, first, last)
 
 
+def newest(path: Path) -> Path:
+    """Choose a recording.
+
+    Args:
+        path: a recording, or a folder of recordings.
+
+    Returns:
+        The recording itself, or the newest in the folder.
+    """
+    if not path.is_dir() or any(path.glob("*.mcap")):
+        return path
+    inside = [file for file in path.glob("*/*.mcap") if file.is_file()]
+    return max(inside, key=lambda file: file.stat().st_mtime_ns).parent if inside else path
+
+
 def recover(path: Path, folder: Path) -> int:
-    """Write what can be read of a torn recording as a whole one.
+    """Write what can be read of a torn recording as a whole one, with a note that it is not all.
 
     Args:
         path: a bag folder or an .mcap file.
@@ -343,7 +364,7 @@ def recover(path: Path, folder: Path) -> int:
     bag = Bag({})
     records = read(path, bag)
     record = next(records, None)  # attachments stand before the first message
-    writer = BagWriter(folder, bag.attachments)
+    writer = BagWriter(folder, {**bag.attachments, "recovered": {"from": path.name}})
     channels: dict[int, int] = {}
     count = 0
     while record is not None:

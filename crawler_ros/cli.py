@@ -228,7 +228,9 @@ def sweep(
 
 @app.command()
 def view(
-    recording: Annotated[Path, typer.Argument(help="A bag folder, an .mcap file or an .rrd file.")],
+    recording: Annotated[
+        Path, typer.Argument(help="A bag folder, .mcap or .rrd file; of a folder of bags the newest.")
+    ],
     png: Annotated[Path | None, typer.Option(help="Render into this file instead of opening a window.")] = None,
     at: Annotated[float | None, typer.Option(help="With --png: the simulated time to show, s.")] = None,
 ) -> None:
@@ -241,6 +243,10 @@ def view(
 
     if not recording.exists():
         raise CrawlerError(f"{recording}: no such file or folder")
+    if recording.is_dir():
+        from .bag import newest
+
+        recording = newest(recording)
     if recording.suffix == ".rrd" and recording.read_bytes()[:3] != b"RRF":
         raise CrawlerError(f"{recording}: not a rerun recording")
     if at is not None and png is None:

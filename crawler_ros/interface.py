@@ -303,7 +303,15 @@ def run_node(
             text = " ".join(str(error).split())[:200]
             print(f"{name}: {text}; parameters are given as in --ros-args -p scene:=FILE", file=sys.stderr)
             return 1
-        spin(node)
+        try:
+            spin(node)
+        except Exception as error:
+            from crawler_model import CrawlerError
+
+            if not isinstance(error, CrawlerError):
+                raise
+            print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
+            return 1
         return 0
     finally:
         rclpy.try_shutdown()

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from .replay.health import Survey
     from .replay.ramps import Sink
 
-Recording = Annotated[Path, typer.Argument(help="A bag folder or an .mcap file, whole or torn.")]
+Recording = Annotated[
+    Path, typer.Argument(help="A bag folder or an .mcap file, whole or torn; of a folder of bags the newest.")
+]
 SceneOption = Annotated[
     str | None, typer.Option(help="What ran, for a recording that does not hold its scene: a file or a gallery name.")
 ]
@@ -35,17 +37,27 @@ def replay(
         bool, typer.Option("--recover", help="Write what can be read of a torn recording as a whole one beside it.")
     ] = False,
     namespace: NamespaceOption = None,
+    show: Annotated[
+        bool, typer.Option("--show", help="Print the scene, parameters and versions that it holds, as YAML, and end.")
+    ] = False,
 ) -> None:
     """Tell what happened in a recording: is it whole, cycles, slips, energy; simulate it again and compare.
 
     Exit status 0 when it is whole and, where its scene is known, identical to the bit when simulated again.
     """
+    from .bag import newest
     from .cli import _check_picture, progress_bar, screen
     from .replay import analyse
 
     _check_picture(png)
     _check_outputs(rrd, parquet)
-    recovered = _recover(recording) if recover else ""
+    recording = newest(recording)
+    if show:
+        _show(recording)
+        return
+    recovered = ""
+    if recover:
+        recording, recovered = _recover(recording)
     loaded = None if scene is None else load_scene(scene)
     outputs = _Outputs(parquet, png)
     with progress_bar("replaying") as progress:
@@ -81,14 +93,30 @@ def _check_outputs(rrd: Path | None, parquet: Path | None) -> None:
         raise CrawlerError(f"--parquet: {parquet} is there already; name a new folder")
 
 
-def _recover(recording: Path) -> str:
+def _show(recording: Path) -> None:
+    import yaml
+
+    from . import bag
+
+    head = bag.Bag({})
+    for _ in bag.read_blocks(recording, head):
+        pass
+    if not head.attachments:
+        raise CrawlerError(f"{recording}: it holds nothing but messages; crawler simulator recordings hold their scene")
+    print(yaml.safe_dump(head.attachments, sort_keys=False, allow_unicode=True), end="")
+
+
+def _recover(recording: Path) -> tuple[Path, str]:
+    """Write a whole recording; gives it, and what was done."""
     from . import bag
 
     if bag.examine(recording).complete:
-        return "nothing to recover: the recording is whole"
+        return recording, "nothing to recover: the recording is whole"
     source = recording if recording.is_dir() else recording.with_suffix("")
     folder = source.with_name(source.name + "_recovered")
-    return f"recovered {bag.recover(recording, folder)} messages: {folder}"
+    if folder.exists():
+        raise CrawlerError(f"{folder} is there already: it was recovered before")
+    return folder, f"recovered {bag.recover(recording, folder)} messages: {folder}"
 
 
 class _Outputs:

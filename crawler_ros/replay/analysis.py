@@ -159,11 +159,12 @@ def analyse(
     Raises:
         BagError: when it is no recording of a crawler.
     """
-    tell = progress or (lambda part: None)
+    tell, path = progress or (lambda part: None), Path(path)
     survey = survey_recording(path, lambda part: tell(_SURVEYED * part))
     robot = choose_robot(survey, namespace)
     rate = find_rate(survey, robot)
-    scene = scene or _recorded_scene(survey)
+    recorded = _recorded_scene(survey)
+    given, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and _is_planar(survey, robot))
     finder = _LateFinder(planar)
@@ -191,7 +192,7 @@ def analyse(
         scene=scene,
         method=method,
         topics=topics,
-        problems=tuple(_problems(survey, robot, topics, said, why, fitted, scene)),
+        problems=tuple(_problems(survey, robot, topics, said, why, fitted, scene, given)),
         comparison=said,
         explanation=why,
         fitted_ns=fitted,
@@ -202,7 +203,7 @@ def analyse(
         slips=finder.finish(),
         energy=account_of(table) if known else None,
         margins=find_margins(table, scene) if known and scene is not None else None,
-        standstill=find_standstill(table),
+        standstill=find_standstill(table, survey, robot),
     )
 
 
@@ -334,11 +335,19 @@ def _problems(
     why: str,
     fitted: int | None,
     scene: Scene | None,
+    other_scene: bool,
 ) -> list[str]:
     """List what is wrong, the worst first."""
     found = []
-    if not survey.complete:
+    if survey.lost is None:
         found.append("its end is missing; crawler replay --recover writes what can be read")
+    elif not survey.complete:
+        found.append(
+            f"damaged: {survey.damaged} chunk(s) cannot be read, {survey.lost} message(s) are lost; "
+            "crawler replay --recover writes the others"
+        )
+    if other_scene:
+        found.append("--scene is not the scene that the recording holds: what follows is about the former")
     for name, topic in topics.items():
         short = name.removeprefix(robot)
         if topic.missing:

@@ -174,6 +174,33 @@ def _slips(one: Replay, two: Replay, contact: int) -> dict[str, Any]:
     return {"contact": one.contacts[contact], **more}
 
 
+def _set_ups(one: Replay, two: Replay) -> list[str]:
+    """Tell in what the recordings were made differently: scene, method, versions."""
+    lines = []
+    if one.scene is not None and two.scene is not None:
+        pair = [_flat(run.scene.document()) for run in (one, two) if run.scene is not None]
+        keys = [key for key in sorted({*pair[0], *pair[1]}) if pair[0].get(key) != pair[1].get(key) and key != "name"]
+        told = [f"{key} {pair[0].get(key, 'none')!s:.40} / {pair[1].get(key, 'none')!s:.40}" for key in keys]
+        more = f"; {len(told) - _MOST_SHOWN} more" if len(told) > _MOST_SHOWN else ""
+        if told:
+            lines.append(f"scenes (A / B): {'; '.join(told[:_MOST_SHOWN])}{more}")
+    if one.method != two.method:
+        lines.append(f"method (A / B): {one.method} / {two.method}")
+    versions: list[Any] = [run.survey.attachments.get("versions") for run in (one, two)]
+    if all(isinstance(v, dict) for v in versions) and versions[0] != versions[1]:
+        a, b = versions
+        told = [f"{name} {a.get(name)} / {b.get(name)}" for name in sorted({*a, *b}) if a.get(name) != b.get(name)]
+        lines.append(f"versions (A / B): {'; '.join(told)}")
+    return lines
+
+
+def _flat(document: Any, way: str = "") -> dict[str, Any]:
+    """Lay out a nested document as one level, keys joined by dots."""
+    if not isinstance(document, dict):
+        return {way: document}
+    return {k: v for name, part in document.items() for k, v in _flat(part, f"{way}.{name}".lstrip(".")).items()}
+
+
 def print_comparison(found: RunComparison, screen: Console) -> None:
     """Print what was found, for people.
 
@@ -186,6 +213,8 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         name = "scene not known" if run.scene is None else run.scene.name
         well = "" if run.healthy else f"; [yellow]not well:[/] {run.problems[0]}"
         screen.print(f"{letter}: {run.path}: {name}, {run.seconds:g} s, {len(run.cycles)} cycle(s){well}")
+    for line in _set_ups(one, two):
+        screen.print(line)
     when = "the same" if found.commands_differ is None else f"different from {found.commands_differ:g} s on"
     screen.print(f"commands: {when}, as long as both last")
     if found.motion_differs is None:
@@ -197,20 +226,26 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
     table = Table()
     for column in ("", "A", "B", "B - A"):
         table.add_column(escape(column), justify="right")
+    if abs(one.seconds - two.seconds) > 1e-6:
+        screen.print("the runs last differently long: work, energy and slips below are sums over each whole run")
     size = max(size_of(one.table), size_of(two.table))
     for k, gain in enumerate(found.translation[:_MOST_SHOWN]):
         pair = one.cycles[k].translation, two.cycles[k].translation
         table.add_row(f"cycle {k + 1}: translation, m", *(write_length(v, size) for v in (*pair, gain)))
     if len(found.translation) > _MOST_SHOWN:
         table.add_row(f"({len(found.translation) - _MOST_SHOWN} more)", "", "", "")
+    both = min(len(one.cycles), len(two.cycles))
+    if both and one.cycles[both - 1].energy is not None and two.cycles[both - 1].energy is not None:
+        works = [run.cycles[both - 1].energy.work for run in (one, two)]  # type: ignore[union-attr]
+        table.add_row(f"work in cycle {both}, J", *(f"{v:.6g}" for v in (*works, works[1] - works[0])))
     if found.energy is not None and one.energy is not None and two.energy is not None:
         for name, change in found.energy.items():
             values = getattr(one.energy, name), getattr(two.energy, name), change
-            table.add_row(f"{name}, J", *(f"{v:.6g}" for v in values))
+            table.add_row(f"{name} in all, J", *(f"{v:.6g}" for v in values))
     for row in found.slips[:_MOST_SHOWN]:
         contact = one.contacts.index(row["contact"])
         totals = [float(r.slips.distance[r.slips.contact == contact].sum()) for r in (one, two)]
-        table.add_row(f"{row['contact']} slid, m", *(write_length(v, size) for v in (*totals, row["distance"])))
+        table.add_row(f"{row['contact']} slid in all, m", *(write_length(v, size) for v in (*totals, row["distance"])))
     screen.print(table)
 
 

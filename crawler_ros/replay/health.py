@@ -54,12 +54,16 @@ class Survey:
         path: the recording.
         attachments: name to data: scene, parameters, versions, start.
         complete: whether the file has its end and all messages that it promises.
+        damaged: chunks that could not be read.
+        lost: messages that the file promises and does not give; None where its end is missing.
         topics: by name.
     """
 
     path: Path
     attachments: dict[str, Any]
     complete: bool
+    damaged: int
+    lost: int | None
     topics: dict[str, Stamps]
 
     @property
@@ -104,7 +108,7 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
         name: Stamps(kind, np.array(stamps[name], np.int64), np.array(heard[name], np.int64))
         for name, kind in types.items()
     }
-    return Survey(path, head.attachments, head.complete, topics)
+    return Survey(path, head.attachments, head.complete, head.damaged, head.lost, topics)
 
 
 def choose_robot(survey: Survey, namespace: str | None) -> str:

@@ -13,6 +13,7 @@ from crawler_model.drive import NS
 from .ramps import RampTable
 
 _MOST_LISTED = 100
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,8 @@ def find_margins(table: RampTable, scene: Scene) -> Margins:
     Returns:
         The margins.
     """
-    row = int(table.margin.argmin())
+    near = _ROUNDING * (1.0 + float(np.abs(table.margin).max()))
+    row = int((table.margin <= max(float(table.margin.min()), 0.0) + near).argmax())  # at a bound is at a bound
     visited = float(table.visited.min())
     open_ = np.concatenate(([False], ~table.unique, [False])).astype(np.int8)
     begins, ends = np.flatnonzero(np.diff(open_) > 0), np.flatnonzero(np.diff(open_) < 0) - 1

@@ -25,7 +25,10 @@ def print_replay(replay: Replay, screen: Console) -> None:
         screen: where to.
     """
     survey = replay.survey
-    whole = "whole" if survey.complete else "cut off: its end is missing"
+    whole = "whole" if survey.complete else "cut off: its end is missing" if survey.lost is None else "damaged"
+    origin = survey.attachments.get("recovered")
+    if isinstance(origin, dict):
+        whole += f" (what was recovered from {origin.get('from')})"
     what = "scene not known" if replay.scene is None else f"{replay.scene.name}, {replay.method or 'method not known'}"
     screen.print(f"{replay.path}: {whole}, {survey.messages} messages; {what}, {replay.seconds:g} s simulated")
     screen.print(_topics(replay.topics))
@@ -113,7 +116,7 @@ def _print_slips(replay: Replay, screen: Console) -> None:
                 texts.append(f"{rows.sum()} {word} ({slips.distance[rows].sum():.6g} m in {length:.4g} s)")
         parts.append(f"{replay.contacts[contact].removeprefix('contact_')}: {', '.join(texts)}")
     more = np.unique(slips.contact).size - len(parts)
-    screen.print(f"{slips.contact.size} slips of contact " + "; ".join(parts) + (f"; {more} more" if more > 0 else ""))
+    screen.print(f"{slips.contact.size} slips; contact " + "; ".join(parts) + (f"; {more} more" if more > 0 else ""))
 
 
 def _print_account(replay: Replay, screen: Console) -> None:

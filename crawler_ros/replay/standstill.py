@@ -9,7 +9,15 @@ import numpy as np
 
 from crawler_model.drive import NS
 
+from .health import Survey
 from .ramps import RampTable
+
+COMMANDS = (
+    "joint_trajectory",
+    "actuation_controller/commands",
+    "actuation_controller/joint_trajectory",
+    "friction_controller/commands",
+)
 
 
 @dataclass(frozen=True)
@@ -21,12 +29,16 @@ class Standstill:
         until: the end of the recording [s].
         commanded_until: when the commands changed for the last time [s]; None when they never did.
         margin: least distance of a spring force from its bound meanwhile [N]; None when forces are not known.
+        last_message: topic of the last command message; None when none was recorded.
+        last_message_at: simulated time when it arrived [s].
     """
 
     since: float
     until: float
     commanded_until: float | None
     margin: float | None
+    last_message: str | None
+    last_message_at: float | None
 
     def as_plain(self) -> dict[str, Any]:
         """Lay it out for JSON.
@@ -44,21 +56,28 @@ class Standstill:
         """
         rest = f"at rest from {self.since:g} s to the end at {self.until:g} s"
         if self.commanded_until is None:
-            return f"{rest}: no command changed anything"
+            return f"{rest}: no command changed anything{self._arrival()}"
         said = [f"{rest}: commands changed up to {self.commanded_until:g} s"]
         if self.commanded_until > self.since:
             near = "" if self.margin is None else f" (the nearest stayed {self.margin:.3g} N away)"
             said.append(f"meanwhile no spring force got past its bound{near}")
         if self.commanded_until < self.until:
-            said.append("none came after that")
-        return "; ".join(said)
+            said.append("none after that")
+        return "; ".join(said) + self._arrival()
+
+    def _arrival(self) -> str:
+        if self.last_message is None:
+            return "; no command message was recorded"
+        return f"; the last message on {self.last_message} had arrived at {self.last_message_at:g} s"
 
 
-def find_standstill(table: RampTable) -> Standstill | None:
+def find_standstill(table: RampTable, survey: Survey, robot: str) -> Standstill | None:
     """Look at the end of the last run.
 
     Args:
         table: its ramps; without commands where none were recorded.
+        survey: of the recording.
+        robot: what the crawler's topics begin with.
 
     Returns:
         The rest, or None when the crawler moved to the end, or had rested as long before.
@@ -74,9 +93,23 @@ def find_standstill(table: RampTable) -> Standstill | None:
     changes = np.flatnonzero(path.moved())
     resting = table.margin[rows][end > edges[-1]]
     known = resting.size and np.isfinite(resting).all()
+    topic, arrived = _last_message(survey, robot)
     return Standstill(
         since=float(edges[-1]) / NS,
         until=float(end[-1]) / NS,
         commanded_until=float(path.time_ns[changes[-1] + 1]) / NS if changes.size else None,
         margin=max(float(resting.min()), 0.0) if known else None,
+        last_message=topic,
+        last_message_at=arrived,
     )
+
+
+def _last_message(survey: Survey, robot: str) -> tuple[str | None, float | None]:
+    """Find the last command message, and the last state before it arrived."""
+    heard = {name: survey.topics[robot + name].log_ns[-1] for name in COMMANDS if robot + name in survey.topics}
+    states = survey.topics.get(robot + "joint_states")
+    if not heard or states is None:
+        return None, None
+    topic = max(heard, key=lambda name: int(heard[name]))
+    before = int(np.searchsorted(states.log_ns, heard[topic], side="right")) - 1
+    return topic, float(states.stamp_ns[max(before, 0)]) / NS

@@ -6,10 +6,11 @@ import json
 
 import pytest
 from PIL import Image
+from rich.console import Console
 
 from crawler_model import Scene, load_scene
 from crawler_ros.bag import BagError
-from crawler_ros.replay.compare import compare_recordings, draw_comparison
+from crawler_ros.replay.compare import compare_recordings, draw_comparison, print_comparison
 
 from ..recordings import record
 from .test_replay import crawler
@@ -77,3 +78,10 @@ def test_the_figure_is_drawn_of_bodies_in_the_plane(tmp_path):
     draw_comparison(found, tmp_path / "x.png")
     assert (tmp_path / "x.png").stat().st_size > 20_000
     json.dumps(found.as_plain(), allow_nan=False)
+
+
+def test_what_was_set_up_differently_is_told(pair, capsys):
+    print_comparison(compare_recordings(*pair), Console())
+    said = capsys.readouterr().out
+    assert "scenes (A / B): drive.length" in said
+    assert "versions" not in said  # they are the same
