@@ -4,7 +4,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test lint bench docs figures soak clean
+# For coverage the kernels are interpreted, so that their branches are seen; tests that would take hours so are left out.
+.PHONY: demo test lint coverage bench docs figures soak clean
 
 demo: $(READY)
 	$(BIN)/crawler demo
@@ -16,6 +17,10 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+coverage: $(READY)
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -q -p no:cacheprovider tests/model --ignore tests/model/test_structure.py
+	$(BIN)/coverage report
 
 bench: $(READY)
 	$(BIN)/crawler bench --out benchmarks/results

@@ -259,6 +259,8 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
         if not done:
             contacts[FORWARD, i] += s * floats[ROW_D_FORWARD, i]
             contacts[BACKWARD, i] += s * floats[ROW_D_BACKWARD, i]
+    if not done:
+        for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
     account[EVENTS] += pieces
     return done

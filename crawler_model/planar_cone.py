@@ -30,7 +30,8 @@ def solve_with_clarabel(
     if newton == 0.0:
         return np.zeros((n, 2))
     scaled = np.diag(laplacian).max()
-    quadratic = sparse.block_diag((np.kron(laplacian / scaled, np.eye(2)), np.zeros((n, n))), format="csc")
+    quadratic = np.zeros((3 * n, 3 * n))
+    quadratic[: 2 * n, : 2 * n] = np.kron(laplacian / scaled, np.eye(2))
     linear = np.concatenate((-force.ravel() / newton, np.zeros(n)))  # unknowns v_i, then t_i = R_i(v_i)
     if m == 0:
         linear[2 * n :] = friction[:, 0] / newton
@@ -54,6 +55,6 @@ def solve_with_clarabel(
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     matrix = rows.tocsc()
     answer = clarabel.DefaultSolver(
-        sparse.triu(quadratic).tocsc(), linear, matrix, np.zeros(matrix.shape[0]), cones, settings
+        sparse.csc_matrix(np.triu(quadratic)), linear, matrix, np.zeros(matrix.shape[0]), cones, settings
     )
     return np.asarray(answer.solve().x)[: 2 * n].reshape(n, 2) * metre

@@ -8,6 +8,7 @@ the circle finds the right hill, halved steps its top.
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Generator
 
 import rclpy
@@ -113,6 +114,9 @@ def main(args: list[str] | None = None) -> None:
     Args:
         args: command line; None for the process's own.
     """
+    if {"-h", "--help"} & set(sys.argv[1:] if args is None else args):
+        print(__doc__)
+        return
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     try:

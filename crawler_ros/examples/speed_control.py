@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import signal
+import sys
 from collections.abc import Generator
 
 import rclpy
@@ -111,6 +112,9 @@ def main(args: list[str] | None = None) -> None:
     Args:
         args: command line; None for the process's own.
     """
+    if {"-h", "--help"} & set(sys.argv[1:] if args is None else args):
+        print(__doc__)
+        return
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     try:

@@ -62,7 +62,7 @@ class Standstill:
             near = "" if self.margin is None else f" (the nearest stayed {self.margin:.3g} N away)"
             said.append(f"meanwhile no spring force got past its bound{near}")
         if self.commanded_until < self.until:
-            said.append("none after that")
+            said.append("no change after that")
         return "; ".join(said) + self._arrival()
 
     def _arrival(self) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import Any
 
 import numpy as np
+import yaml
 from hypothesis import strategies as st
 
 from crawler_model import Scene
@@ -27,6 +29,13 @@ def scene(
         data["drive"] = drive
     if start is not None:
         data["start"] = {"displacement": start}
+    return Scene.model_validate(data)
+
+
+def coarse(name: str, elements: int = 6) -> Scene:
+    """A scene of the gallery whose segments have so many elements: none are counted."""
+    data = yaml.safe_load((resources.files("msgs_config") / "scenes" / f"{name}.yaml").read_text(encoding="utf-8"))
+    data["body"]["segments"] = [segment | {"elements": elements} for segment in data["body"]["segments"]]
     return Scene.model_validate(data)
 
 

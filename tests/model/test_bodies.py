@@ -11,6 +11,8 @@ from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, 
 from crawler_model.elements import average, count_elements
 from crawler_model.friction import check_regularity
 
+from .chains import coarse
+
 
 def segment(strokes, accuracy=None, elements=None, **given):
     """A homogeneous segment that lengthens and shortens evenly."""
@@ -99,6 +101,13 @@ def test_elements_override_accuracy_and_are_kept_in_the_document():
     assert segment(0.2, accuracy=0.01, elements=7).mesh.segments[0].elements == 7
 
 
+def test_without_a_drive_an_accuracy_is_the_size_of_an_element():
+    document = segment(0.2, elements=1).document()
+    del document["drive"], document["body"]["segments"][0]["elements"]
+    document["body"]["segments"][0]["accuracy"] = 0.03
+    assert Scene.model_validate(document).mesh.segments[0].elements == 34
+
+
 def test_a_mesh_that_is_critical_is_judged_as_the_continuum():
     """Four equal cells and mu_minus = 3 mu_plus: the mesh balances, the continuum does not."""
     run = simulate(segment(0.5, elements=3))
@@ -175,25 +184,26 @@ def test_three_springs_travel_as_rational_arithmetic_says():
 
 
 def test_a_hybrid_counts_every_part_once():
-    run = simulate(load_scene("hybrid_body"), duration=2.0)
+    run = simulate(coarse("hybrid_body"), duration=2.0)
     mesh = run.scene.mesh
     x = run.displacement[-1]
     trunk = x[mesh.segments[0].contacts]
     mean = (trunk[:-1] + trunk[1:]).sum() / 2 / mesh.segments[0].elements
     assert run.net_translation[-1] == pytest.approx((mean + x[mesh.isolated[0]]) / 2, abs=1e-15)
     assert run.waypoint_displacement[-1] == pytest.approx([x[mesh.isolated[0]], trunk[0], trunk[-1]])
+    assert mesh.station_share.tolist() == [0.5, 0.25, 0.25]
     assert run.energy.relative_residual < 1e-13
 
 
 def test_a_relaxed_start_pulls_nobody():
-    for name in ("peristaltic_segment", "three_springs"):
-        document = load_scene(name).document() | {"start": "relaxed"}
-        crawler = Crawler(Scene.model_validate(document))
+    bent = Scene.model_validate(load_scene("three_springs").document() | {"start": "relaxed"})
+    for one in (coarse("peristaltic_segment", 30), bent):
+        crawler = Crawler(one)
         assert np.abs(crawler.spring_force).max() < 1e-13
 
 
 def test_commands_of_a_segment_are_one_strain_and_one_friction():
-    crawler = Crawler(load_scene("hybrid_body"))
+    crawler = Crawler(coarse("hybrid_body"))
     crawler.advance([0.2, 0.1], forward=[0.5, 0.1], backward=[0.6, 0.2])
     mesh = crawler.body
     trunk = mesh.segments[0]
@@ -201,17 +211,52 @@ def test_commands_of_a_segment_are_one_strain_and_one_friction():
     assert crawler.forward[trunk.contacts].sum() == pytest.approx(0.1)
     assert crawler.backward[mesh.isolated[0]] == 0.6
     assert crawler.row == pytest.approx([0.2, 0.1, 0.5, 0.1, 0.6, 0.2])
+    columns = crawler.scene.columns
+    assert columns.names == (
+        *("link_0", "trunk"),
+        *("contact_0/forward", "trunk/forward"),
+        *("contact_0/backward", "trunk/backward"),
+    )
+    assert columns.aliases["trunk/friction"].tolist() == [3, 5]
+    assert columns.aliases["contact_0/backward"].tolist() == [4]
     with pytest.raises(CommandError, match=r"actuation: shape \(3,\); it must be \(2,\)"):
         crawler.advance([0.0, 0.0, 0.0])
+
+
+def test_commands_along_a_wave_have_a_name_each():
+    columns = coarse("friction_wave_segment", 2).columns
+    strains, contacts = [f"foot/element_{j}" for j in range(2)], [f"foot/contact_{j}" for j in range(3)]
+    assert columns.names == (*strains, *(f"{c}/{side}" for side in ("forward", "backward") for c in contacts))
+    assert columns.aliases["foot"].tolist() == [0, 1]
+    assert columns.aliases["foot/forward"].tolist() == [2, 3, 4]
+    assert columns.aliases["foot/friction"].tolist() == [2, 3, 4, 5, 6, 7]
+
+
+def test_commands_in_the_plane_have_a_name_for_each_axis():
+    columns = load_scene("planar_rectilinear").columns
+    assert columns.names[:2] == ("link_0/x", "link_0/y")
+    assert not any("direction" in name for name in columns.aliases)  # friction by directions is not commanded
+    free = load_scene("planar_three_points").columns
+    assert free.names[-3:] == ("contact_0/friction", "contact_1/friction", "contact_2/friction")
+    assert {name: at.tolist() for name, at in free.aliases.items()} == {n: [i] for i, n in enumerate(free.names)}
+
+
+def test_a_segment_is_as_compliant_as_its_table():
+    scene = segment(0.2, elements=3, stiffness={"at": [0.0, 1.0], "value": [1.0, 3.0]})
+    assert (1.0 / scene.mesh.stiffness).sum() == pytest.approx(np.log(3.0) / 2.0, rel=1e-6)  # of 1 / (1 + 2 xi)
 
 
 def test_regularity_of_friction():
     regular = check_regularity(load_scene("two_anchor_a").commands)
     assert (regular.least, regular.greatest, regular.rate) == (0.5, 1.5, 2.0)
     assert regular.is_regular
-    wave = check_regularity(load_scene("friction_wave_segment").commands)
+    wave = check_regularity(coarse("friction_wave_segment", 20).commands)
     assert wave.least == pytest.approx(0.05, abs=1e-3)
     assert wave.rate == pytest.approx(2 * np.pi * 0.15, rel=0.01)  # c |mu'|, of a polygon inscribed in the sine
+    document = load_scene("two_contacts_anisotropic").document()
+    document["drive"] = {"times": [0, 1], "period": 1.25, "actuation": [0, 0], "friction": {"isotropic": [1, 2]}}
+    back = check_regularity(Scene.model_validate(document).commands)
+    assert back.rate == pytest.approx(4.0)  # from 2 N back to 1 N in a quarter of a second
     document = load_scene("two_contacts_anisotropic").document()
     document["friction"] = {"forward": [0.2, 0.0], "backward": 0.5}
     none = check_regularity(Scene.model_validate(document).commands)

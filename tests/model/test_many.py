@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import threading
+import time
 from typing import Any
 
 import numpy as np
 import pytest
 
 from crawler_model import CommandError, Scene, SceneError, gallery, load_scene, simulate, simulate_many, vary, workers
+from crawler_model.many import Settings, run_chunk
 
-from .chains import scene
+from .chains import coarse, scene
 
 STRATEGIES = {
     "a": lambda a: np.maximum(a - 2, 0),
@@ -125,7 +128,7 @@ def test_processes_change_nothing(monkeypatch):
     run = workers._Helper.run
     monkeypatch.setattr(workers._Helper, "run", lambda *a: answers.append(run(*a)) or answers[-1])
     keys = {"body.segments.trunk.stiffness": np.linspace(0.5, 2.0, 40), "body.links.stiffness": [2.0, -1.0, 4.0]}
-    variations = vary(load_scene("hybrid_body"), keys)
+    variations = vary(coarse("hybrid_body"), keys)
     same(simulate_many(variations, workers=2), simulate_many(variations, workers=1))
     assert answers
     assert all(a is not None for a in answers)
@@ -143,6 +146,72 @@ def test_a_process_that_is_killed_loses_nothing(monkeypatch):
 
     monkeypatch.setattr(workers._Helper, "run", killed_then_run)
     same(simulate_many(variations, workers=3), simulate_many(variations, workers=1))
+
+
+def test_a_helping_process_answers_raises_and_is_ended():
+    helper, never, now = workers._Helper(), threading.Event(), threading.Event()
+    assert helper.run(len, [1, 2, 3], never) == 3
+    with pytest.raises(TypeError, match="int"):
+        helper.run(int, [1, 2, 3], never)
+    assert helper.run(len, [1], never) == 1  # an error does not end it
+    now.set()
+    assert helper.run(time.sleep, 1000.0, now) is None
+    assert helper.process is None
+    assert helper.run(len, [1], never) is None
+
+
+def test_an_error_in_a_thread_stops_the_others_and_is_raised(monkeypatch):
+    monkeypatch.setattr(workers, "_THREADS_SCALE", 0.0)
+    monkeypatch.setattr(workers, "_PROBE", 2)
+    told = []
+
+    def progress(part: float) -> None:
+        told.append(part)
+        if threading.current_thread() is not threading.main_thread():
+            raise ArithmeticError("enough")
+
+    with pytest.raises(ArithmeticError, match="enough"):
+        simulate_many(vary(resting("two_anchor_b"), SLOW), workers=2, progress=progress)
+    assert told[-1] < 1.0
+
+
+@pytest.mark.parametrize("when", ["in the first runs", "while the threads are waited for"])
+def test_ctrl_c_is_no_error(monkeypatch, when):
+    monkeypatch.setattr(workers, "_THREADS_SCALE", 0.0)
+    monkeypatch.setattr(workers, "_PROBE", 2)
+
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    if when == "in the first runs":
+        runs = simulate_many(vary(resting("two_anchor_b"), SLOW), workers=2, progress=stop)
+        assert (runs.status == "done").sum() == 1
+    else:
+        monkeypatch.setattr(workers, "wait", stop)
+        runs = simulate_many(vary(resting("two_anchor_b"), SLOW), workers=2)
+        assert (runs.status == "done").sum() >= 2
+    assert runs.interrupted
+
+
+def test_a_chunk_that_is_stopped_leaves_the_rest():
+    asked = []
+
+    def stop() -> bool:
+        asked.append(len(asked))
+        return len(asked) > 3
+
+    some = [load_scene("two_anchor_a")] * 4
+    rows, reasons = run_chunk(some, Settings(duration=1.0), stop)  # asked before each run and on its way
+    assert rows["status"].tolist() == [1, 0, 0, 0]
+    assert reasons == {}
+    asked.clear()
+    rows, _ = run_chunk(some, Settings(duration=1.0), lambda: bool(asked) or asked.append(0))
+    assert rows["status"].tolist() == [0, 0, 0, 0]
+
+
+def test_scenes_that_are_none_are_passed_over():
+    runs = simulate_many(vary(load_scene("two_anchor_a"), {"body.links.stiffness": [-1.0, 1.0]}), duration=1.0)
+    assert runs.status.tolist() == ["invalid", "done"]
 
 
 def test_ctrl_c_keeps_what_is_done(monkeypatch):
@@ -268,6 +337,15 @@ def test_friction_both_ways_is_varied_on_one_side():
         assert other.friction.sides == (0.3, 0.3)
 
 
+def test_friction_both_ways_is_varied_on_one_side_of_a_segment():
+    document = coarse("hybrid_body").document()
+    document["body"]["segments"][0]["friction"] = {"isotropic": 0.2}
+    (other,) = vary(Scene.model_validate(document), {"body.segments.trunk.friction.forward": [0.1]})
+    assert other.body.segments[0].friction.sides == (0.1, 0.2)
+    (by_place,) = vary(Scene.model_validate(document), {"body.segments.0.friction.forward": [0.1]})
+    assert by_place == other
+
+
 def test_elements_stay_unless_the_accuracy_is_varied():
     base = load_scene("hybrid_body")
     elements = [s.mesh.segments[0].elements for s in vary(base, {"body.links.stiffness": [1.0, 9.0]})]
@@ -295,6 +373,11 @@ def test_elements_stay_unless_the_accuracy_is_varied():
         ("two_anchor_a", {"name.x": [1]}, "name.x: unknown key"),
         ("three_springs", {"drive.actuation": [1]}, "drive.actuation: a table is not a number; vary drive.actuation.0"),
         ("two_anchor_a", {"friction.forward": [1]}, "without effect, the scene's drive commands friction"),
+        (
+            coarse("hybrid_body"),
+            {"body.segments.trunk.accuracy": [0.1]},
+            "without effect, the segment's elements are given; vary elements instead",
+        ),
         ("two_anchor_a", {"drive.length": []}, "at least one number"),
         ("two_anchor_a", {"drive.length": [np.nan]}, "all finite"),
         ("two_anchor_a", {"drive.length": 3}, "a list of"),
@@ -305,7 +388,7 @@ def test_elements_stay_unless_the_accuracy_is_varied():
 )
 def test_a_mistake_in_a_key_is_one_clear_line(name, keys, said):
     with pytest.raises(SceneError) as error:
-        vary(load_scene(name), keys)
+        vary(name if isinstance(name, Scene) else load_scene(name), keys)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
     with pytest.raises(SceneError, match="as many"):

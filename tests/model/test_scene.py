@@ -12,6 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate
+from crawler_model.scene_file import LARGEST_FILE
 
 GOOD: dict[str, Any] = {
     "name": "good",
@@ -43,6 +44,7 @@ def refusal(data: Any) -> str:
     return text
 
 
+WAVES = ("wave", "friction_wave")
 WRONG = [
     ("frictoin", {}, "frictoin: unknown key; the nearest known key is 'friction'"),
     ("friction/foward", 1, "friction.foward: unknown key; the nearest known key is 'forward'"),
@@ -65,15 +67,19 @@ WRONG = [
     ("body/links/between", [[0, 1], [1, "2"]], "body.links.between: link 1 joins '2'; an end is a number, `name.from`"),
     ("friction/forward", -1, "friction.forward: contact 0 has -1 N; friction must be >= 0"),
     ("friction/forward", [1, 1], "friction.forward: 2 value(s) for 3 contact(s)"),
+    ("friction", {"directions": [0, 2, 4], "value": 1}, "friction.directions: for planar scenes; on a line give"),
     ("friction/forward", None, "friction: give both `forward` and `backward`, or `isotropic` alone"),
     ("friction/isotropic", 1, "friction: give both `forward` and `backward`, or `isotropic` alone"),
     ("friction", None, "friction: missing"),
     ("friction", 0.3, "friction: write {isotropic: 0.3}, or give `forward` and `backward`"),
+    ("body/links", None, "body.links: missing; it gives the springs between contacts and segments"),
+    ("body/links", 3, "body.links: 3; it must be a mapping with stiffness, between"),
     ("body/links/between", [], "body.links.between: no links lead from contact 0 to contact 1"),
     ("body/links/stiffness", 10**400, "too large; at most 1e+100"),
     ("body/links/stiffness", 1e200, "too large; at most 1e+100"),
     ("drive/times", [0, 1e-10], "waypoints are at least a nanosecond apart"),
     ("name", None, "name: missing"),
+    ("start", {"displacement": [[0, 0]] * 3}, "start.displacement: on a line each entry is a number"),
     ("start", {"displacement": [0, 1]}, "start.displacement: 2 value(s) for 3 contact(s)"),
     (
         "start",
@@ -85,6 +91,15 @@ WRONG = [
     ("drive/times", [0, 1, 2], "drive.actuation: 2 row(s) for 3 time(s)"),
     ("drive/actuation", [[0, 0], [1]], "drive.actuation: row 1: 1 value(s) for 2 link(s)"),
     ("drive/actuation", None, "drive: `actuation` is missing"),
+    ("drive/actuation", [[[0, 0], [0, 0]]] * 2, "drive.actuation: row 0 holds lists; on a line each entry is a number"),
+    (
+        "drive/length",
+        2,
+        "drive: `length` does not go with this kind of drive; it takes actuation, friction, period, times",
+    ),
+    ("drive/friction", 0.5, "friction: with `times`, give `isotropic`, or `forward` and `backward`, a row per time"),
+    ("drive/period", 0, "drive: period: 0 s; it must be > 0"),
+    ("drive/period", 1 + 1e-10, "s is less than a nanosecond after the last waypoint"),
     ("drive/period", 0.5, "drive.period: 0.5 s ends before the last waypoint at 1 s"),
     ("drive/period", 1, "drive.actuation: the last row, at the period's end, has 1 for link_0 and the first 0"),
     ("drive/strategy", "A", "give exactly one of"),
@@ -96,6 +111,12 @@ WRONG = [
         "strategies drive 2 contacts on 1 link, this body has 3 contacts, 2 links",
     ),
     ("drive", {"strategy": "D", "length": 1, "friction": 1}, "drive.strategy"),
+    ("drive", {"strategy": "A", "length": 1, "friction": -1}, "friction: -1 N; it must be >= 0"),
+    (
+        "drive",
+        {kind: {"amplitude": 0.1, "mean": 1, "wavelength": 1, "period": i + 1} for i, kind in enumerate(WAVES)},
+        "drive.friction_wave.period: it must be that of drive.wave",
+    ),
     ("drive", {"strategy": "A"}, "a strategy needs `length` (m) and `friction` (N)"),
     ("drive", {"wave": {"amplitude": 0.1, "wavelength": 0, "period": 1}}, "wavelength: 0 m; it must not be 0"),
     ("drive", {"wave": {"amplitude": 0.1, "wavelength": 1, "period": 0}}, "period: 0 s; it must be > 0"),
@@ -142,6 +163,25 @@ def test_what_is_no_scene_is_one_line(text):
     refusal(text)
 
 
+def aliases(deep: int) -> str:
+    lists = [f"l{i}: &l{i} [{', '.join([f'*l{i - 1}' if i else '0'] * 10)}]" for i in range(deep)]
+    return "{" + ", ".join(lists) + "}"
+
+
+def test_aliases_may_not_stand_for_more_than_a_scene_can_hold():
+    assert "unknown key" in refusal(aliases(6))
+    assert "not plain YAML in line 1: with its aliases written out it holds more than" in refusal(aliases(7))
+
+
+def test_an_alias_is_what_it_stands_for():
+    text = "{name: x, body: {contacts: &c [0, 1], links: {stiffness: 1}}, friction: {forward: *c, backward: *c}}"
+    assert parse_scene(text) == parse_scene(text.replace("&c ", "").replace("*c", "[0, 1]"))
+
+
+def test_a_date_that_is_none_is_one_line():
+    assert "not plain YAML: month must be in 1..12" in refusal("name: 2020-13-45")
+
+
 def test_several_mistakes_are_counted():
     data = change("friction/forward", "a")
     data["body"]["links"]["stiffness"] = "b"
@@ -186,6 +226,13 @@ def test_load_by_path_and_by_name(tmp_path):
         load_scene("two_ancor_a")
     with pytest.raises(SceneError, match="no such file"):
         load_scene(tmp_path / "none.yaml")
+    file.write_bytes(b"")
+    with pytest.raises(SceneError, match="cannot be read: it is empty"):
+        load_scene(file)
+    with file.open("wb") as stream:
+        stream.truncate(LARGEST_FILE + 1)
+    with pytest.raises(SceneError, match=f"it has {LARGEST_FILE + 1} bytes; a scene has at most {LARGEST_FILE}"):
+        load_scene(file)
     file.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SceneError, match="cannot be read"):
         load_scene(file)
@@ -357,6 +404,7 @@ def plane(**more: Any) -> dict[str, Any]:
     return {"name": "x", "dimension": 2, "body": body, "friction": {"isotropic": 1.0}, **more}
 
 
+PUSHED: dict[str, Any] = {"times": [0, 1], "actuation": [[[0, 0]], [[1, 0]]]}
 WRONG_BODIES = [
     (with_segments({"accuracy": 2.0}), "body.segments.0: accuracy: 2; it must be between 1e-6 and 0.5"),
     (with_segments({"accuracy": 1e-9}), "accuracy: 1e-09; it must be between"),
@@ -367,6 +415,10 @@ WRONG_BODIES = [
     (with_segments({"stiffness": {"at": [0, 1], "value": [1]}}), "2 position(s) in `at` for 1 value(s)"),
     (with_segments({"stiffness": {"at": [1, 0], "value": [1, 1]}}), "positions in `at` must be strictly increasing"),
     (with_segments({"friction": {"forward": -1, "backward": 1}}), "friction.forward: -1 N/m; it must be >= 0"),
+    (
+        with_segments({"stiffness": {"at": [2, 3], "value": [1, 1]}}),
+        "body.segments.0: the table of stiffness is given at 2 .. 3 m, outside the segment's 0 .. 1 m",
+    ),
     (with_segments({"friction": 0.3}), "body.segments.0.friction: write {isotropic: 0.3}"),
     (with_segments({"to": -1}), "to: -1 m; it must lie beyond from, 0 m"),
     (with_segments({"name": "link_0"}), "name: 'link_0'; it must be a word"),
@@ -388,11 +440,36 @@ WRONG_BODIES = [
     ),
     (with_segments({}, dimension=2), "segments lie on a line"),
     (plane(dimension=1), "contact 0 is [0.0, 0.0]; on a line it is a number"),
+    (
+        plane(body={"contacts": [[0, 0], [0, 0]], "links": {"stiffness": 1.0}}),
+        "body.contacts: contacts 0 and 1 are both at [0, 0] m",
+    ),
+    (
+        plane(body={"contacts": [0, 1], "links": {"stiffness": 1.0}}),
+        "body.contacts: contact 0 is 0.0; a planar scene gives [x, y] of each contact",
+    ),
     (plane(dimension=3), "dimension: Input should be 1 or 2"),
     (plane(friction={"forward": 1, "backward": 2}), "in the plane give `isotropic`, or `directions` and `value`"),
     (
         plane(drive={"times": [0, 1], "actuation": [[0], [1]]}),
         "row 0: entry 0 is 0.0; a planar scene gives [x, y] for each",
+    ),
+    (
+        plane(drive={"times": [0, 1], "actuation": [[[0, 0]]]}),
+        "drive.actuation: 1 row(s) for 2 time(s); give one row per time",
+    ),
+    (
+        plane(drive=PUSHED | {"friction": {"forward": [1, 1], "backward": [1, 1]}}),
+        "drive.friction: a planar scene takes `isotropic` only",
+    ),
+    (
+        plane(drive=PUSHED | {"friction": {"isotropic": [1, 1]}}, friction={"directions": [0, 2, 4], "value": 1}),
+        "drive.friction: friction given by directions is constant; leave it out",
+    ),
+    (plane(friction={"directions": [0, 2, 4]}), "give `directions` (rad) and `value` together and nothing else"),
+    (
+        plane(friction={"directions": [0, 2, 4], "value": [[1, 1, 1]] * 3}),
+        "friction.value: 3 row(s) for 2 contact(s); give one row, or one per contact",
     ),
     (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies are for a line"),
     (plane(start={"displacement": [[0, 0]]}), "a planar scene gives [x, y] for each of 2 contacts"),

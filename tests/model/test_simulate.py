@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, load_scene, simulate
+from crawler_model import CommandError, Crawler, load_scene, simulate, simulate_many
 from crawler_model.simulate import rational_rate, tick_end_ns
 
 from .chains import scene
@@ -132,3 +132,30 @@ def test_contact_states_are_those_of_the_tick():
     moved = np.sign(np.diff(run.displacement, axis=0))
     assert (run.contact_state[1:] == moved).all()
     assert not run.contact_state[0].any()
+
+
+def test_what_is_shown_of_a_run_a_step_and_many_runs():
+    run = simulate(load_scene("two_anchor_a"), duration=3.0)
+    assert repr(run) == "Trajectory(two_anchor_a, exact, 300 ticks at 100 Hz, net_translation 0.5 -> 6.5 m)"
+    step = Crawler(scene(2, 1.0, 1.0, 2.0)).advance([3.0])  # 2 m of the stroke move contact 0 back or contact 1 forward
+    assert repr(step).startswith("Step(events=2, work=2.5, dissipation=2.0, velocity=array([0., 2.]), unique=True, ")
+    runs = simulate_many([load_scene("two_anchor_a")] * 2)
+    assert repr(runs).startswith("ManyRuns(2 runs: 2 done, 0 invalid, ")
+
+
+def test_no_times_no_samples():
+    drive = load_scene("two_anchor_a").commands
+    assert drive.sample(np.zeros(0, np.int64)).shape == (0, 5)
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "three_springs", "planar_three_points"])
+def test_a_crawler_that_is_placed_goes_on_like_the_one_that_went_there(name):
+    crawler = Crawler(load_scene(name))
+    first, second = crawler.scene.commands.targets[1:3]
+    crawler.follow(first[None])
+    placed = Crawler(crawler.scene).placed(crawler.displacement, first)
+    assert crawler != "a crawler"
+    for each in (crawler, placed):
+        each.follow(second[None])
+    assert placed.displacement == pytest.approx(crawler.displacement, abs=1e-4)
+    assert placed.tension == pytest.approx(crawler.tension, abs=1e-4)

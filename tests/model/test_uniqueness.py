@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler_model import Crawler, simulate
-from crawler_model.uniqueness import translation_interval, uniqueness_margin
+from crawler_model.uniqueness import commanded_margin, translation_interval, uniqueness_margin
 
 from .chains import scene
 
@@ -116,3 +116,16 @@ def test_nothing_resists_and_nothing_is_chosen_but_rest():
     assert step.translation_interval == (-np.inf, np.inf)
     assert crawler.net_translation == pytest.approx(0.0, abs=1e-15)
     assert crawler.tension == pytest.approx([0.0, 0.0], abs=0)
+
+
+def test_too_many_different_frictions_are_not_decided():
+    rows = np.linspace(1.0, 2.0, 65)[:, None] * np.linspace(1.0, 1.5, 17)
+    drive = {"times": list(range(65)), "actuation": [[0] * 16] * 65, "friction": {"isotropic": rows.tolist()}}
+    assert commanded_margin(scene(17, drive=drive)) is None
+    few = {"times": [0, 1], "actuation": [[0] * 16] * 2, "friction": {"isotropic": rows[:2].tolist()}}
+    assert commanded_margin(scene(17, drive=few)) == pytest.approx(uniqueness_margin(rows[0], rows[0]), abs=1e-12)
+
+
+def test_the_interval_wants_one_number_for_each_contact():
+    with pytest.raises(ValueError, match=r"shapes \(2,\), \(3,\), \(2,\); one per contact"):
+        translation_interval([0, 1], [1, 1, 1], [1, 1])

@@ -353,7 +353,7 @@ def test_a_run_whose_commands_end_says_so(tmp_path):
     assert found.commanded_until == pytest.approx(2.0)
     assert found.until == pytest.approx(3.0)
     assert found.since <= 2.0
-    assert "changed up to 2 s; none after that; no command message was recorded" in found.explain()
+    assert "changed up to 2 s; no change after that; no command message was recorded" in found.explain()
 
 
 def test_commands_too_weak_to_slide_are_told_with_their_distance(tmp_path):

@@ -136,7 +136,7 @@ MISTAKES = [
     (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "more than fit in memory"),
     (["simulate", "two_anchor_a", "--rate", "fast"], "Invalid value for '--rate'"),
     (["simulate"], "Missing argument"),
-    (["replay", "parent"], "it holds the recordings one"),
+    (["replay", "parent"], "parent/one: there is no message in it"),
     (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
     (["replay", "text.mcap"], "not an MCAP file"),
     (["replay", "nothing"], "nothing: no such file or folder"),

@@ -1,0 +1,54 @@
+"""What is left out where the kernels are interpreted, so that coverage can see their branches (`make coverage`)."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+
+import numba
+import pytest
+
+LONG = (
+    "test_bodies.py::test_a_curved_path_in_the_plane*",
+    "test_bodies.py::test_a_finer_tolerance*",
+    "test_bodies.py::test_a_heterogeneous_segment*",
+    "test_bodies.py::test_a_segment_is_as_accurate*",
+    "test_bodies.py::test_the_tolerance_is_kept*",
+    "test_bodies.py::test_two_segments*",
+    "test_bodies.py::test_waves_along*",
+    "test_chain_kernel.py::test_a_load_that_alternates*100000*",
+    "test_closed_forms.py::test_many_periods*",
+    "test_exact_cases.py::*1000.0*",
+    "test_exact_cases.py::test_catch_up_converges*",
+    "test_hard_cases.py::*0000 contacts*",
+    "test_hard_cases.py::*0000 elements*",
+    "test_hard_cases.py::*A grid*",
+    "test_hard_cases.py::*A ladder*",
+    "test_hard_cases.py::*A ring with*",
+    "test_hard_cases.py::*hybrid*",
+    "test_hard_cases.py::*periods of*",
+    "test_hard_cases.py::*split in 1000-*",
+    "test_hard_cases.py::test_at_rest_for_a_million*",
+    "test_hard_cases.py::test_long_chains*100000*",
+    "test_many.py::test_a_row_is*hybrid*",
+    "test_many.py::test_a_row_is*segment*",
+    "test_many.py::test_a_variation_is*hybrid*",
+    "test_many.py::test_ctrl_c_keeps*",
+    "test_many.py::test_elements_stay*",
+    "test_many.py::test_long_runs*",
+    "test_many.py::test_the_rate_of_exact*hybrid*",
+    "test_model_document.py::*line_37?*",
+    "test_planar_kernel.py::test_a_resting_body*",
+    "test_planar_kernel.py::test_error_and_energy*0]",
+    "test_scene.py::test_every_gallery_scene*_segment*",
+    "test_scene.py::test_every_gallery_scene*hybrid*",
+    "test_scene.py::test_the_scenes_of_the_docs*trunk_and_foot*",
+)
+"""Tests that take seconds to hours with interpreted kernels; whatever they alone would reach has a shorter test."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not numba.config.DISABLE_JIT:
+        return
+    left_out = [i for i in items if any(fnmatchcase(i.nodeid.rpartition("tests/model/")[2], name) for name in LONG)]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in set(left_out)]

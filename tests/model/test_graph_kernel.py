@@ -1,0 +1,71 @@
+"""The active set of graphs, on its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crawler_model import Crawler, Scene, SceneError, graph_kernel, load_scene
+from crawler_model.graph_kernel import Network, build_network, move, workspace
+
+from .hard_cases import complete, ladder, net
+
+
+def velocities(network: Network, load, bound, rounds):
+    """The verdict and the velocities, in the order of the contacts."""
+    order = network.order
+    n = order.size
+    v, side = np.zeros(n), np.zeros(n, np.int8)
+    verdict = move(
+        network.band, load[order], -bound[order], bound[order], np.zeros(n), rounds, *workspace(network), v, side
+    )
+    found = np.empty(n)
+    found[order] = v
+    return verdict, found
+
+
+@pytest.mark.parametrize("between", [ladder(24), complete(7)], ids=["ladder", "complete"])
+def test_however_many_rounds_it_has_it_gives_the_answer_or_gives_up(between):
+    n = 1 + max(map(max, between))
+    body = net(n, between, "exact").body
+    laplacian = np.zeros((n, n))
+    for (a, b), k in zip(body.ends, body.stiffness, strict=True):
+        laplacian[[a, b, a, b], [a, b, b, a]] += [k, k, -k, -k]
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        load, bound = rng.normal(size=n) * 3.0, rng.uniform(0.5, 1.5, n)
+        load -= load.mean()
+        network = build_network(body)
+        verdict, v = velocities(network, load, bound, 1000)
+        assert verdict == 0
+        force = load - laplacian @ v
+        assert (np.abs(force) <= bound * (1.0 + 1e-13)).all()
+        assert force[v != 0.0] == pytest.approx((np.sign(v) * bound)[v != 0.0], rel=1e-13)
+        for rounds in range(40):
+            verdict, again = velocities(network, load, bound, rounds)
+            assert verdict in (-1, 0)
+            if verdict == 0:
+                assert again == pytest.approx(v, abs=1e-13)
+        assert velocities(network, load, bound, 1)[0] == -1
+        assert verdict == 0
+
+
+def test_a_command_that_is_in_force_changes_nothing():
+    crawler = Crawler(load_scene("three_springs"))
+    crawler.advance([0.3, 0.0, -0.2])
+    before = crawler.copy()
+    step = crawler.advance([0.3, 0.0, -0.2])
+    assert (crawler.displacement == before.displacement).all()
+    assert (crawler.tension == before.tension).all()
+    assert not crawler.gained.any()
+    assert (step.events, step.work, step.dissipation) == (0, 0.0, 0.0)
+
+
+def test_contacts_that_are_joined_too_widely_are_refused(monkeypatch):
+    monkeypatch.setattr(graph_kernel, "_MOST_NUMBERS", 8)
+    body = {"contacts": [0, 1, 2], "links": {"stiffness": 1.0, "between": [[0, 1], [1, 2], [0, 2]]}}
+    triangle = {"name": "t", "body": body, "friction": {"isotropic": 1.0}}
+    assert Crawler(Scene.model_validate(triangle)).advance([0.0] * 3).unique
+    monkeypatch.setattr(graph_kernel, "_MOST_NUMBERS", 5)
+    with pytest.raises(SceneError, match=r"3 contacts are joined so widely that 6.0e\+00 numbers would be needed"):
+        Crawler(Scene.model_validate(triangle | {"name": "other"}))
