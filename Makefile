@@ -1,17 +1,22 @@
 # `make demo` and `make test` do all the set-up: a virtual environment from pyproject.toml, made anew when that changes.
 PYTHON ?= python3
 VENV ?= .venv
+EXTRAS ?= ros,viz,bench,sweep,docs,test
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would take hours so are left out.
-.PHONY: demo test lint coverage bench docs figures soak clean
+.PHONY: demo test smoke lint coverage bench docs figures soak clean
 
 demo: $(READY)
 	$(BIN)/crawler demo
 
 test: $(READY)
 	$(BIN)/python -m pytest
+
+smoke: $(READY)
+	$(BIN)/python -m pytest -q -p no:cacheprovider tests/model/test_closed_forms.py tests/model/test_scene.py tests/model/test_simulate.py \
+		tests/ros/test_messages.py tests/ros/test_stepper.py tests/ros/test_commands.py tests/ros/test_lock_step.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -44,8 +49,8 @@ soak: $(READY)
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,viz,bench,sweep,docs,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-* build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
