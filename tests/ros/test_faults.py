@@ -231,7 +231,7 @@ def fails_to_record(ros, bags, reason, fill):
     with driven(ros):
         wait_for_more(ros, 500)
         fill(children(process.process.pid))
-        wait_until(lambda: status(ros, "recording").level == b"\x02", 60.0, "an error")
+        wait_until(lambda: getattr(status(ros, "recording"), "level", b"") == b"\x02", 60.0, "an error")
         assert reason in status(ros, "recording").message
         wait_until(lambda: reason in process.said, what="a line in the log")
         wait_for_more(ros, 1000)
