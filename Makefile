@@ -15,8 +15,7 @@ test: $(READY)
 	$(BIN)/python -m pytest
 
 smoke: $(READY)
-	$(BIN)/python -m pytest -q -p no:cacheprovider tests/model/test_closed_forms.py tests/model/test_scene.py tests/model/test_simulate.py \
-		tests/ros/test_messages.py tests/ros/test_stepper.py tests/ros/test_commands.py tests/ros/test_lock_step.py
+	$(BIN)/python -m pytest -q -p no:cacheprovider tests/model/test_closed_forms.py tests/ros/test_messages.py tests/ros/test_lock_step.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
