@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import re
 import sys
@@ -69,14 +70,14 @@ def _connect(address: str) -> distributed.Client:
         raise CrawlerError(f"--scheduler: {address!r}; write tcp://host:port")
     try:
         return distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, TimeoutError):
+    except (OSError, asyncio.TimeoutError):  # a class of its own before Python 3.11
         raise CrawlerError(f"--scheduler: no Dask scheduler answers at {address}") from None
 
 
 def _count_threads(client: distributed.Client, address: str) -> int:
     try:
         client.wait_for_workers(1, timeout=PATIENCE_S)
-    except (OSError, TimeoutError):
+    except (OSError, asyncio.TimeoutError):  # a class of its own before Python 3.11
         raise CrawlerError(f"--scheduler: {address} has no workers; start one: dask worker {address}") from None
     return sum(client.nthreads().values()) or 1
 
