@@ -1,26 +1,35 @@
-"""The one way in which this package compiles a function."""
+"""The one way in which this package compiles a function, and where its compiled functions are kept."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
+import os
+import shutil
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 
+_DAY = 86_400.0
+_KEPT = 8
+"""Versions of the sources whose kernels are kept; of more, those go that nobody has used for a day."""
+
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function with numba, without the interpreter's lock, cached on disk where a place is writable.
 
-    numba takes a cached function as fresh when its own file is unchanged, even if a function of another file that was
-    compiled into it has changed since. Here every file with compiled functions must be unchanged.
+    numba takes a cached function as fresh while its own file is unchanged, even if a function or a constant of another
+    file that was compiled into it has changed since; and it compiles anew for each copy of the sources. Here the cache
+    belongs to the contents of all files of this package, so it is never stale and equal copies share it.
 
     Args:
-        function: what to compile.
+        function: the function to compile.
 
     Returns:
         The compiled function.
@@ -30,16 +39,48 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         dispatcher = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "no locator available": a read-only install without a home to write to
         return numba.njit(**options)(function)
-    index: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    cache: Any = getattr(dispatcher, "_cache", None)
+    index = getattr(cache, "_cache_file", None)
     if hasattr(index, "_source_stamp"):
-        index._source_stamp = _package_stamp()
+        index._source_stamp = _sources_hash()
+        folder = _kernel_folder(function.__module__)
+        if folder is not None:
+            cache._cache_file = type(index)(str(folder), cache._impl.filename_base, _sources_hash())
     return dispatcher
 
 
 @functools.cache
-def _package_stamp() -> tuple[tuple[str, float, int], ...]:
-    files = [f for f in sorted(Path(__file__).parent.glob("*.py")) if b"@compiled" in f.read_bytes()]
-    return tuple((file.name, file.stat().st_mtime, file.stat().st_size) for file in files)
+def _sources_hash() -> str:
+    """Hash names and contents of all files of this package."""
+    root = Path(__file__).parent
+    digest = hashlib.sha256()
+    for file in sorted(root.rglob("*.py")):
+        content = file.read_bytes()
+        digest.update(f"{file.relative_to(root)} {len(content)}\n".encode())
+        digest.update(content)
+    return digest.hexdigest()[:24]
+
+
+@functools.cache
+def _kernel_folder(module: str) -> Path | None:
+    """Make the folder of a module's kernels in the user's cache; None where that cannot be written to."""
+    try:
+        base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        kernels = Path(base) / "crawler" / "kernels"
+        folder = kernels / _sources_hash() / module
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder.parent)  # in use
+        _drop_old(kernels)
+    except (OSError, RuntimeError):  # RuntimeError: there is no home
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def _drop_old(kernels: Path) -> None:
+    by_use = sorted(((f.stat().st_mtime, f) for f in kernels.iterdir()), reverse=True)
+    for used, folder in by_use[_KEPT:]:
+        if used < time.time() - _DAY:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager

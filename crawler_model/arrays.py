@@ -10,20 +10,6 @@ from numpy.typing import ArrayLike
 from .errors import SceneError
 
 
-def frozen_integers(values: ArrayLike) -> np.ndarray:
-    """Copy an array of integers and forbid writing to the copy.
-
-    Args:
-        values: any shape.
-
-    Returns:
-        A read-only int64 copy.
-    """
-    array = np.array(values, dtype=np.int64)
-    array.flags.writeable = False
-    return array
-
-
 def spread(values: Any, size: int, field: str, item: str) -> np.ndarray:
     """Spread one number over all entries, or check that there is one per entry.
 
@@ -47,15 +33,16 @@ def spread(values: Any, size: int, field: str, item: str) -> np.ndarray:
     return given.copy()
 
 
-def frozen(array: ArrayLike) -> np.ndarray:
-    """Copy an array of floats and forbid writing to the copy.
+def frozen(array: ArrayLike, dtype: type[np.generic] = np.float64) -> np.ndarray:
+    """Copy an array and forbid writing to the copy.
 
     Args:
         array: any shape.
+        dtype: of the copy.
 
     Returns:
-        A read-only float64 copy.
+        A read-only copy.
     """
-    copy = np.array(array, dtype=np.float64)
+    copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy

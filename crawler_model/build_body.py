@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import frozen, frozen_integers, spread
+from .arrays import frozen, spread
 from .body import Body, Segment
 from .errors import SceneError
 
@@ -103,12 +103,12 @@ def build_body(
         springs = springs[elements:]
     body = Body(
         position=frozen(np.concatenate(position)),
-        ends=frozen_integers(pairs[order]),
+        ends=frozen(pairs[order], np.int64),
         stiffness=frozen(k[order]),
         share=frozen(np.concatenate(share)),
         ground=frozen(np.concatenate(ground)),
-        isolated=frozen_integers([place[i] for i in range(isolated.shape[0])]),
-        link_springs=frozen_integers(found[:count]),
+        isolated=frozen([place[i] for i in range(isolated.shape[0])], np.int64),
+        link_springs=frozen(found[:count], np.int64),
         segments=tuple(built),
     )
     _check_connected(body, parts, first)

@@ -110,10 +110,26 @@ def parse_scene(text: str, source: str = "scene") -> Scene:
         raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(data, dict):
         raise SceneError(f"{source}: a scene is a mapping with the keys {', '.join(Scene.model_fields)}")
+    return build_scene(data, source)
+
+
+def build_scene(document: Any, source: str) -> Scene:
+    """Make a scene of plain data, as `Scene.document` lays it out.
+
+    Args:
+        document: what a scene file holds.
+        source: what to call it in errors; "" for nothing.
+
+    Returns:
+        The scene.
+
+    Raises:
+        SceneError: one line that names the field, the value and what would be right.
+    """
     try:
-        return Scene.model_validate(data)
+        return Scene.model_validate(document)
     except ValidationError as error:
-        raise SceneError(f"{source}: {describe(error)}") from None
+        raise SceneError(f"{source}: {describe(error)}" if source else describe(error)) from None
 
 
 def describe(error: ValidationError) -> str:

@@ -11,13 +11,13 @@ from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from .arrays import frozen
 from .assemble import check_scene
 from .errors import SceneError
 from .scene import Scene
-from .scene_file import describe, known_keys
+from .scene_file import build_scene, known_keys
 
 MOST_VARIATIONS = 10_000_000
 """Most variations at once: their results are about a gigabyte."""
@@ -107,10 +107,7 @@ class Variations(Sequence[Scene]):
                 return self._scene_on_the_same_mesh(document)
             except ValueError:
                 pass  # as a whole it is checked again, for a message that names the field in full
-        try:
-            return Scene.model_validate(document)
-        except ValidationError as error:
-            raise SceneError(describe(error)) from None
+        return build_scene(document, "")
 
     def _scene_on_the_same_mesh(self, document: dict[str, Any]) -> Scene:
         """Check what changed, and everything against each other; the mesh is half of the work."""

@@ -13,6 +13,7 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.body import Body
 from crawler_model.drive import NS
+from crawler_model.scene_file import build_scene
 
 from .states import StationReader
 
@@ -123,7 +124,7 @@ def frames_of_recording(
     if scene is None:
         if "scene" not in head.attachments:
             raise bag.BagError(f"{path}: it does not hold its scene; give one with --scene")
-        scene = Scene.model_validate(head.attachments["scene"])
+        scene = build_scene(head.attachments["scene"], f"{path}: the scene that it holds")
 
     def all_records() -> Iterator[Any]:
         for part in (waiting, records):

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import Crawler, CrawlerError, Scene
+from crawler_model import Crawler, Scene
 from crawler_model.drive import NS
+from crawler_model.scene_file import build_scene
 
 from ..bag import BagError
 from ..states import contact_names
@@ -248,12 +249,7 @@ class _LateFinder:
 
 def _recorded_scene(survey: Survey) -> Scene | None:
     document = survey.attachments.get("scene")
-    if document is None:
-        return None
-    try:
-        return Scene.model_validate(document)
-    except CrawlerError as error:
-        raise BagError(f"{survey.path}: the scene that it holds is not one of this version: {error}") from None
+    return None if document is None else build_scene(document, f"{survey.path}: the scene that it holds")
 
 
 def _is_planar(survey: Survey, robot: str) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -280,15 +279,3 @@ def _check_topic(stamps: Stamps, rate: Fraction | None) -> TopicHealth:
         int(back.sum()),
         int(again.sum()),
     )
-
-
-def file_size(path: Path) -> int:
-    """Tell how large a recording is.
-
-    Args:
-        path: a bag folder or an .mcap file.
-
-    Returns:
-        The size of its .mcap file [bytes].
-    """
-    return os.stat(bag.find_file(path)).st_size

@@ -8,6 +8,7 @@ import functools
 import importlib
 import inspect
 import itertools
+import os
 import pkgutil
 import re
 import shutil
@@ -265,18 +266,52 @@ def test_keys_of_scene_files_are_described(name, kind):
         assert field.description.endswith("."), key
 
 
-def test_kernels_are_compiled_anew_when_any_of_their_files_changed(tmp_path):
-    """A kernel compiled into another lives in the other's cache, too."""
-    shutil.copytree(ROOT / "crawler_model", tmp_path / "crawler_model", ignore=shutil.ignore_patterns("__pycache__"))
-    kernel = tmp_path / "crawler_model" / "_probe_inner.py"
-    outer = tmp_path / "crawler_model" / "_probe_outer.py"
-    outer.write_text(
-        "from ._compiled import compiled\nfrom ._probe_inner import inner\n\n@compiled\ndef outer():\n    return inner()\n"
+def run_probe(folder, cache):
+    code = "from crawler_model._probe_outer import outer; print(outer())"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        env=os.environ | {"XDG_CACHE_HOME": str(cache), "NUMBA_CACHE_DIR": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    "inner",
+    ["from ._compiled import compiled\n\n@compiled\ndef inner():\n    return {}\n", "ROW = {}\n"],
+    ids=["kernel of another file", "constant of a file without kernels"],
+)
+def test_kernels_are_compiled_anew_when_any_file_of_the_model_changed(tmp_path, inner):
+    """A kernel or a constant compiled into another kernel lives in the other's cache, too."""
+    package = tmp_path / "crawler_model"
+    shutil.copytree(ROOT / "crawler_model", package, ignore=shutil.ignore_patterns("__pycache__"))
+    name = "inner" if "inner" in inner else "ROW"
+    value = "inner()" if name == "inner" else "ROW"
+    (package / "_probe_outer.py").write_text(
+        f"from ._compiled import compiled\nfrom ._probe_inner import {name}\n\n"
+        f"@compiled\ndef outer():\n    return {value}\n"
     )
     seen = []
-    for value in ("1", "22"):
-        kernel.write_text(f"from ._compiled import compiled\n\n@compiled\ndef inner():\n    return {value}\n")
-        code = "from crawler_model._probe_outer import outer; print(outer())"
-        done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-        seen.append(done.stdout.strip())
-    assert seen == ["1", "22"]
+    for number in ("1", "2"):
+        (package / "_probe_inner.py").write_text(inner.format(number))
+        os.utime(package / "_probe_inner.py", (1e9, 1e9))  # as old and as long as before: contents count
+        seen.append(run_probe(tmp_path, tmp_path / "cache"))
+    assert seen == ["1", "2"]
+
+
+def test_equal_copies_of_the_model_share_their_compiled_kernels(tmp_path):
+    """The cache belongs to contents, not to places."""
+    written = []
+    for copy in ("first", "second"):
+        package = tmp_path / copy / "crawler_model"
+        shutil.copytree(ROOT / "crawler_model", package, ignore=shutil.ignore_patterns("__pycache__"))
+        (package / "_probe_outer.py").write_text(
+            "from ._compiled import compiled\n\n@compiled\ndef outer():\n    return 3\n"
+        )
+        assert run_probe(tmp_path / copy, tmp_path / "cache") == "3"
+        written.append({f: f.stat().st_mtime_ns for f in (tmp_path / "cache").rglob("*.nb?")})
+    assert len(written[0]) >= 2
+    assert written[0] == written[1]

@@ -439,6 +439,18 @@ def test_a_recordings_own_scene_comes_first(tmp_path):
     assert any(p.startswith("--scene is not the scene that the recording holds") for p in found.problems)
 
 
+@pytest.mark.parametrize("verb", [["replay"], ["view", "--png", "x.png"]])
+def test_a_scene_that_this_version_does_not_know_is_one_clear_line(tmp_path, verb):
+    scene = load_scene("two_anchor_a")
+    attached = attachments(scene)
+    attached["scene"] = {**attached["scene"], "wings": 2}
+    path = write(tmp_path / "a", messages(scene, play(scene, 0, 10**9)), attached)
+    done = crawler(verb[0], path, *verb[1:])
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"crawler: {path}: the scene that it holds: wings: unknown key")
+    assert "Traceback" not in done.stderr
+
+
 def test_show_prints_what_a_recording_holds(tmp_path):
     done = crawler("replay", record(tmp_path / "a", "two_anchor_a", 1), "--show")
     held = yaml.safe_load(done.stdout)
