@@ -359,7 +359,7 @@ def recover(path: Path, folder: Path) -> int:
         BagError: when it is no recording at all.
         FileExistsError: when the folder exists.
     """
-    from .recorder import BagWriter
+    from .bag_writer import BagWriter
 
     bag = Bag({})
     records = read(path, bag)

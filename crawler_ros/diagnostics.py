@@ -68,7 +68,7 @@ def diagnose(node: Simulator) -> list[Status]:
             ("messages", str(recorder.messages)),
             ("bytes waiting", str(recorder.waiting)),
         ]
-        broken = recorder.error
+        broken = recorder.problem
         statuses.append((ERROR if broken else OK, f"{me}: recording", broken or "recording", hardware, entries))
     if node.feed is not None:
         dropped = node.feed.dropped

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from crawler_model.body import Body
 from crawler_model.drive import NS
 from crawler_model.scene_file import build_scene
 
+from .recorded_robot import Robot, noted_robot
 from .states import StationReader
 
 FRAME_EVERY_NS = 20_000_000
@@ -98,14 +100,15 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray) -> Frame:
 
 
 def frames_of_recording(
-    path: Path, scene: Scene | None = None, robot: str | None = None
+    path: Path, scene: Scene | None = None, robot: Robot | None = None
 ) -> tuple[Scene, Iterator[Frame]]:
     """Read frames from a recording.
 
     Args:
         path: a bag folder or an .mcap file, whole or torn.
         scene: the body, for a recording that does not hold its scene.
-        robot: what its topics begin with, where several were recorded; None for all there are.
+        robot: which crawler, where several were recorded; None for the one whose topics the recording notes, else for
+            all there are.
 
     Returns:
         The scene and its frames, one per joint_states message.
@@ -126,13 +129,8 @@ def frames_of_recording(
             raise bag.BagError(f"{path}: it does not hold its scene; give one with --scene")
         scene = build_scene(head.attachments["scene"], f"{path}: the scene that it holds")
 
-    def all_records() -> Iterator[Any]:
-        for part in (waiting, records):
-            for record in part:
-                if robot is None or record.topic.startswith(robot):
-                    yield record
-
-    return scene, in_sequence(_frames(all_records(), scene))
+    drawn = robot or noted_robot(head.attachments)
+    return scene, in_sequence(_frames(itertools.chain(waiting, records), scene, drawn))
 
 
 def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -145,7 +143,7 @@ def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
         yield replace(frame, time_ns=last)
 
 
-def _frames(records: Iterable[Any], scene: Scene) -> Iterator[Frame]:
+def _frames(records: Iterable[Any], scene: Scene, robot: Robot | None) -> Iterator[Frame]:
     from rosbags.typesys import Stores, get_typestore
 
     decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
@@ -155,7 +153,7 @@ def _frames(records: Iterable[Any], scene: Scene) -> Iterator[Frame]:
     forward, backward = scene.commands.forward[0][:n], scene.commands.backward[0][:n]
     stations = StationReader(mesh)
     for record in records:
-        name = record.topic.rsplit("/", 1)[-1]
+        name = record.topic.rsplit("/", 1)[-1] if robot is None else robot.meant(record.topic)
         if name == "applied_commands":
             points = decode(record.data, record.type).points
             if points:

@@ -73,8 +73,10 @@ def parameters() -> dict[str, Parameter]:
 
 
 def find_ament_prefix() -> None:
-    """Let the ament index be found where ROS came as wheels, which set no AMENT_PREFIX_PATH."""
-    os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    """Let the ament index be found where ROS came as wheels: they are no part of AMENT_PREFIX_PATH unless put there."""
+    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    if sys.prefix not in prefixes and (not prefixes or (Path(sys.prefix) / "share" / "ament_index").is_dir()):
+        os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join([*prefixes, sys.prefix])
 
 
 def stay_on_loopback() -> None:
@@ -209,12 +211,19 @@ def offered_qos(topic: Topic) -> list[dict[str, Any]]:
 
 
 def _share(package: str) -> Path:
-    from ament_index_python.packages import get_package_share_directory
+    from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
     find_ament_prefix()
-    return Path(get_package_share_directory(package))
+    try:
+        return Path(get_package_share_directory(package))
+    except PackageNotFoundError:
+        raise FileNotFoundError(
+            f"AMENT_PREFIX_PATH={os.environ['AMENT_PREFIX_PATH']}: the ROS package {package} is under none of these "
+            "folders; a recording holds its message definitions; source the setup.bash of your ROS 2 installation"
+        ) from None
 
 
+@functools.cache
 def message_definition(type_name: str) -> str:
     """Read the definition of a message type and, behind it, of every type that it contains.
 
@@ -223,6 +232,9 @@ def message_definition(type_name: str) -> str:
 
     Returns:
         The text that a recording's ros2msg schema holds.
+
+    Raises:
+        FileNotFoundError: when the package of a type is not found through AMENT_PREFIX_PATH.
     """
     own: dict[str, str] = {}
     waiting = [type_name]
@@ -252,6 +264,7 @@ def message_definition(type_name: str) -> str:
     return "\n".join(pieces)
 
 
+@functools.cache
 def type_hash(type_name: str) -> str:
     """Read the RIHS01 hash of a message type."""
     package, kind, name = type_name.split("/")

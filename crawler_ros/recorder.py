@@ -1,4 +1,4 @@
-"""Recordings as `ros2 bag record -s mcap` writes them, with everything inside that is needed to run them again."""
+"""The recording process and the simulator's end of the pipe to it: `python -m crawler_ros.recorder` writes the file."""
 
 from __future__ import annotations
 
@@ -13,164 +13,21 @@ import subprocess
 import sys
 import time
 from collections import deque
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-import yaml
+from .bag_writer import BagWriter, describe_channel
+from .interface import Topic
+from .mcap_file import message_head
 
-from .interface import Topic, message_definition, offered_qos, topics, type_hash
-from .mcap_file import McapFile, message_head
-
-CHUNK_SIZE = 768 * 1024
 FLUSH_EVERY_S = 0.5
-DISTRO = "jazzy"
 
 _PIPE_BYTES = 1 << 20
 _PUSH_EVERY_NS = 2_000_000
+_LISTEN_EVERY_NS = 200_000_000
 _MOST_WAITING = 1 << 26
 """Bytes. What waits is lost when the simulator is killed: no more than can be written in a second."""
-
-
-class BagWriter:
-    """One bag folder: an .mcap file and its metadata.yaml. Not for several threads."""
-
-    def __init__(self, folder: Path, attachments: dict[str, Any]) -> None:
-        """Open the recording in a new folder, or in an empty one.
-
-        Args:
-            folder: made where it does not exist, with its parents.
-            attachments: name to plain data, stored as JSON before the first message.
-
-        Raises:
-            FileExistsError: when something is in the folder: a recording never overwrites another.
-        """
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise FileExistsError(f"{folder}: the folder is not empty")
-        self.folder = folder
-        self.path = folder / f"{folder.name}_0.mcap"
-        self._file: IO[bytes] = self.path.open("xb")
-        self._writer = McapFile(self._file, "ros2", "crawler", CHUNK_SIZE)
-        self._writer.add_metadata("rosbag2", {"ROS_DISTRO": DISTRO})
-        now = time.time_ns()
-        for name, data in attachments.items():
-            self._writer.add_attachment(now, name, "application/json", json.dumps(data, indent=1).encode())
-        self._writer.flush()
-        self._topics: dict[int, tuple[str, str, dict[str, str]]] = {}
-        self._schemas: dict[str, int] = {}
-        self._sequences: dict[int, int] = {}
-
-    def add_topic(self, topic: Topic, name: str) -> int:
-        """Register a topic.
-
-        Args:
-            topic: its row in the table of topics.
-            name: what it is called in the graph, namespace and all.
-
-        Returns:
-            The channel to write its messages to.
-        """
-        qos = yaml.safe_dump(offered_qos(topic), sort_keys=False)
-        metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash(topic.type)}
-        return self.add_channel(name, topic.type, message_definition(topic.type).encode(), metadata)
-
-    def add_channel(self, name: str, type_name: str, definition: bytes, metadata: dict[str, str]) -> int:
-        """Register a channel.
-
-        Args:
-            name: the topic's name in the graph.
-            type_name: its type.
-            definition: the type's definition and those of all that it contains.
-            metadata: offered_qos_profiles and topic_type_hash.
-
-        Returns:
-            The channel to write its messages to.
-        """
-        if type_name not in self._schemas:
-            self._schemas[type_name] = self._writer.add_schema(type_name, "ros2msg", definition)
-        channel = self._writer.add_channel(name, "cdr", self._schemas[type_name], metadata)
-        self._topics[channel] = (name, type_name, metadata)
-        self._sequences[channel] = 0
-        return channel
-
-    def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
-        """Append a message.
-
-        Args:
-            channel: from `add_topic`.
-            log_ns: when it was received [ns, wall].
-            publish_ns: when it was sent [ns, wall].
-            data: its CDR bytes.
-        """
-        self._writer.add_messages(message_head(channel, self._sequences[channel], log_ns, publish_ns, len(data)) + data)
-        self._sequences[channel] += 1
-
-    def write_records(self, data: memoryview) -> int:
-        """Append messages that are MCAP records already.
-
-        Args:
-            data: message records, the last of which may be torn.
-
-        Returns:
-            The bytes of the whole ones, which are taken.
-        """
-        return self._writer.add_messages(data)
-
-    def flush(self) -> None:
-        """Hand everything to the operating system: a killed process loses nothing of it."""
-        self._writer.flush()
-
-    def close(self) -> None:
-        """Write the end of the file and metadata.yaml."""
-        self._writer.flush()
-        information = self._information()
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
-        self._writer.finish()
-        self._file.close()
-        text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-        (self.folder / "metadata.yaml").write_text(text, encoding="utf-8")
-
-    def _information(self) -> dict[str, Any]:
-        first, counts = self._writer.first_ns or 0, self._writer.counts
-        span = {"nanoseconds": max(self._writer.last_ns - first, 0)}
-        start = {"nanoseconds_since_epoch": first}
-        total = sum(counts.values())
-        rows = [
-            {
-                "topic_metadata": {
-                    "name": name,
-                    "type": type_name,
-                    "serialization_format": "cdr",
-                    "offered_qos_profiles": yaml.safe_load(metadata.get("offered_qos_profiles", "[]")),
-                    "type_description_hash": metadata.get("topic_type_hash", ""),
-                },
-                "message_count": counts.get(channel, 0),
-            }
-            for channel, (name, type_name, metadata) in self._topics.items()
-        ]
-        return {
-            "version": 9,
-            "storage_identifier": "mcap",
-            "duration": dict(span),
-            "starting_time": dict(start),
-            "message_count": total,
-            "topics_with_message_count": rows,
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [self.path.name],
-            "files": [
-                {
-                    "path": self.path.name,
-                    "starting_time": dict(start),
-                    "duration": dict(span),
-                    "message_count": total,
-                }
-            ],
-            "custom_data": None,
-            "ros_distro": DISTRO,
-        }
 
 
 class Recorder:
@@ -192,15 +49,20 @@ class Recorder:
         self._name = name
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.error: str | None = None
+        """Why nothing is recorded any more."""
+        self.trouble = ""
+        """What is wrong while the recording goes on."""
         self.waiting = 0
         """Bytes taken up by `push` and not yet handed over."""
         self._attachments = attachments
-        self._topics: list[tuple[str, str, dict[str, Any]]] = []
+        self._names: dict[str, str] = {}
+        self._channels: list[tuple[str, str, str, dict[str, str]]] = []
         self._sequences: list[int] = []
         self._process: subprocess.Popen[bytes] | None = None
         self._arrived: list[bytes] = []  # appended to by any thread, emptied by one
         self._blocks: deque[memoryview] = deque()
-        self._next_push_ns = 0
+        self._next_push_ns = self._next_listen_ns = 0
+        self._said = b""
 
     def add_topic(self, topic: Topic, name: str) -> int:
         """Register a topic; all of them before `start`.
@@ -211,10 +73,15 @@ class Recorder:
 
         Returns:
             The channel to record its messages on.
+
+        Raises:
+            FileNotFoundError: when the definition of its type is not installed.
         """
-        self._topics.append((topic.name, name, topic.qos))
+        type_name, definition, metadata = describe_channel(topic)
+        self._channels.append((name, type_name, definition.decode(), metadata))
+        self._names[topic.name] = name
         self._sequences.append(0)
-        return len(self._topics) - 1
+        return len(self._channels) - 1
 
     def start(self) -> None:
         """Make a new bag folder, named after the crawler and the time, and start the recording process.
@@ -229,13 +96,15 @@ class Recorder:
             stdout=subprocess.PIPE,
             start_new_session=True,
         )
-        header = {"folder": str(self.folder), "attachments": self._attachments, "topics": self._topics}
+        attachments = self._attachments | {"topics": self._names}  # remapped or not: replay looks for them by these
+        header = {"folder": str(self.folder), "attachments": attachments, "channels": self._channels}
         data = json.dumps(header).encode()
         self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
         self._take(struct.pack("<I", len(data)) + data)
         with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
             fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._fd, False)
+        os.set_blocking(self._process.stdout.fileno(), False)  # type: ignore[union-attr]
 
     def now_ns(self) -> int:
         """Tell the time for the messages of a recording [ns, wall].
@@ -277,6 +146,26 @@ class Recorder:
         self._next_push_ns = now_ns + _PUSH_EVERY_NS
         if self.error is None:
             self._hand_over(_MOST_WAITING)
+        if self.error is None and now_ns >= self._next_listen_ns:
+            self._next_listen_ns = now_ns + _LISTEN_EVERY_NS
+            self._listen()
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the recording, whether it has ended or goes on; "" when nothing is."""
+        return self.error or self.trouble
+
+    def _listen(self) -> None:
+        """Take what the process says: a line is what is wrong now, an empty one that all is well again."""
+        said = self._process.stdout.read()  # type: ignore[union-attr]
+        if said == b"":  # it has ended, though nobody asked it to
+            self.error = self._last_words() or "recording stopped: the process has ended"
+        elif said is not None:
+            self._said += said
+            lines = self._said.split(b"\n")
+            if len(lines) > 1:
+                self.trouble = f"recording in trouble: {lines[-2].decode()}" if lines[-2] else ""
+            self._said = lines[-1]
 
     def _take(self, block: bytes) -> None:
         self._blocks.append(memoryview(block))
@@ -325,11 +214,14 @@ class Recorder:
     def _last_words(self) -> str | None:
         """Wait for the process and say what went wrong, if anything did."""
         assert self._process is not None
-        said = self._process.stdout.read()  # type: ignore[union-attr]
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), True)
+        said = (self._said + self._process.stdout.read()).decode().strip()
         self._process.wait()
         if self._process.returncode == 0:
             return None
-        return f"recording stopped: {said.decode().strip() or f'the process ended with {self._process.returncode}'}"
+        last = said.rpartition("\n")[2] or self.trouble.removeprefix("recording in trouble: ")
+        return f"recording stopped: {last or f'the process ended with {self._process.returncode}'}"
 
 
 def _make_folder(parent: Path, name: str) -> Path:
@@ -357,15 +249,23 @@ def main() -> int:
     header, data = json.loads(data[4:size]), data[size:]
     try:
         bag = BagWriter(Path(header["folder"]), header["attachments"])
-        table = topics()
-        for topic, name, qos in header["topics"]:
-            bag.add_topic(replace(table[topic], qos=qos), name)
+        for name, type_name, definition, metadata in header["channels"]:
+            bag.add_channel(name, type_name, definition.encode(), metadata)
         _record(fd, data, bag)
+        trouble = bag.find_trouble()
         bag.close()
     except OSError as error:  # a full disk: what was flushed can be recovered
-        print(error)
+        _say(str(error))
         return 1
-    return 0
+    if trouble:
+        _say(trouble)
+    return 1 if trouble else 0
+
+
+def _say(text: str) -> None:
+    """Tell the simulator in a line what is wrong, "" when nothing is any more; it may have been killed."""
+    with contextlib.suppress(OSError):
+        os.write(sys.stdout.fileno(), f"{' '.join(text.split())}\n".encode())
 
 
 def _record(fd: int, data: bytes, bag: BagWriter) -> None:
@@ -373,7 +273,7 @@ def _record(fd: int, data: bytes, bag: BagWriter) -> None:
     buffer = bytearray(2 * _PIPE_BYTES)
     filled = len(data)
     buffer[:filled] = data
-    flushed = time.monotonic()
+    flushed, trouble = time.monotonic(), ""
     while True:
         with memoryview(buffer) as view:
             taken = bag.write_records(view[:filled])
@@ -383,7 +283,9 @@ def _record(fd: int, data: bytes, bag: BagWriter) -> None:
             buffer += bytes(len(buffer))
         if time.monotonic() - flushed >= FLUSH_EVERY_S:
             bag.flush()
-            flushed = time.monotonic()
+            flushed, before, trouble = time.monotonic(), trouble, bag.find_trouble()
+            if trouble != before:
+                _say(trouble)
         ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
         if ready:
             with memoryview(buffer) as view:

@@ -17,7 +17,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-from crawler_model import CommandError, Crawler, load_scene, prepare
+from crawler_model import CommandError, Crawler, CrawlerError, load_scene, prepare
 from crawler_model._compiled import said_if_slow
 from crawler_model.drive import NS
 from crawler_model.friction import check_regularity
@@ -135,6 +135,7 @@ class Simulator(Node):
             "scene": self.scene.document(),
             "parameters": self.values | {"method": self.crawler.method},
             "versions": versions(),
+            "node": self.get_fully_qualified_name(),
             "start": {
                 "displacement": self.crawler.displacement.tolist(),
                 "tension": self.crawler.tension.tolist(),
@@ -312,9 +313,10 @@ class Simulator(Node):
 
     def _push_recording(self, wall_ns: int) -> None:
         if self.recorder is not None and self.recorder.error is None:
+            before = self.recorder.problem
             self.recorder.push(wall_ns)
-            if self.recorder.error is not None:
-                self.get_logger().error(self.recorder.error)
+            if self.recorder.problem not in ("", before):
+                self.get_logger().error(self.recorder.problem)
 
     def _serve(self, executor: EventsExecutor) -> None:
         try:
@@ -379,7 +381,8 @@ class Simulator(Node):
         """Finish recording and viewer and take the node out of the graph."""
         if self.recorder is not None:
             self.recorder.close()
-            self.get_logger().info(self.recorder.error or f"recorded {self.recorder.folder}")
+            if self.recorder.error is None:
+                self.get_logger().info(f"recorded {self.recorder.folder}")
         if self.feed is not None:
             self.feed.close()
         late = self.stepper.late
@@ -394,7 +397,7 @@ def main(args: list[str] | None = None) -> int:
         args: command line, for ROS arguments; None for the process's own.
 
     Returns:
-        The exit status: 0, or 1 when scene or parameters were wrong.
+        The exit status: 0, or 1 when scene or parameters were wrong or the recording failed.
     """
     sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
     return interface.run_node("simulator", Simulator, _spin, args, " ".join(interface.parameters()))
@@ -409,6 +412,8 @@ def _spin(node: Simulator) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     node.spin()
+    if node.recorder is not None and node.recorder.error is not None:
+        raise CrawlerError(node.recorder.error)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from crawler_model.stasis import stasis_bounds, stasis_polygon
 
 from .colors import BACK, FORWARD, rgb
 from .frames import Frame, frame_sizes, frames_of_recording, has_stasis_bounds, in_sequence, thin
+from .recorded_robot import Robot
 from .states import joint_names, station_names
 from .viewer_feed import LIVE_PORT
 
@@ -259,14 +260,14 @@ def to_viewer(stream: Any) -> None:
         subprocess.Popen([sys.executable, "-m", "rerun", "--connect", url], start_new_session=True)
 
 
-def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot: str | None = None) -> int:
+def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot: Robot | None = None) -> int:
     """Draw a recording into an .rrd file.
 
     Args:
         recording: a bag folder or an .mcap file.
         rrd: the file to write.
         scene: the body, for a recording that does not hold its scene.
-        robot: what its topics begin with, where several were recorded.
+        robot: which crawler, where several were recorded.
 
     Returns:
         The number of frames drawn: at most fifty a simulated second.

@@ -13,8 +13,8 @@ from crawler_model.readout import Readout
 from crawler_model.simulate import rational_rate, tick_end_ns
 from crawler_ros import interface
 from crawler_ros.bag import read
+from crawler_ros.bag_writer import BagWriter
 from crawler_ros.messages import JointStateMessage, PoseMessage, TrajectoryMessage
-from crawler_ros.recorder import BagWriter
 from crawler_ros.states import contact_names, joint_state_names, shown_contacts
 from crawler_ros.versions import versions
 

@@ -15,6 +15,7 @@ from crawler_model.drive import NS
 from crawler_model.scene_file import build_scene
 
 from ..bag import BagError
+from ..recorded_robot import Robot
 from ..states import contact_names
 from ..versions import versions
 from .cycle_table import Cycle, Energy, account_of, tabulate_cycles
@@ -39,7 +40,7 @@ class Replay:
     Attributes:
         path: the recording.
         survey: all stamps of it.
-        robot: what the crawler's topics begin with.
+        robot: the crawler, with the names of its topics.
         scene: what ran; None when nobody knows.
         method: how it was integrated; None when nobody knows.
         topics: health of each topic.
@@ -59,7 +60,7 @@ class Replay:
 
     path: Path
     survey: Survey
-    robot: str
+    robot: Robot
     scene: Scene | None
     method: str | None
     topics: dict[str, TopicHealth]
@@ -98,7 +99,7 @@ class Replay:
             "recording": str(self.path),
             "scene": None if self.scene is None else self.scene.name,
             "method": self.method,
-            "namespace": self.robot.rstrip("/") or "/",
+            "namespace": self.robot.namespace,
             "simulated_s": self.seconds,
             "healthy": self.healthy,
             "problems": list(self.problems),
@@ -252,19 +253,19 @@ def _recorded_scene(survey: Survey) -> Scene | None:
     return None if document is None else build_scene(document, f"{survey.path}: the scene that it holds")
 
 
-def _is_planar(survey: Survey, robot: str) -> bool:
+def _is_planar(survey: Survey, robot: Robot) -> bool:
     """Tell a recording of a planar body by the names of its joints."""
     from .. import bag
 
     for record in bag.read(survey.path):
-        if record.topic in (robot + "joint_states", robot + "contact_states"):
+        if record.topic in (robot.recorded("joint_states"), robot.recorded("contact_states")):
             return b"contact_0/x\0" in record.data
     return False
 
 
 def _follow(
     survey: Survey,
-    robot: str,
+    robot: Robot,
     scene: Scene | None,
     rate: Fraction | None,
     sinks: Sequence[Sink],
@@ -273,7 +274,7 @@ def _follow(
     """Simulate again where that is possible; say why it is not, or what came of it."""
     if scene is None:
         return None, "not simulated again: the recording does not hold its scene; give it with --scene", None, None
-    ledger = survey.topics.get(robot + "applied_commands")
+    ledger = survey.topics.get(robot.recorded("applied_commands"))
     if ledger is None or ledger.stamp_ns.size == 0:
         return None, "not simulated again: applied_commands, what the ticks followed, was not recorded", None, None
     parameters = survey.attachments.get("parameters")
@@ -325,7 +326,7 @@ def _explain(survey: Survey, said: Comparison, start: Crawler, fitted: int | Non
 
 def _problems(
     survey: Survey,
-    robot: str,
+    robot: Robot,
     topics: dict[str, TopicHealth],
     said: Comparison | None,
     why: str,
@@ -345,7 +346,7 @@ def _problems(
     if other_scene:
         found.append("--scene is not the scene that the recording holds: what follows is about the former")
     for name, topic in topics.items():
-        short = name.removeprefix(robot)
+        short = robot.meant(name)
         if topic.missing:
             after = topic.gaps[0][0]
             found.append(f"{short}: {topic.missing} tick(s) missing, the first behind {after:g} s")

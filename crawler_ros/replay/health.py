@@ -16,6 +16,7 @@ from crawler_model.drive import NS
 from crawler_model.simulate import rational_rate
 
 from .. import bag
+from ..recorded_robot import Robot, noted_robot, robot_in
 from .layouts import JOINT_STATE, POSE, TRAJECTORY
 
 _STAMPED = (JOINT_STATE, TRAJECTORY, POSE, "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock")
@@ -27,6 +28,8 @@ _TYPES = {
     "odom": "nav_msgs/msg/Odometry",
 }
 """The topics that have a message at every tick."""
+_TELLING = ("applied_commands", "joint_states")
+"""The topics of which a crawler has at least one in a recording that can be understood."""
 _MOST_GAPS = 20
 
 
@@ -51,7 +54,7 @@ class Survey:
 
     Attributes:
         path: the recording.
-        attachments: name to data: scene, parameters, versions, start.
+        attachments: name to data: scene, parameters, versions, start, node, topics.
         complete: whether the file has its end and all messages that it promises.
         damaged: chunks that could not be read.
         lost: messages that the file promises and does not give; None where its end is missing.
@@ -110,7 +113,7 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
     return Survey(path, head.attachments, head.complete, head.damaged, head.lost, topics)
 
 
-def choose_robot(survey: Survey, namespace: str | None) -> str:
+def choose_robot(survey: Survey, namespace: str | None) -> Robot:
     """Find the crawler in a recording.
 
     Args:
@@ -118,22 +121,29 @@ def choose_robot(survey: Survey, namespace: str | None) -> str:
         namespace: which, where there are several; None for the only one.
 
     Returns:
-        What its topics begin with, as "/" or "/left/".
+        The crawler, with the names of its topics.
 
     Raises:
         BagError: when there is none, or several and none is named.
     """
-    found = set()
+    noted = noted_robot(survey.attachments)
+    found: dict[str, Robot] = {}
+    for name in _TELLING:
+        if noted is not None and noted.recorded(name) in survey.topics:
+            found[noted.namespace] = noted
+    own = set(found[noted.namespace].topics.values()) if noted is not None and found else set()
     for topic, stamps in survey.topics.items():
-        for name in ("applied_commands", "joint_states"):
-            if topic.endswith("/" + name) and stamps.type == _TYPES[name]:
-                found.add(topic.removesuffix(name))
+        for name in _TELLING:
+            if topic.endswith("/" + name) and stamps.type == _TYPES[name] and topic not in own:
+                space = topic.removesuffix(name).rstrip("/") or "/"
+                found.setdefault(space, robot_in(space))
+    names = ", ".join(sorted(found))
     if namespace is not None:
-        wanted = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+        wanted = f"/{namespace.strip('/')}"
         if wanted in found:
-            return wanted
-        there = f"there are {', '.join(_shown(found))}" if found else "there is no crawler in it"
-        raise bag.BagError(f"{survey.path}: no crawler in the namespace {wanted.rstrip('/') or '/'}; {there}")
+            return found[wanted]
+        there = f"there are {names}" if found else "there is no crawler in it"
+        raise bag.BagError(f"{survey.path}: no crawler in the namespace {wanted}; {there}")
     if not survey.topics:
         hint = "" if survey.complete else "; its end is missing, and nothing before it can be read"
         raise bag.BagError(f"{survey.path}: there is no message in it{hint}")
@@ -145,16 +155,11 @@ def choose_robot(survey: Survey, namespace: str | None) -> str:
             f"{', '.join(listed[:4])}{more}"
         )
     if len(found) > 1:
-        names = ", ".join(_shown(found))
         raise bag.BagError(f"{survey.path}: {len(found)} robots; choose one with --namespace {names}")
-    return found.pop()
+    return found.popitem()[1]
 
 
-def _shown(found: set[str]) -> list[str]:
-    return sorted(name.rstrip("/") or "/" for name in found)
-
-
-def find_rate(survey: Survey, robot: str) -> Fraction | None:
+def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
     """Tell at how many ticks a second a crawler ran.
 
     Args:
@@ -170,8 +175,8 @@ def find_rate(survey: Survey, robot: str) -> Fraction | None:
             return rational_rate(given["rate"])
         except CommandError:
             return None
-    for name in ("applied_commands", "joint_states"):
-        stamps = survey.topics.get(robot + name)
+    for name in _TELLING:
+        stamps = survey.topics.get(robot.recorded(name))
         if stamps is not None and stamps.stamp_ns.size > 2:
             steps = np.diff(stamps.stamp_ns)
             steps = steps[steps > 0]
@@ -235,19 +240,19 @@ class TopicHealth:
         return {**self.__dict__, "gaps": gaps}
 
 
-def check_topics(survey: Survey, robot: str, rate: Fraction | None) -> dict[str, TopicHealth]:
+def check_topics(survey: Survey, robot: Robot, rate: Fraction | None) -> dict[str, TopicHealth]:
     """Judge every topic of a recording.
 
     Args:
         survey: of the recording.
-        robot: what the crawler's topics begin with.
+        robot: the crawler.
         rate: of its ticks [Hz].
 
     Returns:
         By the topic's name.
     """
     return {
-        name: _check_topic(stamps, rate if name.removeprefix(robot) in _TYPES else None)
+        name: _check_topic(stamps, rate if robot.meant(name) in _TYPES else None)
         for name, stamps in sorted(survey.topics.items())
     }
 

@@ -9,12 +9,13 @@ import numpy as np
 from crawler_model import Crawler
 
 from .. import bag
+from ..recorded_robot import Robot
 from ..states import StationReader, shown_contacts
 from .health import Survey, next_tick_ns
 from .layouts import JOINT_STATE, TRAJECTORY, Decoder
 
 
-def fit_start(survey: Survey, robot: str, crawler: Crawler, rate: Fraction | None) -> tuple[Crawler, int]:
+def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | None) -> tuple[Crawler, int]:
     """Find a state at which all is known: the end of the first tick in which something was commanded.
 
     Before it the friction in force is nowhere recorded; behind it the ledger names every command, and the states tell
@@ -22,7 +23,7 @@ def fit_start(survey: Survey, robot: str, crawler: Crawler, rate: Fraction | Non
 
     Args:
         survey: of the recording.
-        robot: what the crawler's topics begin with.
+        robot: the crawler.
         crawler: of the scene and method.
         rate: ticks per second [Hz].
 
@@ -34,15 +35,15 @@ def fit_start(survey: Survey, robot: str, crawler: Crawler, rate: Fraction | Non
     """
     mesh = crawler.body
     whole = np.unique(shown_contacts(crawler.scene)).size == mesh.contacts
-    source = "contact_states" if whole and robot + "contact_states" in survey.topics else "joint_states"
+    source = "contact_states" if whole and robot.recorded("contact_states") in survey.topics else "joint_states"
     begins = f"{survey.path}: it begins in mid-run"
-    if robot + source not in survey.topics or (source == "joint_states" and mesh.segments):
+    if robot.recorded(source) not in survey.topics or (source == "joint_states" and mesh.segments):
         raise bag.BagError(
             f"{begins}, and without contact_states of {'all contacts' if mesh.segments else 'any kind'} "
             "nothing tells where the contacts stood"
         )
-    ledger = Decoder(robot + "applied_commands", TRAJECTORY)
-    states = Decoder(robot + source, JOINT_STATE)
+    ledger = Decoder(robot.recorded("applied_commands"), TRAJECTORY)
+    states = Decoder(robot.recorded(source), JOINT_STATE)
     head = bag.Bag({})
     found: tuple[int, np.ndarray] | None = None
     seen: dict[int, np.ndarray] = {}

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import bag
+from ..recorded_robot import Robot
 from .health import Survey
 from .layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
 from .ramps import Piece, RampTable, Sink
@@ -17,7 +18,7 @@ _NOISE = 1e-13
 
 def observe(
     survey: Survey,
-    robot: str,
+    robot: Robot,
     table: RampTable,
     sinks: Sequence[Sink],
     progress: Callable[[float], None] | None = None,
@@ -26,7 +27,7 @@ def observe(
 
     Args:
         survey: of the recording.
-        robot: what the crawler's topics begin with.
+        robot: the crawler.
         table: filled; its net translation is that of `pose` where there is one, else the mean of the contacts.
         sinks: take the pieces.
         progress: called with the part done, in [0, 1].
@@ -37,13 +38,13 @@ def observe(
     Raises:
         BagError: when no state was recorded.
     """
-    states = "contact_states" if robot + "contact_states" in survey.topics else "joint_states"
-    if robot + states not in survey.topics:
+    states = "contact_states" if robot.recorded("contact_states") in survey.topics else "joint_states"
+    if robot.recorded(states) not in survey.topics:
         raise bag.BagError(
             f"{survey.path}: neither contact_states nor joint_states was recorded: nothing tells how it moved"
         )
     kinds = {states: JOINT_STATE, "applied_commands": TRAJECTORY, "pose": POSE}
-    decoders = {n: Decoder(robot + n, kind) for n, kind in kinds.items() if robot + n in survey.topics}
+    decoders = {n: Decoder(robot.recorded(n), k) for n, k in kinds.items() if robot.recorded(n) in survey.topics}
     head = bag.Bag({})
     reader = _Reader(states)
     poses: list[np.ndarray] = []
@@ -52,7 +53,7 @@ def observe(
         names = {d.topic: c for c, (d, _) in head.channels.items()}
         read = {}
         for name, decoder in decoders.items():
-            which = np.flatnonzero(block.channel == names.get(robot + name, -1))
+            which = np.flatnonzero(block.channel == names.get(decoder.topic, -1))
             if which.size:
                 read[name] = _in_order(decoder.read(block, which), which.size)
         if "pose" in read:

@@ -14,6 +14,7 @@ from crawler_model.drive import NS
 from crawler_model.readout import Readout
 
 from .. import bag
+from ..recorded_robot import Robot
 from ..states import contact_names, joint_state_names, shown_contacts
 from .health import Survey, next_tick_ns
 from .layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
@@ -76,7 +77,7 @@ class Resimulation:
     def __init__(
         self,
         survey: Survey,
-        robot: str,
+        robot: Robot,
         start: Crawler,
         rate: Fraction | None,
         sinks: Sequence[Sink],
@@ -86,7 +87,7 @@ class Resimulation:
 
         Args:
             survey: of the recording.
-            robot: what the crawler's topics begin with.
+            robot: the crawler.
             start: the crawler as it was when simulated time was `begin_ns`.
             rate: ticks per second [Hz].
             sinks: take what every ramp did.
@@ -106,9 +107,9 @@ class Resimulation:
         self._end_ns = begin_ns
         self._waiting = {name: (_Kept(), _Kept()) for name in _STATES}
         self._decoders = {
-            name: Decoder(robot + name, kind)
+            name: Decoder(robot.recorded(name), kind)
             for name, kind in {_LEDGER: TRAJECTORY, **_STATES}.items()
-            if robot + name in survey.topics
+            if robot.recorded(name) in survey.topics
         }
 
     def go(self, progress: Callable[[float], None] | None = None) -> Comparison:
@@ -126,7 +127,7 @@ class Resimulation:
         head = bag.Bag({})
         self._give_start()
         for block in bag.read_blocks(self._survey.path, head, progress):
-            self._take(block, {c: d.topic.removeprefix(self._robot) for c, (d, _) in head.channels.items()})
+            self._take(block, {c: self._robot.meant(d.topic) for c, (d, _) in head.channels.items()})
             if self.comparison.stopped:
                 break
         self.comparison.unmatched += sum(len(theirs.keys) for _, theirs in self._waiting.values())

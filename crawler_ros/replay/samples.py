@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .health import Survey
+from .layouts import JOINT_STATE, TRAJECTORY
 from .ramps import Piece
 from .slips import sliding
 
@@ -21,9 +22,8 @@ class Samples:
         Args:
             survey: of the recording.
         """
-        ticks = max((t.stamp_ns.size for n, t in survey.topics.items() if n.endswith("applied_commands")), default=0)
-        states = max((t.stamp_ns.size for n, t in survey.topics.items() if n.endswith("_states")), default=0)
-        self.every = max(-(-max(ticks, states) // _MOST), 1)
+        most = max((t.stamp_ns.size for t in survey.topics.values() if t.type in (TRAJECTORY, JOINT_STATE)), default=0)
+        self.every = max(-(-most // _MOST), 1)
         self._parts: dict[str, list[np.ndarray]] = {name: [] for name in (*_SAMPLED, "state", "work", "dissipation")}
         self._count = 0
         self._moved: np.ndarray | None = None

@@ -9,6 +9,7 @@ import numpy as np
 
 from crawler_model.drive import NS
 
+from ..recorded_robot import Robot
 from .health import Survey
 from .ramps import RampTable
 
@@ -71,13 +72,13 @@ class Standstill:
         return f"; the last message on {self.last_message} had arrived at {self.last_message_at:g} s"
 
 
-def find_standstill(table: RampTable, survey: Survey, robot: str) -> Standstill | None:
+def find_standstill(table: RampTable, survey: Survey, robot: Robot) -> Standstill | None:
     """Look at the end of the last run.
 
     Args:
         table: its ramps; without commands where none were recorded.
         survey: of the recording.
-        robot: what the crawler's topics begin with.
+        robot: the crawler.
 
     Returns:
         The rest, or None when the crawler moved to the end, or had rested as long before.
@@ -104,10 +105,11 @@ def find_standstill(table: RampTable, survey: Survey, robot: str) -> Standstill 
     )
 
 
-def _last_message(survey: Survey, robot: str) -> tuple[str | None, float | None]:
+def _last_message(survey: Survey, robot: Robot) -> tuple[str | None, float | None]:
     """Find the last command message, and the last state before it arrived."""
-    heard = {name: survey.topics[robot + name].log_ns[-1] for name in COMMANDS if robot + name in survey.topics}
-    states = survey.topics.get(robot + "joint_states")
+    recorded = {name: survey.topics.get(robot.recorded(name)) for name in COMMANDS}
+    heard = {name: topic.log_ns[-1] for name, topic in recorded.items() if topic is not None}
+    states = survey.topics.get(robot.recorded("joint_states"))
     if not heard or states is None:
         return None, None
     topic = max(heard, key=lambda name: int(heard[name]))

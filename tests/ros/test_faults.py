@@ -235,7 +235,8 @@ def fails_to_record(ros, bags, reason, fill):
         assert reason in status(ros, "recording").message
         wait_until(lambda: reason in process.said, what="a line in the log")
         wait_for_more(ros, 1000)
-    assert process.end() == 0
+    assert process.end() == 1
+    assert process.said.splitlines()[-1].startswith("simulator: recording stopped: [Errno")
     assert process.said.count(f"recording stopped: [Errno {28 if 'space' in reason else 27}] {reason}") >= 1
     assert "Traceback" not in process.said
     return only(bags)
@@ -491,7 +492,7 @@ def test_simulated_again_it_would_notice_a_bit(ros):
     source = only(bags)
     head = bag.Bag({})
     records = list(bag.read(source, head))
-    from crawler_ros.recorder import BagWriter
+    from crawler_ros.bag_writer import BagWriter
 
     writer = BagWriter(ros.folder / "forged", head.attachments)
     channels = {}

@@ -320,7 +320,7 @@ def test_two_robots_are_told_apart(tmp_path):
     left = [(n, s, d) for n, s, d in messages(one, play(one, 0, 10**9))]
     bag_path = tmp_path / "a"
     from crawler_ros import interface
-    from crawler_ros.recorder import BagWriter
+    from crawler_ros.bag_writer import BagWriter
 
     writer = BagWriter(bag_path, {})
     for space, sent in (("/left/", left), ("/right/", messages(two, play(two, 0, 2 * 10**9)))):
@@ -377,7 +377,7 @@ def test_a_run_that_moves_to_its_end_did_not_stop(tmp_path):
 
 
 def test_what_is_no_crawlers_recording_is_named(tmp_path):
-    from crawler_ros.recorder import BagWriter
+    from crawler_ros.bag_writer import BagWriter
 
     BagWriter(tmp_path / "empty", {}).close()
     with pytest.raises(BagError, match="there is no message in it"):

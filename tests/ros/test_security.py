@@ -23,7 +23,8 @@ pytest.importorskip("rclpy")
 from crawler_model import SceneError, load_scene
 from crawler_model.scene_file import LARGEST_FILE, parse_scene
 from crawler_ros import bag, recorder
-from crawler_ros.recorder import BagWriter, Recorder
+from crawler_ros.bag_writer import BagWriter
+from crawler_ros.recorder import Recorder
 
 from .graph import environment, graph, wait_until
 from .machine import SOAK, Command, children, crawler_command, simulator
