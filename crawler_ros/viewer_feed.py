@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import os
+import socket
 import struct
 import subprocess
 import sys
@@ -21,6 +22,8 @@ from crawler_model import Crawler, Scene
 from .frames import FRAME_EVERY_NS, frame_of
 
 LIVE_PORT = 9876
+"""The port of the first live viewer on a machine, rerun's own; those that follow take the next ones."""
+_MOST_VIEWERS = 100
 _PIPE_BYTES = 1 << 20
 
 
@@ -42,6 +45,48 @@ def check_view(view: str) -> None:
         raise FileExistsError(f"view: {view} exists; give a path that does not")
 
 
+def is_free(port: int) -> bool:
+    """Tell whether nobody listens on a port of 127.0.0.1.
+
+    Args:
+        port: its number.
+
+    Returns:
+        True when a server can be opened there.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections that were closed do not count
+        try:
+            probe.bind(("127.0.0.1", port))
+            probe.listen(1)
+        except OSError:
+            return False
+    return True
+
+
+def claim_port() -> tuple[int, socket.socket]:
+    """Choose the first free port from `LIVE_PORT` on, and keep it from simulators that start at the same time.
+
+    Returns:
+        The port, and what holds it: closed, or with the end of this process, the port can be chosen again.
+
+    Raises:
+        OSError: when all ports tried are taken.
+    """
+    last = LIVE_PORT + _MOST_VIEWERS - 1
+    for port in range(LIVE_PORT, last + 1):
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            claim.bind(f"\0crawler live view {port}")  # a name of Linux's that no file stands for
+        except OSError:
+            claim.close()
+            continue
+        if is_free(port):
+            return port, claim
+        claim.close()
+    raise OSError(f"view: the ports {LIVE_PORT} to {last} of 127.0.0.1 are all taken; end some viewers")
+
+
 class ViewerFeed:
     """The simulator's end of the pipe to a drawing process."""
 
@@ -55,13 +100,21 @@ class ViewerFeed:
 
         Raises:
             FileExistsError: when the file exists: nothing is overwritten.
+            OSError: when no port is free.
             ValueError: when `view` is something else.
         """
         check_view(view)
-        if view != "live":
+        self._claim: socket.socket | None = None
+        target = where = view
+        if view == "live":
+            port, self._claim = claim_port()
+            target = f"rerun+http://127.0.0.1:{port}/proxy"
+            taken = f"; port {LIVE_PORT} is taken" if port != LIVE_PORT else ""
+            where = f"{target} (open it with: rerun --connect {target}{taken})"
+        else:
             Path(view).parent.mkdir(parents=True, exist_ok=True)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "crawler_ros.visualizer", view], stdin=subprocess.PIPE, start_new_session=True
+            [sys.executable, "-m", "crawler_ros.visualizer", target], stdin=subprocess.PIPE, start_new_session=True
         )
         assert self._process.stdin is not None
         self._pipe = self._process.stdin
@@ -75,7 +128,6 @@ class ViewerFeed:
         self._shown_ns: int | None = None
         self._moved: np.ndarray | None = None
         self.dropped = 0
-        where = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy (open it with: rerun --connect)" if view == "live" else view
         say(f"drawing to {where}")
 
     def show(self, time_ns: int, crawler: Crawler) -> None:
@@ -125,3 +177,5 @@ class ViewerFeed:
             self._process.wait(max(deadline - time.monotonic(), 0.1))
         except subprocess.TimeoutExpired:
             self._process.kill()
+        if self._claim is not None:
+            self._claim.close()

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from .colors import BACK, FORWARD, rgb
 from .frames import Frame, frame_sizes, frames_of_recording, has_stasis_bounds, in_sequence, thin
 from .recorded_robot import Robot
 from .states import joint_names, station_names
-from .viewer_feed import LIVE_PORT
+from .viewer_feed import is_free
 
 _STATE_NAMES = {-1: "slip back", 0: "stick", 1: "slip forward"}
 _STATE_COLORS = {-1: rgb(BACK), 0: (80, 80, 80), 1: rgb(FORWARD)}
@@ -250,14 +251,20 @@ def to_file(path: Path) -> Callable[[Any], None]:
     return lambda stream: stream.save(str(path))
 
 
-def to_viewer(stream: Any) -> None:
+def to_viewer(url: str) -> Callable[[Any], None]:
     """Serve a recording stream on 127.0.0.1, and open a viewer on it where there is a display."""
-    import rerun as rr
+    port = urlsplit(url).port or 0
 
-    stream.set_sinks(rr.GrpcServerSink(bind_ip="127.0.0.1", port=LIVE_PORT))
-    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        url = f"rerun+http://127.0.0.1:{LIVE_PORT}/proxy"
-        subprocess.Popen([sys.executable, "-m", "rerun", "--connect", url], start_new_session=True)
+    def serve(stream: Any) -> None:
+        import rerun as rr
+
+        if not is_free(port):  # rerun would serve nobody, and not tell
+            raise OSError(f"port {port} of 127.0.0.1 is taken")
+        stream.set_sinks(rr.GrpcServerSink(bind_ip="127.0.0.1", port=port))
+        if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+            subprocess.Popen([sys.executable, "-m", "rerun", "--connect", url], start_new_session=True)
+
+    return serve
 
 
 def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot: Robot | None = None) -> int:
@@ -292,7 +299,7 @@ def main() -> int:
     (size,) = struct.unpack("<I", source.read(4))
     scene = Scene.model_validate(json.loads(source.read(size)))
     try:
-        drawing = Drawing(scene, to_viewer if view == "live" else to_file(Path(view)))
+        drawing = Drawing(scene, to_viewer(view) if view.startswith("rerun+http://") else to_file(Path(view)))
     except Exception as error:  # a port in use, a folder that cannot be written: rerun's errors have no common type
         print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
         return 1

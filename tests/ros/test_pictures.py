@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -21,7 +23,7 @@ from crawler_model import Crawler, CrawlerError, load_scene
 from crawler_ros.colors import BACK, FORWARD, TENSION, rgb
 from crawler_ros.frames import Frame, frame_of, thin
 from crawler_ros.picture import draw_page, screenshot
-from crawler_ros.viewer_feed import ViewerFeed
+from crawler_ros.viewer_feed import LIVE_PORT, ViewerFeed, is_free
 from crawler_ros.visualizer import Drawing, to_file
 
 GREEN, RED, GREY = rgb(FORWARD), rgb(BACK), (80, 80, 80)
@@ -157,24 +159,60 @@ def test_a_view_never_overwrites(tmp_path):
         ViewerFeed(load_scene("two_anchor_a"), str(tmp_path / "x.rrd"), lambda text: None)
 
 
-def test_the_live_viewer_is_on_loopback_only(tmp_path):
-    header = json.dumps(load_scene("two_anchor_a").model_dump(mode="json", exclude_none=True)).encode()
-    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "crawler_ros.visualizer", "live"], stdin=subprocess.PIPE, env=environment
-    )
-    process.stdin.write(struct.pack("<I", len(header)) + header)
-    process.stdin.flush()
-    try:
-        deadline = time.monotonic() + 20
-        listening: set[str] = set()
-        while not listening and time.monotonic() < deadline:
-            time.sleep(0.1)
-            for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
-                address, port = line.split()[1].split(":")
-                if int(port, 16) == 9876 and line.split()[3] == "0A":
-                    listening.add(address)
-        assert listening == {"0100007F"}
-    finally:
-        process.stdin.close()
-        process.wait(20)
+def listening(pid: int) -> set[tuple[str, int]]:
+    """The TCP addresses at which a process listens: address and port."""
+    inodes = set()
+    for fd in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(OSError):  # it was closed meanwhile
+            inodes.add(os.readlink(fd))
+    found = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            words = line.split()
+            if words[3] == "0A" and f"socket:[{words[9]}]" in inodes:
+                address, port = words[1].split(":")
+                found.add((address, int(port, 16)))
+    return found
+
+
+def test_live_viewers_serve_on_loopback_only_and_each_on_a_port_of_its_own(monkeypatch):
+    """Two at once, and a port between them that is a stranger's."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    scene, said, ports = load_scene("three_contacts_one_way"), [], []
+    with socket.socket() as stranger, contextlib.ExitStack() as stack:
+        for number in range(2):
+            feed = ViewerFeed(scene, "live", said.append)
+            stack.callback(feed.close)
+            ports.append(int(said[-1].split("127.0.0.1:")[1].split("/")[0]))
+            deadline, found = time.monotonic() + 60.0, set()
+            while feed.alive and not found and time.monotonic() < deadline:
+                time.sleep(0.05)
+                found = listening(feed._process.pid)
+            assert found == {("0100007F", ports[-1])}
+            show_many(feed, Crawler(scene), 10)
+            assert feed.alive
+            if number == 0:
+                taken = ports[0] + 1
+                while not is_free(taken):
+                    taken += 1
+                stranger.bind(("127.0.0.1", taken))
+                stranger.listen()
+    assert ports[1] not in (ports[0], taken)
+    assert f"; port {LIVE_PORT} is taken)" in said[1]
+
+
+def test_a_viewer_whose_port_is_taken_says_so_and_ends():
+    header = json.dumps(load_scene("two_anchor_a").document()).encode()
+    with socket.socket() as stranger:
+        stranger.bind(("127.0.0.1", 0))
+        stranger.listen()
+        port = stranger.getsockname()[1]
+        done = subprocess.run(
+            [sys.executable, "-m", "crawler_ros.visualizer", f"rerun+http://127.0.0.1:{port}/proxy"],
+            input=struct.pack("<I", len(header)) + header,
+            capture_output=True,
+            timeout=60,
+        )
+    assert done.returncode == 1
+    assert done.stderr.decode().splitlines() == [f"viewer: port {port} of 127.0.0.1 is taken"]
