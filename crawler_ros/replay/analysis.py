@@ -16,16 +16,16 @@ from crawler_model.scene_file import build_scene
 
 from ..bag import BagError
 from ..recorded_robot import Robot
-from ..states import contact_names
+from ..states import contact_names, station_names
 from ..versions import versions
 from .cycle_table import Cycle, Energy, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
 from .margins import Margins, find_margins
 from .midrun import fit_start
 from .observe import observe
-from .ramps import Piece, RampTable, Sink
+from .ramps import RampTable, Sink
 from .resimulate import Comparison, Resimulation
-from .slips import SlipFinder, Slips
+from .slips import Slips, SlipSink
 from .standstill import Standstill, find_standstill
 
 _SURVEYED = 0.2
@@ -50,9 +50,10 @@ class Replay:
         fitted_ns: where the simulation started, when it had to be read from the states [ns]; None at the scene's start.
         table: a row a ramp.
         contacts: names of the shown contacts.
+        stations: names of what slips are told of: isolated contacts, then both ends of each segment.
         cycles: in order.
         cycle_source: "drive", "recurrence" or "none".
-        slips: of the shown contacts.
+        slips: of the stations.
         energy: of the whole run; None when the scene is not known.
         margins: likewise.
         standstill: the rest in which it ended; None when it moved to the end.
@@ -70,6 +71,7 @@ class Replay:
     fitted_ns: int | None
     table: RampTable
     contacts: tuple[str, ...]
+    stations: tuple[str, ...]
     cycles: tuple[Cycle, ...]
     cycle_source: str
     slips: Slips
@@ -128,7 +130,7 @@ class Replay:
         columns = (slips.contact, slips.direction, slips.run, slips.start_ns, slips.end_ns, slips.distance)
         return [
             {
-                "contact": self.contacts[contact],
+                "contact": self.stations[contact],
                 "direction": way if planar else int(way),
                 "start": start / NS,
                 "length": (end - start) / NS,
@@ -169,7 +171,7 @@ def analyse(
     given, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and _is_planar(survey, robot))
-    finder = _LateFinder(planar)
+    finder = SlipSink()
     takers: list[Sink] = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
     def rest(part: float) -> None:
@@ -177,13 +179,13 @@ def analyse(
 
     said, why, fitted, method = _follow(survey, robot, scene, rate, [table, *takers], rest)
     if said is None:
-        shown = observe(survey, robot, table, takers, rest)
+        shown, stations = observe(survey, robot, table, takers, rest)
         if planar:
             shown = shown[::2]
     else:
         assert scene is not None
         table.finish()
-        shown = tuple(contact_names(scene)[:: scene.dimension])
+        shown, stations = tuple(contact_names(scene)[:: scene.dimension]), tuple(station_names(scene.mesh))
     known = said is not None
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
@@ -200,6 +202,7 @@ def analyse(
         fitted_ns=fitted,
         table=table,
         contacts=tuple(name.removesuffix("/x") for name in shown),
+        stations=stations,
         cycles=cycles,
         cycle_source=source,
         slips=finder.finish(),
@@ -230,22 +233,6 @@ def simulate_again(path: Path) -> Comparison:
     if said is None:
         raise BagError(why)
     return said
-
-
-class _LateFinder:
-    """A `SlipFinder` that learns from the first piece how many contacts there are."""
-
-    def __init__(self, planar: bool) -> None:
-        self._planar = planar
-        self._finder: SlipFinder | None = None
-
-    def __call__(self, piece: Piece) -> None:
-        if self._finder is None:
-            self._finder = SlipFinder(piece.gained.shape[1], self._planar)
-        self._finder.add(piece.run, piece.start_ns, piece.end_ns, piece.gained)
-
-    def finish(self) -> Slips:
-        return (self._finder or SlipFinder(0, self._planar)).finish()
 
 
 def _recorded_scene(survey: Survey) -> Scene | None:

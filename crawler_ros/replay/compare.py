@@ -37,7 +37,7 @@ class RunComparison:
         max_difference: largest difference of the net translation [m].
         translation: difference of each cycle that both have [m], in the plane of its two parts.
         energy: differences of work, dissipation and stored energy [J]; None where one is not known.
-        slips: for each contact: how many more, and how much farther in all [m].
+        slips: for each contact and end of a segment: how many more, and how much farther in all [m].
     """
 
     first: Replay
@@ -103,9 +103,9 @@ def compare_recordings(
     tell = progress or (lambda part: None)
     one = analyse(first, scene, namespace, progress=lambda part: tell(0.5 * part))
     two = analyse(second, scene, namespace, progress=lambda part: tell(0.5 + 0.5 * part))
-    if one.contacts != two.contacts:
+    if one.stations != two.stations:
         raise BagError(
-            f"{first} has the contacts {', '.join(one.contacts[:6])} and {second} {', '.join(two.contacts[:6])}: "
+            f"{first} has the contacts {', '.join(one.stations[:6])} and {second} {', '.join(two.stations[:6])}: "
             "runs of different bodies cannot be compared"
         )
     size = max(size_of(one.table), size_of(two.table))
@@ -129,7 +129,7 @@ def compare_recordings(
         max_difference=most,
         translation=tuple(gains),
         energy=energy,
-        slips=tuple(_slips(one, two, contact) for contact in range(len(one.contacts))),
+        slips=tuple(_slips(one, two, contact) for contact in range(len(one.stations))),
     )
 
 
@@ -171,7 +171,7 @@ def _slips(one: Replay, two: Replay, contact: int) -> dict[str, Any]:
         counts.append(int(rows.sum()))
         distances.append(float(run.slips.distance[rows].sum()))
     more = {"count": counts[1] - counts[0], "distance": distances[1] - distances[0]}
-    return {"contact": one.contacts[contact], **more}
+    return {"contact": one.stations[contact], **more}
 
 
 def _set_ups(one: Replay, two: Replay) -> list[str]:
@@ -243,7 +243,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
             values = getattr(one.energy, name), getattr(two.energy, name), change
             table.add_row(f"{name} in all, J", *(f"{v:.6g}" for v in values))
     for row in found.slips[:_MOST_SHOWN]:
-        contact = one.contacts.index(row["contact"])
+        contact = one.stations.index(row["contact"])
         totals = [float(r.slips.distance[r.slips.contact == contact].sum()) for r in (one, two)]
         table.add_row(f"{row['contact']} slid in all, m", *(write_length(v, size) for v in (*totals, row["distance"])))
     screen.print(table)

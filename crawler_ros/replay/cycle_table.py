@@ -48,7 +48,7 @@ class Cycle:
         start: when it begins [s].
         end: when it ends [s].
         translation: net translation gained [m]; in the plane x and y.
-        slip_forward: distance that contacts slid forward, all together [m].
+        slip_forward: distance that contacts slid forward, all together, a segment with the mean over its length [m].
         slip_backward: the same backward [m].
         energy: its account; None when the scene is not known.
         least_margin: least distance of a spring force from its bound [N]; None likewise.

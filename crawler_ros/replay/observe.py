@@ -11,6 +11,7 @@ from .. import bag
 from ..recorded_robot import Robot
 from .health import Survey
 from .layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
+from .parts import Parts, parts_by_name
 from .ramps import Piece, RampTable, Sink
 
 _NOISE = 1e-13
@@ -22,18 +23,18 @@ def observe(
     table: RampTable,
     sinks: Sequence[Sink],
     progress: Callable[[float], None] | None = None,
-) -> tuple[str, ...]:
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Lay a recording out as ramps, one a state.
 
     Args:
         survey: of the recording.
         robot: the crawler.
-        table: filled; its net translation is that of `pose` where there is one, else the mean of the contacts.
+        table: filled; its net translation is that of `pose` where there is one, else the mean of contacts and segments.
         sinks: take the pieces.
         progress: called with the part done, in [0, 1].
 
     Returns:
-        The names of the contacts.
+        The names of the contacts, in the plane one for each axis, and those of the stations among them.
 
     Raises:
         BagError: when no state was recorded.
@@ -67,7 +68,8 @@ def observe(
     if poses:
         _take_poses(table, np.concatenate(poses))
     names_of = decoders[states].names or ()
-    return names_of if states == "contact_states" else names_of[:1]
+    stations = () if reader.parts is None else reader.parts.station_names
+    return (names_of if states == "contact_states" else names_of[:1]), stations
 
 
 def _in_order(groups: list[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -91,6 +93,7 @@ class _Reader:
         self._run, self._last_ns = 0, -1
         self._position: np.ndarray | None = None
         self._begin: np.ndarray | None = None
+        self.parts: Parts | None = None
         self._stamps, self._rows = np.zeros(0, np.int64), np.zeros((0, 0))
 
     def command(self, stamps: np.ndarray | None, rows: np.ndarray | None) -> None:
@@ -122,7 +125,12 @@ class _Reader:
         shape = (count, -1, 2) if planar else (count, -1)
         if self._begin is None:
             self._begin = position[0].copy()
-        y = (position - self._begin).reshape(shape).mean(axis=1)
+        if self.parts is None:
+            own = [name.removesuffix("/x") for name in names if not name.endswith("/y")]
+            self.parts = parts_by_name(tuple(own[: position.reshape(shape).shape[1]]), position.reshape(shape)[0])
+        moved_by = (position - self._begin).reshape(shape)
+        y = moved_by.mean(axis=1) if planar else self.parts.average(moved_by).mean(axis=1)
+        forward, backward = self.parts.slid(gained.reshape(shape))
         nothing, unknown = np.zeros((count, 0)), np.full(count, np.nan)
         elongation = np.diff(position.reshape(shape), axis=1)
         rows = self._rows.shape[1]
@@ -139,6 +147,9 @@ class _Reader:
             command=command,
             position=position.reshape(shape),
             gained=gained.reshape(shape),
+            station_gained=gained.reshape(shape)[:, self.parts.stations],
+            forward=forward,
+            backward=backward,
             ground=ground.reshape(shape),
             elongation=elongation,
             tension=nothing.reshape(count, 0, 2) if planar else nothing,

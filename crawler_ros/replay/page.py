@@ -176,11 +176,12 @@ def _draw_cycles(axes: Any, replay: Replay) -> None:
     last = cycles[-1]
     words = ["forward", "back", "translation"]
     values = [last.slip_forward, -last.slip_backward, float(gained[-1])]
-    if replay.scene is not None and not replay.scene.mesh.segments:
-        words[2] = f"sum / {len(replay.contacts)}\n= translation"
+    if replay.scene is not None:
+        mesh = replay.scene.mesh
+        words[2] = f"sum / {mesh.isolated.size + len(mesh.segments)}\n= translation"
     bars = split.bar(words, values, color=[FORWARD, BACK, "#46688f"], width=0.6)
     split.bar_label(bars, labels=[f"{v + 0.0:.4g}" for v in values], fontsize=8, padding=2)
     split.axhline(0.0, color="#9a9a9a", linewidth=0.8)
     split.margins(y=0.2)
-    split.set_ylabel("slip of all contacts [m]")
+    split.set_ylabel("slip of all contacts [m]" if replay.stations == replay.contacts else "slip of all parts [m]")
     split.set_title("in the last cycle", fontsize=8, color=GREY, loc="left")

@@ -13,6 +13,7 @@ from crawler_model.readout import Readout
 from crawler_model.stasis import stasis_bounds
 from crawler_model.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, VISITED, WORK
 
+from .parts import parts_of
 from .ramps import Piece
 
 _NOISE = 1e-14
@@ -29,7 +30,7 @@ class RampRows:
             scene: what runs.
             widths: entries of joint_states and of contact_states.
         """
-        self._scene, self._widths = scene, widths
+        self._scene, self._widths, self._parts = scene, widths, parts_of(scene.mesh)
         self.run: list[int] = []
         self.start_ns: list[int] = []
         self.end_ns: list[int] = []
@@ -130,6 +131,7 @@ class RampRows:
         noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(mesh.position, axis=0).max()))
         gained = np.where(np.abs(gained) > noise, gained, 0.0)
         stiffness = mesh.stiffness.reshape(-1, *(1,) * (mesh.dimension - 1))
+        forward, backward = self._parts.slid(gained)
         rows = x.shape[0]
         return Piece(
             run=np.array(self.run, np.int64),
@@ -139,6 +141,9 @@ class RampRows:
             command=np.array(self._commands),
             position=(mesh.position + x)[:, shown],
             gained=gained[:, shown],
+            station_gained=gained[:, self._parts.stations],
+            forward=forward,
+            backward=backward,
             ground=-force[:, shown],
             elongation=_over_joints(mesh.joint_sum, shape),
             tension=_over_joints(mesh.joint_mean, tension),

@@ -27,6 +27,9 @@ class Piece:
         command: the row in force at its end, shape (R, C); C = 0 where no command is known.
         position: of each shown contact, xi + x, shape (R, M), in the plane (R, M, 2) [m].
         gained: what each shown contact gained, likewise [m].
+        station_gained: what each station of the body gained, shape (R, Q), in the plane (R, Q, 2) [m].
+        forward: how far the body slid forward (`parts.Parts.slid`), shape (R,) [m].
+        backward: the same backward, likewise.
         ground: force of the ground on each shown contact, -g, likewise [N].
         elongation: of each joint, shape (R, J), in the plane (R, J, 2) [m].
         tension: of each joint, likewise [N].
@@ -49,6 +52,9 @@ class Piece:
     command: np.ndarray
     position: np.ndarray
     gained: np.ndarray
+    station_gained: np.ndarray
+    forward: np.ndarray
+    backward: np.ndarray
     ground: np.ndarray
     elongation: np.ndarray
     tension: np.ndarray
@@ -69,7 +75,7 @@ Sink = Callable[[Piece], None]
 
 _KEPT = (
     *("run", "start_ns", "end_ns", "ends_tick", "work", "dissipation", "stored"),
-    *("margin", "nearest", "visited", "unique"),
+    *("margin", "nearest", "visited", "unique", "forward", "backward"),
 )
 
 
@@ -84,7 +90,7 @@ class RampTable:
         self.work = self.dissipation = self.stored = self.margin = self.visited = np.zeros(0)
         self.nearest = np.zeros(0, np.int64)
         self.forward = self.backward = np.zeros(0)
-        """Distances slid, all shown contacts together, shape (R,) [m]; in the plane by the sign of their x."""
+        """Distances slid, all contacts and segments together, shape (R,) [m]."""
         self.net_translation = np.zeros((0, 1))
         """Shape (R, d) [m]."""
         self.place = self.shape = np.zeros((0, 2))
@@ -95,10 +101,6 @@ class RampTable:
         """Take a piece."""
         made = {name: getattr(piece, name) for name in _KEPT}
         rows = piece.run.size
-        size = np.abs(piece.gained) if piece.gained.ndim == 2 else np.linalg.norm(piece.gained, axis=2)
-        along = piece.gained if piece.gained.ndim == 2 else piece.gained[..., 0]
-        made["forward"] = np.where(along > 0.0, size, 0.0).sum(axis=1)
-        made["backward"] = np.where(along > 0.0, 0.0, size).sum(axis=1)
         made["net_translation"] = piece.net_translation.reshape(rows, -1)
         made["place"] = piece.command @ signature_weights(piece.command.shape[1])
         shape = piece.elongation.reshape(rows, -1)

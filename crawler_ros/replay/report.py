@@ -102,7 +102,8 @@ def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:
 def _print_slips(replay: Replay, screen: Console) -> None:
     slips = replay.slips
     if slips.contact.size == 0:
-        screen.print("slips: none, nothing moved")
+        inside = bool((replay.table.forward + replay.table.backward).any())
+        screen.print(f"slips: none{' of contacts and ends of segments' if inside else ', nothing moved'}")
         return
     planar = replay.table.net_translation.shape[1] == 2
     ways = ((None, "in all"),) if planar else ((1.0, "forward"), (-1.0, "back"))
@@ -114,7 +115,7 @@ def _print_slips(replay: Replay, screen: Console) -> None:
             if rows.any():
                 length = float((slips.end_ns - slips.start_ns)[rows].sum()) / NS
                 texts.append(f"{rows.sum()} {word} ({slips.distance[rows].sum():.6g} m in {length:.4g} s)")
-        parts.append(f"{replay.contacts[contact].removeprefix('contact_')}: {', '.join(texts)}")
+        parts.append(f"{replay.stations[contact].removeprefix('contact_')}: {', '.join(texts)}")
     more = np.unique(slips.contact).size - len(parts)
     screen.print(f"{slips.contact.size} slips; contact " + "; ".join(parts) + (f"; {more} more" if more > 0 else ""))
 

@@ -1,10 +1,12 @@
-"""Slips: stretches of time in which a contact slides one way. Pure: arrays in, tables out, a piece at a time."""
+"""Slips: stretches of time in which a contact or an end of a segment slides one way. Pure: arrays in, tables out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from .ramps import Piece
 
 ROUNDING = 1e-12
 """A contact that gains less than this part of what the fastest one gains stands: it is rounding."""
@@ -15,7 +17,7 @@ class Slips:
     """Slips in the order in which they begin.
 
     Attributes:
-        contact: place among the shown contacts, shape (K,).
+        contact: place among the stations, isolated contacts and then both ends of each segment, shape (K,).
         direction: 1 forward, -1 backward; in the plane the angle of the whole slip [rad]; shape (K,).
         run: between which resets, shape (K,).
         start_ns: shape (K,) [ns, simulated].
@@ -128,6 +130,30 @@ class SlipFinder:
         table = np.array(self._found, dtype=_ROW) if self._found else np.zeros(0, dtype=_ROW)
         table = table[np.lexsort((table["contact"], table["start_ns"], table["run"]))]
         return Slips(*(np.ascontiguousarray(table[name]) for name in _ROW.names or ()))
+
+
+class SlipSink:
+    """Finds the slips of a body's stations in the pieces of a run: a `Sink`."""
+
+    def __init__(self) -> None:
+        """Begin empty; the first piece tells how many stations there are."""
+        self._finder = SlipFinder(0, False)
+        self._begun = False
+
+    def __call__(self, piece: Piece) -> None:
+        """Take a piece."""
+        if not self._begun:
+            self._finder = SlipFinder(piece.station_gained.shape[1], piece.station_gained.ndim == 3)
+            self._begun = True
+        self._finder.add(piece.run, piece.start_ns, piece.end_ns, piece.station_gained)
+
+    def finish(self) -> Slips:
+        """End the slips that go on and lay out all of them.
+
+        Returns:
+            The slips, in the order in which they begin, run by run.
+        """
+        return self._finder.finish()
 
 
 _ROW = np.dtype(

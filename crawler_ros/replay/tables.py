@@ -168,7 +168,7 @@ class TableWriter:
         for name in ("slips", "cycles"):
             self._open_one(name)
         slips = replay.slips
-        label = pa.DictionaryArray.from_arrays(pa.array(slips.contact.astype(np.int32)), pa.array(replay.contacts))
+        label = pa.DictionaryArray.from_arrays(pa.array(slips.contact.astype(np.int32)), pa.array(replay.stations))
         length = (slips.end_ns - slips.start_ns) / NS
         self._write("slips", [slips.run, label, slips.direction, slips.start_ns / NS, length, slips.distance])
         rows = [_cycle_row(cycle.as_plain(), self._planar) for cycle in replay.cycles]

@@ -17,7 +17,7 @@ _ATTRIBUTES = {
     "arg": {"name", "default", "description", "value"},
     "include": {"file"},
     "group": set(),
-    "node": {"pkg", "exec", "namespace", "output", "args"},
+    "node": {"pkg", "exec", "namespace", "output", "args", "on_exit"},
     "param": {"name", "value", "type"},
     "remap": {"from", "to"},
 }
@@ -25,7 +25,7 @@ _ATTRIBUTES = {
 
 @dataclass(frozen=True)
 class Started:
-    """A process that a launch file starts."""
+    """A process that a launch file starts; when one that `ends_all` has ended, launch interrupts all others."""
 
     package: str
     executable: str
@@ -34,6 +34,7 @@ class Started:
     types: dict[str, str]
     remaps: dict[str, str]
     arguments: list[str]
+    ends_all: bool
 
 
 def substitute(text: str, values: dict[str, str], file: Path) -> str:
@@ -86,5 +87,11 @@ def _run(element: ET.Element, values: dict[str, str], file: Path) -> list[Starte
             namespace = substitute(child.get("namespace", ""), values, file)
             executable = substitute(child.get("exec"), values, file)
             arguments = shlex.split(substitute(child.get("args", ""), values, file))
-            started.append(Started(child.get("pkg"), executable, namespace, parameters, types, remaps, arguments))
+            ends_all = child.get("on_exit")
+            assert ends_all in (None, "shutdown"), ends_all  # launch knows no other
+            started.append(
+                Started(
+                    child.get("pkg"), executable, namespace, parameters, types, remaps, arguments, ends_all is not None
+                )
+            )
     return started

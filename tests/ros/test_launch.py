@@ -20,7 +20,7 @@ import yaml
 pytest.importorskip("rclpy")
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_ros import interface
+from crawler_ros import bag, interface
 
 from .graph import Graph, graph, seconds, wait_until
 from .launch_files import FOLDER, PACKAGE, ROOT, Started, read, start
@@ -255,6 +255,31 @@ def test_simulator_runs(ros):
 def test_walk_walks(ros):
     run(ros, "walk.launch.xml", periods="2", real_time_factor="10")
     wait_until(lambda: ros.heard["/pose"][-1].pose.position.x > 0.2, 60.0, "two periods")
+
+
+def end_as_launch_does(ros: Graph, started: list[Started]) -> None:
+    """Wait for the end of a process that ends all, and interrupt the others."""
+    required = [p for p, s in zip(ros.processes, started, strict=True) if s.ends_all]
+    assert required
+    wait_until(lambda: any(p.process.poll() is not None for p in required), 120.0, "the end of what ends all")
+    for process in ros.processes:
+        assert process.end() == 0, process.said
+
+
+def test_a_walk_of_some_periods_ends_as_a_whole(ros):
+    bags = ros.folder / "bags"
+    started = run(ros, "walk.launch.xml", periods="2", real_time_factor="10", record=str(bags))
+    assert [s.executable for s in started if s.ends_all] == ["gait_player"]
+    end_as_launch_does(ros, started)
+    (path,) = bags.iterdir()
+    assert bag.examine(path).complete
+    assert bag.examine(path).counts["/joint_trajectory"] == 2
+
+
+def test_a_controller_that_is_done_ends_all(ros):
+    started = run(ros, "controller.launch.xml", **EXAMPLES[1])
+    assert [s.executable for s in started if s.ends_all] == ["phase_control"]
+    end_as_launch_does(ros, started)
 
 
 @pytest.mark.parametrize("values", EXAMPLES, ids=["speed_control", "phase_control"])

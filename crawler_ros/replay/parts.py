@@ -1,0 +1,118 @@
+"""What slides: isolated contacts, and segments as a whole. Pure: what is said of a segment does not depend on its mesh.
+
+A segment stands on as many contacts as it has elements, so a sum over them grows with the mesh. Its slip forward is the
+mean of the distances that its material slid forward,
+
+    (1 / l) int max(dx, 0) ds
+
+and its slip backward likewise; both converge as the mesh is refined, and their difference, averaged over all isolated
+contacts and segments, is the net translation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crawler_model.body import Body
+
+from ..states import station_names
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Isolated contacts, then segments, of a body of M contacts.
+
+    Attributes:
+        stations: the isolated contacts, then both ends of each segment, shape (Q,).
+        station_names: as "contact_0" or "trunk.from".
+        order: the contacts, part by part, shape (M,).
+        first: where each part begins in `order`, shape (P,).
+        share: of each contact of `order` in its part, shape (M,); those of a part add up to 1.
+    """
+
+    stations: np.ndarray
+    station_names: tuple[str, ...]
+    order: np.ndarray
+    first: np.ndarray
+    share: np.ndarray
+
+    def average(self, values: np.ndarray) -> np.ndarray:
+        """Average over each part.
+
+        Args:
+            values: one per contact, shape (R, M).
+
+        Returns:
+            Shape (R, P).
+        """
+        if self.first.size == self.order.size:  # isolated contacts alone, or reduceat would add nothing up
+            return np.ascontiguousarray(values[:, self.order])
+        return np.add.reduceat(values[:, self.order] * self.share, self.first, axis=1)
+
+    def slid(self, gained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tell how far all parts together slid forward and backward, a segment with the mean over its length.
+
+        Args:
+            gained: of each contact, shape (R, M), in the plane (R, M, 2) [m].
+
+        Returns:
+            Distances forward and backward, each shape (R,) [m]; in the plane by the sign of x.
+        """
+        size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
+        ahead = (gained if gained.ndim == 2 else gained[..., 0]) > 0.0
+        forward, backward = np.where(ahead, size, 0.0), np.where(ahead, 0.0, size)
+        return self.average(forward).sum(axis=1), self.average(backward).sum(axis=1)
+
+
+def parts_of(mesh: Body) -> Parts:
+    """List the parts of a body.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        Its parts, over all of its contacts.
+    """
+    count = mesh.isolated.size
+    groups = [np.array([contact]) for contact in mesh.isolated]
+    groups += [np.arange(s.first, s.last + 1) for s in mesh.segments]
+    shares = [np.ones(1)] * count + [mesh.share[g] / mesh.share[g].sum() for g in groups[count:]]
+    return _laid_out(mesh.stations, station_names(mesh), groups, shares)
+
+
+def parts_by_name(names: tuple[str, ...], position: np.ndarray) -> Parts:
+    """Guess the parts of a body that nobody knows from what its contacts are called and where they stand.
+
+    Args:
+        names: of the contacts shown, as "contact_0" or "trunk/contact_7", shape (M,).
+        position: where they stand, shape (M,), in the plane, where there are no segments, (M, 2) [m].
+
+    Returns:
+        Its parts, over the contacts shown. A contact of a segment counts for half the way to each of its neighbours.
+    """
+    alone = [contact for contact, name in enumerate(names) if "/" not in name]
+    segments: dict[str, list[int]] = {}
+    for contact, name in enumerate(names):
+        if "/" in name:
+            segments.setdefault(name.partition("/")[0], []).append(contact)
+    ends = [end for inside in segments.values() for end in (inside[0], inside[-1])]
+    called = [names[c] for c in alone] + [f"{name}.{end}" for name in segments for end in ("from", "to")]
+    groups = [np.array([contact]) for contact in alone] + [np.array(inside) for inside in segments.values()]
+    shares = [np.ones(1)] * len(alone) + [_cells(position[group]) for group in groups[len(alone) :]]
+    return _laid_out(np.array([*alone, *ends], np.int64), called, groups, shares)
+
+
+def _cells(position: np.ndarray) -> np.ndarray:
+    """Weigh contacts of a segment by the stretch around them; the weights add up to 1."""
+    gaps = np.abs(np.diff(position))
+    cells = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps))
+    return cells / cells.sum() if cells.sum() > 0.0 else np.full(cells.size, 1.0 / cells.size)
+
+
+def _laid_out(stations: np.ndarray, names: list[str], groups: list[np.ndarray], shares: list[np.ndarray]) -> Parts:
+    none = np.zeros(0)
+    first = np.cumsum([0, *(group.size for group in groups)])[:-1]
+    order = np.concatenate([none, *groups]).astype(np.int64)
+    return Parts(stations, tuple(names), order, first, np.concatenate([none, *shares]))
