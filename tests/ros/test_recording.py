@@ -271,7 +271,7 @@ def test_when_recording_fails_the_crawler_goes_on_and_says_so(tmp_path):
     """The recording process dies, as it does of a full disk."""
     with graph(tmp_path) as ros:
         simulator = ros.simulator(f"record:={tmp_path / 'bags'}", hear=("joint_states", "/diagnostics"))
-        (recording,) = children(simulator.process.pid)
+        (recording,) = wait_until(lambda: children(simulator.process.pid), what="a recording process")
         os.kill(recording, signal.SIGKILL)
         level = wait_until(
             lambda: [
