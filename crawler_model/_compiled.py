@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import os
 import shutil
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import event
 
 _DAY = 86_400.0
 _KEPT = 8
@@ -40,7 +39,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     except RuntimeError:  # numba: "no locator available": a read-only install without a home to write to
         return numba.njit(**options)(function)
     cache: Any = getattr(dispatcher, "_cache", None)
-    index = getattr(cache, "_cache_file", None)
+    index: Any = getattr(cache, "_cache_file", None)
     if hasattr(index, "_source_stamp"):
         index._source_stamp = _sources_hash()
         folder = _kernel_folder(function.__module__)
@@ -83,21 +82,21 @@ def _drop_old(kernels: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-@contextlib.contextmanager
-def said_if_slow(patience: float = 1.0) -> Iterator[None]:
-    """Say on standard error that kernels are being compiled, if the body takes long.
+class _Announcer(event.Listener):
+    """Tells once a process on standard error that kernels of this package are compiled; loading them is no event."""
 
-    Args:
-        patience: how long it may take without a word [s].
+    def __init__(self) -> None:
+        self.told = False
 
-    Yields:
-        Nothing.
-    """
-    text = "crawler: compiling the kernels, once on this machine (about half a minute) ..."
-    timer = threading.Timer(patience, lambda: print(text, file=sys.stderr, flush=True))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
+    def on_start(self, event: Any) -> None:
+        function = getattr(event.data.get("dispatcher"), "py_func", None)
+        if not self.told and getattr(function, "__module__", "").startswith(f"{__package__}."):
+            self.told = True
+            text = "crawler: compiling the kernels, once on this machine (about half a minute) ..."
+            print(text, file=sys.stderr, flush=True)
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]

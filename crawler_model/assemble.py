@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._compiled import said_if_slow
 from .arrays import spread
 from .assemble_start import check_start
 from .body import Body
 from .build_body import End, Interval, build_body
 from .columns import Columns, build_columns, build_planar_columns
-from .elements import MOST_UNMEASURED, average, count_elements
+from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, average, count_elements, count_elements_of_waves
 from .errors import SceneError
 from .scene import FrictionRowsPart, Scene, SegmentPart, TablePart
 
@@ -156,11 +155,16 @@ def _with_elements(scene: Scene, counts: list[int]) -> Scene:
 
 _OTHERS = 31
 """Elements of the other segments while one is refined."""
+_FINE = 587
+"""The reference grid where waves sweep a segment: a prime, so that it shares no contact with the coarse ones."""
+_FINE_STANDING = 293
+"""The reference grid where the error of contacts that stand is known and taken off."""
 
 
 def _count(scene: Scene, place: int) -> int:
     """Find how many elements a segment needs for its accuracy under the scene's drive."""
     from .simulate import simulate
+    from .standing import find_standing
 
     part = scene.body.segments[place]
     assert part.accuracy is not None
@@ -184,8 +188,14 @@ def _count(scene: Scene, place: int) -> int:
     scale = _largest_change(coarse)
     if scene.drive is None or scale == 0.0:
         return min(int(np.ceil(1.0 / asked)), MOST_UNMEASURED)
-    with said_if_slow():
-        return count_elements(gains, scale, asked)
+    if scene.drive.times is None:
+        waves = [w for w in (scene.drive.wave, scene.drive.friction_wave) if w is not None]
+        count = (part.stop - part.start) / min(abs(w.wavelength) for w in waves)
+        if count > MOST_WAVES_MEASURED:
+            return count_elements_of_waves(count, asked)
+        return count_elements(gains, gains(_FINE), lambda n: np.zeros(n.size), scale, asked, count)
+    exact, standing = find_standing(with_elements(_FINE_STANDING), place)
+    return count_elements(gains, exact, standing.error, scale, asked)
 
 
 def _largest_change(scene: Scene) -> float:

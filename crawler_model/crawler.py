@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import integrate
-from ._compiled import said_if_slow
 from .arrays import frozen
 from .body import Body
 from .errors import LARGEST, CommandError, SceneError
 from .scene import Scene
+from .scene_file import take_scene
 from .state import (
     ACCOUNT_SIZE,
     ACTUATION,
@@ -38,19 +39,21 @@ METHODS: tuple[Method, ...] = ("exact", "catch_up")
 class Crawler:
     """A crawler at one instant: what is commanded, where its contacts stand, the tension of its links."""
 
-    def __init__(self, scene: Scene, method: Method | None = None, budget: int | None = None) -> None:
+    def __init__(self, scene: Scene | str | Path, method: Method | None = None, budget: int | None = None) -> None:
         """Put the crawler at the scene's start.
 
         Args:
-            scene: body, friction, start, and the command in force at the start.
+            scene: body, friction, start, and the command in force at the start; a path or a name of the gallery is
+                loaded.
             method: "exact" follows every event, "catch_up" takes one implicit step a ramp; by default exact on a line.
                 In the plane only "catch_up": steps refined to the scene's tolerance.
             budget: most linear pieces of one ramp; by default 1000 + 100 N.
 
         Raises:
             CommandError: when the method is another, or `exact` is asked for in the plane.
+            SceneError: when there is no such scene.
         """
-        self.scene = scene
+        self.scene = scene = take_scene(scene, "Crawler")
         self.method = choose_method(scene, method)
         n = scene.mesh.contacts
         self.budget = 1000 + 100 * n if budget is None else budget
@@ -364,10 +367,9 @@ def _checked(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.
 
 
 def prepare(scene: Scene) -> None:
-    """Load the kernels that a scene needs, or compile them on their first use on this machine and say so.
+    """Load the kernels that a scene needs, or compile them on their first use on this machine.
 
     Args:
         scene: the scene.
     """
-    with said_if_slow():
-        Crawler(scene).follow(np.empty((0, scene.columns.index.size)))
+    Crawler(scene).follow(np.empty((0, scene.columns.index.size)))

@@ -10,6 +10,7 @@ import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from .account import Energy, Total, average_displacement, stored_energy
 from .body import Body
 from .crawler import METHODS, Crawler, Method
 from .drive import NS, find_waypoints
-from .errors import CommandError, CrawlerError
+from .errors import CommandError, CrawlerError, SceneError
 from .scene import Scene
 from .simulate import default_duration, rational_rate, tick_end_ns
 from .workers import Chunk, available_cores, run_chunks
@@ -119,6 +120,17 @@ class Settings:
             raise CommandError(f"method: {self.method!r}; it must be one of {', '.join(METHODS)}")
 
 
+def _check_scenes(scenes: Any) -> None:
+    """Refuse what is no sequence of scenes; variations are not made yet."""
+    right = "a sequence of scenes, as [load_scene('two_anchor_a')] or vary(...)"
+    if not isinstance(scenes, Sequence) or isinstance(scenes, (str, bytes)):
+        raise SceneError(f"simulate_many: {type(scenes).__name__}; it takes {right}")
+    if isinstance(scenes, (list, tuple)):
+        for i, scene in enumerate(scenes):
+            if not isinstance(scene, Scene):
+                raise SceneError(f"simulate_many: entry {i} is a {type(scene).__name__}; it takes {right}")
+
+
 def simulate_many(
     scenes: Sequence[Scene],
     duration: float | None = None,
@@ -146,8 +158,10 @@ def simulate_many(
 
     Raises:
         CommandError: when duration, rate, method or workers is out of range.
+        SceneError: when `scenes` are no scenes.
     """
     began = time.perf_counter()
+    _check_scenes(scenes)
     settings = Settings(duration, rate, method)
     settings.check()
     if workers is not None and workers < 1:

@@ -8,12 +8,12 @@ import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema, model_validator
 
 from .body import Body
 from .columns import Columns
 from .drive import Drive
-from .errors import LARGEST
+from .errors import LARGEST, SceneError
 
 if TYPE_CHECKING:
     from .graph_kernel import Network
@@ -386,6 +386,27 @@ class Scene(_Part):
         DrivePart | None,
         _key("What `crawler simulate` and the gait player play. Left out: the crawler waits for commands."),
     ] = None
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Scene:
+        """Make a scene of plain data, as `document` lays it out.
+
+        Args:
+            obj: what a scene file holds.
+            **options: those of pydantic.
+
+        Returns:
+            The scene.
+
+        Raises:
+            SceneError: one line that names the field, the value and what would be right.
+        """
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            from .scene_errors import describe
+
+            raise SceneError(describe(error)) from None
 
     @model_validator(mode="after")
     def _fits_together(self) -> Scene:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from .crawler import Crawler, Method, choose_method
 from .drive import NS, Drive
 from .errors import CommandError
 from .scene import Scene
+from .scene_file import take_scene
 from .uniqueness import commanded_margin
 
 _CHUNK = 4096
@@ -157,7 +159,7 @@ def default_duration(drive: Drive) -> float:
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | str | Path,
     duration: float | None = None,
     rate: float = 100.0,
     method: Method | None = None,
@@ -169,7 +171,7 @@ def simulate(
     `exact` is exact at any rate.
 
     Args:
-        scene: what to run.
+        scene: what to run; a path or a name of the gallery is loaded.
         duration: [s]; None for ten periods, or up to the last waypoint.
         rate: ticks per second [Hz].
         method: "exact" or "catch_up"; None for the best that there is: exact on a line.
@@ -180,8 +182,10 @@ def simulate(
 
     Raises:
         CommandError: when duration, rate or method is out of range.
+        SceneError: when there is no such scene.
     """
     began = time.perf_counter()
+    scene = take_scene(scene, "simulate")
     method = choose_method(scene, method)
     drive = scene.commands
     seconds = default_duration(drive) if duration is None else float(duration)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
@@ -17,7 +17,8 @@ from .arrays import frozen
 from .assemble import check_scene
 from .errors import SceneError
 from .scene import Scene
-from .scene_file import build_scene, known_keys
+from .scene_errors import known_keys, propose_key
+from .scene_file import take_scene
 
 MOST_VARIATIONS = 10_000_000
 """Most variations at once: their results are about a gigabyte."""
@@ -107,7 +108,7 @@ class Variations(Sequence[Scene]):
                 return self._scene_on_the_same_mesh(document)
             except ValueError:
                 pass  # as a whole it is checked again, for a message that names the field in full
-        return build_scene(document, "")
+        return Scene.model_validate(document)
 
     def _scene_on_the_same_mesh(self, document: dict[str, Any]) -> Scene:
         """Check what changed, and everything against each other; the mesh is half of the work."""
@@ -124,11 +125,12 @@ class Variations(Sequence[Scene]):
         return scene
 
 
-def vary(scene: Scene, values: Mapping[str, ArrayLike], grid: bool = True) -> Variations:
+def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool = True) -> Variations:
     """Make variations of a scene.
 
     Args:
-        scene: what to vary. The elements of its segments stay those of its accuracy, unless that is varied.
+        scene: what to vary; a path or a name of the gallery is loaded. The elements of its segments stay those of its
+            accuracy, unless that is varied.
         values: for each dotted key into the scene's document the numbers to take: `friction.forward`, `drive.length`,
             `drive.wave.amplitude`, `body.links.stiffness` (of all links) or `body.links.stiffness.0` (of the first),
             `body.segments.trunk.stiffness`.
@@ -140,6 +142,7 @@ def vary(scene: Scene, values: Mapping[str, ArrayLike], grid: bool = True) -> Va
     Raises:
         SceneError: naming a key that the scene does not have, or one that holds or is given no numbers.
     """
+    scene = take_scene(scene, "vary")
     if not values:
         raise SceneError("vary: no key; give at least one, as friction.forward")
     columns = {key: _numbers(key, given) for key, given in values.items()}
@@ -263,8 +266,7 @@ def _unknown(scene: Scene, key: str) -> SceneError:
     keys = list(_keys(scene.document()))
     sides = ("forward", "backward")
     keys += [k.removesuffix("isotropic") + side for k in keys if k.endswith("isotropic") for side in sides]
-    nearest = difflib.get_close_matches(key, keys, n=1, cutoff=0.0)
-    return SceneError(f"vary: {key}: unknown key; the nearest known key is {nearest[0]!r}")
+    return SceneError(f"vary: {key}: unknown key; {propose_key(key, keys)}")
 
 
 def _check_effect(scene: Scene, path: _Path, key: str) -> None:

@@ -9,13 +9,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crawler_model import Trajectory
+from crawler_model import Scene, Trajectory
 from crawler_model.body import Body
 from crawler_model.friction import check_regularity
 from crawler_model.stasis import directions_of, domain_evolution
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
+_TOO_LONG = 10.0  # lengths of the body
 
 
 def print_report(run: Trajectory, screen: Console) -> None:
@@ -31,6 +32,7 @@ def print_report(run: Trajectory, screen: Console) -> None:
     if mesh.dimension == 1:
         screen.print(_way(run))
     _print_conditions(run, screen)
+    _print_units(run.scene, screen)
     if scene.drive is None:
         screen.print("no drive: the crawler waits for commands")
     else:
@@ -126,6 +128,33 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
             f"too stiff: spring {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than spring "
             f"{int(k.argmin())}"
             + ("" if scene.mesh.is_chain else "; its tension has few digits, a chain would keep them all")
+        )
+
+
+def _print_units(scene: Scene, screen: Console) -> None:
+    """Warn of lengths far beyond the body's own: mostly millimetres for metres, or other units of force."""
+    mesh, drive = scene.mesh, scene.commands
+    length = float(np.linalg.norm(np.ptp(mesh.position, axis=0)))
+    commanded = mesh.joint_sum(np.abs(drive.actuation).T.reshape(mesh.springs, -1)).max(axis=1)
+    longest = int(commanded.argmax())
+    if commanded[longest] >= _TOO_LONG * length:
+        names = [f"link {i}" for i in range(mesh.link_springs.size)] + [f"segment {s.name}" for s in mesh.segments]
+        screen.print(
+            f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
+            f"{commanded[longest]:g} m, the body is {length:g} m long; lengths are in metres, strains are ratios"
+        )
+    friction = drive.targets[:, drive.actuation.shape[1] :].max(axis=0)
+    most = (
+        friction.reshape(mesh.contacts, -1).max(axis=1) if scene.dimension == 2 else friction.reshape(2, -1).max(axis=0)
+    )
+    stiffest = np.zeros(mesh.contacts)
+    np.maximum.at(stiffest, mesh.ends, mesh.stiffness[:, None])
+    reach = most / stiffest
+    stickiest = int(reach.argmax())
+    if reach[stickiest] >= _TOO_LONG * length:
+        screen.print(
+            f"[yellow]too soft or too rough:[/] a spring must change by {reach[stickiest]:g} m before "
+            f"{mesh.name_of(stickiest)} slides, the body is {length:g} m long; stiffness is in N/m, friction in N"
         )
 
 

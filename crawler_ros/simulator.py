@@ -18,7 +18,6 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from crawler_model import CommandError, Crawler, CrawlerError, load_scene, prepare
-from crawler_model._compiled import said_if_slow
 from crawler_model.drive import NS
 from crawler_model.friction import check_regularity
 from crawler_model.readout import Readout
@@ -125,8 +124,7 @@ class Simulator(Node):
         self._joints = JointStateMessage(joint_state_names(mesh))
         self._contacts = JointStateMessage(contact_names(self.scene) if shown else [], frame)
         self._readout = Readout(mesh, shown_contacts(self.scene) if shown else np.zeros(0, np.int64))
-        with said_if_slow():
-            self._readout.read(self.crawler, np.inf, self._joints.numbers, self._contacts.numbers)
+        self._readout.read(self.crawler, np.inf, self._joints.numbers, self._contacts.numbers)
         self._pose = PoseMessage(frame)
         self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
 

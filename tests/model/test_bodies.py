@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
+from crawler_model.assemble import _largest_change
 from crawler_model.elements import average, count_elements
 from crawler_model.friction import check_regularity
 
@@ -79,14 +80,94 @@ def test_waves_along_a_segment_are_as_accurate_as_asked(name):
     assert np.abs(gained).min() > 0.1  # it does travel
 
 
-def test_elements_are_counted_by_the_envelope_of_the_errors():
-    assert count_elements(lambda n: np.array([0.0]), 1.0, 1e-3) == 1
-    first_order = count_elements(lambda n: np.array([0.5 * (-1) ** n / n]), 1.0, 1e-3)
-    assert 500 <= first_order <= 2000
-    second_order = count_elements(lambda n: np.array([0.5 / n**2]), 1.0, 1e-5)
-    assert 223 <= second_order <= 900
+def test_elements_are_counted_by_predictions_and_the_envelope_of_the_errors():
+    def count(error, accuracy, predicted=0.0):
+        return count_elements(
+            lambda n: np.array([error(n)]), np.zeros(1), lambda n: predicted / n, scale=1.0, accuracy=accuracy
+        )
+
+    assert count(lambda n: 0.0, 1e-3) == 1
+    assert 500 <= count(lambda n: 0.5 * (-1) ** n / n, 1e-3) <= 2000
+    assert 223 <= count(lambda n: 0.5 / n**2, 1e-5) <= 900
+    assert 500 <= count(lambda n: 0.0, 1e-3, predicted=0.5) <= 1000  # meshes that were lucky, all that were tried
     with pytest.raises(SceneError, match="elements"):
-        count_elements(lambda n: np.array([100.0 / n]), 1.0, 1e-6)
+        count(lambda n: 100.0 / n, 1e-6)
+
+
+def unequal(seed):
+    """A random body on a segment with friction up to a thousand times stronger one way, and an accuracy."""
+    rng = np.random.default_rng([2026, seed])
+    kind = ("homogeneous", "table", "hybrid", "once", "waves")[seed % 5]
+    length, modulus = float(10 ** rng.uniform(-2, 1)), float(10 ** rng.uniform(-1, 3))
+    weak = modulus / length * float(10 ** rng.uniform(-2, 0.5))
+    sides = [weak, weak * float(10 ** rng.uniform(0, 3))]
+    rng.shuffle(sides)
+    stroke = float(rng.uniform(1.2, 6.0)) * weak * length / modulus
+
+    def table(middle):
+        at = np.sort(rng.uniform(0.0, length, 4))
+        return {"at": at.tolist(), "value": (middle * 4 ** rng.uniform(-1, 1, 4)).tolist()}
+
+    part = {"name": "trunk", "from": 0.0, "to": length, "stiffness": modulus}
+    part["friction"] = dict(zip(("forward", "backward"), sides, strict=True))
+    document = {"name": kind, "body": {"segments": [part]}}
+    rows = [[0.0], [stroke], *([float(v)] for v in stroke * rng.uniform(0, 1, 2)), [0.0]]
+    if kind == "table":
+        part["stiffness"] = table(modulus)
+        part["friction"] = {side: table(value) for side, value in part["friction"].items()}
+    if kind == "hybrid":
+        document["body"] |= {"contacts": [1.4 * length], "links": {"stiffness": modulus / length}}
+        foot = length * weak * float(10 ** rng.uniform(-1, 1))
+        document["friction"] = {"forward": foot, "backward": foot * float(rng.uniform(0.1, 10))}
+        rows = [
+            [float(v) * length, *row] for v, row in zip((0, *rng.uniform(-stroke, stroke, 3), 0), rows, strict=True)
+        ]
+    document["drive"] = {"times": [0, 0.3, 0.5, 0.7, 1], "actuation": rows} | ({} if kind == "once" else {"period": 1})
+    if kind == "waves":
+        waves = {"amplitude": stroke, "wavelength": length / float(rng.uniform(0.3, 4)), "period": 1.0, "samples": 16}
+        friction = waves | {"amplitude": 0.8 * weak, "mean": weak, "wavelength": length / float(rng.uniform(1, 5))}
+        document |= {"drive": {"wave": waves, "friction_wave": friction}, "start": "relaxed"}
+    return document, float(10 ** rng.uniform(-3.2, -1))
+
+
+def gains(document, **cut):
+    (part,) = document["body"]["segments"]
+    scene = Scene.model_validate(document | {"body": document["body"] | {"segments": [part | cut]}})
+    if scene.commands.period is None:
+        return scene, simulate(scene, rate=1.0).waypoint_net_translation
+    return scene, simulate(scene, duration=3.0, rate=1.0).per_period[1:]
+
+
+@pytest.mark.parametrize("family", range(5))
+def test_very_unequal_friction_tables_hybrids_and_waves_are_as_accurate_as_asked(family):
+    for seed in range(family, 30, 5):
+        document, accuracy = unequal(seed)
+        scene, gained = gains(document, accuracy=accuracy)
+        # meshes whose contacts lie differently: the mean of their errors vanishes to first order
+        fine = np.mean([gains(document, elements=n)[1] for n in (397, 419, 443, 467, 491)], axis=0)
+        asked = accuracy * _largest_change(scene)
+        known = 0.25 / 400 * _largest_change(scene)
+        assert np.abs(gained - fine).max() <= asked + known, (seed, scene.name)
+
+
+@pytest.mark.parametrize("accuracy", [1e-2, 3e-3, 1e-3, 3e-4])
+@pytest.mark.parametrize("share", [1.34e-3, 1e-2, 0.31])
+def test_where_the_body_stands_in_the_first_cell_of_coarse_meshes(share, accuracy):
+    """Of a homogeneous segment the closed form tells; elements by the thousand stay below four times 1 / accuracy."""
+    parameters = length, modulus, forward, backward, stroke = 0.037, 5e3, 10.0 * share, 10.0 * (1.0 - share), 1e-3
+    friction = {"forward": forward, "backward": backward}
+    scene = segment(stroke, accuracy=accuracy, to=length, stiffness=modulus, friction=friction)
+    gained = simulate(scene, duration=3, rate=1.0).per_period[1:]
+    assert np.abs(gained - closed_form(*parameters)).max() <= accuracy * length * stroke
+    assert scene.mesh.segments[0].elements <= 4 / accuracy
+
+
+def test_short_waves_are_resolved():
+    friction = {"amplitude": 0.1, "mean": 0.2, "period": 1.0, "wavelength": 1 / 293.5, "samples": 8}
+    part = {"name": "foot", "from": 0, "to": 1, "stiffness": 1, "friction": {"isotropic": 0.2}, "accuracy": 0.01}
+    drive = {"friction_wave": friction, "wave": friction | {"wavelength": 0.8, "amplitude": 0.6, "mean": 0.0}}
+    scene = Scene.model_validate({"name": "x", "body": {"segments": [part]}, "drive": drive, "start": "relaxed"})
+    assert 4 * 293.5 <= scene.mesh.segments[0].elements <= 4 * 294
 
 
 def test_fields_are_averaged_exactly_between_their_breaks():

@@ -1,0 +1,114 @@
+"""What is wrong with the data of a scene, in one line."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from .scene import (
+    BodyPart,
+    DrivePart,
+    FrictionPart,
+    FrictionRowsPart,
+    LinksPart,
+    Scene,
+    SegmentPart,
+    StartPart,
+    WavePart,
+)
+
+_LONGEST = 500  # of an error, in characters
+_MOST_LISTED = 20  # keys in an error
+_NEAR = 0.6  # least likeness of a key to one that is proposed
+
+_INNER = re.compile(r"function-|literal\[|(\w+Part|float|int|str)$")
+"""What the validator adds to a path where a value may be of several kinds."""
+
+
+def describe(error: ValidationError) -> str:
+    """Say in one line what is wrong with a scene.
+
+    Args:
+        error: what `Scene.model_validate` raised.
+
+    Returns:
+        The first mistake, unknown keys before all others, and how many more there are.
+    """
+    mistakes = error.errors(include_url=False)
+    mistakes.sort(key=lambda m: (_of_another_kind(m), m["type"] != "extra_forbidden"))
+    places = {mistake["loc"][:2] for mistake in mistakes}  # a value of several kinds is wrong in several ways
+    more = f" (and {len(places) - 1} more mistake{'s' * (len(places) > 2)})" if len(places) > 1 else ""
+    text = _describe_one(mistakes[0])
+    return (text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...") + more
+
+
+def _of_another_kind(mistake: ErrorDetails) -> bool:
+    """Tell mistakes of a kind that was not meant, where a value may be of several kinds."""
+    given = mistake["input"]
+    if isinstance(given, dict):
+        return mistake["type"] in ("value_error", "literal_error") and "is not a number" in mistake["msg"]
+    return mistake["type"] in ("model_type", "dict_type")
+
+
+def _describe_one(mistake: ErrorDetails) -> str:
+    path = [str(p) for p in mistake["loc"] if not _INNER.match(str(p))]
+    where = ".".join(path)
+    if mistake["type"] == "extra_forbidden":
+        return f"{where}: unknown key; {propose_key(path[-1], known_keys(path[:-1]))}"
+    if mistake["type"] == "missing":
+        return f"{where}: missing"
+    if mistake["type"] in ("model_type", "dict_type"):
+        return f"{where or 'scene'}: {mistake['input']!r}; it must be a mapping with {', '.join(known_keys(path))}"
+    text = mistake["msg"].removeprefix("Value error, ")
+    if text.startswith(
+        ("body.", "body:", "friction.", "friction:", "start.", "drive.", "drive:", "dimension", "tolerance:")
+    ):
+        return text
+    return f"{where}: {text}" if where else text
+
+
+def known_keys(path: list[str]) -> Iterable[str]:
+    """List the keys that a part of a scene may have.
+
+    Args:
+        path: keys from the scene down to the part; numbers among them count for nothing.
+
+    Returns:
+        Its keys, as files write them.
+    """
+    model: type[BaseModel] = Scene
+    parts: dict[str, type[BaseModel]] = {
+        "body": BodyPart,
+        "links": LinksPart,
+        "segments": SegmentPart,
+        "friction": FrictionRowsPart if "drive" in path else FrictionPart,
+        "start": StartPart,
+        "drive": DrivePart,
+        "wave": WavePart,
+        "friction_wave": WavePart,
+    }
+    path = [p for p in path if not p.isdigit()]
+    if path:
+        model = parts.get(path[-1], Scene)
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def propose_key(key: str, known: Iterable[str]) -> str:
+    """Propose the key that was probably meant.
+
+    Args:
+        key: the unknown key.
+        known: keys that there are.
+
+    Returns:
+        The nearest key where one is near; otherwise what there is.
+    """
+    keys = list(known)
+    nearest = difflib.get_close_matches(key, keys, n=1, cutoff=_NEAR)
+    if nearest:
+        return f"the nearest known key is {nearest[0]!r}"
+    return f"known keys are {', '.join(keys[:_MOST_LISTED])}{', ...' if len(keys) > _MOST_LISTED else ''}"
