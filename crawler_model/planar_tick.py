@@ -1,9 +1,9 @@
 """One ramp of the commands in the plane, to a tolerance, with its energy account.
 
-A ramp is followed from event to event, that is, from the start of one contact's sliding to that of the next: `find_rates`
-tells who slides and predicts the next event, one implicit step goes there. Where the path is straight that is exact. On
-discs it may bend, and is then walked in shorter substeps, each extrapolated, that end before a contact starts or stops
-(`attempt`). A contact that stays put stays put exactly. A step without displacement is exact.
+A ramp is followed from event to event: `find_rates` finds who slides and predicts when a contact reaches its bound;
+one implicit step goes there, which is exact where the path is straight. On discs the path may bend; it is then walked
+in shorter substeps, each extrapolated, none of which holds a start or a stop (`attempt`). A contact that stays put
+stays put exactly. A step without displacement is exact.
 """
 
 from __future__ import annotations

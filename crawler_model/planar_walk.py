@@ -22,7 +22,7 @@ from .state import PLANAR_TENSION as TENSION
 # Where `planar_tick.follow` stands: the ramp, the place on it, the length of the substep tried (0 before a ramp), the
 # error left to spend at starts and stops, substeps tried, stages of this one that are known, which are not unique.
 RAMP, PLACE, LENGTH, PURSE, TRIALS, KNOWN, DOUBTS = range(7)
-_WALKS = 5
+_WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
 """Implicit steps of a substep: 1 + 2 + ... and one that corrects the extrapolation."""
 _LOOSE = 1e-3
@@ -168,7 +168,7 @@ def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, 
 
 
 @compiled
-def _steady_part(moved, motion, velocity, part, spring, friction, laplacian, loose, allowed):
+def _steady_part(moved, motion, velocity, part, spring, friction, laplacian, loose, tolerance):
     """Find the part of a stretch in which probably no contact starts or stops; 1 if none does."""
     steady = 1.0
     for i in range(moved.shape[0]):
@@ -176,9 +176,22 @@ def _steady_part(moved, motion, velocity, part, spring, friction, laplacian, loo
         gap = friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
         if motion[i] != STUCK and gap > loose:
             steady = min(steady, max(0.95 * gap / (gap + size), 0.05))
-        elif motion[i] == STUCK and part * math.hypot(velocity[i, 0], velocity[i, 1]) > _LOOSE * allowed:
+        elif motion[i] == STUCK and part * math.hypot(velocity[i, 0], velocity[i, 1]) > _LOOSE * tolerance:
             steady = min(steady, 0.3)
     return steady
+
+
+@compiled
+def _growth(allowed, error, last, pieces):
+    """Choose by what factor to change a stretch: for as many walks as now or one more, whichever is less work."""
+    if error == 0.0:
+        return 4.0
+    growth = 0.8 * (allowed / error) ** (1.0 / (pieces - 1.0))
+    if 2 < pieces < _WALKS and error < last:
+        more = 0.8 * (allowed * last / (error * error)) ** (1.0 / pieces)
+        if more * pieces > growth * (pieces + 2.0):  # they take pieces (pieces + 1) / 2 steps
+            growth = more
+    return growth
 
 
 @compiled
@@ -210,27 +223,28 @@ def attempt(
     ok, one = _walk(1, part, body, directions, links, friction, target, *memory)
     if not ok or farthest(one[:n]) == 0.0:
         return ok, one, 0.0, 1, 4.0
-    error = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, compliance)
-    if error <= allowed:
-        return True, one, error, 1, 4.0
+    bound = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, compliance)
+    if bound <= allowed:
+        return True, one, bound, 1, 4.0
     if directions.shape[0] > 0:
-        return True, one, error, 1, 0.5
+        return True, one, bound, 1, 0.5
     motions = memory[2]
     loose = max(band.max(), _LOOSE * tolerance / compliance)
     steady = _steady_part(one[:n], motions[0], velocity, part, spring, friction, body[0], loose, tolerance)
     if steady < 1.0:
-        return True, one, error, 1, steady
+        return True, one, bound, 1, steady
+    error = bound
     table = np.zeros((_WALKS, n + 1, 2))
     table[0] = one
     total = friction.sum()
-    last = np.inf
+    growth = 0.0
     for pieces in range(2, _WALKS + 1):
         ok, newest = _walk(pieces, part, body, directions, links, friction, target, *memory)
         if not ok:
             return False, newest, error, pieces, 1.0
         for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):
             if not np.array_equal(motions[stage], motions[0]):
-                return True, one, error, 1, 0.5
+                return True, one, bound, 1, 0.5
         plain = newest
         before = newest
         for column in range(pieces - 1):  # Aitken and Neville, in 1/steps
@@ -240,7 +254,7 @@ def attempt(
         table[pieces - 1] = newest
         last = error
         error = max(farthest((newest - before)[:n]), abs(newest[n, 0] - before[n, 0]) / total if total > 0.0 else 0.0)
-        growth = 0.8 * (allowed / error) ** (1.0 / (pieces - 1.0)) if error > 0.0 else 4.0
+        growth = _growth(allowed, error, last, pieces)
         if error <= allowed and pieces == 2:  # steps so short that two of them do would stay short for ever
             return True, plain, error, 2, max(growth, 2.0)
         if error <= allowed or (pieces > 2 and error > _HOPE * last):
