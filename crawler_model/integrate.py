@@ -32,7 +32,7 @@ from .state import (
 DEFAULT_TOLERANCE = 1e-4
 """Error of a planar ramp relative to its change of length, unless the scene says otherwise."""
 _MOST_STEPS = 1 << 16
-"""Substeps of a planar ramp, about a second; beyond them the rest of the ramp goes in equal steps, and that is said."""
+"""Implicit steps of a planar ramp, about a second; beyond them the rest of the ramp goes in equal steps, and that is said."""
 
 
 @dataclass(eq=False)

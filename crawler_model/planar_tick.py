@@ -50,8 +50,6 @@ from .state import PLANAR_TENSION as TENSION
 from .state import PLANAR_X as X
 from .state import PLANAR_X_REST as X_REST
 
-_ROUNDING = 1e-12
-"""Errors below this part of the displacement that friction withstands are rounding."""
 _INSTANT = 1e-6
 """An ambiguous translation on less than this part of a ramp does not count."""
 _LAST_STEP = 1.0 / 256.0
@@ -158,9 +156,6 @@ def _follow(
     laplacian, ends, stiffness = body
     most_sweeps, stages, motions, problem = memory
     n = laplacian.shape[0]
-    blur = 0.0
-    for i in range(n):
-        blur = max(blur, _ROUNDING * friction[i].max() / laplacian[i, i])
     compliance = greatest_compliance(laplacian)
     spring = np.empty((n, 2))
     velocity = np.empty((n, 2))
@@ -188,6 +183,9 @@ def _follow(
             if last:
                 length = rest
             part = 1.0 if last else length / rest
+            blur = 0.0
+            for i in range(n):  # displacements that mean no more than rounding of forces
+                blur = max(blur, band[i] / laplacian[i, i])
             allowed = np.inf if forced else max(tolerance * length, blur)
             if progress[KNOWN] == 0.0:
                 stages[0] = part * velocity
@@ -235,7 +233,7 @@ def _follow(
             growth = min(max(growth, 0.3), 4.0) if accepted else min(max(growth, 0.05), 0.95)
             longest = growth * length
             progress[LENGTH] = max(longest, progress[LENGTH]) if accepted and cut else longest
-            progress[TRIALS] += 1.0
+            progress[TRIALS] += max(progress[KNOWN], 1.0)
             progress[KNOWN] = 0.0
             progress[DOUBTS:] = 0.0
         if done:
@@ -275,7 +273,7 @@ def follow(
         friction: mu, shape (n, max(m, 1)) [N], changed in place.
         targets: L and then mu at each ramp's end, flattened, shape (V, 2 S + n max(m, 1)).
         tolerance: about the largest error of any displacement that one ramp may add [m].
-        most_steps: most substeps tried in one ramp; the rest of it then goes in equal implicit steps.
+        most_steps: most implicit steps tried in one ramp; the rest of it then goes in equal ones.
         account: shape (11,), added to.
         records: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S) or (0, ...) for none.
     """

@@ -20,7 +20,8 @@ from .state import PLANAR_ACTUATION as ACTUATION
 from .state import PLANAR_TENSION as TENSION
 
 # Where `planar_tick.follow` stands: the ramp, the place on it, the length of the substep tried (0 before a ramp), the
-# error left to spend at starts and stops, substeps tried, stages of this one that are known, which are not unique.
+# error left to spend at starts and stops, implicit steps tried, stages of this substep that are known, and which of
+# them are not unique.
 RAMP, PLACE, LENGTH, PURSE, TRIALS, KNOWN, DOUBTS = range(7)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
