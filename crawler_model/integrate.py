@@ -31,11 +31,10 @@ from .state import (
 
 DEFAULT_TOLERANCE = 1e-4
 """Error of a planar ramp relative to its change of length, unless the scene says otherwise."""
-_POLYGONS = 1e-3
-"""With friction by directions paths are straight between events and steps cheap, but an event inside a step shows in
-its energy only, to second order: it takes a finer tolerance to see it."""
 _MOST_STEPS = 1 << 16
-"""Substeps of a planar ramp, about a second; beyond them the rest of the ramp goes in equal steps, and that is said."""
+"""Implicit steps of a planar ramp, about a second; the rest of it then goes in equal steps, and that is said."""
+_SHARE = 0.25
+"""Part of the tolerance that a ramp's substeps may use up: later ones may enlarge the errors of earlier ones."""
 
 
 @dataclass(eq=False)
@@ -217,9 +216,7 @@ def _follow_in_plane(scene: Scene, state: State, targets: np.ndarray, account: n
     mesh = scene.mesh
     size = float(np.abs(np.ptp(scene.commands.targets[:, : 2 * mesh.springs], axis=0)).max(initial=0.0))
     size = size or float(np.abs(np.ptp(mesh.position, axis=0)).max())
-    tolerance = (scene.tolerance or DEFAULT_TOLERANCE) * size
-    if scene.directions.size:
-        tolerance *= _POLYGONS
+    tolerance = _SHARE * (scene.tolerance or DEFAULT_TOLERANCE) * size
     planar_tick.follow(
         mesh.ends,
         mesh.stiffness,

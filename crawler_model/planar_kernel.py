@@ -130,8 +130,13 @@ def _residual(laplacian, force, friction, directions, corners, velocity, motion,
 
 
 @compiled
-def _solve_in_place(matrix, right):
-    """Solve a positive definite system by Cholesky's method; both arguments are overwritten."""
+def solve_in_place(matrix, right):
+    """Solve a positive definite system by Cholesky's method.
+
+    Args:
+        matrix: the matrix, shape (n, n), overwritten.
+        right: the right side, shape (n,), overwritten by the solution.
+    """
     n = right.shape[0]
     for j in range(n):
         root = math.sqrt(max(matrix[j, j], 1e-300))
@@ -299,7 +304,7 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
             pull0 = spring[i, 0] - corner[0]
             pull1 = spring[i, 1] - corner[1]
         right[p] = pull0 * axis[p, 0] + pull1 * axis[p, 1]
-    _solve_in_place(matrix, right)
+    solve_in_place(matrix, right)
     step = np.zeros((n, 2))
     for p in range(count):
         step[owner[p], 0] += right[p] * axis[p, 0]

@@ -10,6 +10,8 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 
+from .planar_ramps import Planar, on_a_line, random_line
+
 NOT_UNIQUE = "unique: False"
 SPENT = "overspent > 0"
 
@@ -643,6 +645,34 @@ def spent(body: str, method: str) -> Found:
     return Found(largest(left, step.certificate.violation), frozenset(diagnoses(step)))
 
 
+# -- the tolerance of the plane ------------------------------------------------------------------------------------
+
+
+def roles(tolerance: float) -> Callable[[str, str], Found]:
+    def play(body: str, method: str) -> Found:
+        steady = [1, 0.75, 1.5]
+        errors = [
+            on_a_line(*ramp, tolerance, angle, corners)
+            for angle in (0.0, 1.0)
+            for corners in (0, 6)
+            for ramp in (([2], [1, 2], [([4], [1, 0.5])]), ([0.5, 2], steady, [([-3, -1.75], steady)]))
+        ]
+        return Found(largest(errors))
+
+    return play
+
+
+def line_in_the_plane(tolerance: float, corners: int) -> Callable[[str, str], Found]:
+    return lambda body, method: Found(largest([random_line(seed, tolerance, corners) for seed in range(1000, 1040)]))
+
+
+def two_dimensions(tolerance: float, directional: bool) -> Callable[[str, str], Found]:
+    def play(body: str, method: str) -> Found:
+        return Found(largest([Planar(seed, directional).error(tolerance) for seed in range(1000, 1003)]))
+
+    return play
+
+
 UNDECIDED = frozenset({NOT_UNIQUE})
 
 
@@ -722,6 +752,15 @@ def _cases() -> list[Case]:
     for length, force in ((1e-9, 1e9), (1e9, 1e-9), (1e-9, 1e-9), (1e9, 1e9), (1e-3, 7.0)):
         name = f"Lengths by {length:g}, forces by {force:g}"
         cases.append(Case(name, units(length, force), "scaling law", 1e-10, EVERY))
+    kept: dict[str, Any] = {"bodies": (PLANE,), "methods": ("catch_up",), "verdict": "within the tolerance"}
+    for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
+        line, path, on = "the line, in tolerances", "event by event, in tolerances", f"tolerance {tolerance:g}"
+        cases.append(Case(f"Contacts exchange roles on a ramp, {on}", roles(tolerance), line, 1.0, **kept))
+        for kind, corners in (("discs", 0), ("polygons", 6)):
+            play = line_in_the_plane(tolerance, corners)
+            cases.append(Case(f"Random ramps on a line, {kind}, {on}", play, line, 1.0, **kept))
+            play = two_dimensions(tolerance, corners > 0)
+            cases.append(Case(f"Random ramps in the plane, {kind}, {on}", play, path, 1.0, **kept))
     return cases
 
 

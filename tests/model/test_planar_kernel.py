@@ -238,7 +238,7 @@ def test_error_and_energy_residual_follow_the_tolerance(friction, directions):
         assert body.account[VIOLATION] <= 1e-2 * tolerance
         residuals.append(abs(body.account[RESIDUAL]))
         assert residuals[-1] <= 6 * 2 * tolerance * 3 * friction.max()
-    assert residuals[-1] < 1e-1 * residuals[0]
+    assert residuals[-1] < max(1e-1 * residuals[0], 1e-13)  # straight paths are exact
     assert body.account[DISSIPATION] > 0.1
 
 
