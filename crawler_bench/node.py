@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from .node_domain import PATIENCE_S, TICK_HZ, Domain, children, cpu_seconds, drive, memory_mb, wait_until
+from .node_domain import TICK_HZ, Domain, drive
+from .processes import PATIENCE_S, children, cpu_seconds, memory_mb, wait_until
 
 Row = dict[str, Any]
 Say = Callable[[str], None]

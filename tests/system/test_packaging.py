@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from crawler_bench.processes import PATIENCE_S
+
 from ..pages import ROOT
 from .test_readme import README
 
@@ -129,7 +131,7 @@ class Workspace:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=200,
+            timeout=PATIENCE_S,
         )
         assert done.returncode == status, done.stdout
         return done.stdout
