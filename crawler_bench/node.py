@@ -167,7 +167,7 @@ def measure_latency(
                 tension = -10.0 * length
                 sent = time.perf_counter_ns()
                 publisher.publish(Float64MultiArray(data=[length] + [0.0] * (contacts - 2)))
-                deadline = time.monotonic() + 5.0
+                deadline = time.monotonic() + PATIENCE_S
                 while not any(abs(t - tension) < 1e-9 for t in list(arrived)[-3:]) and time.monotonic() < deadline:
                     time.sleep(0.0002)
                 answers = [at for t, at in list(arrived.items())[-3:] if abs(t - tension) < 1e-9]

@@ -275,7 +275,7 @@ def look_up(block: Block) -> None:
 
 
 def _make(words: list[str]) -> bool:
-    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
     return bool(words) and set(words) <= set(targets)
 
 

@@ -156,7 +156,7 @@ def test_the_best_phase_is_found_at_the_wall_clocks_pace_too(tmp_path):
     ("scene", "controller", "parameters", "pattern"),
     [
         (SCENES[0][0], SPEED, ("periods:=12",), PERIOD),
-        ("two_anchor_a", PHASE, ("tolerance:=0.01",), TRIAL),
+        pytest.param("two_anchor_a", PHASE, ("tolerance:=0.01",), TRIAL, marks=pytest.mark.slow),
     ],
     ids=["speed", "phase"],
 )

@@ -135,6 +135,7 @@ def written(path: Path, name: str) -> int:
     return bag.examine(path).counts.get(f"/{name}/joint_states", 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", range(20 if SOAK else 2))
 def test_killed_at_random_moments_it_leaves_what_can_be_recovered(tmp_path, turn):
     """Ten simulators at once: ended, killed, or killed together with their recording processes."""
