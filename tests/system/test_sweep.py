@@ -185,11 +185,11 @@ def test_a_mistake_is_one_clear_line(arguments, said, tmp_path, monkeypatch, cap
     assert not list(tmp_path.iterdir())
 
 
-def command_status(arguments: list[str], folder: Path, monkeypatch) -> int:
+def command_status(arguments: list[str], folder: Path, monkeypatch, patience: float = 1.0) -> int:
     """Run the command in this process, which spares a second each."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "argv", ["crawler", *arguments])
-    monkeypatch.setattr("crawler_ros.sweep_cluster.PATIENCE_S", 1.0)
+    monkeypatch.setattr("crawler_ros.sweep_cluster.PATIENCE_S", patience)
     with pytest.raises(SystemExit) as left:
         main()
     return int(left.value.code or 0)
@@ -232,7 +232,7 @@ def wait_for(what, process) -> None:
 def test_a_scheduler_without_workers_is_one_clear_line(tmp_path, monkeypatch, capsys):
     with distributed.LocalCluster(n_workers=0, threads_per_worker=1, processes=True, **OPTIONS) as empty:
         arguments = ["sweep", "two_anchor_b", *LENGTHS, "--out", "x.parquet", "--scheduler", empty.scheduler_address]
-        assert command_status(arguments, tmp_path, monkeypatch) == 1
+        assert command_status(arguments, tmp_path, monkeypatch, patience=20.0) == 1
     text = capsys.readouterr().err
     assert "has no workers; start one: dask worker tcp://" in text
     assert len(text.splitlines()) == 1
