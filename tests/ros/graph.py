@@ -159,6 +159,8 @@ class Graph:
         """Wait until the net translation is that of the end of a gait, however late its commands came."""
 
         def is_there() -> bool:
+            if not self.heard[pose]:
+                return False
             place = self.heard[pose][-1].pose.position
             return bool(np.abs(np.array([place.x, place.y])[: np.size(end)] - end).max() <= within)
 
