@@ -12,7 +12,7 @@ demo: $(READY)
 	$(BIN)/crawler demo
 
 # A worker for each core, but no more than four: many tests start several processes.
-PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadgroup
+PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4
 
 test: $(READY)
 	$(PYTEST) -m "not slow"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -20,13 +22,27 @@ KINDS = ("three_contacts_two_ways", "three_springs", "planar_rectilinear", "plan
 """A scene for each set of kernels."""
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file together whose fixture is made once for the file: one worker makes it."""
-    for item in items:
-        fixtures = getattr(item, "_fixtureinfo").name2fixturedefs.values()  # noqa: B009
-        if any(fixture.scope == "module" for same_name in fixtures for fixture in same_name):
-            item.add_marker(pytest.mark.xdist_group(Path(item.path).stem))
+ONE_PORT = ("test_behind_a_stopped_viewer", "test_every_socket_is_on_loopback", "test_the_live_viewer_is")
+"""Tests that start live viewers, all of which listen on one port."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Spread tests over workers one by one, but what shares a port or the fixture of a file stays on one worker."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    @functools.cache
+    def shares_a_fixture(file: str) -> bool:
+        return 'scope="module"' in (config.rootpath / file).read_text(encoding="utf-8")
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::")[0]
+            if any(name in nodeid for name in ONE_PORT):
+                return "one port"
+            return file if shares_a_fixture(file) else nodeid
+
+    return Groups(config, log)
 
 
 @pytest.fixture(scope="session", autouse=True)

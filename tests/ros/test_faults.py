@@ -132,7 +132,7 @@ def driven(ros, *prefixes):
 
 def written(path: Path, name: str) -> int:
     """How many states a recording that is being written would leave if all died now."""
-    return bag.examine(path).counts.get(f"/{name}/joint_states", 0)
+    return bag.examine(path).counts.get(f"/{name}/joint_states", 0) if list(path.glob("*.mcap")) else 0
 
 
 @pytest.mark.slow
@@ -184,7 +184,6 @@ def test_killed_at_random_moments_it_leaves_what_can_be_recovered(tmp_path, turn
 # -- viewers and listeners that stop ----------------------------------------------------------------------------------
 
 
-@pytest.mark.xdist_group("live viewer")  # one port
 def test_behind_a_stopped_viewer_frames_are_dropped_and_counted(ros):
     process = ros.simulator("view:=live", "real_time_factor:=50.0", hear=("joint_states", "/diagnostics"))
     (viewer,) = children(process.process.pid)

@@ -154,7 +154,6 @@ def test_a_view_never_overwrites(tmp_path):
         ViewerFeed(load_scene("two_anchor_a"), str(tmp_path / "x.rrd"), lambda text: None)
 
 
-@pytest.mark.xdist_group("live viewer")  # one port
 def test_the_live_viewer_is_on_loopback_only(tmp_path):
     header = json.dumps(load_scene("two_anchor_a").model_dump(mode="json", exclude_none=True)).encode()
     environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}

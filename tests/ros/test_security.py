@@ -76,7 +76,6 @@ def takes(address: str, port: int) -> bool:
 GIVEN = {"nothing": {}, "a range": {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, "the old way": {"ROS_LOCALHOST_ONLY": "1"}}  # fmt: skip
 
 
-@pytest.mark.xdist_group("live viewer")  # one port
 @pytest.mark.parametrize("given", list(GIVEN) if SOAK else ["nothing"])
 def test_every_socket_is_on_loopback_unless_asked_otherwise(ros, given):
     """The simulator's, the gait player's, the viewer's and the recording's; and others still find the simulator."""
