@@ -6,13 +6,19 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would take hours so are left out.
-.PHONY: demo test smoke lint coverage bench docs figures soak clean
+.PHONY: demo test test-all smoke lint coverage bench docs figures soak clean
 
 demo: $(READY)
 	$(BIN)/crawler demo
 
+# A worker for each core, but no more than four: many tests start several processes.
+PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4
+
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(PYTEST) -m "not slow"
+
+test-all: test
+	$(PYTEST) -m slow
 
 smoke: $(READY)
 	$(BIN)/python -m pytest -q -p no:cacheprovider tests/model/test_closed_forms.py tests/ros/test_messages.py tests/ros/test_lock_step.py

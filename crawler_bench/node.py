@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from .node_domain import PATIENCE_S, TICK_HZ, Domain, children, cpu_seconds, drive, memory_mb, wait_until
+from .node_domain import TICK_HZ, Domain, drive
+from .processes import PATIENCE_S, children, cpu_seconds, memory_mb, wait_until
 
 Row = dict[str, Any]
 Say = Callable[[str], None]
@@ -166,7 +167,7 @@ def measure_latency(
                 tension = -10.0 * length
                 sent = time.perf_counter_ns()
                 publisher.publish(Float64MultiArray(data=[length] + [0.0] * (contacts - 2)))
-                deadline = time.monotonic() + 5.0
+                deadline = time.monotonic() + PATIENCE_S
                 while not any(abs(t - tension) < 1e-9 for t in list(arrived)[-3:]) and time.monotonic() < deadline:
                     time.sleep(0.0002)
                 answers = [at for t, at in list(arrived.items())[-3:] if abs(t - tension) < 1e-9]

@@ -6,13 +6,11 @@ import contextlib
 import itertools
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,18 +18,19 @@ from typing import Any
 import numpy as np
 
 from crawler_ros import interface
+from crawler_ros.domains import domain_environment, reserved_domain
+
+from .processes import PATIENCE_S, wait_until
 
 NS = 10**9
 TICK_HZ = 1000.0
-PATIENCE_S = 120.0  # the first run on a machine compiles the kernels
-_domains = (1 + (os.getpid() + n) % 100 for n in itertools.count())  # above 101 their ports meet others'
 
 
 class Domain:
     """A ROS domain with a node of this process that listens to the simulator's diagnostics and sends commands."""
 
     def __init__(self, folder: Path) -> None:
-        """Join a domain that nobody else is in.
+        """Join a domain that nobody else is in, until `close`.
 
         Args:
             folder: for logs and recordings.
@@ -40,7 +39,8 @@ class Domain:
         from rclpy.experimental.events_executor import EventsExecutor
 
         self.folder = folder
-        self.number = next(_domains)
+        self._reservation = contextlib.ExitStack()
+        self.number = self._reservation.enter_context(reserved_domain())
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         interface.find_ament_prefix()
         self._context = rclpy.Context()
@@ -93,8 +93,7 @@ class Domain:
     def process(self, module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
         """Run a module of this project in the domain; gives the process and the file of what it says."""
         log = self.folder / f"{module}_{next(self._count)}.log"
-        environment = {k: v for k, v in os.environ.items() if k != "ROS_LOCALHOST_ONLY"}
-        environment |= {"ROS_DOMAIN_ID": str(self.number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        environment = domain_environment(self.number)
         with log.open("wb") as stream:
             command = [sys.executable, "-m", module, *arguments]
             process = subprocess.Popen(
@@ -106,7 +105,7 @@ class Domain:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
             try:
-                process.wait(30.0)
+                process.wait(PATIENCE_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -158,29 +157,13 @@ class Domain:
         return (int(after["ticks"]) - int(before["ticks"])) / ((ended - began) / NS)
 
     def close(self) -> None:
-        """Leave the domain."""
+        """Leave the domain to others."""
         self._ended.set()
         self._thread.join()
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
-
-
-def wait_until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> None:
-    """Wait for a condition.
-
-    Args:
-        condition: asked a hundred times a second.
-        seconds: at most.
-
-    Raises:
-        TimeoutError: when it does not come true.
-    """
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"nothing happened within {seconds} s")
-        time.sleep(0.01)
+        self._reservation.close()
 
 
 def drive(domain: Domain, names: Sequence[str], rows: np.ndarray, spacing: float) -> None:
@@ -201,29 +184,3 @@ def drive(domain: Domain, names: Sequence[str], rows: np.ndarray, spacing: float
         point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
         message.points.append(point)
     domain.publisher("joint_trajectory").publish(message)
-
-
-def cpu_seconds(pid: int) -> float:
-    """Read how much processor time a process has taken [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def children(pid: int) -> list[int]:
-    """List the processes that a process has started."""
-    return [int(p) for task in Path(f"/proc/{pid}/task").iterdir() for p in (task / "children").read_text().split()]
-
-
-def memory_mb(pid: int) -> float:
-    """Read the resident memory of a process [MiB]."""
-    return _status_mb(pid, "VmRSS")
-
-
-def peak_memory_mb(pid: int) -> float:
-    """Read the most resident memory that a process has had [MiB]; 0 when it has ended."""
-    return _status_mb(pid, "VmHWM")
-
-
-def _status_mb(pid: int, field: str) -> float:
-    found = re.search(rf"{field}:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
-    return int(found[1]) / 1024.0 if found else 0.0

@@ -14,7 +14,8 @@ from typing import Any
 
 from crawler_model import load_scene
 
-from .node_domain import Domain, peak_memory_mb
+from .node_domain import Domain
+from .processes import peak_memory_mb
 
 Row = dict[str, Any]
 QUICK: dict[str, Any] = {"periods": (60,), "repeats": 1}

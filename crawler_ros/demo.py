@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import queue
-import random
 import re
 import shutil
 import signal
@@ -21,10 +20,11 @@ from crawler_model import CrawlerError, Scene, load_scene
 from crawler_model.drive import NS
 
 from . import bag
+from .domains import domain_environment, reserved_domain
 
 SCENE = "three_contacts_one_way"
 PERIODS = 10
-PATIENCE_S = 120.0
+PATIENCE_S = 600.0  # a machine that is busy compiles for minutes
 
 
 class DemoError(CrawlerError):
@@ -44,15 +44,6 @@ def closed_form(scene: Scene) -> float:
     """
     stroke = float(np.ptp(scene.commands.actuation))
     return 2.0 * (stroke - 3.0 * float(scene.commands.forward[0, 0]) / float(scene.mesh.stiffness[0]))
-
-
-def own_domain() -> dict[str, str]:
-    """Make an environment in which two processes find each other on this machine and nobody else."""
-    environment = dict(os.environ)
-    environment.pop("ROS_LOCALHOST_ONLY", None)
-    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    environment["ROS_DOMAIN_ID"] = str(random.randint(1, 99))
-    return environment
 
 
 def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
@@ -77,20 +68,14 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
     began = time.monotonic()
     out.mkdir(parents=True, exist_ok=True)
     before = set(out.iterdir())
-    environment = own_domain()
-    node = [sys.executable, "-m"]
-    simulator = _Process(
-        [*node, "crawler_ros.simulator", "--ros-args", "-p", f"scene:={SCENE}", "-p", f"record:={out}"], environment
-    )
-    player = _Process(
-        [*node, "crawler_ros.gait_player", "--ros-args", "-p", f"scene:={SCENE}", "-p", f"periods:={PERIODS}"],
-        environment,
-    )
-    try:
-        _watch(simulator, player, progress)
-    finally:
-        player.end()
-        simulator.end()
+    with reserved_domain() as domain:
+        simulator = _Process("crawler_ros.simulator", domain, f"scene:={SCENE}", f"record:={out}")
+        player = _Process("crawler_ros.gait_player", domain, f"scene:={SCENE}", f"periods:={PERIODS}")
+        try:
+            _watch(simulator, player, progress)
+        finally:
+            player.end()
+            simulator.end()
     if simulator.process.returncode != 0:
         raise DemoError(f"the simulator failed: {simulator.last_words()}")
     made = [path for path in set(out.iterdir()) - before if path.is_dir()]
@@ -187,10 +172,11 @@ def measure(recording: Path) -> tuple[np.ndarray, int, int]:
 class _Process:
     """A node in a process of its own, whose output is kept."""
 
-    def __init__(self, command: list[str], environment: dict[str, str]) -> None:
+    def __init__(self, module: str, domain: int, *parameters: str) -> None:
+        words = [word for parameter in parameters for word in ("-p", parameter)]
         self.process = subprocess.Popen(
-            command,
-            env=environment,
+            [sys.executable, "-m", module, "--ros-args", *words],
+            env=domain_environment(domain),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

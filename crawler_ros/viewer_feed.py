@@ -168,8 +168,8 @@ class ViewerFeed:
         return True
 
     def close(self) -> None:
-        """Let the drawing process finish its file; give a stuck one ten seconds."""
-        deadline = time.monotonic() + 10.0
+        """Let the drawing process finish its file; give a stuck one a minute, which a busy machine may need."""
+        deadline = time.monotonic() + 60.0
         while not self._push() and self.alive and time.monotonic() < deadline:
             time.sleep(0.02)
         self._pipe.close()

@@ -13,6 +13,7 @@ A block that cannot be run says so in its first line, `# REASON` or `# REASON: m
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import os
@@ -25,13 +26,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crawler_model import load_scene
+from crawler_ros.domains import reserved_domain
 
 from .ros.launch_files import FOLDER, read
 
 ROOT = Path(__file__).parent.parent
 BIN = Path(sys.executable).parent
 REASONS = ("needs a ROS 2 installation", "needs a network", "needs a display", "takes minutes")
-PATIENCE_S = 300.0  # the first run on a machine compiles
+PATIENCE_S = 1200.0  # only what hangs takes so long, on the busiest machine
 _NODES = re.compile(r"\bcrawler-[a-z]|\brclpy\b|\bcrawler demo\b")
 _FENCE = re.compile(r"^(?P<indent> *)```(?P<info>.*)\n(?P<text>(?:.*\n)*?)(?P=indent)```[ \t]*$", re.M)
 _TROUBLE = ("Traceback", "command not found", "[ERROR]", "[FATAL]")
@@ -104,16 +106,21 @@ class Page:
         self._said: str | None = None
         self._files: set[str] = set()
         self._session: Session | None = None
-        paths = {"PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}", "MPLBACKEND": "Agg", "COLUMNS": "120"}
-        own = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-        if needs_ros(self.blocks):
-            from .ros.graph import _domains, environment
-
-            own = environment(next(_domains))
-        self._environment = own | paths
+        self._environment: dict[str, str] = {}
 
     def run(self) -> None:
-        """Run all blocks in their order."""
+        """Run all blocks in their order, a page with nodes in a ROS domain of its own."""
+        paths = {"PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}", "MPLBACKEND": "Agg", "COLUMNS": "120"}
+        with contextlib.ExitStack() as stack:
+            given = dict(os.environ)
+            if needs_ros(self.blocks):
+                from .ros.graph import environment
+
+                given = environment(stack.enter_context(reserved_domain()))
+            self._environment = {k: v for k, v in given.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")} | paths
+            self._run_all()
+
+    def _run_all(self) -> None:
         try:
             for block in self.blocks:
                 self._run(block)
@@ -268,7 +275,7 @@ def look_up(block: Block) -> None:
 
 
 def _make(words: list[str]) -> bool:
-    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
     return bool(words) and set(words) <= set(targets)
 
 

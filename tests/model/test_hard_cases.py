@@ -23,10 +23,17 @@ def relative_violation(crawler: Crawler) -> float:
     return -margins.min() / (np.abs(crawler.tension).max() + 1e-300)
 
 
-VARIANTS = [(case, body, method) for case in CASES for body, method in case.variants]
+SLOW = ("1000000 contacts stretched", "1e6 periods of two contacts")
+VARIANTS = [
+    pytest.param(
+        *(case, body, method), id=f"{case.name}-{body}-{method}", marks=[pytest.mark.slow] if case.name in SLOW else []
+    )
+    for case in CASES
+    for body, method in case.variants
+]
 
 
-@pytest.mark.parametrize(("case", "body", "method"), VARIANTS, ids=[f"{c.name}-{b}-{m}" for c, b, m in VARIANTS])
+@pytest.mark.parametrize(("case", "body", "method"), VARIANTS)
 def test_the_exact_answer_or_a_named_diagnosis(case: Case, body: str, method: str):
     found = case.play(body, method)
     assert found.said == case.said

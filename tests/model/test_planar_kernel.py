@@ -19,6 +19,8 @@ TRIANGLE = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 def solve(laplacian, force, friction, directions=ISOTROPIC):
+    # in one piece, or the kernel would be compiled again for each layout
+    laplacian, force, friction, directions = map(np.ascontiguousarray, (laplacian, force, friction, directions))
     velocity, motion = np.zeros_like(force), np.zeros(len(force), np.int64)
     solved, residual, unique, _ = project_planar(laplacian, force, friction, directions, MOST_SWEEPS, velocity, motion)
     assert solved

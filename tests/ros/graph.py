@@ -2,69 +2,77 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
-import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
+from crawler_bench.processes import PATIENCE_S, wait_until
 from crawler_ros import interface
+from crawler_ros.domains import domain_environment, reserved_domain
 
-_domains = (1 + (os.getpid() + n) % 100 for n in itertools.count())  # above 101 their ports meet others'
-
-
-def environment(domain: int) -> dict[str, str]:
-    own = {k: v for k, v in os.environ.items() if k != "ROS_LOCALHOST_ONLY"}
-    return own | {
-        "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_PYTHON_CHECK_FIELDS": "1",
-        "PYTHONUNBUFFERED": "1",
-    }
+_kept = ExitStack()
 
 
-def wait_until(condition: Callable[[], Any], seconds: float = 20.0, what: str = "it") -> Any:
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.01)
-    raise AssertionError(f"{what} did not happen within {seconds} s")
+def environment(domain: int | None = None) -> dict[str, str]:
+    """The environment of a process in a domain; without one, in this session's own for what never comes to talk."""
+    number = speechless_domain() if domain is None else domain
+    return domain_environment(number) | {"ROS_PYTHON_CHECK_FIELDS": "1", "PYTHONUNBUFFERED": "1"}
+
+
+@cache
+def speechless_domain() -> int:
+    return _kept.enter_context(reserved_domain())
+
+
+def node_command(module: str, *parameters: str, arguments: tuple[str, ...] = ()) -> list[str]:
+    words = [*(word for p in parameters for word in ("-p", p)), *arguments]
+    return [sys.executable, "-m", module, *(["--ros-args", *words] if words else [])]
 
 
 class Process:
-    """A node started as a user would."""
+    """A process and what it says."""
 
-    def __init__(self, module: str, domain: int, arguments: list[str], log: Path) -> None:
+    def __init__(self, command: list[str], environment: dict[str, str], log: Path) -> None:
         self.log = log
+        self._asked = False
         self._stream = log.open("w")
-        command = [sys.executable, "-m", module, *(["--ros-args", *arguments] if arguments else [])]
         self.process = subprocess.Popen(
-            command, env=environment(domain), stdout=self._stream, stderr=subprocess.STDOUT, start_new_session=True
+            command, env=environment, stdout=self._stream, stderr=subprocess.STDOUT, start_new_session=True
         )
 
     @property
     def said(self) -> str:
         return self.log.read_text()
 
-    def end(self, number: int = signal.SIGINT, seconds: float = 20.0) -> int:
-        if self.process.poll() is None:
+    def wait(self) -> int:
+        """Wait for its own end."""
+        return self.process.wait(PATIENCE_S)
+
+    def ask_to_end(self, number: int = signal.SIGINT) -> None:
+        if not self._asked and self.process.poll() is None:
             self.process.send_signal(number)
+            self.process.send_signal(signal.SIGCONT)  # a test that failed may have left it stopped
+        self._asked = True
+
+    def end(self, number: int = signal.SIGINT, seconds: float = PATIENCE_S) -> int:
+        self.ask_to_end(number)
         try:
             return self.process.wait(seconds)
         except subprocess.TimeoutExpired:
             self.process.kill()
+            self.process.wait()
             raise AssertionError(f"it does not end; it said:\n{self.said}") from None
         finally:
             self._stream.close()
@@ -73,8 +81,8 @@ class Process:
 class Graph:
     """One ROS domain: its processes, and a node of this one that listens and publishes."""
 
-    def __init__(self, folder: Path) -> None:
-        self.domain = next(_domains)
+    def __init__(self, folder: Path, domain: int) -> None:
+        self.domain = domain
         self.folder = folder
         self.context = rclpy.Context()
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -88,17 +96,23 @@ class Graph:
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.processes: list[Process] = []
         self._publishers: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
 
     def _spin(self) -> None:
         while not self._stop.is_set():
             self._executor.spin_once(timeout_sec=0.05)
 
-    def start(self, module: str, *parameters: str, arguments: tuple[str, ...] = ()) -> Process:
-        given = [word for p in parameters for word in ("-p", p)]
-        log = self.folder / f"{module}_{len(self.processes)}.log"
-        process = Process(module, self.domain, [*given, *arguments], log)
+    def run(self, command: list[str], **more: str | None) -> Process:
+        """Start a command, with more in its environment; what is None is taken out of it."""
+        given = environment(self.domain) | more
+        log = self.folder / f"process_{len(self.processes)}.log"
+        process = Process(command, {k: v for k, v in given.items() if v is not None}, log)
         self.processes.append(process)
         return process
+
+    def start(self, module: str, *parameters: str, arguments: tuple[str, ...] = ()) -> Process:
+        """Start a node as a user would."""
+        return self.run(node_command(module, *parameters, arguments=arguments))
 
     def simulator(
         self, *parameters: str, arguments: tuple[str, ...] = (), hear: tuple[str, ...] = ("joint_states",)
@@ -128,16 +142,39 @@ class Graph:
         self._publishers[name].publish(message)
 
     def call(self, service: str, kind: str, **fields: Any) -> Any:
-        client = self.node.create_client(interface.message_class(kind), service)
-        assert client.wait_for_service(20.0), f"no service {service}"
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(interface.message_class(kind), service)
+        client = self._clients[service]
+        assert client.wait_for_service(PATIENCE_S), f"no service {service}"
         request = client.srv_type.Request(**fields)
         future = client.call_async(request)
         wait_until(future.done, what=f"an answer of {service}")
         return future.result()
 
+    def taken_up(self, name: str = "crawler") -> None:
+        """Wait for the answer of a service, which is asked for behind all messages sent and taken up behind them."""
+        self.call(f"/{name}/get_parameters", "rcl_interfaces/srv/GetParameters")
+
+    def walked(self, end: Any, within: float = 1e-12, pose: str = "pose") -> None:
+        """Wait until the net translation is that of the end of a gait, however late its commands came."""
+
+        def is_there() -> bool:
+            if not self.heard[pose]:
+                return False
+            place = self.heard[pose][-1].pose.position
+            return bool(np.abs(np.array([place.x, place.y])[: np.size(end)] - end).max() <= within)
+
+        wait_until(is_there, what=f"a net translation of {end} m")
+
     def close(self) -> None:
-        for process in self.processes:
-            process.end()
+        with ExitStack() as stack:  # all of it, whatever goes wrong
+            stack.callback(self._leave)
+            for process in self.processes:
+                stack.callback(process.end)
+            for process in self.processes:
+                process.ask_to_end()
+
+    def _leave(self) -> None:
         self._stop.set()
         self._thread.join()
         self._executor.shutdown()
@@ -147,11 +184,12 @@ class Graph:
 
 @contextmanager
 def graph(folder: Path) -> Iterator[Graph]:
-    made = Graph(folder)
-    try:
-        yield made
-    finally:
-        made.close()
+    with reserved_domain() as domain:
+        made = Graph(folder, domain)
+        try:
+            yield made
+        finally:
+            made.close()
 
 
 def seconds(message: Any) -> float:

@@ -14,51 +14,24 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from crawler_bench.processes import PATIENCE_S, wait_until
 from crawler_ros import bag, interface
 from crawler_ros.replay import simulate_again
 
-from .graph import Graph, Process, environment, wait_until
+from .graph import Graph, environment, node_command
 
 DECODE = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
 SOAK = os.environ.get("CRAWLER_SOAK") == "1"
 
 
-class Command(Process):
-    """Any command in a graph's domain, with more in its environment; what is None is taken out of it."""
-
-    def __init__(self, ros: Graph, command: list[str], **more: str | None) -> None:
-        self.log = ros.folder / f"command_{len(ros.processes)}.log"
-        self._stream = self.log.open("w")
-        whole = environment(ros.domain) | more
-        self.process = subprocess.Popen(
-            command,
-            env={k: v for k, v in whole.items() if v is not None},
-            stdout=self._stream,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        ros.processes.append(self)
-
-
 def simulator(*parameters: str) -> list[str]:
-    words = [word for p in parameters for word in ("-p", p)]
-    return [sys.executable, "-m", "crawler_ros.simulator", *(["--ros-args", *words] if words else [])]
+    return node_command("crawler_ros.simulator", *parameters)
 
 
 def crawler_command(*words: str) -> subprocess.CompletedProcess[str]:
     code = "import sys; from crawler_ros.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, *words]
-    return subprocess.run(command, env=environment(1), capture_output=True, text=True, timeout=120)
-
-
-def children(pid: int) -> list[int]:
-    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def memory(pid: int) -> int:
-    """Bytes that a process has in memory."""
-    fields = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
-    return int(fields["VmRSS"].split()[0]) * 1024
+    return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
 
 
 def runs(pid: int) -> bool:
@@ -126,16 +99,9 @@ class Sender:
             qos = interface.qos_profile(topic)
             qos.depth = depth
             self._publishers[name] = ros.node.create_publisher(interface.message_class(topic.type), name, qos)
-        kind = interface.message_class("rcl_interfaces/srv/GetParameters")
-        self._client = ros.node.create_client(kind, "/crawler/get_parameters")
+        self.wait = ros.taken_up
         for name, publisher in self._publishers.items():
             wait_until(lambda p=publisher: p.get_subscription_count() > 0, what=f"a subscriber of {name}")
-        assert self._client.wait_for_service(20.0)
 
     def send(self, name: str, data: bytes) -> None:
         self._publishers[name].publish(data)
-
-    def wait(self) -> None:
-        """Wait for the answer of a service, which is asked for behind all messages sent and taken up behind them."""
-        future = self._client.call_async(self._client.srv_type.Request())
-        wait_until(future.done, what="an answer")

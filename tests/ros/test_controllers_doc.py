@@ -9,6 +9,7 @@ import sys
 import pytest
 
 pytest.importorskip("rclpy")
+from crawler_bench.processes import PATIENCE_S
 from crawler_ros import interface
 
 from ..pages import ROOT, blocks
@@ -48,6 +49,6 @@ def test_without_security_in_the_middleware_it_does_not_run_open(tmp_path):
         "ROS_SECURITY_KEYSTORE": str(tmp_path / "keys"),
     }
     command = [sys.executable, "-m", "crawler_ros.simulator", "--ros-args", "--enclave", "/crawler"]
-    done = subprocess.run(command, env=environment(1) | keys, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, env=environment() | keys, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 1
     assert "security" in done.stderr

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -23,19 +24,18 @@ pytest.importorskip("rclpy")
 from mcap.reader import make_reader
 from std_msgs.msg import Float64MultiArray
 
+from crawler_bench.processes import PATIENCE_S, children, memory_mb, wait_until
+from crawler_model import Crawler, load_scene
 from crawler_ros import bag
 from crawler_ros.replay import simulate_again
 
-from .graph import environment, graph, wait_until
+from .graph import environment, graph
 from .machine import (
     DECODE,
     SOAK,
-    Command,
     assert_every_tick,
     assert_whole,
-    children,
     crawler_command,
-    memory,
     recorded,
     simulator,
     stamp_ns,
@@ -82,15 +82,27 @@ def test_a_controller_that_is_killed_and_comes_back(ros):
         wait_for_more(ros)
         assert ros.heard["joint_states"][-1].position == held.position
         assert stamp_ns(ros.heard["joint_states"][-1]) > stamp_ns(held)
+    held = len(ros.heard["applied_commands"])
     player = ros.start("crawler_ros.gait_player", scene, "periods:=3")
-    assert player.process.wait(60) == 0
+    assert player.wait() == 0
+    ros.taken_up()
+    wait_for_more(ros, 2)  # however late its last message came, it is followed
     assert process.end() == 0
     path = only(bags)
-    last = assert_whole(path)
-    y = {stamp_ns(m): m.pose.position.x for m in recorded(path, "/pose")}
-    start = stamp_ns(recorded(path, "/joint_trajectory")[-3])
-    assert start + 3 * SECOND <= last
-    assert y[start + 3 * SECOND] - y[start + 2 * SECOND] == pytest.approx(0.07, abs=1e-12)
+    assert_whole(path)
+    drive = load_scene("three_contacts_two_ways").commands
+    crawler = Crawler(load_scene("three_contacts_two_ways"))
+    for message in recorded(path, "/applied_commands"):
+        if stamp_ns(message) > stamp_ns(ros.heard["applied_commands"][held - 1]):
+            break
+        if message.points:
+            crawler.follow(np.array([p.positions for p in message.points]))
+    y = []
+    for _ in range(3):
+        crawler.follow(np.ascontiguousarray(drive.targets))
+        y.append(crawler.net_translation)
+    assert recorded(path, "/pose")[-1].pose.position.x == pytest.approx(y[2], abs=1e-12)
+    assert y[2] - y[1] == pytest.approx(0.07, abs=1e-12)
 
 
 def drive_on(ros, topics, stopping):
@@ -101,7 +113,7 @@ def drive_on(ros, topics, stopping):
         for topic, phase in topics.items():
             data = (0.2 * np.sin([0.05 * k + phase, 0.031 * k])).tolist()
             ros.publish(topic, Float64MultiArray(data=data), "actuation_controller/commands")
-        time.sleep(0.02)
+        time.sleep(0.02)  # a pace: nobody waits for it
 
 
 @contextmanager
@@ -118,8 +130,13 @@ def driven(ros, *prefixes):
         thread.join()
 
 
+def written(path: Path, name: str) -> int:
+    """How many states a recording that is being written would leave if all died now."""
+    return bag.examine(path).counts.get(f"/{name}/joint_states", 0) if list(path.glob("*.mcap")) else 0
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", range(20 if SOAK else 2))
-@pytest.mark.timeout(600)
 def test_killed_at_random_moments_it_leaves_what_can_be_recovered(tmp_path, turn):
     """Ten simulators at once: ended, killed, or killed together with their recording processes."""
     rng = random.Random(turn)
@@ -131,19 +148,24 @@ def test_killed_at_random_moments_it_leaves_what_can_be_recovered(tmp_path, turn
             ros.hear(f"/{name}/joint_states", type_name="joint_states")
             given = (f"record:={tmp_path / name}", "rate:=200.0")
             processes[name] = ros.start("crawler_ros.simulator", *given, arguments=("-r", f"__ns:=/{name}")).process
-        wait_until(lambda: all(ros.heard[f"/{n}/joint_states"] for n in names), 90.0, "ten crawlers")
+        wait_until(lambda: all(ros.heard[f"/{n}/joint_states"] for n in names), what="ten crawlers")
         recorders = {name: children(process.pid) for name, process in processes.items()}
-        last = {}
+        least = {}
         with driven(ros, *[f"/{name}/" for name in names]):
-            wait_for_more(ros, 400, f"/{names[0]}/joint_states")
+            for name in names:
+                wait_for_more(ros, 400, f"/{name}/joint_states")
+                wait_until(lambda n=name: written(only(tmp_path / n), n) > 100, what=f"states of {name} on disk")
             for name, way in zip(names, ways, strict=True):
-                time.sleep(rng.uniform(0.0, 0.4))
-                last[name] = stamp_ns(ros.heard[f"/{name}/joint_states"][-1])
+                time.sleep(rng.uniform(0.0, 0.4))  # any moment will do
+                if len(way) > 1:  # with its recording process, what was on disk is kept
+                    least[name] = written(only(tmp_path / name), name)
+                else:  # without, all but what was not yet handed to it
+                    least[name] = round(200 * stamp_ns(ros.heard[f"/{name}/joint_states"][-1]) / SECOND) - 10
                 processes[name].send_signal(getattr(signal, f"SIG{way[0]}"))
                 for pid in recorders[name] if len(way) > 1 else []:
                     os.kill(pid, signal.SIGKILL)
         for name, way in zip(names, ways, strict=True):
-            processes[name].wait(30)
+            processes[name].wait(PATIENCE_S)
             path = only(tmp_path / name)
             if len(way) == 1:
                 wait_until(lambda p=path: (p / "metadata.yaml").exists(), what=f"the end of {path}")
@@ -154,7 +176,7 @@ def test_killed_at_random_moments_it_leaves_what_can_be_recovered(tmp_path, turn
                 path = tmp_path / f"{name}_recovered"
                 assert bag.examine(path).complete
             kept = assert_every_tick(path, f"/{name}/joint_states", 200)
-            assert kept >= last[name] - SECOND, f"{way}: {(last[name] - kept) / SECOND} s are lost"
+            assert kept // (SECOND // 200) + 1 >= least[name], way
             moved = recorded(path, f"/{name}/joint_states")[-1]
             assert np.any(moved.position)
 
@@ -166,15 +188,15 @@ def test_behind_a_stopped_viewer_frames_are_dropped_and_counted(ros):
     process = ros.simulator("view:=live", "real_time_factor:=50.0", hear=("joint_states", "/diagnostics"))
     (viewer,) = children(process.process.pid)
     wait_until(lambda: status(ros, "viewer"), what="word of the viewer")
-    assert value(ros, "viewer", "dropped") == "0"
+    before = int(value(ros, "viewer", "dropped"))  # a busy machine draws slowly
     stop(viewer)
     try:
-        wait_until(lambda: int(value(ros, "viewer", "dropped")) > 100, 60.0, "dropped frames")
+        wait_until(lambda: int(value(ros, "viewer", "dropped")) > before + 100, what="dropped frames")
         assert "the viewer is slow" in status(ros, "viewer").message
         assert status(ros, "viewer").level == b"\x01"
-        before = memory(process.process.pid)
+        before = memory_mb(process.process.pid)
         wait_for_more(ros, 5_000)
-        assert memory(process.process.pid) - before < 32 << 20
+        assert memory_mb(process.process.pid) - before < 32
     finally:
         os.kill(viewer, signal.SIGCONT)
     wait_for_more(ros)
@@ -205,15 +227,15 @@ def test_a_stopped_listener_stops_nobody(ros):
     """It has asked for every message of every topic, reliably, and reads none of them."""
     bags = ros.folder / "bags"
     process = ros.simulator("rate:=1000.0", f"record:={bags}", hear=("joint_states",))
-    listener = Command(ros, [sys.executable, "-c", LISTENER])
+    listener = ros.run([sys.executable, "-c", LISTENER])
     wait_until(lambda: "heard" in listener.said, what="a listener")
     with driven(ros):
         stop(listener.process.pid)
         try:
             wait_for_more(ros, 500)
-            before = memory(process.process.pid)
+            before = memory_mb(process.process.pid)
             wait_for_more(ros, 5_000)
-            assert memory(process.process.pid) - before < 32 << 20
+            assert memory_mb(process.process.pid) - before < 32
         finally:
             listener.process.send_signal(signal.SIGCONT)
         wait_for_more(ros)
@@ -231,7 +253,7 @@ def fails_to_record(ros, bags, reason, fill):
     with driven(ros):
         wait_for_more(ros, 500)
         fill(children(process.process.pid))
-        wait_until(lambda: getattr(status(ros, "recording"), "level", b"") == b"\x02", 60.0, "an error")
+        wait_until(lambda: getattr(status(ros, "recording"), "level", b"") == b"\x02", what="an error")
         assert reason in status(ros, "recording").message
         wait_until(lambda: reason in process.said, what="a line in the log")
         wait_for_more(ros, 1000)
@@ -367,7 +389,7 @@ def jumping_simulator(ros, way, offset, *parameters):
     if way == "python":
         script = ros.folder / "jumping.py"
         script.write_text(JUMPING)
-        return Command(ros, [command[0], str(script), str(offset), *command[3:]])
+        return ros.run([command[0], str(script), str(offset), *command[3:]])
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("there is no C compiler to build a jumping clock with")
@@ -379,7 +401,7 @@ def jumping_simulator(ros, way, offset, *parameters):
         text=True,
     )
     assert built.returncode == 0, built.stderr
-    return Command(ros, command, LD_PRELOAD=str(library), CLOCK_OFFSET_FILE=str(offset))
+    return ros.run(command, LD_PRELOAD=str(library), CLOCK_OFFSET_FILE=str(offset))
 
 
 @pytest.mark.parametrize("way", ["python", "process"])
@@ -403,15 +425,15 @@ def test_when_the_hosts_clock_jumps_nothing_does(ros, way):
                 count = len(at)
                 wait_until(lambda c=count, a=at: len(a) > c + 1, what="diagnostics")
                 if jump:  # it did jump
-                    assert abs(at[-1].header.stamp.sec - time.time() - jump) < 60.0
+                    assert abs(at[-1].header.stamp.sec - time.time() - jump) < 1800.0
         gone = stamp_ns(ros.heard["joint_states"][-1]) - first
-        assert gone < time.monotonic_ns() - begin + SECOND  # it makes up for no hour
+        assert gone < time.monotonic_ns() - begin + 1800 * SECOND  # it makes up for no hour
         assert process.end() == 0
     path = only(bags)
     assert_whole(path, rate=200)
     records = list(bag.read(path))
     times = np.array([r.log_ns for r in records])
-    assert times.max() - times.min() < 600 * SECOND  # none of the hours
+    assert times.max() - times.min() < 3000 * SECOND  # none of the hours
     for topic in ("/joint_states", "/applied_commands", "/actuation_controller/commands"):
         own = [r.log_ns for r in records if r.topic == topic]
         assert own == sorted(own)
@@ -421,28 +443,29 @@ def test_when_the_hosts_clock_jumps_nothing_does(ros, way):
 
 
 def test_late_ticks_are_counted_and_none_is_skipped(ros):
-    """Stopped for half a second: one late tick, simulated time that much slower, and every stamp there."""
+    """Stopped for half a second: a late tick, simulated time that much slower for good, and every stamp there."""
     bags = ros.folder / "bags"
     process = ros.simulator(f"record:={bags}", hear=("joint_states", "/diagnostics"))
     wait_until(lambda: status(ros, "simulation"), what="diagnostics")
     before = int(value(ros, "simulation", "late ticks"))
     for k in range(1, 4):
-        first, began = stamp_ns(ros.heard["joint_states"][-1]), time.monotonic_ns()
         stop(process.process.pid)
-        time.sleep(0.5)
+        time.sleep(0.5)  # what it misses
         process.process.send_signal(signal.SIGCONT)
         wait_for_more(ros, 20)
-        gone = stamp_ns(ros.heard["joint_states"][-1]) - first
-        assert time.monotonic_ns() - began - gone > 0.35 * SECOND  # it does not hurry after what it missed
         wait_until(lambda k=k: int(value(ros, "simulation", "late ticks")) >= before + k, what="a late tick")
-    warned = [
-        s for m in ros.heard["/diagnostics"] for s in m.status if "this machine cannot keep the rate" in s.message
-    ]
-    assert warned
+    warned = wait_until(
+        lambda: [s for m in ros.heard["/diagnostics"] for s in m.status if "cannot keep the rate" in s.message],
+        what="a warning",
+    )
     assert all(s.level == b"\x01" for s in warned)
     assert process.end() == 0
-    assert "0 late" not in process.said.replace("10 late", "").replace("20 late", "")
+    (late,) = re.findall(r"stopped after \d+ ticks, (\d+) late", process.said)
+    assert int(late) >= before + 3
     assert_whole(only(bags))
+    states = [r for r in bag.read(only(bags)) if r.topic == "/joint_states"]
+    behind = [r.log_ns - stamp_ns(DECODE(r.data, r.type)) for r in states]  # by the simulator's own steady clock
+    assert behind[-1] - behind[0] > 3 * (SECOND // 2 - SECOND // 100)  # a stop is never made up for
 
 
 # -- starts that fail -------------------------------------------------------------------------------------------------
@@ -471,10 +494,10 @@ def test_a_start_that_fails_says_why_in_one_line_and_leaves_nothing(tmp_path):
     for case in cases:
         command = [*simulator(*case), "-p", f"record:={tmp_path / 'bags'}"]
         running.append(
-            subprocess.Popen(command, env=environment(1), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         )
     for case, process in zip(cases, running, strict=True):
-        _, said = process.communicate(timeout=120)
+        _, said = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 1, (case, said)
         assert len([line for line in said.splitlines() if line.startswith("simulator: ")]) == 1, (case, said)
         assert "Traceback" not in said, case

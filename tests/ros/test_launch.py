@@ -20,9 +20,10 @@ import yaml
 pytest.importorskip("rclpy")
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from crawler_bench.processes import wait_until
 from crawler_ros import bag, interface
 
-from .graph import Graph, graph, seconds, wait_until
+from .graph import Graph, graph, seconds
 from .launch_files import FOLDER, PACKAGE, ROOT, Started, read, start
 
 FILES = sorted(FOLDER.glob("*.launch.xml"))
@@ -231,7 +232,7 @@ def hear_first(ros: Graph, process: Started, names: list[str]) -> None:
             ros.publish(topic(process, "joint_trajectory"), nothing, table_name="joint_trajectory")
         return all(ros.heard[name] for name in names)
 
-    wait_until(heard, 60.0, f"the first of {names}")
+    wait_until(heard, what=f"the first of {names}")
 
 
 def topic(process: Started, name: str) -> str:
@@ -254,7 +255,7 @@ def test_simulator_runs(ros):
 
 def test_walk_walks(ros):
     run(ros, "walk.launch.xml", periods="2", real_time_factor="10")
-    wait_until(lambda: ros.heard["/pose"][-1].pose.position.x > 0.2, 60.0, "two periods")
+    wait_until(lambda: ros.heard["/pose"][-1].pose.position.x > 0.2, what="two periods")
 
 
 def end_as_launch_does(ros: Graph, started: list[Started]) -> None:
@@ -285,7 +286,7 @@ def test_a_controller_that_is_done_ends_all(ros):
 @pytest.mark.parametrize("values", EXAMPLES, ids=["speed_control", "phase_control"])
 def test_controllers_control(ros, values):
     run(ros, "controller.launch.xml", **values)
-    wait_until(lambda: ros.heard["/pose"][-1].pose.position.x > 0.5, 60.0, "half a metre")
+    wait_until(lambda: ros.heard["/pose"][-1].pose.position.x > 0.5, what="half a metre")
     assert all(p.process.poll() in (None, 0) for p in ros.processes)
 
 
@@ -294,6 +295,6 @@ def test_three_crawlers_walk_apart(ros):
     run(ros, "three_crawlers.launch.xml", publish_clock="true", real_time_factor="5")
     for namespace in ("one_way", "two_ways", "anchors"):
         heard = ros.heard[f"/{namespace}/pose"]
-        wait_until(lambda h=heard: h[-1].pose.position.x > 0.05, 60.0, f"a walk in {namespace}")
+        wait_until(lambda h=heard: h[-1].pose.position.x > 0.05, what=f"a walk in {namespace}")
     assert ros.node.count_publishers("/clock") == 1
     wait_until(lambda: ros.heard["/clock"], what="the clock")

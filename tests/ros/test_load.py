@@ -12,22 +12,20 @@ import pytest
 pytest.importorskip("rclpy")
 from rclpy.serialization import serialize_message
 
+from crawler_bench.processes import memory_mb, wait_until
 from crawler_model import load_scene, simulate
 from crawler_ros import bag
 from crawler_ros.messages import TrajectoryMessage
 from crawler_ros.replay import simulate_again
 
-from .graph import graph, wait_until
+from .graph import graph
 from .machine import (
     SOAK,
     Sender,
     assert_every_tick,
     assert_whole,
     encode_array,
-    memory,
     recorded,
-    stamp_ns,
-    status,
     value,
 )
 from .test_nodes import trajectory
@@ -43,6 +41,12 @@ def ros(tmp_path):
         yield made
 
 
+def wait_for_diagnostics(ros):
+    """Wait for the second that come from here on, which were written after all that came before."""
+    heard = len(ros.heard["/diagnostics"])
+    wait_until(lambda: len(ros.heard["/diagnostics"]) > heard + 1, what="diagnostics")
+
+
 def test_of_five_thousand_commands_a_second_none_is_lost(ros):
     """Five commands to a tick: each is a vertex of its tick, in order, at its equal share of it."""
     count = 300_000 if SOAK else 15_000
@@ -52,18 +56,19 @@ def test_of_five_thousand_commands_a_second_none_is_lost(ros):
     rows = 0.2 * np.sin(np.arange(1, count + 1)[:, None] * [0.01, 0.0173])
     messages = [encode_array(row) for row in rows.tolist()]
     sender = Sender(ros, ACTUATION, depth=20_000)
-    before = memory(process.process.pid)
+    before = memory_mb(process.process.pid)
     begin = time.monotonic()
     for k, message in enumerate(messages):
         if k % 5 == 0:
             time.sleep(max(begin + k / 5000.0 - time.monotonic(), 0.0))
         sender.send(ACTUATION, message)
+        if k % 5_000 == 4_999:  # never more under way than the queue of a machine that stalls can hold
+            sender.wait()
     sender.wait()
-    heard = len(ros.heard["/diagnostics"])
-    wait_until(lambda: len(ros.heard["/diagnostics"]) > heard + 1, what="diagnostics")
+    wait_for_diagnostics(ros)
     assert value(ros, "commands", "refused") == "0"
-    assert int(value(ros, "recording", "bytes waiting")) < 1 << 20
-    assert memory(process.process.pid) - before < 100 << 20
+    wait_until(lambda: int(value(ros, "recording", "bytes waiting")) < 1 << 20, what="a recording that keeps up")
+    assert memory_mb(process.process.pid) - before < 100
     assert process.end() == 0
     (path,) = bags.iterdir()
     assert bag.examine(path).counts[f"/{ACTUATION}"] == count
@@ -175,18 +180,21 @@ class Fuzz:
         return name, encode_array(values), good(values)
 
 
-def test_a_hundred_thousand_bad_messages_change_nothing(ros):
+@pytest.mark.parametrize("count", [10_000, pytest.param(1_000_000 if SOAK else 100_000, marks=pytest.mark.slow)])
+def test_thousands_of_bad_messages_change_nothing(ros, count):
     """Every one is refused and counted, the state keeps its bits, the log and the memory stay small."""
-    count, batch = (1_000_000 if SOAK else 100_000), 500
+    batch = 500
     bags = ros.folder / "bags"
     process = ros.simulator("scene:=three_contacts_one_way", f"record:={bags}", hear=("/diagnostics",))
     ros.hear("joint_states", raw=True)
     sender = Sender(ros, ACTUATION, FRICTION, TRAJECTORY, LENGTHS)
+    states = ros.heard["joint_states"]
+    first = wait_until(lambda: [bytes(data)[12:] for data in states[:1]], what="a state")[0]
     sender.send(ACTUATION, encode_array([0.13, -0.07]))  # a state whose bits say something
-    sender.wait()
-    before = wait_until(
-        lambda: bytes(ros.heard["joint_states"][-1])[12:] if len(ros.heard["joint_states"]) > 50 else b""
+    wait_until(
+        lambda: len(states) > 1 and first != bytes(states[-2])[12:] == bytes(states[-1])[12:], what="rest after a move"
     )
+    before = bytes(states[-1])[12:]
     heard = len(ros.heard["joint_states"])
     fuzz, good, sent = Fuzz(1), [], 0
     begin, small = time.monotonic(), 0
@@ -200,24 +208,26 @@ def test_a_hundred_thousand_bad_messages_change_nothing(ros):
         if sent % batch == 0:
             sender.wait()
         if sent == count // 10:
-            small = memory(process.process.pid)
+            small = memory_mb(process.process.pid)
     sender.wait()
     took = time.monotonic() - begin
     wait_until(lambda: int(value(ros, "commands", "refused")) >= count, what=f"{count} refused")
     assert value(ros, "commands", "refused") == str(count)
     assert all(bytes(data)[12:] == before for data in ros.heard["joint_states"][heard:])
-    assert len(ros.heard["joint_states"]) > heard + 50
+    wait_until(lambda: len(ros.heard["joint_states"]) > heard + 50, what="more states")
     assert process.said.count("refused a message") <= 10 * (took + 2.0)
     assert len(process.said) < 2_000_000
-    assert memory(process.process.pid) - small < 64 << 20
-    assert status(ros, "commands").level == b"\x01"
+    assert memory_mb(process.process.pid) - small < 64
+    last = next(
+        s for m in ros.heard["/diagnostics"] for s in m.status if s.message.startswith(f"{count} message(s) refused")
+    )
+    assert last.level == b"\x01"
 
     assert len(good) > count // 100
     for name, data in good[:500]:
         sender.send(name, data)
     sender.wait()
-    heard = len(ros.heard["/diagnostics"])
-    wait_until(lambda: len(ros.heard["/diagnostics"]) > heard + 1, what="diagnostics")
+    wait_for_diagnostics(ros)
     assert value(ros, "commands", "refused") == str(count)
     assert process.end() == 0
     (path,) = bags.iterdir()
@@ -228,6 +238,7 @@ def test_a_hundred_thousand_bad_messages_change_nothing(ros):
 # -- many crawlers ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_many_crawlers_walk_at_once(ros):
     """In namespaces of their own, recording into one folder; one of them is everybody's clock."""
     count = 10 if SOAK else 5
@@ -239,27 +250,25 @@ def test_many_crawlers_walk_at_once(ros):
         clock = ("publish_clock:=true",) if name == names[3] else ()
         given = (scene, f"record:={bags}", *clock)
         started.append(ros.start("crawler_ros.simulator", *given, arguments=("-r", f"__ns:=/{name}")))
-    wait_until(lambda: all(ros.heard[f"/{name}/pose"] for name in names), 90.0, "all crawlers")
+    wait_until(lambda: all(ros.heard[f"/{name}/pose"] for name in names), what="all crawlers")
     players = [
         ros.start("crawler_ros.gait_player", scene, "periods:=3", arguments=("-r", f"__ns:=/{name}")) for name in names
     ]
-    assert [p.process.wait(120) for p in players] == [0] * count
+    assert [p.wait() for p in players] == [0] * count
+    offline = simulate(load_scene("three_contacts_two_ways"), duration=3.0)
+    for name in names:
+        ros.walked(offline.net_translation[-1], pose=f"/{name}/pose")
     assert ros.node.count_publishers("/clock") == 1
     clock = [m.clock.sec * 10**9 + m.clock.nanosec for m in ros.heard["/clock"]]
     assert (np.diff(clock) > 0).all()
     assert [p.end() for p in started] == [0] * count
-    offline = simulate(load_scene("three_contacts_two_ways"), duration=3.0)
     found = set()
     for path in bags.iterdir():
         (topic,) = [t for t in bag.examine(path).counts if t.endswith("/pose")]
         name = topic.split("/")[1]
         found.add(name)
         assert_whole(path, f"/{name}/joint_states")
-        sent = [stamp_ns(m) for m in recorded(path, f"/{name}/joint_trajectory")]
-        start = min(s for s in sent if s > 0)  # a player that waits long asks for a tick before, at no time
-        y = {stamp_ns(m): m.pose.position.x for m in recorded(path, topic)}
-        # a player that came late plays on: all it sent was followed, and was so before the last period began
-        assert y[start + 3 * 10**9] - y[start] == pytest.approx(offline.net_translation[-1], abs=1e-12)
-        assert y[start + 3 * 10**9] - y[start + 2 * 10**9] == pytest.approx(0.07, abs=1e-12)
-        assert simulate_again(path).ticks == len(y)
+        poses = recorded(path, topic)
+        assert poses[-1].pose.position.x == pytest.approx(offline.net_translation[-1], abs=1e-12)
+        assert simulate_again(path).ticks == len(poses)
     assert found == set(names)

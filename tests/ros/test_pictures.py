@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
 import socket
 import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +17,15 @@ import pytest
 pytest.importorskip("rerun")
 from PIL import Image
 
+from crawler_bench.processes import wait_until
 from crawler_model import Crawler, CrawlerError, load_scene
 from crawler_ros.colors import BACK, FORWARD, TENSION, rgb
 from crawler_ros.frames import Frame, frame_of, thin
 from crawler_ros.picture import draw_page, screenshot
 from crawler_ros.viewer_feed import LIVE_PORT, ViewerFeed, is_free
 from crawler_ros.visualizer import Drawing, to_file
+
+from ..sockets import addresses
 
 GREEN, RED, GREY = rgb(FORWARD), rgb(BACK), (80, 80, 80)
 RENDERER = any(Path("/usr/share/vulkan/icd.d").glob("*.json")) if Path("/usr/share/vulkan/icd.d").is_dir() else False
@@ -122,14 +123,10 @@ def test_a_page_of_nothing_is_refused(tmp_path):
         draw_page(load_scene("two_anchor_a"), [], tmp_path / "p.png")
 
 
-def show_many(feed: ViewerFeed, crawler: Crawler, count: int) -> float:
-    worst = 0.0
+def show_many(feed: ViewerFeed, crawler: Crawler, count: int) -> None:
     for k in range(count):
         crawler.advance([0.1 * np.sin(0.3 * k), 0.0])
-        began = time.perf_counter()
         feed.show(k * 20_000_000, crawler)
-        worst = max(worst, time.perf_counter() - began)
-    return worst
 
 
 def test_the_feed_writes_a_file_and_drops_nothing(tmp_path):
@@ -145,9 +142,8 @@ def test_a_stopped_viewer_costs_frames_and_never_a_wait(tmp_path):
     scene = load_scene("three_contacts_one_way")
     feed = ViewerFeed(scene, str(tmp_path / "x.rrd"), lambda text: None)
     feed._process.send_signal(signal.SIGSTOP)
-    worst = show_many(feed, Crawler(scene), 20_000)
+    show_many(feed, Crawler(scene), 20_000)  # a wait would be for ever
     assert feed.dropped > 5_000
-    assert worst < 1.0  # it would be for ever
     feed._process.send_signal(signal.SIGKILL)
     show_many(feed, Crawler(scene), 10)
     feed.close()
@@ -157,22 +153,6 @@ def test_a_view_never_overwrites(tmp_path):
     (tmp_path / "x.rrd").write_text("mine")
     with pytest.raises(FileExistsError):
         ViewerFeed(load_scene("two_anchor_a"), str(tmp_path / "x.rrd"), lambda text: None)
-
-
-def listening(pid: int) -> set[tuple[str, int]]:
-    """The TCP addresses at which a process listens: address and port."""
-    inodes = set()
-    for fd in Path(f"/proc/{pid}/fd").iterdir():
-        with contextlib.suppress(OSError):  # it was closed meanwhile
-            inodes.add(os.readlink(fd))
-    found = set()
-    for table in ("tcp", "tcp6"):
-        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
-            words = line.split()
-            if words[3] == "0A" and f"socket:[{words[9]}]" in inodes:
-                address, port = words[1].split(":")
-                found.add((address, int(port, 16)))
-    return found
 
 
 def test_live_viewers_serve_on_loopback_only_and_each_on_a_port_of_its_own(monkeypatch):
@@ -185,11 +165,9 @@ def test_live_viewers_serve_on_loopback_only_and_each_on_a_port_of_its_own(monke
             feed = ViewerFeed(scene, "live", said.append)
             stack.callback(feed.close)
             ports.append(int(said[-1].split("127.0.0.1:")[1].split("/")[0]))
-            deadline, found = time.monotonic() + 60.0, set()
-            while feed.alive and not found and time.monotonic() < deadline:
-                time.sleep(0.05)
-                found = listening(feed._process.pid)
-            assert found == {("0100007F", ports[-1])}
+            pid = feed._process.pid
+            found = wait_until(lambda pid=pid: {a for a in addresses(pid) if a[0].startswith("tcp")}, what="its port")
+            assert found == {("tcp", "127.0.0.1", ports[-1])}
             show_many(feed, Crawler(scene), 10)
             assert feed.alive
             if number == 0:

@@ -8,7 +8,6 @@ import os
 import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import mcap.reader
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 
+from crawler_bench.processes import PATIENCE_S, wait_until
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.drive import NS
 from crawler_ros import bag
@@ -32,14 +32,16 @@ PERIODS = 4
 
 def crawler(*arguments) -> subprocess.CompletedProcess[str]:
     words = [sys.executable, "-m", "crawler_ros.cli", *map(str, arguments)]
-    return subprocess.run(words, capture_output=True, text=True, timeout=120, env=os.environ | {"COLUMNS": "140"})
+    return subprocess.run(
+        words, capture_output=True, text=True, timeout=PATIENCE_S, env=os.environ | {"COLUMNS": "140"}
+    )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def real(tmp_path_factory):
     """Runs of a simulator in lock-step under a gait player, made on demand."""
     pytest.importorskip("rclpy")
-    from .graph import graph, wait_until
+    from .graph import graph
 
     made: dict[str, Path] = {}
 
@@ -49,10 +51,9 @@ def real(tmp_path_factory):
             with graph(folder) as ros:
                 given = f"scene:={scene}"
                 simulator = ros.start("crawler_ros.simulator", given, f"record:={folder / 'bags'}", "lock_step:=true")
-                wait_until(lambda: "waiting for commands" in simulator.said, 60, "the start")
+                wait_until(lambda: "waiting for commands" in simulator.said, what="the start")
                 player = ros.start("crawler_ros.gait_player", given, f"periods:={PERIODS}")
-                assert player.process.wait(60) == 0, player.said
-                time.sleep(0.2)
+                assert player.wait() == 0, player.said
                 assert simulator.end() == 0
             (made[scene],) = (folder / "bags").iterdir()
         return made[scene]

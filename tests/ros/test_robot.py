@@ -12,13 +12,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from urdf_parser_py.urdf import URDF
 
+from crawler_bench.processes import wait_until
 from crawler_model import Crawler, gallery, load_scene, simulate
 from crawler_ros import bag, interface
 from crawler_ros.messages import OdometryMessage, encode_string
 from crawler_ros.robot_description import describe_robot
 from crawler_ros.states import joint_state_names, station_names
 
-from .graph import graph, seconds, wait_until
+from .graph import graph, seconds
 from .test_nodes import trajectory
 from .test_recording import DECODE
 

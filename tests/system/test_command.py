@@ -10,12 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from crawler_bench.processes import PATIENCE_S
 from crawler_model import gallery
 
 CRAWLER = str(Path(sys.executable).parent / "crawler")
 
 
-def crawler(*arguments: str, cwd: Path | None = None, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+def crawler(*arguments: str, cwd: Path | None = None, timeout: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
     environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     return subprocess.run(
         [CRAWLER, *arguments],

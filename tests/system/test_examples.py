@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from crawler_bench.processes import PATIENCE_S
 from crawler_model import load_scene, simulate
 from tests import recordings
 
@@ -119,11 +120,13 @@ def test_read_recording_makes_one(tmp_path):
     """As a stranger runs it: a process of its own, with the nodes that it starts."""
     for module in ("rclpy", "mcap", "rosbags"):
         pytest.importorskip(module)
-    from tests.ros.graph import _domains, environment
+    from crawler_ros.domains import reserved_domain
+    from tests.ros.graph import environment
 
     command = [sys.executable, str(FOLDER / "read_recording.py")]
-    place = {"cwd": tmp_path, "env": environment(next(_domains)) | {"PYTHONPATH": os.pathsep.join(sys.path)}}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, **place)
+    with reserved_domain() as domain:
+        place = {"cwd": tmp_path, "env": environment(domain) | {"PYTHONPATH": os.pathsep.join(sys.path)}}
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, **place)
     assert done.returncode == 0, done.stderr
     assert "three_contacts_one_way: healthy True; identical to the bit" in done.stdout
     assert "gained in each cycle [m]: [0.15333333 0.14       0.14       0.14       0.14      ]" in done.stdout

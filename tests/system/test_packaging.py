@@ -13,6 +13,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from crawler_bench.processes import PATIENCE_S
+from crawler_ros.domains import reserved_domain
+
 from ..pages import ROOT
 from .test_readme import README
 
@@ -129,7 +132,7 @@ class Workspace:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=200,
+            timeout=PATIENCE_S,
         )
         assert done.returncode == status, done.stdout
         return done.stdout
@@ -141,7 +144,9 @@ class Workspace:
         return self.sourced(f"python - <<'END'\n{code}\nEND").splitlines()
 
 
-@pytest.fixture(scope="module", params=["", " --symlink-install"], ids=["copied", "linked"])
+@pytest.fixture(
+    scope="module", params=["", pytest.param(" --symlink-install", marks=pytest.mark.slow)], ids=["copied", "linked"]
+)
 def workspace(request, tmp_path_factory):
     pytest.importorskip("rclpy")
     pytest.importorskip("colcon_ros")
@@ -184,14 +189,15 @@ def test_a_scene_and_every_executable_run_from_there(workspace):
     lib = workspace.folder / "install" / PACKAGE / "lib" / PACKAGE
     assert {file.name for file in lib.iterdir()} == {"crawler", *EXECUTABLES}
     assert f"ros2 run {PACKAGE} simulator --ros-args -p scene:=two_anchor_a" in README
-    said = workspace.sourced(
-        f"""export ROS_DOMAIN_ID={1 + os.getpid() % 100}
+    with reserved_domain() as domain:
+        said = workspace.sourced(
+            f"""export ROS_DOMAIN_ID={domain}
         {lib}/simulator --ros-args -p scene:=two_anchor_a -p real_time_factor:=5.0 -p record:=bags & simulator=$!
         {lib}/gait_player --ros-args -p scene:=two_anchor_a -p periods:=2
         {lib}/speed_control --ros-args -p periods:=2
         {lib}/phase_control --ros-args -p phases:=1 -p tolerance:=1.0
         kill -INT $simulator; wait $simulator && {lib}/replay bags/*"""
-    )
+        )
     for part in ("period 2 of 2", "period 2: amplitude", "best phase", "whole", "identical to the bit"):
         assert part in said
 

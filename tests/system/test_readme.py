@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from crawler_bench.processes import PATIENCE_S
 from crawler_ros import interface
 
 from ..pages import ROOT, blocks, prose
@@ -23,7 +24,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 def demonstrated(tmp_path_factory):
     pytest.importorskip("rclpy")
     folder = tmp_path_factory.mktemp("demo")
-    return folder, good("demo", cwd=folder, timeout=240)
+    return folder, good("demo", cwd=folder, timeout=3 * PATIENCE_S)
 
 
 def test_demo_ends_with_a_summary_on_one_screen(demonstrated):
@@ -56,13 +57,16 @@ def test_the_two_commands_are_there():
 
 def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
     pytest.importorskip("rclpy")
-    from tests.ros.graph import environment, graph, wait_until
+    from crawler_bench.processes import wait_until
+    from tests.ros.graph import environment, graph
 
     (script,) = [block for block in blocks("README.md", README) if block.file == "my_controller.py"]
     with graph(tmp_path) as ros:
         ros.simulator(hear=("joint_states",))
         (tmp_path / script.file).write_text(script.text)
-        subprocess.run([sys.executable, tmp_path / script.file], env=environment(ros.domain), timeout=60, check=True)
+        subprocess.run(
+            [sys.executable, tmp_path / script.file], env=environment(ros.domain), timeout=PATIENCE_S, check=True
+        )
         wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
 
 
@@ -104,7 +108,7 @@ def test_the_nodes_are_found_through_the_ament_index():
         executable = prefix / "lib" / "crawler_ros" / name
         assert os.access(executable, os.X_OK)
         command = [executable, "--ros-args", "-p", "scene:=nowhere"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
         assert done.returncode == 1
         assert "nowhere: no such file, nor a scene of the gallery" in done.stderr
 

@@ -14,6 +14,8 @@ import pytest
 pytest.importorskip("material", reason="the site is built with the extra docs")
 pytest.importorskip("mkdocstrings_handlers.python", reason="the site is built with the extra docs")
 
+from crawler_bench.processes import PATIENCE_S
+
 from ..pages import ROOT, pages
 
 
@@ -22,7 +24,7 @@ def site(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     quiet = {"NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=os.environ | quiet, capture_output=True, text=True, timeout=240)
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | quiet, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     return folder
 

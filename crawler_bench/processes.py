@@ -1,0 +1,62 @@
+"""What is waited for, and what a process costs, as the kernel counts it."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+PATIENCE_S = 600.0
+"""Only what hangs takes so long, on the busiest machine, where the kernels are compiled for the first time."""
+
+
+def wait_until(condition: Callable[[], T], seconds: float = PATIENCE_S, what: str = "it") -> T:
+    """Wait for a condition.
+
+    Args:
+        condition: asked a hundred times a second.
+        seconds: at most.
+        what: is waited for, for people.
+
+    Returns:
+        What the condition gave that is true.
+
+    Raises:
+        TimeoutError: when it does not come true.
+    """
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{what} did not happen within {seconds:g} s")
+        time.sleep(0.01)
+    return found
+
+
+def cpu_seconds(pid: int) -> float:
+    """Read how much processor time a process has taken [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def children(pid: int) -> list[int]:
+    """List the processes that a process has started."""
+    return [int(p) for task in Path(f"/proc/{pid}/task").iterdir() for p in (task / "children").read_text().split()]
+
+
+def memory_mb(pid: int) -> float:
+    """Read the resident memory of a process [MiB]."""
+    return _status_mb(pid, "VmRSS")
+
+
+def peak_memory_mb(pid: int) -> float:
+    """Read the most resident memory that a process has had [MiB]; 0 when it has ended."""
+    return _status_mb(pid, "VmHWM")
+
+
+def _status_mb(pid: int, field: str) -> float:
+    found = re.search(rf"{field}:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
+    return int(found[1]) / 1024.0 if found else 0.0
