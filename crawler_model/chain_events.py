@@ -124,7 +124,9 @@ def _count_free(bytes_):
 
 
 @compiled
-def follow_events(elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements):
+def follow_events(
+    elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements, wide
+):
     """Follow the straight ramp to `target` from event to event.
 
     Args:
@@ -138,8 +140,9 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
         account: of the ramp, shape (11,), added to.
-        budget: most linear pieces.
+        budget: most work: contacts solved, and breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
+        wide: True where the projection takes twice the digits.
 
     Returns:
         False when the budget was spent before the end: state and commands are then where it came to.
@@ -168,7 +171,7 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
         tree[i] = -1
 
     s = 0.0
-    free_translation = solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1)
+    free_translation, spent = solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide)
     for i in range(n):
         floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
     for node in range(leaves - 1, 0, -1):
@@ -201,7 +204,8 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
             account[GAIN_MOST] += most * (until - s)
         if ending:
             break
-        if pieces > budget:
+        spent += n if look or shifted else 0
+        if spent > budget:
             done = False
             break
         if when > s:
@@ -244,9 +248,10 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
             solved_to = last
             for i in range(first, last + 1):
                 free -= bytes_[ROW_SIDE, i] == 0
-            free_translation = solve(
-                elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last
+            free_translation, effort = solve(
+                elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide
             )
+            spent += effort
             for i in range(first, last + 1):
                 free += bytes_[ROW_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):

@@ -99,7 +99,7 @@ class Step:
 
     @property
     def overspent(self) -> int:
-        """Ramps in which the budget of events was spent and a catch-up step did the rest."""
+        """Ramps in which the budget of work was spent and a catch-up step did the rest."""
         return int(self.account[OVERSPENT])
 
     def __repr__(self) -> str:
