@@ -20,7 +20,7 @@ import numpy as np
 
 from ._compiled import compiled
 from .chain_events import follow_events
-from .chain_kernel import chain_velocities, project, shape_gain
+from .chain_kernel import EPS, chain_velocities, project, shape_gain
 from .chain_memory import ROW_BACKWARD, ROW_FORWARD, ROW_MOVED, ROW_RATE, ROW_SIDE, ROW_TRIAL, ROW_V, ROW_ZEROS
 from .chain_wide import project_wide, spans_decades
 from .state import (
@@ -40,6 +40,7 @@ from .state import (
     GAINED,
     OVERSPENT,
     RESIDUAL,
+    ROUNDING,
     SHAPE,
     STIFFNESS,
     TENSION,
@@ -53,6 +54,17 @@ from .state import (
     shift,
 )
 from .uniqueness import CRITICAL, choose_translation, is_wide, nearness
+
+
+@compiled
+def _discord(contacts, links):
+    """Compute by how much elongations from tensions and elongations from displacements differ, beyond their rounding."""
+    worst = 0.0
+    for i in range(links.shape[1]):
+        z = (contacts[X, i + 1] - contacts[X, i]) + (contacts[X_REST, i + 1] - contacts[X_REST, i])
+        least = 4.0 * EPS * (abs(contacts[X, i]) + abs(contacts[X, i + 1]) + abs(links[ACTUATION, i]))
+        worst = max(worst, abs(z - links[SHAPE, i]) - least)
+    return worst
 
 
 @compiled
@@ -97,6 +109,7 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
     total = 0.0
     violation = account[VIOLATION]
     before = 0.0
+    excess = 0.0
     for i in range(n):
         after = tension[i] if i < n - 1 else 0.0
         if i < n - 1:
@@ -109,11 +122,16 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
             stored += 0.5 * after * stretch
         distance = min(forward[i] - (after - before), backward[i] + (after - before))
         violation = max(violation, -distance)
+        if wide and distance < 0.0:  # what would relieve it
+            give = elasticity[COMPLIANCE, max(i - 1, 0) : i + 1].max()
+            excess = max(excess, -distance * give)
         near += max(distance, 0.0)
         total += forward[i] + backward[i]
         before = after
     account[VIOLATION] = violation
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    if wide:
+        account[ROUNDING] += excess + _discord(contacts, links)
     account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
     return stored
 
@@ -235,7 +253,7 @@ def follow(
         bytes_: statuses within a ramp.
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
-        account: shape (11,), added to.
+        account: shape (12,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 3 N - 1) or (0, 3 N - 1) for none.
     """
     n = contacts.shape[1]

@@ -82,7 +82,7 @@ def follow_events(
         floats: memory of the ramp, from `graph_memory`, as are the next two.
         changes: of the rest lengths and tensions.
         bytes_: sides of the contacts.
-        account: of the ramp, shape (11,), added to.
+        account: of the ramp, shape (12,), added to.
         budget: most contacts solved, each round of the active set counting.
         rounds: most rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).

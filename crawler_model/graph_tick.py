@@ -228,7 +228,7 @@ def follow(
         floats: from `scratch(N, S)`, as are the next two.
         changes: of the springs.
         bytes_: of the contacts.
-        account: shape (11,), added to.
+        account: shape (12,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 2 N + S) or (0, 2 N + S) for none.
     """
     n = contacts.shape[1]
