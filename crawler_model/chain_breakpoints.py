@@ -17,8 +17,9 @@ POSITION, SLOPE, JUMP, REACH = range(4)
 
 _RANK = REACH
 _SHIFT, _FIRST, _LAST, _TURN, _RISE = range(4, 9)
-"""Further columns of a tree, which has a row for each node: who is nearer to the root; what the children have yet to be moved by; of the subtree its least and greatest position,
-the growth of the slope from left to right over it, and the rise of the curve over it if its slope is 0 at the left."""
+"""Further columns of a tree, which has a row for each node: who is nearer to the root; what the children have yet to be
+moved by; of the subtree its least and greatest position, the growth of the slope from left to right over it, and the rise
+of the curve over it if its slope is 0 at the left."""
 _FLOATS = 9
 _LEFT, _RIGHT = range(2)
 _DEPTH = 256
@@ -180,7 +181,19 @@ def _cut(floats, children, path, root, way, here, height, flat):
 
 @compiled
 def project_balanced(
-    target, compliance, backward, forward, grain, tension, stacks, start, n_left, n_right, shift_left, shift_right, reach
+    target,
+    compliance,
+    backward,
+    forward,
+    grain,
+    tension,
+    stacks,
+    start,
+    n_left,
+    n_right,
+    shift_left,
+    shift_right,
+    reach,
 ):
     """Go on with the forward pass of `chain_kernel.project` from a link on, with the breakpoints in trees.
 

@@ -190,7 +190,9 @@ def follow_events(
         tree[i] = -1
 
     s = 0.0
-    free_translation, spent = solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide)
+    free_translation, spent = solve(
+        elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
+    )
     for i in range(n):
         floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
     for node in range(leaves - 1, 0, -1):

@@ -12,6 +12,9 @@ events change, never a comparison of rounded numbers; a contact that leaves its 
 has grown.
 
 `catch_up` projects once, with the friction of the ramp's end; the translation uses the ramp's mean friction.
+
+Where stiffness spans many decades the projection takes twice the digits (`chain_wide`), and the account says how far
+rounding may have moved a contact all the same.
 """
 
 from __future__ import annotations
@@ -58,7 +61,7 @@ from .uniqueness import CRITICAL, choose_translation, is_wide, nearness
 
 @compiled
 def _discord(contacts, links):
-    """Compute by how much elongations from tensions and elongations from displacements differ, beyond their rounding."""
+    """Compute by how much elongations from tensions and from displacements differ beyond the rounding of the latter."""
     worst = 0.0
     for i in range(links.shape[1]):
         z = (contacts[X, i + 1] - contacts[X, i]) + (contacts[X_REST, i + 1] - contacts[X_REST, i])

@@ -45,9 +45,9 @@ class Crawler:
             scene: body, friction, start, and the command in force at the start.
             method: "exact" follows every event, "catch_up" takes one implicit step a ramp; by default exact on a line.
                 In the plane only "catch_up": steps refined to the scene's tolerance.
-            budget: most work in one ramp of `exact`: contacts solved (again at every event, if they belong to the sliding
-                block that changes; in a graph all contacts, in every round of its active set) and breakpoints passed
-                in projections; by default 10 000 (N + 1 000). The rest of the ramp is a catch-up step then, and
+            budget: most work in one ramp of `exact`: contacts solved (at an event those of the sliding block that
+                changes; in a graph all, in every round of its active set) and breakpoints passed in projections; by
+                default 10 000 (N + 1 000). When it is spent, a catch-up step does the rest of the ramp, and
                 `Step.overspent` counts it.
 
         Raises:
