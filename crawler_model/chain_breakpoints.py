@@ -18,8 +18,8 @@ POSITION, SLOPE, JUMP, REACH = range(4)
 _RANK = REACH
 _SHIFT, _FIRST, _LAST, _TURN, _RISE = range(4, 9)
 """Further columns of a tree, which has a row for each node: who is nearer to the root; what the children have yet to be
-moved by; of the subtree its least and greatest position, the growth of the slope from left to right over it, and the rise
-of the curve over it if its slope is 0 at the left."""
+moved by; of the subtree its least and greatest position, the growth of the slope from left to right over it, and the
+rise of the curve over it if its slope is 0 at the left."""
 _FLOATS = 9
 _LEFT, _RIGHT = range(2)
 _DEPTH = 256

@@ -25,7 +25,7 @@ from .uniqueness import CRITICAL
 
 EPS = float(np.finfo(np.float64).eps)
 _MANY_MOVES, _ALWAYS_FEW = 32, 1024
-"""When more breakpoints than so many a link, and this number besides, have moved between the stacks, trees take over."""
+"""When more breakpoints than so many a link, and this number besides, have moved from stack to stack, trees do it."""
 
 
 def workspace(links: int) -> np.ndarray:
