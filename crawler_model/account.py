@@ -47,7 +47,7 @@ class Total:
         violation: largest excess over a bound [N].
         unique: whether the translation was determined on every ramp.
         events: linear pieces.
-        overspent: ramps with too many events.
+        overspent: ramps whose budget of work was spent.
     """
 
     visited: float

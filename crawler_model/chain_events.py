@@ -29,16 +29,20 @@ from .chain_memory import (
     ROW_SIDE,
     ROW_SINCE,
     ROW_V,
+    ROW_V_BEFORE,
 )
 from .chain_rates import slack, solve, update
 from .state import (
     ACTUATION,
     AMBIGUOUS,
+    AT_BACKWARD,
     BACKWARD,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
+    ROUNDING,
+    TENSION,
     VISITED,
 )
 from .uniqueness import CRITICAL, choose_translation, is_wide
@@ -114,6 +118,21 @@ def _near_criticality(contacts, links, floats, side, account, whole, s):
 
 
 @compiled
+def _uncertainty(contacts, links, floats, coming, s, i):
+    """Compute by how much the rounding of forces may have moved the event of contact i, as part of the ramp."""
+    n = contacts.shape[1]
+    size = abs(contacts[FORWARD, i]) + abs(s * floats[ROW_D_FORWARD, i])
+    closing = floats[ROW_D_FORWARD, i]
+    if coming == AT_BACKWARD:
+        size = abs(contacts[BACKWARD, i]) + abs(s * floats[ROW_D_BACKWARD, i])
+        closing = -floats[ROW_D_BACKWARD, i]
+    for j in range(max(i - 1, 0), min(i + 1, n - 1)):
+        size += abs(links[TENSION, j]) + abs(s * floats[ROW_RATE, j])
+        closing += floats[ROW_RATE, j] if j < i else -floats[ROW_RATE, j]
+    return min(EPS * (size + abs(closing)) / abs(closing), 1.0) if closing != 0.0 else 0.0
+
+
+@compiled
 def _count_free(bytes_):
     """Count the contacts that are free or leave their bound."""
     free = 0
@@ -124,7 +143,9 @@ def _count_free(bytes_):
 
 
 @compiled
-def follow_events(elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements):
+def follow_events(
+    elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements, wide
+):
     """Follow the straight ramp to `target` from event to event.
 
     Args:
@@ -137,9 +158,10 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
         bytes_: statuses within the ramp.
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
-        account: of the ramp, shape (11,), added to.
-        budget: most linear pieces.
+        account: of the ramp, shape (12,), added to.
+        budget: most work: contacts solved, and breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
+        wide: True where the projection takes twice the digits.
 
     Returns:
         False when the budget was spent before the end: state and commands are then where it came to.
@@ -168,7 +190,9 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
         tree[i] = -1
 
     s = 0.0
-    free_translation = solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1)
+    free_translation, spent = solve(
+        elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
+    )
     for i in range(n):
         floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
     for node in range(leaves - 1, 0, -1):
@@ -201,7 +225,8 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
             account[GAIN_MOST] += most * (until - s)
         if ending:
             break
-        if pieces > budget:
+        spent += n if look or shifted else 0
+        if spent > budget:
             done = False
             break
         if when > s:
@@ -209,8 +234,11 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
         s = when
 
         count = 0
+        blur = 0.0
         while floats[ROW_NEXT, first_hit] <= s:  # ties: all that arrive at once, then solve
             _settle(status, floats, bytes_, s, first_hit)
+            if wide:
+                blur += _uncertainty(contacts, links, floats, bytes_[ROW_COMING, first_hit], s, first_hit)
             status[first_hit] |= bytes_[ROW_COMING, first_hit]
             floats[ROW_NEXT, first_hit] = np.inf
             _announce(tree, leaves, floats, first_hit)
@@ -244,9 +272,18 @@ def follow_events(elasticity, contacts, links, status, target, floats, bytes_, t
             solved_to = last
             for i in range(first, last + 1):
                 free -= bytes_[ROW_SIDE, i] == 0
-            free_translation = solve(
-                elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last
+            if wide:
+                for i in range(first, last + 1):
+                    floats[ROW_V_BEFORE, i] = floats[ROW_V, i]
+            free_translation, effort = solve(
+                elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide
             )
+            spent += effort
+            if wide:
+                turn = 0.0
+                for i in range(first, last + 1):
+                    turn = max(turn, abs(floats[ROW_V, i] - floats[ROW_V_BEFORE, i]))
+                account[ROUNDING] += blur * turn
             for i in range(first, last + 1):
                 free += bytes_[ROW_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):

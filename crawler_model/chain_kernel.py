@@ -1,4 +1,4 @@
-"""The projection onto the stasis domain of a chain, exact and in linear time.
+"""The projection onto the stasis domain of a chain, exact and in linear time as a rule.
 
     minimise    sum_i (T_i - a_i)^2 / (2 k_i)
     subject to  -backward_i <= T_i - T_{i-1} <= forward_i,    T_{-1} = T_{n} = 0
@@ -11,7 +11,8 @@ piecewise-linear function of T_i. A link adds the line (T - a_i) / k_i. A contac
 moves the left part by -backward, the right part by forward and leaves a plateau of zero between. Only the
 breakpoints are kept, on two stacks that meet at the zero, each with a shift common to all its members; a
 breakpoint knows by how much the slope grows outwards, and how high the curve jumps there (the ends of the
-domain are infinite jumps). The same family as Johnson's algorithm for the fused lasso.
+domain are infinite jumps). The same family as Johnson's algorithm for the fused lasso. Where the zero passes many of
+them at every link, `chain_breakpoints` keeps them in trees: O(N log N) whatever the load.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from __future__ import annotations
 import numpy as np
 
 from ._compiled import compiled
+from .chain_breakpoints import JUMP, POSITION, REACH, SLOPE, project_balanced
 from .uniqueness import CRITICAL
 
 EPS = float(np.finfo(np.float64).eps)
-POSITION, SLOPE, JUMP, REACH = range(4)
+_MANY_MOVES, _ALWAYS_FEW = 32, 1024
+"""When more breakpoints than so many a link, and this number besides, have moved from stack to stack, trees do it."""
 
 
 def workspace(links: int) -> np.ndarray:
@@ -52,6 +55,9 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
         side: output, int8, shape (n + 1,): 1 where `forward` holds with equality, -1 where `backward` does, else 0.
             What lies within rounding of a bound counts as on it.
         stacks: scratch from `workspace(n)` or larger.
+
+    Returns:
+        The number of breakpoints that the zero of the curve passed.
     """
     n = target.shape[0]
     left = stacks[0]
@@ -60,6 +66,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
     n_right = 0
     shift_left = 0.0
     shift_right = 0.0
+    moved = 0
     reach = grain[0]  # how far the curve has been moved since it last began anew: the size of what rounding can do
     if backward[0] < np.inf:
         left[POSITION, 0] = -backward[0]
@@ -75,6 +82,23 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
         reach += abs(forward[0])
 
     for i in range(n):
+        if moved > _MANY_MOVES * i + _ALWAYS_FEW:
+            moved += project_balanced(
+                target,
+                compliance,
+                backward,
+                forward,
+                grain,
+                tension,
+                stacks,
+                i,
+                n_left,
+                n_right,
+                shift_left,
+                shift_right,
+                reach,
+            )
+            break
         flat = compliance[i]
         zero = target[i]
         slope_left = flat
@@ -89,6 +113,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
                 jump = left[JUMP, n_left - 1]
                 outer = max(slope + left[SLOPE, n_left - 1], flat)
                 n_left -= 1
+                moved += 1
                 if jump >= value:
                     zero = here
                     value_left = value - jump
@@ -118,6 +143,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
                 jump = right[JUMP, n_right - 1]
                 outer = max(slope + right[SLOPE, n_right - 1], flat)
                 n_right -= 1
+                moved += 1
                 if -jump <= value:
                     zero = here
                     value_left = value
@@ -197,6 +223,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
         side[0] = -1
     else:
         side[0] = 0
+    return moved
 
 
 NOISE = 1e-14

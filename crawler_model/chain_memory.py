@@ -24,8 +24,9 @@ from . import chain_kernel
     ROW_FORWARD,
     ROW_GRAIN,
     ROW_ZEROS,  # stay so
-) = range(14)
-_FLOAT_ROWS = 14
+    ROW_V_BEFORE,  # the last event
+) = range(15)
+_FLOAT_ROWS = 15
 # Rows of the scratch bytes.
 ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED = range(4)
 _BYTE_ROWS = 4

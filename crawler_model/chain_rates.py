@@ -24,6 +24,7 @@ from .chain_memory import (
     ROW_TRIAL,
     ROW_V,
 )
+from .chain_wide import project_wide
 from .state import (
     AT_BACKWARD,
     AT_FORWARD,
@@ -154,7 +155,7 @@ def _slide_together(compliance, status, floats, side, first, last):
 
 
 @compiled
-def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last):
+def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide):
     """Find the rates of the block of contacts first..last at s, and the next event of each of them.
 
     Args:
@@ -169,9 +170,10 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
         s: where on the ramp, 0 .. 1.
         first: the first contact of the block; a wall or the end of the chain is beside it.
         last: the last one, likewise.
+        wide: True where the projection takes twice the digits.
 
     Returns:
-        True where the translation is free.
+        True where the translation is free, and the work: contacts solved and breakpoints passed.
     """
     n = contacts.shape[1]
     start = max(first - 1, 0)
@@ -184,6 +186,7 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
     for i in range(start, stop):
         trial[i] = -stiffness[i] * d_actuation[i]
     free_translation = False
+    effort = stop - start + 1
     block = start
     while block <= stop:
         if status[block] == 0:
@@ -196,7 +199,7 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
         end = block
         while end < stop and status[end + 1] != 0:
             end += 1
-        if block == start or end == stop or not _slide_together(compliance, status, floats, side, block, end):
+        if wide or block == start or end == stop or not _slide_together(compliance, status, floats, side, block, end):
             left = max(block - 1, start)
             right = min(end + 1, stop)
             for i in range(left, right + 1):
@@ -207,16 +210,13 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
                     backward[i] = -forward[i]
                 changing = d_forward[i] != 0.0 or d_backward[i] != 0.0
                 grain[i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
-            project(
-                trial[left:right],
-                compliance[left:right],
-                backward[left : right + 1],
-                forward[left : right + 1],
-                grain[left : right + 1],
-                rate[left:right],
-                side[left : right + 1],
-                stacks,
-            )
+            aims, gives, rates = trial[left:right], compliance[left:right], rate[left:right]
+            lower, upper, blur = backward[left : right + 1], forward[left : right + 1], grain[left : right + 1]
+            if wide:
+                effort += project_wide(aims, gives, lower, upper, blur, rates, side[left : right + 1])
+            else:
+                effort += project(aims, gives, lower, upper, blur, rates, side[left : right + 1], stacks)
+            effort += right - left
             for i in range(left, right):
                 grain[i] = shape_gain(rate[i], trial[i], compliance[i])  # no longer needed: the links' gains
             free_translation = chain_velocities(grain, side, velocity, block, end)
@@ -254,4 +254,4 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
                 when = other
                 coming[i] = AT_BACKWARD
         next_event[i] = when
-    return free_translation
+    return free_translation, effort

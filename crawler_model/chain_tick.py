@@ -12,6 +12,9 @@ events change, never a comparison of rounded numbers; a contact that leaves its 
 has grown.
 
 `catch_up` projects once, with the friction of the ramp's end; the translation uses the ramp's mean friction.
+
+Where stiffness spans many decades the projection takes twice the digits (`chain_wide`), and the account says how far
+rounding may have moved a contact all the same.
 """
 
 from __future__ import annotations
@@ -20,8 +23,9 @@ import numpy as np
 
 from ._compiled import compiled
 from .chain_events import follow_events
-from .chain_kernel import chain_velocities, project, shape_gain
+from .chain_kernel import EPS, chain_velocities, project, shape_gain
 from .chain_memory import ROW_BACKWARD, ROW_FORWARD, ROW_MOVED, ROW_RATE, ROW_SIDE, ROW_TRIAL, ROW_V, ROW_ZEROS
+from .chain_wide import project_wide, spans_decades
 from .state import (
     ACTUATION,
     ACTUATION_REF,
@@ -39,6 +43,7 @@ from .state import (
     GAINED,
     OVERSPENT,
     RESIDUAL,
+    ROUNDING,
     SHAPE,
     STIFFNESS,
     TENSION,
@@ -55,7 +60,18 @@ from .uniqueness import CRITICAL, choose_translation, is_wide, nearness
 
 
 @compiled
-def _finish(elasticity, contacts, links, status, target, bytes_, account, energy):
+def _discord(contacts, links):
+    """Compute by how much elongations from tensions and from displacements differ beyond the rounding of the latter."""
+    worst = 0.0
+    for i in range(links.shape[1]):
+        z = (contacts[X, i + 1] - contacts[X, i]) + (contacts[X_REST, i + 1] - contacts[X_REST, i])
+        least = 4.0 * EPS * (abs(contacts[X, i]) + abs(contacts[X, i + 1]) + abs(links[ACTUATION, i]))
+        worst = max(worst, abs(z - links[SHAPE, i]) - least)
+    return worst
+
+
+@compiled
+def _finish(elasticity, contacts, links, status, target, bytes_, account, energy, wide):
     """Put the state onto the ramp's end, tensions of contacts at a bound exactly on it, and close the account.
 
     Returns the energy of the springs; `energy` is what it was before the ramp.
@@ -75,6 +91,16 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
         elif status[i] != 0:
             bound = forward[i] if status[i] & AT_FORWARD else -backward[i]
             tension[i] = (tension[i - 1] if i > 0 else 0.0) + bound
+        elif wide:  # the others follow from the softest: its elongation would show the rounding of theirs
+            softest = i
+            end = i
+            while end + 1 < n - 1 and status[end + 1] != 0 and bytes_[ROW_MOVED, end + 1]:
+                end += 1
+                if elasticity[COMPLIANCE, end] > elasticity[COMPLIANCE, softest]:
+                    softest = end
+            for j in range(softest, i, -1):
+                bound = forward[j] if status[j] & AT_FORWARD else -backward[j]
+                tension[j - 1] = tension[j] - bound
     for i in range(n - 1, 0, -1):
         if status[i] == 0:
             break
@@ -86,6 +112,7 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
     total = 0.0
     violation = account[VIOLATION]
     before = 0.0
+    excess = 0.0
     for i in range(n):
         after = tension[i] if i < n - 1 else 0.0
         if i < n - 1:
@@ -98,17 +125,22 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
             stored += 0.5 * after * stretch
         distance = min(forward[i] - (after - before), backward[i] + (after - before))
         violation = max(violation, -distance)
+        if wide and distance < 0.0:  # what would relieve it
+            give = elasticity[COMPLIANCE, max(i - 1, 0) : i + 1].max()
+            excess = max(excess, -distance * give)
         near += max(distance, 0.0)
         total += forward[i] + backward[i]
         before = after
     account[VIOLATION] = violation
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    if wide:
+        account[ROUNDING] += excess + _discord(contacts, links)
     account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
     return stored
 
 
 @compiled
-def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements):
+def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, wide):
     """Go from the present state to `target` in one implicit step."""
     n = contacts.shape[1]
     stiffness = elasticity[STIFFNESS]
@@ -124,7 +156,11 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
             trial[i] = links[TENSION_REF, i] - stiffness[i] * (target[i] - links[ACTUATION_REF, i])
         else:
             trial[i] = tension[i] - stiffness[i] * (target[i] - links[ACTUATION, i])
-    project(trial[: n - 1], elasticity[COMPLIANCE], backward, forward, floats[ROW_ZEROS], new[: n - 1], side, stacks)
+    compliance, blur = elasticity[COMPLIANCE], floats[ROW_ZEROS]
+    if wide:
+        project_wide(trial[: n - 1], compliance, backward, forward, blur, new[: n - 1], side)
+    else:
+        project(trial[: n - 1], compliance, backward, forward, blur, new[: n - 1], side, stacks)
     work = 0.0
     for i in range(n - 1):
         gain = shape_gain(new[i], trial[i], elasticity[COMPLIANCE, i])
@@ -214,19 +250,20 @@ def follow(
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         targets: L, mu_plus and mu_minus at each ramp's end, shape (V, 3 N - 1).
         exact: True to follow every event, False for one catch-up step a ramp.
-        budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
+        budget: most work in one ramp, see `follow_events`; beyond it the rest of that ramp is a catch-up step.
         elements: both contacts of each element of a segment, shape (P, 2).
         floats: from `scratch(N)`, as are the next three.
         bytes_: statuses within a ramp.
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
-        account: shape (11,), added to.
+        account: shape (12,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 3 N - 1) or (0, 3 N - 1) for none.
     """
     n = contacts.shape[1]
     ramp = np.zeros(account.shape[0])
     for i in range(n):
         contacts[GAINED, i] = 0.0
+    wide = spans_decades(elasticity[COMPLIANCE])
     energy = 0.0
     for i in range(n - 1):
         energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
@@ -237,15 +274,15 @@ def follow(
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
             finished = exact and follow_events(
-                elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements
+                elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements, wide
             )
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
                 else:
                     ramp[EVENTS] = 1.0
-                _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements)
-            energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy)
+                _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, wide)
+            energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             for i in range(n):

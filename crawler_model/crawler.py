@@ -47,7 +47,10 @@ class Crawler:
                 loaded.
             method: "exact" follows every event, "catch_up" takes one implicit step a ramp; by default exact on a line.
                 In the plane only "catch_up": steps refined to the scene's tolerance.
-            budget: most linear pieces of one ramp; by default 1000 + 100 N.
+            budget: most work in one ramp of `exact`: contacts solved (at an event those of the sliding block that
+                changes; in a graph all, in every round of its active set) and breakpoints passed in projections; by
+                default 10 000 (N + 1 000). When it is spent, a catch-up step does the rest of the ramp, and
+                `Step.overspent` counts it.
 
         Raises:
             CommandError: when the method is another, or `exact` is asked for in the plane.
@@ -56,7 +59,7 @@ class Crawler:
         self.scene = scene = take_scene(scene, "Crawler")
         self.method = choose_method(scene, method)
         n = scene.mesh.contacts
-        self.budget = 1000 + 100 * n if budget is None else budget
+        self.budget = 10_000 * (n + 1000) if budget is None else budget
         self._planar = scene.mesh.dimension == 2
         self._state = integrate.start_state(scene)
         self._scratch = integrate.build_scratch(scene)

@@ -82,8 +82,8 @@ def follow_events(
         floats: memory of the ramp, from `graph_memory`, as are the next two.
         changes: of the rest lengths and tensions.
         bytes_: sides of the contacts.
-        account: of the ramp, shape (11,), added to.
-        budget: most linear pieces.
+        account: of the ramp, shape (12,), added to.
+        budget: most contacts solved, each round of the active set counting.
         rounds: most rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
 
@@ -104,6 +104,7 @@ def follow_events(
     contact_forces(ends, links[TENSION], floats[ROW_FORCE])
     at = 0.0
     pieces = 0
+    spent = 0
     while True:
         for i in range(n):
             upper = floats[ROW_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
@@ -117,7 +118,8 @@ def follow_events(
             floats[ROW_GRAIN, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
             floats[ROW_LOAD, i] = 0.0
         add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_GRAIN])
-        verdict = displace(network, work, floats, bytes_, rounds)
+        verdict, turns = displace(network, work, floats, bytes_, min(rounds, 1 + (budget - spent) // n))
+        spent += turns * n
         if verdict < 0:
             return at
         v = floats[ROW_V]
@@ -170,7 +172,7 @@ def follow_events(
                 account[AMBIGUOUS] = 1.0
                 account[GAIN_LEAST] += least * ds
                 account[GAIN_MOST] += most * ds
-        if not ending and pieces > budget:
+        if not ending and spent > budget:
             return at
         if ds > 0.0 or pieces == 0:
             pieces += 1

@@ -196,7 +196,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
 
     Returns:
         0 when the translation is determined, 1 when all contacts slide and nothing fixes it (the last contact is then
-        at rest), -1 when the rounds were not enough.
+        at rest), -1 when the rounds were not enough; and how many rounds it took.
     """
     n = load.shape[0]
     ground, size, force, total, trial = floats[0], floats[1], floats[2], floats[3], floats[4]
@@ -229,7 +229,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
                     far = abs(velocity[p])
                     first = p
             if first < 0:
-                return -1
+                return -1, turn + 1
             for p in range(n):
                 velocity[p] += way * far
             side[first] = 0
@@ -296,7 +296,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
                     side[p] = 1
                 elif side[p] == 0 and force[p] - lower[p] <= close and lower[p] > -np.inf:
                     side[p] = -1
-            return 0 if grounded else 1
+            return (0 if grounded else 1), turn + 1
         if 2 * turn >= most_rounds:  # rounding may have led in circles: one at a time is slow and sure
             side[worst] = 1 if force[worst] > upper[worst] else -1
-    return -1
+    return -1, most_rounds

@@ -89,7 +89,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds):
         rounds: most rounds of the active set.
 
     Returns:
-        The verdict of `move`.
+        The verdict of `move`, and its rounds.
     """
     order, band = network
     work, kernel_floats, sliding = stiffness_work
@@ -100,11 +100,11 @@ def displace(network, stiffness_work, floats, bytes_, rounds):
         i = order[p]
         load[p], lower[p], upper[p] = floats[ROW_LOAD, i], floats[ROW_LOWER, i], floats[ROW_UPPER, i]
         grain[p], v[p] = floats[ROW_GRAIN, i], floats[ROW_GUESS, i]
-    verdict = move(band, load, lower, upper, grain, rounds, work, kernel_floats, sliding, v, side)
+    verdict, turns = move(band, load, lower, upper, grain, rounds, work, kernel_floats, sliding, v, side)
     for p in range(n):
         floats[ROW_V, order[p]] = v[p]
         bytes_[0, order[p]] = side[p]
-    return verdict
+    return verdict, turns
 
 
 @compiled

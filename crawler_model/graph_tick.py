@@ -99,7 +99,7 @@ def _catch_up(
     for s in range(springs):
         floats[ROW_GRAIN, ends[s, 0]] += abs(tension[s])
         floats[ROW_GRAIN, ends[s, 1]] += abs(tension[s])
-    verdict = displace(network, work, floats, bytes_, rounds)
+    verdict, _ = displace(network, work, floats, bytes_, rounds)
     if verdict < 0:
         return False
     v = floats[ROW_V]
@@ -222,12 +222,13 @@ def follow(
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         targets: L, mu_plus and mu_minus at each ramp's end, shape (V, S + 2 N).
         exact: True to follow every event, False for one catch-up step a ramp.
-        budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
+        budget: most contacts solved in one ramp, each round of the active set counting; beyond it the rest of that ramp
+            is a catch-up step.
         elements: both contacts of each element of a segment, shape (P, 2).
         floats: from `scratch(N, S)`, as are the next two.
         changes: of the springs.
         bytes_: of the contacts.
-        account: shape (11,), added to.
+        account: shape (12,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 2 N + S) or (0, 2 N + S) for none.
     """
     n = contacts.shape[1]

@@ -166,8 +166,8 @@ def follow(
         scratch: from `build_scratch`.
         targets: rows as in `Columns.target`, shape (V, S + 2 N).
         exact: True to follow every event, False for one catch-up step a ramp (in the plane, refined steps).
-        budget: most linear pieces of one ramp.
-        account: shape (11,), added to.
+        budget: most work in one ramp, as for `Crawler`.
+        account: shape (12,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows for none.
     """
     mesh = scene.mesh

@@ -58,7 +58,7 @@ class ManyRuns:
         visited_margin: how near all contacts came to sliding at once, shape (M,).
         unique: False when on some stretch the translation was not determined, shape (M,).
         events: linear pieces, shape (M,).
-        overspent: ramps whose budget of events was spent, shape (M,).
+        overspent: ramps whose budget of work was spent, shape (M,).
         periods: whole periods run, shape (M,).
         interrupted: True when Ctrl-C stopped the whole; what was done by then is kept.
         wall_s: how long it took [s].

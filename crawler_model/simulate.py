@@ -47,7 +47,7 @@ class Trajectory:
         uniqueness_margin: of the friction commanded (its least over the waypoints) [1]; None when not decided.
         visited_margin: how near all contacts came to sliding at once [1].
         events: linear pieces.
-        overspent: ramps whose budget of events was spent.
+        overspent: ramps whose budget of work was spent.
         ticks: number of ticks.
         wall_s: how long the run took [s].
     """

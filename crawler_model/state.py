@@ -37,10 +37,11 @@ PLANAR_TENSION, PLANAR_ACTUATION = range(2)
     OVERSPENT,
     GAIN_LEAST,
     GAIN_MOST,
-) = range(11)
-"""Entries of the account: the first three and the last two are sums, VISITED is a least, the others are greatest
+    ROUNDING,
+) = range(12)
+"""Entries of the account: the first three and the last three are sums, VISITED is a least, the others are greatest
 values or counts."""
-ACCOUNT_SIZE = 11
+ACCOUNT_SIZE = 12
 
 AT_FORWARD, AT_BACKWARD = 1, 2
 """Bits of a contact's status: the spring force equals mu_plus, or -mu_minus. Both when there is no friction."""
@@ -69,10 +70,10 @@ def add_ramp(account, ramp):
     """Add the account of one ramp to that of all.
 
     Args:
-        account: shape (11,), changed in place.
-        ramp: shape (11,).
+        account: shape (12,), changed in place.
+        ramp: shape (12,).
     """
-    for entry in (WORK, DISSIPATION, RESIDUAL, EVENTS, OVERSPENT, GAIN_LEAST, GAIN_MOST):
+    for entry in (WORK, DISSIPATION, RESIDUAL, EVENTS, OVERSPENT, GAIN_LEAST, GAIN_MOST, ROUNDING):
         account[entry] += ramp[entry]
     for entry in (VIOLATION, COMPLEMENTARITY, AMBIGUOUS):
         account[entry] = max(account[entry], ramp[entry])

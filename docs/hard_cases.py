@@ -26,10 +26,12 @@ The chain has springs between neighbours, the graph any springs: here each sprin
 unless the case names another graph. The plane is the same body on a line in the plane, with friction given by
 directions. `unique: False` means that friction leaves the translation open and that this is said; the shape, and the
 rule for the translation where the case names it, are then what is compared. Errors are in m on bodies of about 1 m and
-1 N, or relative where it says so. Where it says "by the certificate" the error is a ratio, of a graph's distance from
-the chain to what the graph's own certificate admits: over twelve decades of stiffness a graph adds up displacements
-whose rounding its stiffest spring feels, and the certificate shows it. In the plane a scene asks for a tolerance; where
-it says "in tolerances" the error of each ramp is divided by it, and must be at most 1.
+1 N, or relative where it says so. Where it says "by the certificate" the error is a ratio, to what the certificate
+admits: of a graph's distance from the chain, because over twelve decades of stiffness a graph adds up displacements
+whose rounding its stiffest spring feels; and of a chain's distance from rational arithmetic, to the certificate's
+`rounding` or 1e-11, whichever is larger.
+In the plane a scene asks for a tolerance; where it says "in tolerances" the error of each ramp is divided by it, and must
+be at most 1.
 
 Times are those of a whole case, scene and all, on {machine}, with the kernels compiled. They are what was
 measured last; no test depends on them.

@@ -16,7 +16,7 @@ def velocities(network: Network, load, bound, rounds):
     order = network.order
     n = order.size
     v, side = np.zeros(n), np.zeros(n, np.int8)
-    verdict = move(
+    verdict, _ = move(
         network.band, load[order], -bound[order], bound[order], np.zeros(n), rounds, *workspace(network), v, side
     )
     found = np.empty(n)

@@ -141,7 +141,7 @@ def test_long_chains(n, method):
 
 
 def test_a_spent_budget_is_said_and_the_tick_still_ends():
-    crawler = Crawler(scene(50, 1.0, 0.1, 0.3), budget=5)
+    crawler = Crawler(scene(50, 1.0, 0.1, 0.3), budget=200)
     step = crawler.advance(np.sin(np.arange(49.0)))
     assert step.overspent == 1
     assert crawler.actuation == pytest.approx(np.sin(np.arange(49.0)))
@@ -318,3 +318,27 @@ def test_a_command_that_makes_no_sense_changes_nothing(links, method):
         with pytest.raises(CommandError, match=text):
             crawler.advance(*command)
         assert crawler == before
+
+
+@pytest.mark.parametrize("between", ["chain", "ring"])
+def test_the_work_of_a_ramp_is_bounded_by_the_budget(between):
+    """Half the budget that suffices is overspent, and so is every smaller one; what suffices changes no bit."""
+    n = 60
+    links = [(i, i + 1) for i in range(n - 1)] + ([(0, n - 1)] if between == "ring" else [])
+    i = np.arange(len(links))
+    load = (-1.0) ** i * i**1.5
+    whole = net(n, links, "exact", 1.0)
+    step = whole.advance(load)
+    assert step.overspent == 0
+    followed = []
+    for budget in (n // 2, 10 * n, 100 * n, 10_000 * n):
+        crawler = net(n, links, "exact", 1.0)
+        crawler.budget = budget
+        part = crawler.advance(load)
+        followed.append((part.overspent, part.events))
+        assert crawler.actuation == pytest.approx(load)
+        assert part.certificate.violation < 1e-9
+    assert followed[0][0] == followed[1][0] == 1
+    assert followed[-1] == (0, step.events)
+    assert [events for _, events in followed] == sorted(events for _, events in followed)
+    assert crawler.displacement.tolist() == whole.displacement.tolist()
