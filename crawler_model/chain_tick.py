@@ -108,7 +108,7 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
 
 
 @compiled
-def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements):
+def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, share):
     """Go from the present state to `target` in one implicit step."""
     n = contacts.shape[1]
     stiffness = elasticity[STIFFNESS]
@@ -146,7 +146,7 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
         for i in range(n):
             floats[ROW_FORWARD, i] = 0.5 * (contacts[FORWARD, i] + forward[i])
             floats[ROW_BACKWARD, i] = 0.5 * (contacts[BACKWARD, i] + backward[i])
-        least, most = choose_translation(velocity, floats[ROW_FORWARD], floats[ROW_BACKWARD], elements)
+        least, most = choose_translation(velocity, floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
         if is_wide(least, most, velocity):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least
@@ -198,6 +198,7 @@ def follow(
     exact,
     budget,
     elements,
+    share,
     floats,
     bytes_,
     tree,
@@ -216,11 +217,12 @@ def follow(
         exact: True to follow every event, False for one catch-up step a ramp.
         budget: most linear pieces of one ramp; beyond it the rest of that ramp is a catch-up step.
         elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
         floats: from `scratch(N)`, as are the next three.
         bytes_: statuses within a ramp.
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
-        account: shape (11,), added to.
+        account: shape (12,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 3 N - 1) or (0, 3 N - 1) for none.
     """
     n = contacts.shape[1]
@@ -237,14 +239,14 @@ def follow(
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
             finished = exact and follow_events(
-                elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements
+                elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements, share
             )
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
                 else:
                     ramp[EVENTS] = 1.0
-                _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements)
+                _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, share)
             energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy)
             add_ramp(account, ramp)
         if records.shape[0] > 0:

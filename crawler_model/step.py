@@ -15,6 +15,7 @@ from .state import (
     GAIN_MOST,
     OVERSPENT,
     RESIDUAL,
+    UNSOLVED,
     VIOLATION,
     VISITED,
     WORK,
@@ -41,7 +42,7 @@ class Step:
 
     Attributes:
         velocity: displacement gained, per ramp, shape (N,), in the plane (N, 2) [m].
-        account: the numbers behind the properties, in the order of `state`'s entries, shape (11,).
+        account: the numbers behind the properties, in the order of `state`'s entries, shape (12,).
     """
 
     __slots__ = ("_share", "account", "velocity")
@@ -51,7 +52,7 @@ class Step:
 
         Args:
             velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-            account: shape (11,).
+            account: shape (12,).
             share: weight of each contact in the net translation, shape (N,).
         """
         self.velocity = velocity
@@ -102,8 +103,13 @@ class Step:
         """Ramps in which the budget of events was spent and a catch-up step did the rest."""
         return int(self.account[OVERSPENT])
 
+    @property
+    def unsolved(self) -> int:
+        """Ramps in which the active set of a graph gave up; the certificate shows what the rest of them is worth."""
+        return int(self.account[UNSOLVED])
+
     def __repr__(self) -> str:
         """Show the whole account."""
         names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
-        shown = (*names, "visited_margin", "overspent")
+        shown = (*names, "visited_margin", "overspent", "unsolved")
         return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
