@@ -72,7 +72,7 @@ def test_a_row_is_what_simulate_finds_in_one_tick_to_the_bit(name):
 
 
 @pytest.mark.parametrize("elements", [1, 2, 7, 40, 101])
-@pytest.mark.parametrize("name", ["homogeneous_segment", "hybrid_body"])
+@pytest.mark.parametrize("name", ["peristaltic_segment", "hybrid_body"])
 def test_a_row_of_a_segment_has_the_gain_of_simulate_to_the_bit(name, elements):
     one = coarse(name, elements)
     seconds = 7.0 * one.commands.period
