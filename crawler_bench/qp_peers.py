@@ -265,7 +265,7 @@ class QpRun(TickByTick):
         mesh, drive = scene.mesh, scene.commands
         n, s = mesh.contacts, mesh.springs
         self.tail, self.head = mesh.ends.T.copy()
-        self.is_chain, self.elements = mesh.is_chain, mesh.element_ends
+        self.is_chain, self.elements, self.share = mesh.is_chain, mesh.element_ends, mesh.share
         self.counts = (s, s + n)
         self.displacement = np.array(scene.start_displacement)
         self.force = float(drive.targets[:, s:].max())
@@ -303,7 +303,7 @@ class QpRun(TickByTick):
         moved = y * self.length
         if self.chooses:
             mean = 0.5 * (forward + self.forward), 0.5 * (backward + self.backward)
-            choose_translation(moved, *mean, self.elements)
+            choose_translation(moved, *mean, self.elements, self.share)
             self.forward, self.backward = forward, backward
         self.displacement = x + moved
         self.solves += 1

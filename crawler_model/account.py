@@ -48,6 +48,7 @@ class Total:
         unique: whether the translation was determined on every ramp.
         events: linear pieces.
         overspent: ramps whose budget of work was spent.
+        unsolved: ramps in which the active set of a graph gave up.
     """
 
     visited: float
@@ -58,6 +59,7 @@ class Total:
     unique: bool = True
     events: int = 0
     overspent: int = 0
+    unsolved: int = 0
 
     def add(self, step: Step) -> None:
         """Add what happened on some ramps more.
@@ -73,6 +75,7 @@ class Total:
         self.unique = self.unique and step.unique
         self.events += step.events
         self.overspent += step.overspent
+        self.unsolved += step.unsolved
 
 
 def stored_energy(body: Body, tension: np.ndarray) -> np.ndarray:
@@ -101,4 +104,4 @@ def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:
     """
     if not body.segments:
         return x.mean(axis=1)
-    return x @ body.share
+    return np.einsum("ti...,i->t...", x, body.share)  # not `@`: its last bit depends on how many rows there are

@@ -47,7 +47,7 @@ from .state import (
 )
 from .uniqueness import CRITICAL, choose_translation, is_wide
 
-_FEW_FREE, _FEW_CONTACTS = 2, 256
+_FEW_FREE, FEW_CONTACTS = 2, 256
 """All contacts are looked at after an event when at most so many are free, where looking is no dearer than solving, or
 when there are at most so many. For longer chains the visited margin is otherwise sampled at the ends of ramps."""
 _STRETCH = 1e-6
@@ -144,7 +144,20 @@ def _count_free(bytes_):
 
 @compiled
 def follow_events(
-    elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, account, budget, elements, wide
+    elasticity,
+    contacts,
+    links,
+    status,
+    target,
+    floats,
+    bytes_,
+    tree,
+    stacks,
+    account,
+    budget,
+    elements,
+    share,
+    wide,
 ):
     """Follow the straight ramp to `target` from event to event.
 
@@ -158,9 +171,10 @@ def follow_events(
         bytes_: statuses within the ramp.
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
-        account: of the ramp, shape (12,), added to.
+        account: of the ramp, shape (13,), added to.
         budget: most work: contacts solved, and breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
         wide: True where the projection takes twice the digits.
 
     Returns:
@@ -208,7 +222,7 @@ def follow_events(
         when = floats[ROW_NEXT, first_hit]
         ending = not when < 1.0
         until = 1.0 if ending else when
-        look = free <= _FEW_FREE or n <= _FEW_CONTACTS
+        look = free <= _FEW_FREE or n <= FEW_CONTACTS
         critical = look and _near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
         if critical or free_translation:
             # friction in the middle of the stretch: at its start it may have been zero
@@ -217,7 +231,7 @@ def follow_events(
             for i in range(n):
                 floats[ROW_FORWARD, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
                 floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
-            least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements)
+            least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
             shifted = True
         if shifted and until - s > _STRETCH and is_wide(least, most, floats[ROW_V]):
             account[AMBIGUOUS] = 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ._compiled import compiled
-from .chain_kernel import NOISE, chain_velocities, project, shape_gain
+from .chain_kernel import EPS, NOISE, chain_velocities, project, shape_gain
 from .chain_memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -39,6 +39,9 @@ from .state import (
     WORK,
     shift,
 )
+
+_LATE = 0.999
+"""Where on a ramp an arrival may be one at its end, but for rounding."""
 
 
 @compiled
@@ -253,5 +256,13 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
             if other < when:
                 when = other
                 coming[i] = AT_BACKWARD
+        if _LATE < when < 1.0:
+            # how far its force would go beyond the bound: no further than rounding, and it arrives with the ramp's end
+            excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
+            size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
+            for j in range(max(i - 1, 0), min(i + 1, n - 1)):
+                size += abs(links[TENSION, j]) + abs(rate[j])
+            if excess <= 8.0 * EPS * size:
+                when = 1.0
         next_event[i] = when
     return free_translation, effort

@@ -140,7 +140,7 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
 
 
 @compiled
-def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, wide):
+def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, share, wide):
     """Go from the present state to `target` in one implicit step."""
     n = contacts.shape[1]
     stiffness = elasticity[STIFFNESS]
@@ -182,7 +182,7 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
         for i in range(n):
             floats[ROW_FORWARD, i] = 0.5 * (contacts[FORWARD, i] + forward[i])
             floats[ROW_BACKWARD, i] = 0.5 * (contacts[BACKWARD, i] + backward[i])
-        least, most = choose_translation(velocity, floats[ROW_FORWARD], floats[ROW_BACKWARD], elements)
+        least, most = choose_translation(velocity, floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
         if is_wide(least, most, velocity):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least
@@ -234,6 +234,7 @@ def follow(
     exact,
     budget,
     elements,
+    share,
     floats,
     bytes_,
     tree,
@@ -252,11 +253,12 @@ def follow(
         exact: True to follow every event, False for one catch-up step a ramp.
         budget: most work in one ramp, see `follow_events`; beyond it the rest of that ramp is a catch-up step.
         elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
         floats: from `scratch(N)`, as are the next three.
         bytes_: statuses within a ramp.
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
-        account: shape (12,), added to.
+        account: shape (13,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 3 N - 1) or (0, 3 N - 1) for none.
     """
     n = contacts.shape[1]
@@ -274,14 +276,29 @@ def follow(
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
             finished = exact and follow_events(
-                elasticity, contacts, links, status, target, floats, bytes_, tree, stacks, ramp, budget, elements, wide
+                elasticity,
+                contacts,
+                links,
+                status,
+                target,
+                floats,
+                bytes_,
+                tree,
+                stacks,
+                ramp,
+                budget,
+                elements,
+                share,
+                wide,
             )
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
                 else:
                     ramp[EVENTS] = 1.0
-                _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, wide)
+                _catch_up(
+                    elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, share, wide
+                )
             energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)
             add_ramp(account, ramp)
         if records.shape[0] > 0:

@@ -168,6 +168,11 @@ class Crawler:
         return visited_margin(self.spring_force, self._state.contacts[FORWARD], self._state.contacts[BACKWARD])
 
     @property
+    def visited_margin_sampled(self) -> bool:
+        """Whether a `Step` sees its visited margin at the ends of ramps only, or of steps in the plane."""
+        return self.method != "exact" or integrate.samples_margin(self.body)
+
+    @property
     def joint_elongation(self) -> np.ndarray:
         """Elongation of each link, then of each segment, shape (J,), in the plane (J, 2) [m]."""
         return self.body.joint_sum(self.shape)

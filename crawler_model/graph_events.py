@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ._compiled import compiled
-from .graph_kernel import EPS
+from .graph_margin import put_off, slides_at_once
 from .graph_memory import (
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
@@ -22,7 +22,6 @@ from .graph_memory import (
     add_load,
     contact_forces,
     displace,
-    distance_to_sliding,
 )
 from .state import (
     ACTUATION,
@@ -42,7 +41,7 @@ from .state import (
     WORK,
     shift,
 )
-from .uniqueness import CRITICAL, choose_translation, is_wide
+from .uniqueness import choose_translation, is_wide
 
 _STRETCH = 1e-6
 """A piece shorter than this part of its ramp is an isolated instant, see `chain_tick`."""
@@ -67,6 +66,7 @@ def follow_events(
     budget,
     rounds,
     elements,
+    share,
 ):
     """Follow the straight ramp to `target` from event to event.
 
@@ -82,13 +82,14 @@ def follow_events(
         floats: memory of the ramp, from `graph_memory`, as are the next two.
         changes: of the rest lengths and tensions.
         bytes_: sides of the contacts.
-        account: of the ramp, shape (12,), added to.
+        account: of the ramp, shape (13,), added to.
         budget: most contacts solved, each round of the active set counting.
         rounds: most rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
 
     Returns:
-        How far it came, 1 for all the way.
+        How far it came, 1 for all the way; False when the active set gave up there, True when at most the budget did.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
@@ -121,7 +122,7 @@ def follow_events(
         verdict, turns = displace(network, work, floats, bytes_, min(rounds, 1 + (budget - spent) // n))
         spent += turns * n
         if verdict < 0:
-            return at
+            return at, spent >= budget
         v = floats[ROW_V]
         rate = changes[1]
         for s in range(springs):
@@ -149,31 +150,27 @@ def follow_events(
                     floats[ROW_GRAIN, i] = other
                     bytes_[1, i] = AT_BACKWARD
             when = min(when, floats[ROW_GRAIN, i])
+        when = put_off(ends, stiffness, contacts, links, change, bytes_[1], floats, when)
         ending = not when < 1.0
         until = 1.0 if ending else when
         ds = until - at
         middle = 0.5 * (at + until)
 
-        near, total = distance_to_sliding(floats, contacts, at, 0.0)
-        account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
-        critical = False
-        if near <= CRITICAL * whole or whole == 0.0:  # at the ramp's ends friction may be gone: look between
-            some, total_some = distance_to_sliding(floats, contacts, at, (1.0 - at) / 3.0)
-            more, total_more = distance_to_sliding(floats, contacts, at, (1.0 - at) / 1.5)
-            close = 8.0 * EPS * whole
-            critical = some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
-            critical = critical or whole == 0.0
+        critical, margin = slides_at_once(
+            ends, stiffness, contacts, links, change, status, bytes_[0], floats, at, whole
+        )
+        account[VISITED] = min(account[VISITED], margin)
         if critical or verdict == 1:
             for i in range(n):
                 floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
                 floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
-            least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements)
+            least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
             if ds > _STRETCH and is_wide(least, most, v):
                 account[AMBIGUOUS] = 1.0
                 account[GAIN_LEAST] += least * ds
                 account[GAIN_MOST] += most * ds
         if not ending and spent > budget:
-            return at
+            return at, True
         if ds > 0.0 or pieces == 0:
             pieces += 1
             account[EVENTS] += 1
@@ -200,7 +197,7 @@ def follow_events(
                 status[i] &= bytes_[2, i]
         at = until
         if ending:
-            return 1.0
+            return 1.0, True
         for i in range(n):
             if floats[ROW_GRAIN, i] <= at:
                 status[i] |= bytes_[1, i]

@@ -26,12 +26,11 @@ import numpy as np
 from ._compiled import compiled
 from .body import Body
 from .errors import SceneError
+from .uniqueness import NOISE
 
 EPS = float(np.finfo(np.float64).eps)
 
 _MOST_NUMBERS = 50_000_000
-_NOISE = 1e-14
-"""A velocity below this part of the largest is rounding."""
 
 
 class Network(NamedTuple):
@@ -76,6 +75,18 @@ def build_network(body: Body) -> Network:
     low, high = ends.min(axis=1), ends.max(axis=1)
     np.add.at(band, (low, high - low - 1), body.stiffness)
     return Network(order, band)
+
+
+def most_rounds(contacts: int) -> int:
+    """Tell after how many rounds the active set of a graph gives up.
+
+    Args:
+        contacts: number of contacts N.
+
+    Returns:
+        Rounds of `move`, many times what it has ever taken.
+    """
+    return 200 + 40 * contacts
 
 
 def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -289,7 +300,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
                     side[p] = 1 if above > below else -1
         if count == 0:
             for p in range(n):
-                if abs(velocity[p]) <= _NOISE * largest:
+                if abs(velocity[p]) <= NOISE * largest:
                     velocity[p] = 0.0
                 close = 32.0 * EPS * (size[p] + grain[p])
                 if side[p] == 0 and upper[p] - force[p] <= close and upper[p] < np.inf:

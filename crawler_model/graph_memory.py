@@ -6,10 +6,6 @@ import numpy as np
 
 from ._compiled import compiled
 from .graph_kernel import move
-from .state import (
-    BACKWARD,
-    FORWARD,
-)
 
 # Rows of the scratch floats.
 (
@@ -25,8 +21,9 @@ from .state import (
     ROW_GUESS,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
-) = range(12)
-_FLOAT_ROWS = 12
+    ROW_ROUNDING,
+) = range(13)
+_FLOAT_ROWS = 13
 
 
 def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -84,7 +81,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds):
     Args:
         network: order and band of `graph_kernel`.
         stiffness_work: its memory.
-        floats: rows of this module, shape (12, N); velocities are written.
+        floats: rows of this module, shape (13, N); velocities are written.
         bytes_: sides of the contacts, int8, shape (1, N), written.
         rounds: most rounds of the active set.
 
@@ -105,27 +102,3 @@ def displace(network, stiffness_work, floats, bytes_, rounds):
         floats[ROW_V, order[p]] = v[p]
         bytes_[0, order[p]] = side[p]
     return verdict, turns
-
-
-@compiled
-def distance_to_sliding(floats, contacts, s, ds):
-    """Compute the sum of all contacts' distances from their nearest bounds, and of all bounds, at s + ds.
-
-    Args:
-        floats: rows of this module, shape (12, N).
-        contacts: rows X .. RELATIVE, shape (6, N).
-        s: where on the ramp the forces were computed, 0 .. 1.
-        ds: how far from there.
-
-    Returns:
-        Both sums [N].
-    """
-    near = 0.0
-    total = 0.0
-    for i in range(contacts.shape[1]):
-        g = floats[ROW_FORCE, i] + ds * floats[ROW_FORCE_RATE, i]
-        above = contacts[FORWARD, i] + (s + ds) * floats[ROW_D_FORWARD, i] - g
-        below = contacts[BACKWARD, i] + (s + ds) * floats[ROW_D_BACKWARD, i] + g
-        near += abs(min(above, below))
-        total += max(above + below, 0.0)
-    return near, total

@@ -12,7 +12,10 @@ import numpy as np
 from ._compiled import compiled
 from .graph_events import INSTANT, follow_events
 from .graph_kernel import EPS, eliminate
+from .graph_margin import distance_to_sliding, nearness_of, slides_at_once
 from .graph_memory import (
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
     ROW_FORCE,
     ROW_GRAIN,
     ROW_GUESS,
@@ -43,6 +46,7 @@ from .state import (
     RESIDUAL,
     SHAPE,
     TENSION,
+    UNSOLVED,
     VIOLATION,
     VISITED,
     WORK,
@@ -51,7 +55,7 @@ from .state import (
     add_ramp,
     shift,
 )
-from .uniqueness import CRITICAL, choose_translation, is_wide, nearness
+from .uniqueness import choose_translation, is_wide
 
 
 @compiled
@@ -78,8 +82,30 @@ def _rebase(contacts):
 
 
 @compiled
+def _margin_at_rest(status, floats, contacts, side):
+    """Compute the visited margin of a state from its forces; `side` is scratch."""
+    for i in range(status.shape[0]):
+        side[i] = 1 if status[i] & AT_FORWARD else (-1 if status[i] & AT_BACKWARD else 0)
+    return nearness_of(distance_to_sliding(status, side, floats, contacts, 0.0, 0.0))
+
+
+@compiled
 def _catch_up(
-    ends, stiffness, network, work, contacts, links, status, target, floats, changes, bytes_, account, rounds, elements
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    target,
+    floats,
+    changes,
+    bytes_,
+    account,
+    rounds,
+    elements,
+    share,
 ):
     """Go from the present state to `target` in one implicit step. Returns False when it was not found."""
     n = contacts.shape[1]
@@ -108,16 +134,17 @@ def _catch_up(
         account[WORK] -= 0.5 * (links[TENSION, s] + new) * change[s]
         tension[s] = new
     contact_forces(ends, tension, floats[ROW_FORCE])
-    near = 0.0
-    total = 0.0
+    whole = 0.0
     for i in range(n):
-        g = floats[ROW_FORCE, i]
-        near += max(min(floats[ROW_UPPER, i] - g, g - floats[ROW_LOWER, i]), 0.0)
-        total += floats[ROW_UPPER, i] - floats[ROW_LOWER, i]
+        whole += floats[ROW_UPPER, i] - floats[ROW_LOWER, i]
+        floats[ROW_D_FORWARD, i] = floats[ROW_UPPER, i] - contacts[FORWARD, i]
+        floats[ROW_D_BACKWARD, i] = -floats[ROW_LOWER, i] - contacts[BACKWARD, i]
+        bytes_[1, i] = 0  # no status: what the side does not tell is measured
         floats[ROW_MIDDLE, i] = 0.5 * (contacts[FORWARD, i] + target[springs + i])
         floats[ROW_MIDDLE_B, i] = 0.5 * (contacts[BACKWARD, i] + target[springs + n + i])
-    if verdict == 1 or total == 0.0 or near <= CRITICAL * total:
-        least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements)
+    critical, _ = slides_at_once(ends, stiffness, contacts, links, change, bytes_[1], bytes_[0], floats, 1.0, whole)
+    if critical or verdict == 1:
+        least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
         if is_wide(least, most, v):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least
@@ -179,15 +206,11 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
     stored = 0.0
     for s in range(springs):
         stored += 0.5 * links[TENSION, s] * links[TENSION, s] / stiffness[s]
-    near = 0.0
-    total = 0.0
     for i in range(n):
         above = contacts[FORWARD, i] - floats[ROW_FORCE, i]
         below = contacts[BACKWARD, i] + floats[ROW_FORCE, i]
         account[VIOLATION] = max(account[VIOLATION], -min(above, below))
-        near += max(min(above, below), 0.0)
-        total += contacts[FORWARD, i] + contacts[BACKWARD, i]
-    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    account[VISITED] = min(account[VISITED], _margin_at_rest(status, floats, contacts, sliding))
     account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
 
 
@@ -204,6 +227,8 @@ def follow(
     exact,
     budget,
     elements,
+    share,
+    rounds,
     floats,
     changes,
     bytes_,
@@ -225,15 +250,16 @@ def follow(
         budget: most contacts solved in one ramp, each round of the active set counting; beyond it the rest of that ramp
             is a catch-up step.
         elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
+        rounds: most rounds of the active set.
         floats: from `scratch(N, S)`, as are the next two.
         changes: of the springs.
         bytes_: of the contacts.
-        account: shape (12,), added to.
+        account: shape (13,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 2 N + S) or (0, 2 N + S) for none.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
-    rounds = 200 + 40 * n
     ramp = np.zeros(account.shape[0])
     before = np.empty(n)
     moved = np.zeros(n, np.int8)
@@ -257,8 +283,9 @@ def follow(
                 ramp[i] = 0.0
             ramp[VISITED] = np.inf
             done = 0.0
+            solved = True
             if exact:
-                done = follow_events(
+                done, solved = follow_events(
                     ends,
                     stiffness,
                     network,
@@ -274,10 +301,11 @@ def follow(
                     budget,
                     rounds,
                     elements,
+                    share,
                 )
                 if done < 1.0:
                     if done < 1.0 - INSTANT:
-                        ramp[OVERSPENT] = 1.0
+                        ramp[OVERSPENT if solved else UNSOLVED] = 1.0
                     for s in range(springs):
                         links[ACTUATION, s] += done * (target[s] - links[ACTUATION, s])
                     for i in range(n):
@@ -302,9 +330,10 @@ def follow(
                     ramp,
                     rounds,
                     elements,
+                    share,
                 )
                 if not found:
-                    ramp[OVERSPENT] = 1.0
+                    ramp[UNSOLVED] = 1.0
                 if done >= 1.0 - INSTANT:  # an instant without friction makes no stretch
                     ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = doubt, least, most
             for i in range(n):
@@ -319,4 +348,4 @@ def follow(
                 records[v, 2 * n + s] = links[TENSION, s]
     if account[VISITED] == np.inf:  # nothing but holding
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
-        account[VISITED] = nearness(floats[ROW_FORCE], contacts[FORWARD], contacts[BACKWARD])
+        account[VISITED] = _margin_at_rest(status, floats, contacts, moved)

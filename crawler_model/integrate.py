@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from . import chain_memory, chain_tick, state
+from . import chain_events, chain_memory, chain_tick, state
+from .body import Body
 from .scene import Scene
 from .state import (
     ACTUATION,
@@ -148,6 +149,18 @@ def build_scratch(scene: Scene) -> tuple[Any, ...]:
     )
 
 
+def samples_margin(mesh: Body) -> bool:
+    """Tell whether an exact ramp sees its visited margin at its ends only.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        True for chains that are too long to be looked at after each event.
+    """
+    return bool(mesh.is_chain) and mesh.contacts > chain_events.FEW_CONTACTS
+
+
 def follow(
     scene: Scene,
     state: State,
@@ -167,7 +180,7 @@ def follow(
         targets: rows as in `Columns.target`, shape (V, S + 2 N).
         exact: True to follow every event, False for one catch-up step a ramp (in the plane, refined steps).
         budget: most work in one ramp, as for `Crawler`.
-        account: shape (12,), added to.
+        account: shape (13,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows for none.
     """
     mesh = scene.mesh
@@ -181,12 +194,13 @@ def follow(
             exact,
             budget,
             mesh.element_ends,
+            mesh.share,
             *scratch,
             account,
             records,
         )
     elif mesh.dimension == 1:
-        from . import graph_tick
+        from . import graph_kernel, graph_tick
 
         network, work, memory = scratch
         graph_tick.follow(
@@ -201,6 +215,8 @@ def follow(
             exact,
             budget,
             mesh.element_ends,
+            mesh.share,
+            graph_kernel.most_rounds(mesh.contacts),
             *memory,
             account,
             records,

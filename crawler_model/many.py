@@ -33,7 +33,13 @@ ROW = np.dtype(
     [("status", np.uint8), ("dimension", np.uint8), ("unique", np.bool_)]
     + [(name, np.float64, (2,)) for name in _LENGTHS]
     + [(name, np.float64) for name in _FORCES]
-    + [("kernel_s", np.float64), ("events", np.int64), ("overspent", np.int64), ("periods", np.int64)]
+    + [
+        ("kernel_s", np.float64),
+        ("events", np.int64),
+        ("overspent", np.int64),
+        ("unsolved", np.int64),
+        ("periods", np.int64),
+    ]
 )
 """What is kept of a run; `kernel_s`, the time [s] that its kernels took, tells how runs are best spread."""
 
@@ -55,10 +61,12 @@ class ManyRuns:
         residual: stored + dissipation - work, relative to the greatest of them and to the most ever stored at a
             waypoint, shape (M,).
         violation: largest excess of a spring force over its bound, shape (M,) [N].
-        visited_margin: how near all contacts came to sliding at once, shape (M,).
+        visited_margin: how near all contacts came to sliding at once, shape (M,); of chains of more than 256 contacts
+            and with catch_up at the ends of ramps only.
         unique: False when on some stretch the translation was not determined, shape (M,).
         events: linear pieces, shape (M,).
         overspent: ramps whose budget of work was spent, shape (M,).
+        unsolved: ramps in which the active set of a graph gave up, shape (M,).
         periods: whole periods run, shape (M,).
         interrupted: True when Ctrl-C stopped the whole; what was done by then is kept.
         wall_s: how long it took [s].
@@ -79,6 +87,7 @@ class ManyRuns:
     unique: np.ndarray
     events: np.ndarray
     overspent: np.ndarray
+    unsolved: np.ndarray
     periods: np.ndarray
     interrupted: bool
     wall_s: float
@@ -225,7 +234,7 @@ def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s:
         column = rows[name].copy()
         column[~done] = np.nan
         columns[name] = column if planar or column.ndim == 1 else column[:, 0].copy()
-    for name in ("unique", "events", "overspent", "periods"):
+    for name in ("unique", "events", "overspent", "unsolved", "periods"):
         columns[name] = rows[name].copy()
     columns["status"] = _STATUS[rows["status"]]
     for column in columns.values():
@@ -262,7 +271,7 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
     lengths = _lengths(scene.mesh, marks.reshape(-1, 2, *x.shape), last[:width].reshape(x.shape), x)
     forces = (account.work, account.dissipation, account.stored, account.relative_residual)
     margins = (total.violation, total.visited)
-    counts = (kernel_s, total.events, total.overspent, periods)
+    counts = (kernel_s, total.events, total.overspent, total.unsolved, periods)
     return (_DONE, scene.dimension, total.unique, *lengths, *forces, *margins, *counts)
 
 

@@ -21,6 +21,8 @@ from .uniqueness import commanded_margin
 
 _CHUNK = 4096
 _MOST_SAMPLES = 100_000_000
+_RETURNED = 1e-15
+"""A displacement below this part of the way that a contact went is rounding."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,8 +48,11 @@ class Trajectory:
         unique: False when on some stretch the translation was not determined.
         uniqueness_margin: of the friction commanded (its least over the waypoints) [1]; None when not decided.
         visited_margin: how near all contacts came to sliding at once [1].
+        visited_margin_sampled: True where that was looked at the ends of ramps only, or of steps in the plane, so that
+            the path may have come nearer in between: with catch_up, and in chains of more than 256 contacts.
         events: linear pieces.
-        overspent: ramps whose budget of work was spent.
+        overspent: ramps whose budget of work was spent; a catch-up step did the rest of each.
+        unsolved: ramps in which the active set of a graph gave up; the certificate shows what the rest is worth.
         ticks: number of ticks.
         wall_s: how long the run took [s].
     """
@@ -69,8 +74,10 @@ class Trajectory:
     unique: bool
     uniqueness_margin: float | None
     visited_margin: float
+    visited_margin_sampled: bool
     events: int
     overspent: int
+    unsolved: int
     ticks: int
     wall_s: float
 
@@ -107,8 +114,10 @@ class Trajectory:
             "unique": self.unique,
             "uniqueness_margin": self.uniqueness_margin,
             "visited_margin": self.visited_margin,
+            "visited_margin_sampled": self.visited_margin_sampled,
             "events": self.events,
             "overspent": self.overspent,
+            "unsolved": self.unsolved,
             "ticks": self.ticks,
             "wall_s": self.wall_s,
         }
@@ -216,6 +225,13 @@ def _waypoints(drive: Drive, seconds: float) -> float:
     return drive.times.size * (1.0 if drive.period is None else max(seconds / drive.period, 1.0))
 
 
+def _directions(moved: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Tell which way contacts went in ticks that begin with the ramps `first`; back where they were, they went none."""
+    gained = np.add.reduceat(moved, first)
+    went = np.abs(gained) > _RETURNED * np.add.reduceat(np.abs(moved), first)
+    return np.asarray(went.any(axis=2) if moved.ndim == 3 else np.where(went, np.sign(gained), 0.0))
+
+
 class _Run:
     """The tables that a run fills."""
 
@@ -259,10 +275,8 @@ class _Run:
         self.time_ns[rows] = tick_ns
         self.x[rows] = x[ends]
         self.tension[rows] = records[ends, 2 * width :].reshape(-1, *self.tension.shape[1:])
-        before_x = np.concatenate((self.last[0][None], x[ends[:-1]]))
-        before_rest = np.concatenate((self.last[1][None], rest[ends[:-1]]))
-        moved = (x[ends] - before_x) + (rest[ends] - before_rest)
-        self.state[rows] = np.sign(moved) if moved.ndim == 2 else np.abs(moved).max(axis=2) > 0.0
+        moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
+        self.state[rows] = _directions(moved, np.concatenate(([0], ends[:-1] + 1)))
         self.last = (x[-1].copy(), rest[-1].copy())
         for i, ns, row in zip(at, way_ns, way_rows, strict=True):
             if ns > 0 and (drive.period is None or row == 0):
@@ -311,8 +325,10 @@ class _Run:
             unique=total.unique,
             uniqueness_margin=commanded_margin(scene),
             visited_margin=total.visited,
+            visited_margin_sampled=self.crawler.visited_margin_sampled,
             events=total.events,
             overspent=total.overspent,
+            unsolved=total.unsolved,
             ticks=self.ticks,
             wall_s=time.perf_counter() - began,
         )

@@ -38,10 +38,13 @@ PLANAR_TENSION, PLANAR_ACTUATION = range(2)
     GAIN_LEAST,
     GAIN_MOST,
     ROUNDING,
-) = range(12)
-"""Entries of the account: the first three and the last three are sums, VISITED is a least, the others are greatest
-values or counts."""
-ACCOUNT_SIZE = 12
+    UNSOLVED,
+) = range(13)
+"""Entries of the account: the first three, the gains and the rounding are sums, VISITED is a least, the others are
+greatest values or counts."""
+ACCOUNT_SIZE = 13
+
+_RETURNED = 2.0**-50
 
 AT_FORWARD, AT_BACKWARD = 1, 2
 """Bits of a contact's status: the spring force equals mu_plus, or -mu_minus. Both when there is no friction."""
@@ -49,7 +52,7 @@ AT_FORWARD, AT_BACKWARD = 1, 2
 
 @compiled
 def shift(contacts, velocity, ds, i):
-    """Move contact i, keeping what rounding takes (compensated summation).
+    """Move contact i, keeping what rounding takes (compensated summation). A way back to within rounding gains nothing.
 
     Args:
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
@@ -57,7 +60,8 @@ def shift(contacts, velocity, ds, i):
         ds: part of the ramp.
         i: the contact.
     """
-    contacts[GAINED, i] += velocity * ds
+    gained = contacts[GAINED, i] + velocity * ds
+    contacts[GAINED, i] = gained if abs(gained) > _RETURNED * abs(velocity * ds) else 0.0
     step = velocity * ds + contacts[X_REST, i]
     before = contacts[X, i]
     after = before + step
@@ -70,10 +74,10 @@ def add_ramp(account, ramp):
     """Add the account of one ramp to that of all.
 
     Args:
-        account: shape (12,), changed in place.
-        ramp: shape (12,).
+        account: shape (13,), changed in place.
+        ramp: shape (13,).
     """
-    for entry in (WORK, DISSIPATION, RESIDUAL, EVENTS, OVERSPENT, GAIN_LEAST, GAIN_MOST, ROUNDING):
+    for entry in (WORK, DISSIPATION, RESIDUAL, EVENTS, OVERSPENT, GAIN_LEAST, GAIN_MOST, ROUNDING, UNSOLVED):
         account[entry] += ramp[entry]
     for entry in (VIOLATION, COMPLEMENTARITY, AMBIGUOUS):
         account[entry] = max(account[entry], ramp[entry])

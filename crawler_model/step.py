@@ -16,6 +16,7 @@ from .state import (
     OVERSPENT,
     RESIDUAL,
     ROUNDING,
+    UNSOLVED,
     VIOLATION,
     VISITED,
     WORK,
@@ -45,7 +46,7 @@ class Step:
 
     Attributes:
         velocity: displacement gained, per ramp, shape (N,), in the plane (N, 2) [m].
-        account: the numbers behind the properties, in the order of `state`'s entries, shape (12,).
+        account: the numbers behind the properties, in the order of `state`'s entries, shape (13,).
     """
 
     __slots__ = ("_share", "account", "velocity")
@@ -55,7 +56,7 @@ class Step:
 
         Args:
             velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-            account: shape (12,).
+            account: shape (13,).
             share: weight of each contact in the net translation, shape (N,).
         """
         self.velocity = velocity
@@ -105,8 +106,13 @@ class Step:
         """Ramps in which the budget of work was spent and a catch-up step did the rest."""
         return int(self.account[OVERSPENT])
 
+    @property
+    def unsolved(self) -> int:
+        """Ramps in which the active set of a graph gave up; the certificate shows what the rest of them is worth."""
+        return int(self.account[UNSOLVED])
+
     def __repr__(self) -> str:
         """Show the whole account."""
         names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
-        shown = (*names, "visited_margin", "overspent")
+        shown = (*names, "visited_margin", "overspent", "unsolved")
         return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"

@@ -6,8 +6,8 @@ backward friction of J balances the forward friction of the others (condition (*
     sum_{i in J} mu_minus_i - sum_{i not in J} mu_plus_i = 0.
 
 Then the translation rates v that minimise the dissipation R(chi(w, v)) fill an interval. The rule everywhere in
-this package: of that interval take the translation nearest to zero. (An interval that only the cutting of a segment
-into elements leaves open is none: `choose_translation`.)
+this package: of that interval take the one whose net translation is nearest to zero. (An interval that only the
+cutting of a segment into elements leaves open is none: `choose_translation`.)
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 CRITICAL = 1e-12
 """Below this relative margin a balance of friction forces counts as exact: 0.1 and 0.3 are not 1/10 and 3/10."""
+
+NOISE = 1e-14
+"""A velocity below this part of the largest is rounding."""
 
 _MOST_DECIDED = 30
 _FEW_CONTACTS, _FEW_ROWS = 16, 64
@@ -201,8 +204,8 @@ def _find_translations(velocity, forward, backward):
 
 
 @compiled
-def choose_translation(velocity, forward, backward, elements):
-    """Add to the velocities one of the admissible translations: the one nearest to zero.
+def choose_translation(velocity, forward, backward, elements, share):
+    """Add to the velocities one of the admissible translations: the one whose net translation is nearest to zero.
 
     Where contacts stand for stretches of ground, an interval may be an artefact of cutting the ground: when, in its
     middle, the ends of an element that friction holds slide opposite ways, the continuum has a point between them
@@ -213,13 +216,18 @@ def choose_translation(velocity, forward, backward, elements):
         forward: mu_plus, shape (N,) [N].
         backward: mu_minus, shape (N,) [N].
         elements: both contacts of each element of a segment, shape (P, 2); no rows where there is no segment.
+        share: weight of each contact in the net translation, shape (N,); their sum is 1.
 
     Returns:
         How far the least and the greatest admissible translation lie from the chosen one.
     """
     least, most = _find_translations(velocity, forward, backward)
-    mean = velocity.mean()
-    chosen = min(max(-mean, least), most)
+    net = 0.0
+    size = 0.0
+    for i in range(velocity.shape[0]):
+        net += share[i] * velocity[i]
+        size = max(size, abs(velocity[i]))
+    chosen = min(max(-net, least), most)
     decided = False
     middle = 0.5 * (least + most)
     if most > least and most - least < np.inf:
@@ -233,6 +241,8 @@ def choose_translation(velocity, forward, backward, elements):
         chosen = least = most = middle
     for i in range(velocity.shape[0]):
         velocity[i] += chosen
+        if abs(velocity[i]) <= NOISE * size:
+            velocity[i] = 0.0
     return least - chosen, most - chosen
 
 

@@ -139,6 +139,10 @@ def _print_account(run: Trajectory) -> None:
         )
     if run.overspent:
         screen.print(f"[yellow]{run.overspent} ramp(s)[/] had too many events; a catch-up step did their rest")
+    if run.unsolved:
+        screen.print(
+            f"[yellow]{run.unsolved} ramp(s)[/] not solved: the active set gave up; see the excess over a bound"
+        )
 
 
 @app.command()

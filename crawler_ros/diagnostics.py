@@ -30,14 +30,16 @@ def diagnose(node: Simulator) -> list[Status]:
     late, refused = node.stepper.late, node.refusals.total
     now = node.crawler.visited_margin
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
-    before, node.reported = node.reported, (node.ambiguous, node.overspent, late, refused)
-    if late > before[2]:
+    before, node.reported = node.reported, (node.ambiguous, node.overspent, node.unsolved, late, refused)
+    if late > before[3]:
         level = WARN
-        message = f"{late - before[2]} late tick(s): this machine cannot keep the rate; simulated time slows"
+        message = f"{late - before[3]} late tick(s): this machine cannot keep the rate; simulated time slows"
     if node.ambiguous > before[0]:
         level, message = WARN, "translation not determined now; the one nearest to zero is taken"
     if node.overspent > before[1]:
         level, message = WARN, "the budget of events is spent in some ticks now; a catch-up step does the rest"
+    if node.unsolved > before[2]:
+        level, message = WARN, "some ticks are not solved now: the active set gave up, see the violation"
     if not np.isfinite(node.certificate).all():
         level, message = ERROR, "a tick's certificate is not finite: the commands are beyond what doubles can hold"
     if node.count_publishers("joint_states") > 1:
@@ -52,6 +54,7 @@ def diagnose(node: Simulator) -> list[Status]:
         ("visited margin", f"{now:.3e}"),
         ("ticks without a determined translation", str(node.ambiguous)),
         ("ticks over the budget of events", str(node.overspent)),
+        ("ticks not solved", str(node.unsolved)),
         ("largest energy residual of a tick [J]", residual),
         ("largest violation of a bound [N]", violation),
         ("largest complementarity [J]", complementarity),
@@ -59,7 +62,7 @@ def diagnose(node: Simulator) -> list[Status]:
     statuses = [(level, f"{me}: simulation", message, hardware, simulation)]
     counts = [(f"refused on {name}", str(count)) for name, count in sorted(node.refusals.counts.items())]
     message = f"{refused} message(s) refused; last: {node.refusals.last}" if refused else "all accepted"
-    level = WARN if refused > before[3] else OK
+    level = WARN if refused > before[4] else OK
     statuses.append((level, f"{me}: commands", message, hardware, [("refused", str(refused)), *counts]))
     if node.recorder is not None:
         recorder = node.recorder

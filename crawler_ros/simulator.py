@@ -76,8 +76,8 @@ class Simulator(Node):
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step)
         self.refusals = Refusals(self.get_logger().warning)
         self.certificate = [0.0, 0.0, 0.0]
-        self.ambiguous = self.overspent = 0
-        self.reported = (0, 0, 0, 0)
+        self.ambiguous = self.overspent = self.unsolved = 0
+        self.reported = (0, 0, 0, 0, 0)
         self.margin = commanded_margin(self.scene)
         self.regularity = check_regularity(self.scene.commands)
         self.lock = threading.Lock()
@@ -218,8 +218,8 @@ class Simulator(Node):
             self.stepper.reset()
             self.commands.reset(self.start.row)
             self.certificate = [0.0, 0.0, 0.0]
-            self.ambiguous = self.overspent = 0
-            self.reported = (0, 0, *self.reported[2:])
+            self.ambiguous = self.overspent = self.unsolved = 0
+            self.reported = (0, 0, 0, *self.reported[3:])
             self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
             self._send_states(None)
         response.success, response.message = True, "at the scene's start, simulated time 0"
@@ -342,6 +342,7 @@ class Simulator(Node):
         worst[2] = max(worst[2], account[COMPLEMENTARITY])
         self.ambiguous += not step.unique
         self.overspent += step.overspent
+        self.unsolved += step.unsolved
 
     def _send_states(self, step: Step | None) -> None:
         crawler, now = self.crawler, self.stepper.now_ns

@@ -252,7 +252,7 @@ def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
         column = _result(runs, name)[kept]
         for axis, values in zip(("_x", "_y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
             add(name + axis, values, unit, ~np.isfinite(values))
-    for name in ("unique", "events", "overspent", "periods"):
+    for name in ("unique", "events", "overspent", "unsolved", "periods"):
         add(name, getattr(runs, name)[kept], None, ~done[kept])
     about = json.dumps(_about(sweep, runs), sort_keys=True)
     return pa.Table.from_arrays(columns, schema=pa.schema(fields, metadata={"crawler_sweep": about}))

@@ -29,9 +29,8 @@ rule for the translation where the case names it, are then what is compared. Err
 1 N, or relative where it says so. Where it says "by the certificate" the error is a ratio, to what the certificate
 admits: of a graph's distance from the chain, because over twelve decades of stiffness a graph adds up displacements
 whose rounding its stiffest spring feels; and of a chain's distance from rational arithmetic, to the certificate's
-`rounding` or 1e-11, whichever is larger.
-In the plane a scene asks for a tolerance; where it says "in tolerances" the error of each ramp is divided by it, and must
-be at most 1.
+`rounding` or 1e-11, whichever is larger. In the plane a scene asks for a tolerance; where it says "in tolerances" the
+error of each ramp is divided by it, and must be at most 1.
 
 Times are those of a whole case, scene and all, on {machine}, with the kernels compiled. They are what was
 measured last; no test depends on them.

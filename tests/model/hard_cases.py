@@ -340,16 +340,16 @@ def complete(n: int) -> list[tuple[int, int]]:
     return [(i, j) for i in range(n) for j in range(i + 1, n)]
 
 
-def complete_graph(n: int) -> Callable[[str, str], Found]:
+def complete_graph(n: int, k: float = 1.0) -> Callable[[str, str], Found]:
     """All pairs pushed apart alike: each contact is tied by n k to the mean, which stays."""
 
     def play(body: str, method: str) -> Found:
-        crawler = net(n, complete(n), method)
+        crawler = net(n, complete(n), method, stiffness=k)
         wrong, said = [], set()
         load = 2.0 * np.arange(n) - n + 1
         for length in (0.5, 1.0, 3.0):
             said |= diagnoses(crawler.advance([length] * (n * (n - 1) // 2)))
-            x = np.sign(load) * np.maximum(length * np.abs(load) - 1.0, 0.0) / n
+            x = np.sign(load) * np.maximum(k * length * np.abs(load) - 1.0, 0.0) / (k * n)
             wrong.append(crawler.displacement - x)
         return Found(largest(*wrong), frozenset(said))
 
@@ -384,6 +384,92 @@ def ring(n: int) -> Callable[[str, str], Found]:
         return Found(largest(*wrong), frozenset(said))
 
     return play
+
+
+# -- stiff graphs -------------------------------------------------------------------------------------------------
+
+RING = [(0, 1), (1, 2), (2, 3), (0, 3)]
+
+
+def stiff_ring(stiffness: float, off: float = 0.0, size: float = 1.0) -> Callable[[str, str], Found]:
+    """All four slide in the second ramp: equal friction leaves y open between two ends, other friction picks one."""
+
+    def play(body: str, method: str) -> Found:
+        crawler = net(4, RING, method, [1.0, 1.0, 1.0, 1.0 + off], stiffness / size)
+        crawler.advance(np.array([0.3, -0.2, 0.7, 0.1]) * size)
+        step = crawler.advance(np.array([0.9, 0.4, -0.3, 0.2]) * size)
+        ends = np.array([-0.1125 + 0.25 / stiffness, 0.3375 - 0.75 / stiffness])
+        interval = np.array(step.translation_interval) / size
+        wrong = interval - (ends if off == 0.0 else ends[1 if off > 0.0 else 0])
+        return Found(largest(wrong) if method == "exact" else 0.0, frozenset(diagnoses(step)))
+
+    return play
+
+
+def as_when_soft(stiffness: float, seed: int) -> Callable[[str, str], Found]:
+    """A graph of stiff springs goes as the soft one that is driven so much further, far beyond its friction."""
+
+    def play(body: str, method: str) -> Found:
+        rng = np.random.default_rng(seed)
+        n, between = [(4, complete(4)), (6, ladder(6)), (5, complete(5)[:7])][seed % 3]
+        rows = rng.integers(-16, 17, (4, len(between))) / 4.0
+        mu = np.ones(n) if n % 2 == 0 else np.array([2.0, *[1.0] * (n - 1)])
+        soft, stiff = (net(n, between, method, mu, k) for k in (1.0, stiffness))
+        wrong, said = [], set()
+        for row in rows:
+            one, other = soft.advance(row * stiffness), stiff.advance(row)
+            said |= diagnoses(one) ^ diagnoses(other)  # nothing, if both say the same
+            interval = np.array(one.translation_interval) / stiffness - other.translation_interval
+            wrong.append(np.maximum(np.abs(interval) - 1e-6, 0.0))  # instants, 1e-6 of a ramp, do not count
+            wrong.append(soft.displacement / stiffness - stiff.displacement)
+        return Found(largest(*wrong), frozenset(said))
+
+    return play
+
+
+def trunk_and_foot(elements: int, method: str, joined: bool) -> Crawler:
+    """Build a segment that bears as much friction as its foot; joined, the foot also pulls at the far end."""
+    part = {"name": "trunk", "from": 0, "to": 1, "stiffness": 10.0, "elements": elements}
+    part["friction"] = {"forward": 1.0, "backward": 1.0}
+    links = {"stiffness": [10.0, 1e-3], "between": [["trunk.to", 0], ["trunk.from", 0]]}
+    if not joined:
+        links = {"stiffness": 10.0, "between": [["trunk.to", 0]]}
+    body = {"contacts": [2], "segments": [part], "links": links}
+    return Crawler(Scene.model_validate({"name": "hard", "body": body, "friction": {"isotropic": 1.0}}), method)
+
+
+def critical_foot(elements: int, joined: bool) -> Callable[[str, str], Found]:
+    def play(body: str, method: str) -> Found:
+        crawler = trunk_and_foot(elements, method, joined)
+        rest = [0.0] * joined
+        crawler.advance([1.0, *rest, 0.0])
+        start = crawler.net_translation
+        said = set()
+        for length in (0.0, 1.0, 0.0, 1.0):
+            step = crawler.advance([length, *rest, 0.0])
+            said |= diagnoses(step)
+            if step.unique:
+                said.add("unique")
+        return Found(abs(crawler.net_translation - start), frozenset(said))
+
+    return play
+
+
+def met_at_the_end(body: str, method: str) -> Found:
+    """Bounds are met exactly at the ends of ramps, in numbers that are not exact in binary: nobody moves."""
+    wrong, said = [], set()
+    for k, mu in ((1.0, 0.3), (0.7, 0.21), (3.0, 0.1), (1e5, 0.3), (1.1, 1e-3), (7e-4, 0.9)):
+        for parts in (1, 3, 7, 10):
+            line = Line(body, method, k, [mu, 2.0 * mu, mu], [mu, 2.0 * mu, mu])
+            for way in (1.0, -1.0, 1.0):
+                for part in range(1, parts + 1):
+                    line.go(way * part * (mu / k) / parts * np.array([1.0, -1.0]))
+                    wrong += [line.crawler.contact_state, line.crawler.gained]
+                for part in range(parts - 1, -1, -1):
+                    line.go(way * part * (mu / k) / parts * np.array([1.0, -1.0]))
+                    wrong += [line.crawler.contact_state, line.crawler.gained]
+            said |= line.said
+    return Found(largest(*wrong), frozenset(said))
 
 
 # -- many contacts ------------------------------------------------------------------------------------------------
@@ -762,6 +848,29 @@ def _cases() -> list[Case]:
         cases.append(Case(f"Star of {n}", star(n), "closed form", 1e-12, bodies=(GRAPH,)))
     for n in (5, 51, 301):
         cases.append(Case(f"Ring of {n} equal springs", ring(n), "symmetry", 1e-12, bodies=(GRAPH,)))
+    for exponent in (1, 4, 5, 8):
+        k = 10.0**exponent
+        within = 1e-12
+        against = "closed form, interval of y"
+        cases.append(Case(f"A critical ring, k = {k:.0e}", stiff_ring(k), against, within, (GRAPH,), said=UNDECIDED))
+        name = f"A critical ring, k = {k:.0e}, lengths by 1e{4 - exponent}"
+        small = stiff_ring(1e4, size=1e4 / k)
+        cases.append(Case(name, small, against, within, (GRAPH,), said=UNDECIDED))
+        for off in (-1e-3, -1e-9, 1e-9, 1e-6):
+            name = f"A ring off the critical ratio by {off:+.0e}, k = {k:.0e}"
+            cases.append(Case(name, stiff_ring(k, off), "closed form", abs(off) + 1e-12, (GRAPH,)))
+        for seed in range(3):
+            name = f"Critical graph {seed}, k = {k:.0e}"
+            cases.append(Case(name, as_when_soft(k, seed), "the soft one, scaled", 1e-12, (GRAPH,)))
+        for n in (4, 10):
+            name = f"Complete graph of {n}, k = {k:.0e}"
+            against = "closed form, rule for y"
+            cases.append(Case(name, complete_graph(n, k), against, 1e-12, (GRAPH,), said=UNDECIDED))
+    for n in (1, 4, 10, 100, 300):
+        for joined in (False, True):
+            name = f"Trunk of {n} elements and foot, critical" + (", in a ring" if joined else "")
+            cases.append(Case(name, critical_foot(n, joined), "rule for y", 1e-14, (HYBRID,), said=UNDECIDED))
+    cases.append(Case("Bounds met exactly at the ends of ramps", met_at_the_end, "rest", 0.0, (CHAIN, GRAPH)))
     for n in (2, 3, 10, 100, 1000, 100_000, 1_000_000):
         bodies = (CHAIN,) if n > 300 else (CHAIN, GRAPH)
         cases.append(Case(f"{n} contacts stretched", stretched(n), "closed form, relative", 1e-9, bodies=bodies))

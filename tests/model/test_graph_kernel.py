@@ -61,6 +61,19 @@ def test_a_command_that_is_in_force_changes_nothing():
     assert (step.events, step.work, step.dissipation) == (0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("method", ["exact", "catch_up"])
+def test_a_search_that_gives_up_is_said_to_be_no_matter_of_the_budget(method, monkeypatch):
+    crawler = Crawler(load_scene("three_springs"), method)
+    monkeypatch.setattr(graph_kernel, "most_rounds", lambda contacts: 0)
+    step = crawler.advance([30.0, 0.0, -20.0])
+    assert (step.unsolved, step.overspent) == (1, 0)
+    assert step.certificate.violation > 1.0
+    assert not crawler.gained.any()
+    monkeypatch.undo()
+    step = crawler.advance([31.0, 0.0, -20.0])
+    assert (step.unsolved, step.overspent) == (0, 0)
+
+
 def test_contacts_that_are_joined_too_widely_are_refused(monkeypatch):
     monkeypatch.setattr(graph_kernel, "_MOST_NUMBERS", 8)
     body = {"contacts": [0, 1, 2], "links": {"stiffness": 1.0, "between": [[0, 1], [1, 2], [0, 2]]}}

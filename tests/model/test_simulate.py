@@ -43,6 +43,24 @@ def test_the_summary_is_the_contract():
     assert summary["ticks"] == 300
     assert summary["events"] >= 300
     assert {"violation", "visited_margin", "wall_s"} <= summary.keys()
+    assert summary["visited_margin_sampled"] is False
+    assert summary["overspent"] == summary["unsolved"] == 0
+
+
+@pytest.mark.parametrize(
+    ("contacts", "method", "sampled"), [(256, "exact", False), (257, "exact", True), (3, "catch_up", True)]
+)
+def test_it_is_told_where_the_visited_margin_is_sampled(contacts, method, sampled):
+    drive = {"times": [0, 1], "actuation": [[0.0] * (contacts - 1), [0.5] * (contacts - 1)]}
+    assert simulate(scene(contacts, drive=drive), rate=1.0, method=method).visited_margin_sampled is sampled
+
+
+@pytest.mark.parametrize("rate", [1.0, 0.5])
+def test_a_contact_that_goes_and_comes_back_within_a_tick_went_nowhere(rate):
+    drive = {"times": [0, 0.3, 1.0], "period": 1, "actuation": [0.1, 0.7, 0.1]}
+    run = simulate(scene(2, 1.0, [0.1, 9.0], [0.1, 9.0], drive), duration=6.0, rate=rate)
+    assert np.ptp(run.displacement[1:, 0]) < 1e-15
+    assert not run.contact_state[2:].any()
 
 
 def test_without_a_period_the_waypoints_are_reported():

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler_model import Crawler, simulate
+from crawler_model import Crawler, Scene, simulate
 from crawler_model.uniqueness import commanded_margin, translation_interval, uniqueness_margin
 
 from .chains import scene
@@ -70,6 +70,53 @@ def test_the_interval_holds_all_minimisers(seed):
     if most == least:
         assert dissipation(least - 1e-3) > best
         assert dissipation(most + 1e-3) > best
+
+
+@pytest.mark.parametrize("method", ["exact", "catch_up"])
+@pytest.mark.parametrize("joined", [False, True], ids=["chain", "graph"])
+@pytest.mark.parametrize("elements", [1, 4, 10, 100])
+def test_the_net_translation_is_what_is_nearest_to_zero(elements, joined, method):
+    """A trunk and a foot of equal friction breathe on the spot, however fine the trunk is cut."""
+    trunk = {"name": "trunk", "from": 0, "to": 1, "stiffness": 10.0, "elements": elements}
+    links = {"stiffness": [10.0, 1e-3][: 1 + joined], "between": [["trunk.to", 0], ["trunk.from", 0]][: 1 + joined]}
+    crawler = Crawler(
+        Scene.model_validate(
+            {
+                "name": "t",
+                "body": {
+                    "contacts": [2],
+                    "segments": [trunk | {"friction": {"forward": 1, "backward": 1}}],
+                    "links": links,
+                },
+                "friction": {"isotropic": 1.0},
+            }
+        ),
+        method,
+    )
+    rest = [0.0] * joined
+    crawler.advance([1.0, *rest, 0.0])
+    start = crawler.net_translation
+    for length in (0.0, 1.0, 0.0, 1.0):
+        step = crawler.advance([length, *rest, 0.0])
+        assert not step.unique
+        low, high = step.translation_interval
+        assert low < 0.0 < high
+    assert crawler.net_translation == pytest.approx(start, abs=1e-14)
+
+
+RING = {"stiffness": 1.0, "between": [[0, 1], [1, 2], [2, 3], [0, 3]]}
+
+
+@pytest.mark.parametrize("method", ["exact", "catch_up"])
+@pytest.mark.parametrize("exponent", range(1, 9))
+def test_the_visited_margin_of_a_stiff_graph_is_that_of_its_friction(exponent, method):
+    for mu, margin in (([1.0] * 4, 0.0), ([1.0, 1.0, 1.0, 1.0 + 1e-9], 1.25e-10)):
+        body = {"contacts": [0, 1, 2, 3], "links": RING | {"stiffness": 10.0**exponent}}
+        crawler = Crawler(Scene.model_validate({"name": "r", "body": body, "friction": {"isotropic": mu}}), method)
+        crawler.advance([0.3, -0.2, 0.7, 0.1])
+        step = crawler.advance([0.9, 0.4, -0.3, 0.2])
+        assert step.unique == (margin > 0.0)
+        assert step.visited_margin == pytest.approx(margin, rel=1e-5, abs=1e-15)
 
 
 @pytest.mark.parametrize("method", ["exact", "catch_up"])
