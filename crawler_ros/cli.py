@@ -17,6 +17,7 @@ from rich.table import Table
 
 from crawler_model import CrawlerError, Scene, Trajectory, gallery, load_scene, prepare, simulate
 
+from .executables import STOPPED, describe_missing
 from .replay_command import compare, replay
 
 app = typer.Typer(
@@ -360,6 +361,10 @@ def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
     screen.print(f"written: {file}")
 
 
+def _verbs() -> list[str]:
+    return sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback is not None)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command; every expected error is one line on standard error.
 
@@ -372,23 +377,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         status = error.exit_code
     except _UsageError as error:
         verb = f" {error.ctx.info_name}" if error.ctx is not None and error.ctx.parent is not None else ""
-        print(f"crawler: {' '.join(error.format_message().split())} (see crawler{verb} --help)", file=sys.stderr)
+        text = " ".join(error.format_message().split())
+        if "No such command" in text and "Did you mean" not in text:
+            text += f" There are {', '.join(_verbs())}."
+        print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
         status = 2
     except (CrawlerError, OSError) as error:
         print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
         status = 1
     except ModuleNotFoundError as error:
-        module = (error.name or "").split(".")[0]
-        extra = "viz" if module in ("rerun", "matplotlib", "rosbags", "mcap") else "ros"
-        extra = "sweep" if module in ("pyarrow", "distributed", "dask") else extra
-        print(
-            f"crawler: {error.name} is not installed; it comes with: pip install 'crawler-ros[{extra}]'",
-            file=sys.stderr,
-        )
+        print(f"crawler: {describe_missing(error)}", file=sys.stderr)
         status = 1
     except (KeyboardInterrupt, typer.Abort):
         print("crawler: stopped", file=sys.stderr)
-        status = 130
+        status = STOPPED
     sys.exit(status or 0)
 
 

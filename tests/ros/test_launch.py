@@ -150,8 +150,8 @@ def test_every_executable_is_installed_in_each_way():
         assert os.access(shim, os.X_OK)
         script = "crawler-" + name.replace("_", "-")
         assert f"bin/{script}" in shim.read_text()
-        assert project["project"]["scripts"][script] == f"{MODULES[name]}:main"
-        assert f'"{name} = {MODULES[name]}:main"' in setup
+        assert project["project"]["scripts"][script] == f"crawler_ros.executables:{name}"
+        assert f'"{name} = crawler_ros.executables:{name}"' in setup
 
 
 def test_every_executable_and_launch_file_is_found_through_the_ament_index():
