@@ -10,7 +10,7 @@ READY := $(VENV)/.ready
 READY_DEMO := $(if $(wildcard $(READY)),$(READY),$(VENV)/.ready-demo)
 # uv, where it works, is several times faster than pip
 UV := $(shell uv --version 2>/dev/null)
-install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BIN)/python -m pip install --quiet --disable-pip-version-check $(1)
+install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(1)
 
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would take hours so are left out.
 .PHONY: demo test smoke lint coverage bench docs figures soak clean

@@ -389,8 +389,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"crawler: {describe_missing(error)}", file=sys.stderr)
         status = 1
     except (KeyboardInterrupt, typer.Abort):
-        print("crawler: stopped", file=sys.stderr)
         status = STOPPED
+    if status == STOPPED:  # typer's answer to Ctrl-C, too
+        print("crawler: stopped", file=sys.stderr)
     sys.exit(status or 0)
 
 
