@@ -234,9 +234,14 @@ def view(
         Path, typer.Argument(help="A bag folder, .mcap or .rrd file; of a folder of bags the newest.")
     ],
     png: Annotated[Path | None, typer.Option(help="Render into this file instead of opening a window.")] = None,
-    at: Annotated[float | None, typer.Option(help="With --png: the simulated time to show, s.")] = None,
+    at: Annotated[
+        float | None, typer.Option(help="With --png: the simulated time to show, s; by default the end.")
+    ] = None,
 ) -> None:
-    """Open rerun on a recording with our blueprint, or render that view without a screen."""
+    """Open rerun on a recording with our blueprint, or render that view without a screen.
+
+    --png needs a Vulkan driver: on Debian and Ubuntu, apt install mesa-vulkan-drivers.
+    """
     import os
     import subprocess
     import tempfile

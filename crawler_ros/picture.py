@@ -119,6 +119,8 @@ def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
     """
     from rerun.experimental import ViewerClient
 
+    if at_s is not None and not np.isfinite(at_s):
+        raise PictureError(f"--at: {at_s:g} s; it must be a time in the recording")
     port = _free_port()
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "viewer.log"
