@@ -58,7 +58,7 @@ def test_what_is_sent_can_be_commanded(name):
 @pytest.mark.parametrize("scene", ["planar_rectilinear", None], ids=["gallery", "own"])
 def test_friction_by_directions_is_played(ros, scene, tmp_path):
     scene = scene or plane(tmp_path / "plane.yaml", DIRECTIONS)
-    ros.simulator(f"scene:={scene}", "lock_step:=true", hear=("joint_states",))
+    ros.start("crawler_ros.simulator", f"scene:={scene}", "lock_step:=true")
     playing = player(ros, f"scene:={scene}", "periods:=2", "patience:=0.0")
     assert playing.process.wait(200) == 0, playing.said
     assert "period 2 of 2" in playing.said
@@ -67,7 +67,7 @@ def test_friction_by_directions_is_played(ros, scene, tmp_path):
 def test_refused_commands_end_it(ros, tmp_path):
     """The joints are the same, but the simulator's friction cannot be commanded."""
     simulated, played = plane(tmp_path / "a.yaml", DIRECTIONS), plane(tmp_path / "b.yaml", "isotropic: 1")
-    ros.simulator(f"scene:={simulated}", hear=("joint_states",))
+    ros.start("crawler_ros.simulator", f"scene:={simulated}")
     said = last_words(player(ros, f"scene:={played}", "patience:=0.0"))
     assert "the simulator refuses the commands" in said
     assert "no joint is called 'contact_0/friction'" in said
@@ -78,9 +78,9 @@ def test_without_a_simulator_it_ends(ros):
 
 
 def test_a_paused_simulator_ends_it(ros):
-    ros.simulator(hear=("joint_states",))
+    ros.start("crawler_ros.simulator")
     playing = player(ros, "patience:=10.0")
-    wait_until(lambda: "playing from" in playing.said, 60.0, "playing")
+    wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
     assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True).success
     said = last_words(playing)
     assert "simulated time stands still at" in said
@@ -89,8 +89,8 @@ def test_a_paused_simulator_ends_it(ros):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_dead_simulator_ends_it(ros, number):
-    simulator = ros.simulator(hear=("joint_states",))
+    simulator = ros.start("crawler_ros.simulator")
     playing = player(ros, "patience:=60.0")
-    wait_until(lambda: "playing from" in playing.said, 60.0, "playing")
+    wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
     simulator.end(number)
     assert "the simulator has gone at simulated time" in last_words(playing)
