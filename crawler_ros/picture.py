@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _MOST_LINKS, _MOST_NAMED = 4, 12
 _TIMELINE = "sim_time"
 _PATIENCE_S = 60.0
+_AT_REST_S = 3.0  # the viewer greets with notes that cover a corner and vanish
 _NO_DRIVER = ("No graphics adapter", "render context", "create render state", "Vulkan", "wgpu")
 _INSTALL = "rendering without a screen needs one (Debian, Ubuntu: apt install mesa-vulkan-drivers)"
 
@@ -211,14 +212,16 @@ def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
             viewer.set_time(ns)
         return there or None
 
-    before = b""
+    before, since = b"", time.monotonic()
 
     def same() -> bytes | None:
-        nonlocal before
+        nonlocal before, since
         last, shot = before, folder / "shot.png"
         viewer.client.save_screenshot(str(shot))
         before = shot.read_bytes() if stands() else b""
-        return before if before and before == last else None
+        if not before or before != last:
+            since = time.monotonic()
+        return before if time.monotonic() - since > _AT_REST_S else None
 
     viewer.wait(f"the viewer does not go to {ns / NS:g} s", stands)
     viewer.png.write_bytes(viewer.wait(f"the view does not come to rest at {ns / NS:g} s", same))
