@@ -366,10 +366,6 @@ def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
     screen.print(f"written: {file}")
 
 
-def _verbs() -> list[str]:
-    return sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback is not None)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command; every expected error is one line on standard error.
 
@@ -384,7 +380,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         verb = f" {error.ctx.info_name}" if error.ctx is not None and error.ctx.parent is not None else ""
         text = " ".join(error.format_message().split())
         if "No such command" in text and "Did you mean" not in text:
-            text += f" There are {', '.join(_verbs())}."
+            text += f" There are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
         print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
         status = 2
     except (CrawlerError, OSError) as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import itertools
 import json
 import os
 import select
@@ -14,12 +13,12 @@ import sys
 import time
 from collections import deque
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
 
 import yaml
 
+from .bag_folder import make_folder
 from .interface import Topic, message_definition, offered_qos, topics, type_hash
 from .mcap_file import McapFile, message_head
 
@@ -222,7 +221,7 @@ class Recorder:
         Raises:
             OSError: when the folder cannot be made.
         """
-        self.folder = _make_folder(self.folder, self._name)
+        self.folder = make_folder(self.folder, self._name)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "crawler_ros.recorder"],
             stdin=subprocess.PIPE,
@@ -330,41 +329,6 @@ class Recorder:
         if self._process.returncode == 0:
             return None
         return f"recording stopped: {said.decode().strip() or f'the process ended with {self._process.returncode}'}"
-
-
-def check_parent(parent: Path) -> None:
-    """Check that bag folders can be made in a folder; it is made where it does not exist, with its parents.
-
-    Args:
-        parent: folder in which a bag folder is to be made.
-
-    Raises:
-        OSError: naming the folder and the reason.
-    """
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        blocked = next((p for p in (parent, *parent.parents) if p.exists() and not p.is_dir()), None)
-        reason = error.strerror if blocked is None else f"{blocked} is no folder"
-        raise OSError(f"record: {parent}: the folder cannot be made: {reason}") from None
-    if not os.access(parent, os.W_OK | os.X_OK):
-        raise PermissionError(f"record: {parent}: the folder is not writable")
-
-
-def _make_folder(parent: Path, name: str) -> Path:
-    """Make a new folder: whatever is there already, a dangling link too, keeps its name to itself."""
-    check_parent(parent)
-    stem = f"{name}_{datetime.now():%Y_%m_%d-%H_%M_%S}"
-    for count in itertools.count(1):
-        folder = parent / (stem if count == 1 else f"{stem}_{count}")
-        try:
-            folder.mkdir()
-            break
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise OSError(f"record: {parent}: no folder can be made in it: {error.strerror}") from None
-    return folder
 
 
 def main() -> int:

@@ -69,7 +69,7 @@ class Simulator(Node):
             self.values[name] = interface.in_home(self.values[name])
         self.scene = load_scene(self.values["scene"])
         if self.values["record"]:
-            from .recorder import check_parent
+            from .bag_folder import check_parent
 
             check_parent(Path(self.values["record"]))  # before kernels are compiled
         rate = rational_rate(self.values["rate"])
