@@ -33,12 +33,12 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "simulator = crawler_ros.simulator:main",
-            "gait_player = crawler_ros.gait_player:main",
-            "replay = crawler_ros.replay_command:main",
-            "speed_control = crawler_ros.examples.speed_control:main",
-            "phase_control = crawler_ros.examples.phase_control:main",
-            "crawler = crawler_ros.cli:main",
+            "simulator = crawler_ros.executables:simulator",
+            "gait_player = crawler_ros.executables:gait_player",
+            "replay = crawler_ros.executables:replay",
+            "speed_control = crawler_ros.executables:speed_control",
+            "phase_control = crawler_ros.executables:phase_control",
+            "crawler = crawler_ros.executables:crawler",
         ]
     },
 )

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from crawler_model import CrawlerError, Scene, Trajectory, gallery, load_scene, prepare, simulate
 
+from .executables import STOPPED, describe_missing
 from .replay_command import compare, replay
 
 app = typer.Typer(
@@ -237,9 +238,14 @@ def view(
         Path, typer.Argument(help="A bag folder, .mcap or .rrd file; of a folder of bags the newest.")
     ],
     png: Annotated[Path | None, typer.Option(help="Render into this file instead of opening a window.")] = None,
-    at: Annotated[float | None, typer.Option(help="With --png: the simulated time to show, s.")] = None,
+    at: Annotated[
+        float | None, typer.Option(help="With --png: the simulated time to show, s; by default the end.")
+    ] = None,
 ) -> None:
-    """Open rerun on a recording with our blueprint, or render that view without a screen."""
+    """Open rerun on a recording with our blueprint, or render that view without a screen.
+
+    --png needs a Vulkan driver: on Debian and Ubuntu, apt install mesa-vulkan-drivers.
+    """
     import os
     import subprocess
     import tempfile
@@ -376,23 +382,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         status = error.exit_code
     except _UsageError as error:
         verb = f" {error.ctx.info_name}" if error.ctx is not None and error.ctx.parent is not None else ""
-        print(f"crawler: {' '.join(error.format_message().split())} (see crawler{verb} --help)", file=sys.stderr)
+        text = " ".join(error.format_message().split())
+        if "No such command" in text and "Did you mean" not in text:
+            text += f" There are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
+        print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
         status = 2
     except (CrawlerError, OSError) as error:
         print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
         status = 1
     except ModuleNotFoundError as error:
-        module = (error.name or "").split(".")[0]
-        extra = "viz" if module in ("rerun", "matplotlib", "rosbags", "mcap") else "ros"
-        extra = "sweep" if module in ("pyarrow", "distributed", "dask") else extra
-        print(
-            f"crawler: {error.name} is not installed; it comes with: pip install 'crawler-ros[{extra}]'",
-            file=sys.stderr,
-        )
+        print(f"crawler: {describe_missing(error)}", file=sys.stderr)
         status = 1
     except (KeyboardInterrupt, typer.Abort):
+        status = STOPPED
+    if status == STOPPED:  # typer's answer to Ctrl-C, too
         print("crawler: stopped", file=sys.stderr)
-        status = 130
     sys.exit(status or 0)
 
 

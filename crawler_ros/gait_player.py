@@ -2,6 +2,8 @@
 
 It waits for a simulator, then sends the drive period by period, each as one stamped trajectory on simulated time, at
 least half a period ahead: the crawler passes through every waypoint whatever the delays between the processes are.
+Where nothing can come of that - no simulator, simulated time that stands still, refused commands - it ends with one
+line that says which.
 """
 
 from __future__ import annotations
@@ -13,13 +15,13 @@ import time
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from crawler_model import CrawlerError, load_scene
-from crawler_model.drive import NS
+from crawler_model.drive import NS, Drive
 
 from . import interface
 from .messages import TrajectoryMessage, read_stamp
@@ -27,7 +29,23 @@ from .states import joint_state_names
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
-_PATIENCE_S = 10.0  # discovery takes less: who is silent for longer is in lock-step, in the middle of a run
+_WAKE_EVERY_S = 10.0  # discovery takes less: who is silent for longer is in lock-step, in the middle of a run
+_PATIENCE_S = 30.0
+_GONE_S = 3.0  # a simulator that is started anew is away for less
+
+
+def list_commands(drive: Drive) -> tuple[list[str], list[np.ndarray]]:
+    """List what of a drive can be commanded: a ledger has columns that cannot, friction by directions.
+
+    Args:
+        drive: the scene's.
+
+    Returns:
+        Names, C of them, and for each waypoint its row, shape (C,). What is left out holds at the scene's value.
+    """
+    columns = drive.columns
+    index = [i for i, name in enumerate(columns.names) if name in columns.aliases]
+    return [columns.names[i] for i in index], list(np.ascontiguousarray(drive.rows[:, index]))
 
 
 class GaitPlayer(Node):
@@ -46,22 +64,36 @@ class GaitPlayer(Node):
         text = {"description": "Scene file or gallery name whose drive is played.", "read_only": True}
         whole = {"description": "Periods to play; 0 plays on and on.", "read_only": True}
         bounds = [IntegerRange(from_value=0, to_value=10**9)]
-        scene = load_scene(self.declare_parameter("scene", DEFAULT_SCENE, ParameterDescriptor(**text)).value)
+        path = self.declare_parameter("scene", DEFAULT_SCENE, ParameterDescriptor(**text)).value
+        scene = load_scene(interface.in_home(path))
         descriptor = ParameterDescriptor(**whole, integer_range=bounds)
         self.periods = int(self.declare_parameter("periods", 0, descriptor).value)
+        meaning = "Seconds to wait for a simulator, or for simulated time to go on; then it ends. 0 is for ever."
+        descriptor = ParameterDescriptor(
+            description=meaning,
+            read_only=True,
+            floating_point_range=[FloatingPointRange(from_value=0.0, to_value=1e9)],
+        )
+        self.patience_s = float(self.declare_parameter("patience", _PATIENCE_S, descriptor).value) or float("inf")
         if scene.drive is None:
             raise CrawlerError(f"scene: {scene.name} has no drive to play")
         self.drive = scene.commands
-        self._rows = list(self.drive.rows)
-        self._message = TrajectoryMessage(list(self.drive.columns.names))
+        names, self._rows = list_commands(self.drive)
+        self._message = TrajectoryMessage(names)
         topic = interface.topics()["joint_trajectory"]
         self._publisher = self.create_publisher(
             interface.message_class(topic.type), topic.name, interface.qos_profile(topic)
         )
         states = interface.topics()["joint_states"]
+        self._states = self.resolve_topic_name(states.name)
         self.create_subscription(
             interface.message_class(states.type), states.name, self._on_state, interface.qos_profile(states), raw=True
         )
+        health = interface.topics()["/diagnostics"]
+        self.create_subscription(
+            interface.message_class(health.type), health.name, self._on_diagnostics, interface.qos_profile(health)
+        )
+        self._refused: int | None = None  # commands that the simulator had refused when it was last asked
         self._joints = joint_state_names(scene.mesh)
         self._met = False
         self.problem = ""
@@ -100,12 +132,56 @@ class GaitPlayer(Node):
         found = list(deserialize_message(data, JointState).name)
         self._met = found == self._joints
         if not self._met:
-            self.problem = (
+            self.give_up(
                 f"the simulator's joints are {', '.join(found[:6])}, the scene's {', '.join(self._joints[:6])}: "
                 "both must be started with the same scene"
             )
-            self.done.set()
         return self._met
+
+    def _on_diagnostics(self, message: Any) -> None:
+        """End when the simulator has refused what was sent; it counts what it refuses, by topic."""
+        mine = self.get_namespace().strip("/")
+        topic = interface.topics()["joint_trajectory"].name
+        for status in message.status:
+            node, _, part = status.name.rpartition(": ")
+            if part != "commands" or node.rpartition("/")[0] != mine:
+                continue
+            refused = int({v.key: v.value for v in status.values}.get(f"refused on {topic}", 0))
+            before, self._refused = self._refused, refused
+            news = status.level != status.OK if before is None else refused > before  # what is old may be another's
+            if not (self._sent and refused and news):
+                continue
+            if self.count_publishers(self._publisher.topic_name) > 1:  # it may be another's
+                self.get_logger().warning(f"a command was refused, of this player or another one: {status.message}")
+            else:
+                self.give_up(f"the simulator refuses the commands: {status.message}")
+
+    def give_up(self, problem: str) -> None:
+        """End with an error.
+
+        Args:
+            problem: what is wrong.
+        """
+        self.problem = self.problem or problem
+        self.done.set()
+
+    def describe_silence(self) -> tuple[float, str]:
+        """Say why no state comes, as far as the graph shows it.
+
+        Returns:
+            How long that may last before it is hopeless [s], and what it is.
+        """
+        met = self.now_ns >= 0
+        standing = f"simulated time stands still at {self.now_ns / NS:.3f} s" if met else "no state has come"
+        if self.count_publishers(self._states):
+            paused = f"ros2 service call {self.get_namespace().rstrip('/')}/crawler/pause std_srvs/srv/SetBool"
+            return self.patience_s, f"{standing}: is it paused? Then let it go on: {paused} '{{data: false}}'"
+        if met:
+            return min(_GONE_S, self.patience_s), f"the simulator has gone at simulated time {self.now_ns / NS:.3f} s"
+        here = [n for n in self.get_node_names_and_namespaces() if n[1] == self.get_namespace()]
+        if any(name == "crawler" for name, _ in here):
+            return 10.0 * self.patience_s, "it is starting, which takes longer while it compiles its kernels"
+        return self.patience_s, "there is none: start crawler-simulator in the same namespace and domain"
 
     def wake(self) -> None:
         """Ask a simulator in lock-step for one tick that changes nothing: it is silent until a command comes."""
@@ -167,9 +243,9 @@ def main(args: list[str] | None = None) -> int:
         args: command line, for ROS arguments; None for the process's own.
 
     Returns:
-        The exit status: 0, or 1 when the scene was wrong.
+        The exit status: 0, or 1 when the scene was wrong or the drive could not be played to its end.
     """
-    return interface.run_node("gait_player", GaitPlayer, _spin, args, "scene periods")
+    return interface.run_node("gait_player", GaitPlayer, _spin, args, "scene periods patience")
 
 
 def _spin(node: GaitPlayer) -> None:
@@ -177,15 +253,25 @@ def _spin(node: GaitPlayer) -> None:
         signal.signal(number, lambda *_: node.done.set())
     executor = EventsExecutor()
     executor.add_node(node)
-    said = woken = time.monotonic()
+    moved = said = woken = time.monotonic()
+    seen_ns = node.now_ns
     while not node.done.is_set():
         executor.spin_once(timeout_sec=0.1)
-        if node.now_ns < 0 and time.monotonic() - woken > _PATIENCE_S:
-            woken = time.monotonic()
+        now = time.monotonic()
+        if node.now_ns != seen_ns:
+            seen_ns, moved = node.now_ns, now
+        if node.now_ns < 0 and now - woken > _WAKE_EVERY_S:
+            woken = now
             node.wake()
-        if node.now_ns < 0 and time.monotonic() - said > 3.0:
-            said = time.monotonic()
-            node.get_logger().info("waiting for joint_states of a simulator")
+        if min(now - moved, now - said) > _GONE_S:
+            said = now
+            patience_s, why = node.describe_silence()
+            if now - moved > patience_s:
+                node.give_up(f"{why}; given up after {now - moved:.0f} s")
+            elif node.now_ns < 0:
+                node.get_logger().info(f"waiting for joint_states of a simulator; {why}")
+            else:
+                node.get_logger().warning(why)
     node.destroy_node()
     if node.problem:
         raise CrawlerError(node.problem)

@@ -17,6 +17,8 @@ from typing import Any
 
 import yaml
 
+from .executables import leave_at_once
+
 
 @dataclass(frozen=True)
 class Topic:
@@ -69,6 +71,24 @@ def parameters() -> dict[str, Parameter]:
     for name, row in _read("simulator.yaml").items():
         bounds = tuple(row.pop("range")) if "range" in row else None
         found[name] = Parameter(name=name, range=bounds, choices=tuple(row.pop("choices", ())), **row)
+    return found
+
+
+def in_home(path: str) -> str:
+    """Put the home folder for a leading `~`, which no shell does behind `:=`.
+
+    Args:
+        path: as it was given.
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: when it begins with the home folder of nobody.
+    """
+    found = os.path.expanduser(path)
+    if found.startswith("~"):
+        raise ValueError(f"{path}: there is no user {path[1:].split('/')[0]!r}; a leading ~ stands for a home folder")
     return found
 
 
@@ -293,6 +313,7 @@ def run_node(
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
 
+    leave_at_once(name)  # until `spin` has something to tidy up
     words = sys.argv if args is None else args
     find_ament_prefix()
     stay_on_loopback()
@@ -339,8 +360,9 @@ def _as_meant(node: Any) -> None:
         row = parameters().get(name)
         if row is None:
             if not name.startswith(("qos_overrides", "use_sim_time", "start_type_description_service")):
-                near = difflib.get_close_matches(name, parameters(), n=1, cutoff=0.0)[0]
-                node.get_logger().warning(f"there is no parameter {name!r}; the nearest is {near!r}")
+                near = difflib.get_close_matches(name, parameters(), n=1, cutoff=0.6)
+                hint = f"the nearest is {near[0]!r}" if near else f"there are {', '.join(parameters())}"
+                node.get_logger().warning(f"there is no parameter {name!r}; {hint}")
         elif row.type == "double" and type(override.value) is int:
             given[name] = RosParameter(name, RosParameter.Type.DOUBLE, float(override.value))
         elif row.type == "string" and override.value is False:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import socket
 import subprocess
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +26,11 @@ if TYPE_CHECKING:
     from .frames import Frame
 
 _MOST_LINKS, _MOST_NAMED = 4, 12
+_TIMELINE = "sim_time"
+_PATIENCE_S = 60.0
+_AT_REST_S = 3.0  # the viewer greets with notes that cover a corner and vanish
+_NO_DRIVER = ("No graphics adapter", "render context", "create render state", "Vulkan", "wgpu")
+_INSTALL = "rendering without a screen needs one (Debian, Ubuntu: apt install mesa-vulkan-drivers)"
 
 
 class PictureError(CrawlerError):
@@ -109,32 +116,115 @@ def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
         at_s: simulated time to show [s]; None for the end.
 
     Raises:
-        PictureError: when the viewer does not start or does not answer.
+        PictureError: when there is no driver, the recording has no such time, or the viewer does not show it.
     """
     from rerun.experimental import ViewerClient
 
+    if at_s is not None and not np.isfinite(at_s):
+        raise PictureError(f"--at: {at_s:g} s; it must be a time in the recording")
     port = _free_port()
-    viewer = subprocess.Popen(
-        [
-            *(viewer_binary(), "--headless", "--bind", "127.0.0.1", "--port", str(port)),
-            *("--hide-welcome-screen", "--window-size", "1920x1080", str(rrd)),
-        ],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        client = _connect(ViewerClient, port, viewer)
-        time.sleep(2.0)  # the file is loaded and laid out
-        if at_s is not None:
-            client.set_time("sim_time", duration=at_s)
-            time.sleep(1.0)
-        client.save_screenshot(str(png))
-    except Exception as error:
-        raise PictureError(f"{png}: the viewer did not answer: {' '.join(str(error).split())[:200]}") from None
-    finally:
-        viewer.kill()
-        viewer.communicate()
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "viewer.log"
+        with log.open("wb") as said:
+            viewer = subprocess.Popen(
+                [
+                    *(viewer_binary(), "--headless", "--bind", "127.0.0.1", "--port", str(port)),
+                    *("--hide-welcome-screen", "--window-size", "1920x1080", str(rrd.absolute())),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=said,
+            )
+        try:
+            url = f"rerun+http://127.0.0.1:{port}/proxy"
+            _shoot(_Viewer(lambda: ViewerClient(url), viewer, log, png), Path(folder), at_s)
+        finally:
+            viewer.kill()
+            viewer.wait()
+
+
+class _Viewer:
+    """A viewer in a process of its own that is asked until it answers, fails or is given up."""
+
+    def __init__(self, connect: Callable[[], Any], process: subprocess.Popen[bytes], log: Path, png: Path) -> None:
+        self.png = png
+        self._process, self._log = process, log
+        self.client = self.wait("the viewer cannot be reached", connect)
+        self._state = getattr(self.client, "get_state", None) or self.client.viewer_state  # rerun 0.41, and before
+        known = signature(self.client.set_time).parameters
+        self._pause = {"play_state": "paused"} if "play_state" in known else {}  # before 0.41 it always pauses
+
+    def wait(self, what: str, ask: Callable[[], Any]) -> Any:
+        """Ask until the answer is something; no answer is none."""
+        deadline = time.monotonic() + _PATIENCE_S
+        last = ""
+        while time.monotonic() < deadline:
+            try:
+                found = ask()
+            except PictureError:
+                raise
+            except Exception as error:  # rerun's errors have no common type; it may not be listening yet
+                found, last = None, f": {' '.join(str(error).split())[:200]}"
+            if found is not None:
+                return found
+            if self._process.poll() is not None:
+                raise PictureError(f"{self.png}: {self._why_ended()}")
+            time.sleep(0.1)
+        raise PictureError(f"{self.png}: {what}{last}")
+
+    def shown(self) -> Any:
+        """Read the recording that is shown, with its cursor, once all of it is there; None before."""
+        state = self._state()
+        found = [r for r in state.recordings if r.store_id == state.active_recording]
+        return found[0] if found and not state.loading and state.views else None
+
+    def set_time(self, ns: int) -> None:
+        """Move the cursor, and stop it there."""
+        self.client.set_time(_TIMELINE, duration=np.timedelta64(ns, "ns"), **self._pause)
+
+    def _why_ended(self) -> str:
+        said = self._log.read_text(encoding="utf-8", errors="replace")
+        if any(word in said for word in _NO_DRIVER):
+            return f"there is no Vulkan driver here; {_INSTALL}"
+        panic = said[said.find("panicked at") :].splitlines()[:1] if "panicked at" in said else said.splitlines()[-1:]
+        return f"the viewer ended: {' '.join(panic)[:200]}; if this machine has no Vulkan driver, {_INSTALL}"
+
+
+def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
+    """Show a time, see that it is shown, and save the picture once it does not change any more."""
+
+    def range_ns() -> tuple[int, int] | None:
+        recording = viewer.shown()
+        for timeline in recording.timelines if recording else ():
+            if timeline.name == _TIMELINE and timeline.start is not None and timeline.end is not None:
+                return int(timeline.start), int(timeline.end)
+        return None
+
+    start, end = viewer.wait("the viewer shows no recording with simulated time", range_ns)
+    ns = end if at_s is None else round(at_s * NS)
+    if not start <= ns <= end:
+        raise PictureError(f"--at: {at_s:g} s; the recording goes from {start / NS:g} to {end / NS:g} s")
+
+    def stands() -> bool | None:
+        recording = viewer.shown()
+        there = recording is not None and (recording.current_timeline, recording.current_time) == (_TIMELINE, ns)
+        if not there:
+            viewer.set_time(ns)
+        return there or None
+
+    before, since = b"", time.monotonic()
+
+    def same() -> bytes | None:
+        nonlocal before, since
+        last, shot = before, folder / "shot.png"
+        viewer.client.save_screenshot(str(shot))
+        before = shot.read_bytes() if stands() else b""
+        if not before or before != last:
+            since = time.monotonic()
+        return before if time.monotonic() - since > _AT_REST_S else None
+
+    viewer.wait(f"the viewer does not go to {ns / NS:g} s", stands)
+    viewer.png.write_bytes(viewer.wait(f"the view does not come to rest at {ns / NS:g} s", same))
 
 
 def viewer_binary() -> str:
@@ -142,24 +232,6 @@ def viewer_binary() -> str:
     import rerun_cli
 
     return str(Path(rerun_cli.__file__).parent / "rerun")
-
-
-def _connect(client_type: Any, port: int, viewer: subprocess.Popen[str]) -> Any:
-    deadline = time.monotonic() + 20.0
-    while True:
-        if viewer.poll() is not None:
-            _, said = viewer.communicate()
-            last = said.strip().splitlines()[-1] if said.strip() else "it ended at once"
-            raise PictureError(f"the viewer does not start (is a Vulkan driver installed?): {last}")
-        try:
-            client = client_type(f"rerun+http://127.0.0.1:{port}/proxy")
-            ask = getattr(client, "get_state", None) or client.viewer_state  # rerun 0.41, and before
-            ask()
-            return client
-        except Exception:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.3)
 
 
 def _free_port() -> int:

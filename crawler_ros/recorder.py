@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import itertools
 import json
 import os
 import select
@@ -13,10 +12,10 @@ import subprocess
 import sys
 import time
 from collections import deque
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from .bag_folder import make_folder
 from .bag_writer import BagWriter, describe_channel
 from .interface import Topic
 from .mcap_file import message_head
@@ -89,7 +88,7 @@ class Recorder:
         Raises:
             OSError: when the folder cannot be made.
         """
-        self.folder = _make_folder(self.folder, self._name)
+        self.folder = make_folder(self.folder, self._name)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "crawler_ros.recorder"],
             stdin=subprocess.PIPE,
@@ -222,18 +221,6 @@ class Recorder:
             return None
         last = said.rpartition("\n")[2] or self.trouble.removeprefix("recording in trouble: ")
         return f"recording stopped: {last or f'the process ended with {self._process.returncode}'}"
-
-
-def _make_folder(parent: Path, name: str) -> Path:
-    """Make a new folder: whatever is there already, a dangling link too, keeps its name to itself."""
-    parent.mkdir(parents=True, exist_ok=True)
-    stem = f"{name}_{datetime.now():%Y_%m_%d-%H_%M_%S}"
-    for count in itertools.count(1):
-        folder = parent / (stem if count == 1 else f"{stem}_{count}")
-        with contextlib.suppress(FileExistsError):
-            folder.mkdir()
-            break
-    return folder
 
 
 def main() -> int:

@@ -160,21 +160,22 @@ class _Outputs:
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(help="A recording.")],
-    second: Annotated[Path, typer.Argument(help="Another one.")],
+    first: Annotated[Path, typer.Argument(help="A recording; of a folder of bags the newest.")],
+    second: Annotated[Path, typer.Argument(help="Another one, likewise.")],
     scene: SceneOption = None,
     as_json: JsonOption = False,
     png: Annotated[Path | None, typer.Option(help="Draw both runs into this file.")] = None,
     namespace: NamespaceOption = None,
 ) -> None:
     """Tell in what two recorded runs differ: commands, translation per cycle, energy, slips, on simulated time."""
+    from .bag import newest
     from .cli import _check_picture, progress_bar, screen
     from .replay.compare import compare_recordings, draw_comparison, print_comparison
 
     _check_picture(png)
     loaded = None if scene is None else load_scene(scene)
     with progress_bar("comparing") as progress:
-        found = compare_recordings(first, second, loaded, namespace, progress)
+        found = compare_recordings(newest(first), newest(second), loaded, namespace, progress)
     if png is not None:
         draw_comparison(found, png)
     if as_json:

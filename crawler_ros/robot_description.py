@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from crawler_model import Scene, load_scene
+from crawler_model import CrawlerError, Scene, load_scene
 
 from .states import joint_names, station_names, tree_of_joints
 
@@ -116,4 +116,7 @@ def _add_joints(
 
 
 if __name__ == "__main__":  # for launch files: python3 -m crawler_ros.robot_description SCENE
-    print(describe_robot(load_scene(sys.argv[1])))
+    try:
+        print(describe_robot(load_scene(sys.argv[1])))
+    except CrawlerError as error:
+        sys.exit(f"robot_description: {error}")

@@ -64,7 +64,13 @@ class Simulator(Node):
         """
         super().__init__("crawler", **options)
         self.values = interface.declare_parameters(self)
+        for name in ("scene", "record", "view"):
+            self.values[name] = interface.in_home(self.values[name])
         self.scene = load_scene(self.values["scene"])
+        if self.values["record"]:
+            from .bag_folder import check_parent
+
+            check_parent(Path(self.values["record"]))  # before kernels are compiled
         rate = rational_rate(self.values["rate"])
         prepare(self.scene)
         method = str(self.values["method"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 from PIL import Image
@@ -85,3 +86,13 @@ def test_what_was_set_up_differently_is_told(pair, capsys):
     said = capsys.readouterr().out
     assert "scenes (A / B): drive.length" in said
     assert "versions" not in said  # they are the same
+
+
+def test_of_a_folder_of_recordings_the_newest_is_compared(tmp_path):
+    old, new = (
+        record(tmp_path / "bags" / name, longer("two_anchor_b", length), 3) for name, length in (("a", 4), ("b", 6))
+    )
+    os.utime(next(old.glob("*.mcap")), (1.0, 1.0))
+    told = crawler("compare", str(tmp_path / "bags"), str(new), "--json")
+    assert told.returncode == 0, told.stderr
+    assert json.loads(told.stdout) == json.loads(crawler("compare", str(new), str(new), "--json").stdout)

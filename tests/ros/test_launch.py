@@ -7,6 +7,7 @@ import inspect
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -151,8 +152,8 @@ def test_every_executable_is_installed_in_each_way():
         assert os.access(shim, os.X_OK)
         script = "crawler-" + name.replace("_", "-")
         assert f"bin/{script}" in shim.read_text()
-        assert project["project"]["scripts"][script] == f"{MODULES[name]}:main"
-        assert f'"{name} = {MODULES[name]}:main"' in setup
+        assert project["project"]["scripts"][script] == f"crawler_ros.executables:{name}"
+        assert f'"{name} = crawler_ros.executables:{name}"' in setup
 
 
 def test_every_executable_and_launch_file_is_found_through_the_ament_index():
@@ -191,8 +192,16 @@ def test_rviz_shows_topics_that_there_are():
     assert processes["simulator"].parameters["publish.odom"] == "true"
 
 
-def test_the_description_for_robot_state_publisher_is_a_urdf():
-    processes = {p.executable: p for p in start(FOLDER / "rviz.launch.xml")}
+@pytest.mark.parametrize("path", ["three_contacts_one_way", "with a space.yaml"])
+def test_the_description_for_robot_state_publisher_is_a_urdf(path, tmp_path):
+    scene = path
+    if path.endswith(".yaml"):
+        scene = str(tmp_path / "my scenes" / path)
+        Path(scene).parent.mkdir()
+        shutil.copy(ROOT / "msgs_config" / "scenes" / "three_contacts_one_way.yaml", scene)
+    first, *_ = started = start(FOLDER / "rviz.launch.xml", {"scene": scene})
+    assert first.executable == "robot_state_publisher"  # its command may fail: before anything runs
+    processes = {p.executable: p for p in started}
     (command,) = re.findall(
         r"^\$\(command '(.*)'\)$", processes["robot_state_publisher"].parameters["robot_description"]
     )

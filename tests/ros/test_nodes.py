@@ -266,12 +266,16 @@ WRONG = [
     (["rate:=fast"], "parameter rate takes a number"),
     (["method:=euler"], "it must be one of auto, exact, catch_up"),
     (["view:=window"], "it must be off, live, or a path that ends in .rrd"),
-    (["record:=/proc/nowhere"], "/proc/nowhere"),
+    (["record:=/proc/nowhere"], "record: /proc/nowhere: the folder cannot be made: No such file or directory"),
+    (["record:=file"], "record: file: the folder cannot be made: file is no folder"),
+    (["record:=file/deep/er"], "record: file/deep/er: the folder cannot be made: file is no folder"),
+    (["record:=~nobody-at-all/bags"], "there is no user 'nobody-at-all'"),
 ]
 
 
 @pytest.mark.parametrize(("parameters", "said"), WRONG)
 def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
+    (tmp_path / "file").write_text("mine")
     words = [w for p in parameters for w in ("-p", p)]
     command = [sys.executable, "-m", "crawler_ros.simulator", "--ros-args", *words]
     done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S, cwd=tmp_path)
@@ -306,10 +310,11 @@ def test_help_of_a_node_names_its_parameters():
 
 
 def test_what_is_meant_is_taken_and_what_is_unknown_is_named(ros):
-    simulator = ros.simulator("rate:=50", "view:=off", "rte:=3.0", hear=("joint_states",))
+    simulator = ros.simulator("rate:=50", "view:=off", "rte:=3.0", "zzz:=1", hear=("joint_states",))
     wait_until(lambda: len(ros.heard["joint_states"]) > 5)
     assert seconds(ros.heard["joint_states"][5]) - seconds(ros.heard["joint_states"][4]) == pytest.approx(0.02)
     assert "there is no parameter 'rte'; the nearest is 'rate'" in simulator.said
+    assert "there is no parameter 'zzz'; there are scene, " in simulator.said
     assert "3 contacts, 2 links, exact at 50 Hz; waiting for commands" in simulator.said
 
 

@@ -9,6 +9,7 @@ import socket
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,56 @@ def test_the_view_shows_a_slipping_and_two_standing_contacts(tmp_path):
     assert greenish(lanes) > 1000
     polygon = picture[690:1050, 1155:]
     assert count(polygon, (200, 60, 60)) > 300
+
+
+def body_of(picture: np.ndarray) -> tuple[int, int]:
+    """Where the contacts of a rendered view begin and end, in pixels; the viewer's notes stand right of 1580."""
+    track = picture[60:280, :1560]
+    near = [np.abs(track - color).max(axis=2) < 24 for color in (GREEN, RED, GREY)]
+    columns = np.flatnonzero(np.logical_or.reduce(near).sum(axis=0) > 4)
+    return int(columns[0]), int(columns[-1])
+
+
+@needs_renderer
+def test_the_instant_asked_for_is_the_one_that_is_rendered(tmp_path):
+    """The first contact stands at 0 and the second at 1 + t: every instant looks different."""
+    scene = load_scene("two_anchor_a")
+    drawing = Drawing(scene, to_file(tmp_path / "x.rrd"))
+    for frame in thin(frames("two_anchor_a", 2.0)):
+        drawing.draw(replace(frame, displacement=np.array([0.0, frame.time_ns * 1e-9])))
+    drawing.close()
+    widths = []
+    for k, at in enumerate((0.5, 1.5, 0.5)):
+        screenshot(tmp_path / "x.rrd", tmp_path / f"{k}.png", at)
+        left, right = body_of(np.asarray(Image.open(tmp_path / f"{k}.png").convert("RGB")).astype(int))
+        widths.append(right - left)
+    assert widths[0] == widths[2]
+    diameter = 2 * 0.045
+    assert widths[1] / widths[0] == pytest.approx((2.5 + diameter) / (1.5 + diameter), abs=0.02)
+    with pytest.raises(CrawlerError, match="the recording goes from 0 to 2 s"):
+        screenshot(tmp_path / "x.rrd", tmp_path / "late.png", 2.1)
+    assert not (tmp_path / "late.png").exists()
+
+
+@pytest.mark.parametrize(
+    "graphics",
+    [
+        ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"],
+        ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "LIBGL_DRIVERS_PATH", "__EGL_VENDOR_LIBRARY_DIRS"],
+    ],
+    ids=["no Vulkan", "no GL"],
+)
+def test_without_a_driver_one_line_names_what_to_install(graphics, tmp_path, monkeypatch):
+    rrd = draw("two_anchor_a", tmp_path / "x.rrd", 0.1)
+    (tmp_path / "empty").mkdir()
+    for name in graphics:
+        monkeypatch.setenv(name, str(tmp_path / "empty"))
+    with pytest.raises(
+        CrawlerError, match=r"there is no Vulkan driver here; .* apt install mesa-vulkan-drivers"
+    ) as error:
+        screenshot(rrd, tmp_path / "x.png")
+    assert len(str(error.value).splitlines()) == 1
+    assert not (tmp_path / "x.png").exists()
 
 
 def test_the_page_shows_slips_in_their_colours(tmp_path):

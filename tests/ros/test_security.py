@@ -21,7 +21,7 @@ pytest.importorskip("rclpy")
 from crawler_bench.processes import PATIENCE_S, children, wait_until
 from crawler_model import SceneError, load_scene
 from crawler_model.scene_file import LARGEST_FILE, parse_scene
-from crawler_ros import bag, recorder
+from crawler_ros import bag, bag_folder
 from crawler_ros.bag_writer import BagWriter
 from crawler_ros.recorder import Recorder
 
@@ -300,7 +300,7 @@ class OneSecond(datetime):
 
 def test_what_is_in_the_way_is_left_alone(tmp_path, monkeypatch):
     """A recording, a file, a link that leads nowhere and one to another recording: the new folder takes a new name."""
-    monkeypatch.setattr(recorder, "datetime", OneSecond)
+    monkeypatch.setattr(bag_folder, "datetime", OneSecond)
     stem = "crawler_2026_01_01-12_00_00"
     BagWriter(tmp_path / stem, {}).close()
     before = {p.name: p.read_bytes() for p in (tmp_path / stem).iterdir()}
@@ -321,13 +321,13 @@ def test_what_is_in_the_way_is_left_alone(tmp_path, monkeypatch):
 
 
 def test_recordings_of_the_same_second_have_folders_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder, "datetime", OneSecond)
+    monkeypatch.setattr(bag_folder, "datetime", OneSecond)
     made = []
     at_once = threading.Barrier(16)
 
     def make():
         at_once.wait()
-        made.append(recorder._make_folder(tmp_path / "bags", "crawler"))
+        made.append(bag_folder.make_folder(tmp_path / "bags", "crawler"))
 
     threads = [threading.Thread(target=make) for _ in range(16)]
     for thread in threads:

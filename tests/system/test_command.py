@@ -141,7 +141,9 @@ MISTAKES = [
     (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
     (["replay", "text.mcap"], "not an MCAP file"),
     (["replay", "nothing"], "nothing: no such file or folder"),
-    (["nonsense"], "nonsense"),
+    (["nonsense"], "No such command 'nonsense'. There are bench, check, compare, demo, "),
+    (["simulat"], "Did you mean 'simulate'?"),
+    (["simulate", "nonsense"], "nonsense: no such file, nor a scene of the gallery; there are "),
 ]
 
 

@@ -31,7 +31,6 @@ def test_demo_ends_with_a_summary_on_one_screen(demonstrated):
     folder, text = demonstrated
     assert len(text.splitlines()) < 24
     assert re.search(r"distance per period\s+0\.140000000000 m \(closed form 0\.140000000000 m", text)
-    assert re.search(r"late ticks\s+\d+", text)
     for suffix in (".mcap", ".rrd", ".png"):
         (path,) = re.findall(rf"^\s+(\S+{re.escape(suffix)})\b", text, re.M)[:1]
         assert (folder / path).stat().st_size > 10_000

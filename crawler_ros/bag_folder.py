@@ -1,0 +1,54 @@
+"""Where a recording goes: a new folder in a parent folder, or one line that says why not."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from datetime import datetime
+from pathlib import Path
+
+
+def check_parent(parent: Path) -> None:
+    """Check that bag folders can be made in a folder; it is made where it does not exist, with its parents.
+
+    Args:
+        parent: folder in which a bag folder is to be made.
+
+    Raises:
+        OSError: naming the folder and the reason.
+    """
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        blocked = next((p for p in (parent, *parent.parents) if p.exists() and not p.is_dir()), None)
+        reason = error.strerror if blocked is None else f"{blocked} is no folder"
+        raise OSError(f"record: {parent}: the folder cannot be made: {reason}") from None
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise PermissionError(f"record: {parent}: the folder is not writable")
+
+
+def make_folder(parent: Path, name: str) -> Path:
+    """Make a new folder: whatever is there already, a dangling link too, keeps its name to itself.
+
+    Args:
+        parent: folder in which it is made.
+        name: how its name begins; the time follows.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OSError: naming the folder and the reason.
+    """
+    check_parent(parent)
+    stem = f"{name}_{datetime.now():%Y_%m_%d-%H_%M_%S}"
+    for count in itertools.count(1):
+        folder = parent / (stem if count == 1 else f"{stem}_{count}")
+        try:
+            folder.mkdir()
+            break
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise OSError(f"record: {parent}: no folder can be made in it: {error.strerror}") from None
+    return folder

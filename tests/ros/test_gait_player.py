@@ -1,0 +1,96 @@
+"""The gait player: it plays every scene that has a drive, and ends with one line where nothing can come of that."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from crawler_model import gallery, load_scene
+from crawler_ros.commands import CommandQueue
+from crawler_ros.gait_player import list_commands
+
+from .graph import Process, graph, wait_until
+
+PLANE = """{name: plane, dimension: 2, body: {contacts: [[0, 0], [1, 0]], links: {stiffness: 1}}, friction: {FRICTION},
+ drive: {times: [0, 0.5, 1], period: 1, actuation: [[[0, 0]], [[2, 0]], [[0, 0]]]}}"""
+DIRECTIONS = "directions: [0, 1.5708, 3.1416, 4.7124], value: [1, 1, 2, 1]"
+
+
+@pytest.fixture
+def ros(tmp_path):
+    with graph(tmp_path) as made:
+        yield made
+
+
+def plane(path: Path, friction: str) -> Path:
+    path.write_text(PLANE.replace("FRICTION", friction))
+    return path
+
+
+def player(ros, *parameters: str) -> Process:
+    return ros.start("crawler_ros.gait_player", *parameters)
+
+
+def last_words(process: Process) -> str:
+    """What it ended with, in one line."""
+    assert process.process.wait(200) == 1, process.said
+    assert "Traceback" not in process.said
+    (line,) = [text for text in process.said.splitlines() if text.startswith("gait_player: ")]
+    return line
+
+
+@pytest.mark.parametrize("name", [n for n in gallery() if load_scene(n).drive is not None])
+def test_what_is_sent_can_be_commanded(name):
+    scene = load_scene(name)
+    names, rows = list_commands(scene.commands)
+    assert names
+    queue = CommandQueue(scene.columns, scene.commands.rows[0])
+    queue.accept_trajectory(names, [0] * len(rows), rows, 0)
+    (*_, last) = queue.take(0, 10**9) or [None]
+    if last is not None:
+        assert last.row.tolist() == scene.commands.rows[-1].tolist()
+
+
+@pytest.mark.parametrize("scene", ["planar_rectilinear", None], ids=["gallery", "own"])
+def test_friction_by_directions_is_played(ros, scene, tmp_path):
+    scene = scene or plane(tmp_path / "plane.yaml", DIRECTIONS)
+    ros.start("crawler_ros.simulator", f"scene:={scene}", "lock_step:=true")
+    playing = player(ros, f"scene:={scene}", "periods:=2", "patience:=0.0")
+    assert playing.process.wait(200) == 0, playing.said
+    assert "period 2 of 2" in playing.said
+
+
+def test_refused_commands_end_it(ros, tmp_path):
+    """The joints are the same, but the simulator's friction cannot be commanded."""
+    simulated, played = plane(tmp_path / "a.yaml", DIRECTIONS), plane(tmp_path / "b.yaml", "isotropic: 1")
+    ros.start("crawler_ros.simulator", f"scene:={simulated}")
+    said = last_words(player(ros, f"scene:={played}", "patience:=0.0"))
+    assert "the simulator refuses the commands" in said
+    assert "no joint is called 'contact_0/friction'" in said
+
+
+def test_without_a_simulator_it_ends(ros):
+    assert "there is none: start crawler-simulator" in last_words(player(ros, "patience:=1.0"))
+
+
+def test_a_paused_simulator_ends_it(ros):
+    ros.start("crawler_ros.simulator")
+    playing = player(ros, "patience:=10.0")
+    wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
+    assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True).success
+    said = last_words(playing)
+    assert "simulated time stands still at" in said
+    assert "/crawler/pause" in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_dead_simulator_ends_it(ros, number):
+    simulator = ros.start("crawler_ros.simulator")
+    playing = player(ros, "patience:=60.0")
+    wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
+    simulator.end(number)
+    assert "the simulator has gone at simulated time" in last_words(playing)
