@@ -6,7 +6,6 @@ least half a period ahead: the crawler passes through every waypoint whatever th
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 import time
@@ -15,22 +14,26 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from crawler_model import CrawlerError, load_scene
 from crawler_model.drive import NS
 
 from . import interface
-from .messages import TrajectoryMessage, read_stamp
+from .diagnostics import OK, WARN, Status
+from .messages import TrajectoryMessage, encode_diagnostics, read_stamp
+from .peers import publishers_of, rivals_on_commands, rivals_on_states
+from .quiet_node import QuietNode
+from .run import end_on_signals, run_node
 from .states import joint_state_names
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
+_MOST_AHEAD_NS = 30 * NS
 _PATIENCE_S = 10.0  # discovery takes less: who is silent for longer is in lock-step, in the middle of a run
 
 
-class GaitPlayer(Node):
+class GaitPlayer(QuietNode):
     """Sends trajectories ahead of the simulated time that it reads from joint_states."""
 
     def __init__(self, **options: Any) -> None:
@@ -62,6 +65,9 @@ class GaitPlayer(Node):
         self.create_subscription(
             interface.message_class(states.type), states.name, self._on_state, interface.qos_profile(states), raw=True
         )
+        self._diagnostics = interface.open_publisher(self, interface.topics()["/diagnostics"])
+        self._rivals = ""
+        self.drive_name = scene.name
         self._joints = joint_state_names(scene.mesh)
         self._met = False
         self.problem = ""
@@ -107,6 +113,20 @@ class GaitPlayer(Node):
             self.done.set()
         return self._met
 
+    def look_for_rivals(self) -> None:
+        """Warn, here and on /diagnostics, of other players and of other crawlers under this one's name."""
+        states = {"joint_states": publishers_of(self, "joint_states")}
+        commands = {"joint_trajectory": publishers_of(self, "joint_trajectory")}
+        found = [rivals_on_states(states), rivals_on_commands(commands)]
+        text = "; ".join(rival for rival in found if rival)
+        if text != self._rivals:
+            self._rivals = text
+            if text:
+                self.get_logger().warning(text)
+        name = self.get_fully_qualified_name().lstrip("/")
+        status: Status = (WARN if text else OK, f"{name}: playing", text or "alone", self.drive_name, [])
+        self._diagnostics.publish(encode_diagnostics(time.time_ns(), [status]))
+
     def wake(self) -> None:
         """Ask a simulator in lock-step for one tick that changes nothing: it is silent until a command comes."""
         if self._publisher.get_subscription_count() > 0:
@@ -137,7 +157,7 @@ class GaitPlayer(Node):
         span = self.drive.period * NS
         while self.periods == 0 or self._sent < self.periods:
             begin = self._start_ns + round(self._sent * span)
-            if begin - self.now_ns > max(span / 2, NS):
+            if begin - self.now_ns > max(min(span / 2, _MOST_AHEAD_NS), NS):
                 return
             count = max(int(_LEAST_MESSAGE_NS / span), 1)
             if self.periods:
@@ -169,17 +189,20 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when the scene was wrong.
     """
-    return interface.run_node("gait_player", GaitPlayer, _spin, args, "scene periods")
+    return run_node("gait_player", GaitPlayer, _spin, args, "scene periods")
 
 
 def _spin(node: GaitPlayer) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: node.done.set())
+    end_on_signals(node.done.set, node.done.is_set)
     executor = EventsExecutor()
     executor.add_node(node)
-    said = woken = time.monotonic()
+    said = woken = looked = time.monotonic()
     while not node.done.is_set():
         executor.spin_once(timeout_sec=0.1)
+        if time.monotonic() - looked > 1.0:
+            looked = time.monotonic()
+            node.look_for_rivals()
+            node.throttle.flush()
         if node.now_ns < 0 and time.monotonic() - woken > _PATIENCE_S:
             woken = time.monotonic()
             node.wake()
