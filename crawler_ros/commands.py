@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import threading
 from collections import deque
 from collections.abc import Sequence
@@ -11,11 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from crawler_model.columns import Columns
-from crawler_model.drive import NS
-from crawler_model.errors import LARGEST, CommandError
+from crawler_model.errors import CommandError
 
-_MOST_AHEAD_NS = 60 * NS
-"""A stamp farther ahead is of another clock."""
+from .checks import check_finite, check_points, check_times, named_columns
+from .limits import Limits
+from .received import wrong_point
+
+MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
+"""What may wait: command rows, and the memory that they take."""
+_ROW_BYTES = 128  # of an array or a vertex, beside its numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +28,13 @@ class Trajectory:
     Attributes:
         start_ns: simulated time [ns]; None for as soon as possible.
         columns: which numbers of a command row it sets, one array of indices per name.
-        times_ns: time_from_start of each point [ns].
+        times_ns: time_from_start of each point, shape (points,) [ns].
         positions: shape (points, names).
     """
 
     start_ns: int | None
     columns: list[np.ndarray]
-    times_ns: list[int]
+    times_ns: np.ndarray
     positions: np.ndarray
 
 
@@ -51,18 +54,24 @@ class CommandQueue:
     the order of the messages alone and never on when they arrive.
     """
 
-    def __init__(self, columns: Columns, in_force: np.ndarray, lock_step: bool = False) -> None:
+    def __init__(
+        self, columns: Columns, in_force: np.ndarray, lock_step: bool = False, limits: Limits | None = None
+    ) -> None:
         """Start with nothing pending.
 
         Args:
             columns: what can be commanded.
             in_force: the command row in force, shape (C,).
             lock_step: whether messages make the ticks.
+            limits: the largest sizes taken; None for whatever doubles can hold.
         """
         self._columns = columns
         self._lock_step = lock_step
+        self._limits = Limits.none(columns) if limits is None else limits
         self.arrived = threading.Event()
         """Set when something arrived that makes a tick in lock-step."""
+        self.full = 0
+        """Messages refused because too much was waiting."""
         self._lengths = columns.lengths
         self._lock = threading.Lock()
         self.reset(in_force)
@@ -75,22 +84,42 @@ class CommandQueue:
             self._trajectories: list[Trajectory] = []
             self._last_was_trajectory = False
             self._turns: deque[np.ndarray | Trajectory] = deque()
-            self._now_ns = 0
+            self._pending = self._pending_friction = 0
+            self._now_ns = self._tick_ns = 0
             self.arrived.clear()
         self._in_force = np.array(in_force)
         self._anchor = Vertex(0, self._in_force)
         self._path: list[Vertex] = []
 
-    def accept_actuation(self, values: Sequence[float]) -> None:
+    @property
+    def waiting(self) -> int:
+        """Command rows that wait, those of a trajectory that runs included."""
+        return self._pending + self._pending_friction + len(self._path)
+
+    @property
+    def most_waiting(self) -> int:
+        """How many rows may wait: each becomes a whole row of commands when its tick comes."""
+        return min(MOST_ROWS, MOST_BYTES // (8 * self._columns.count + _ROW_BYTES))
+
+    def _take_in(self, rows: int) -> None:
+        """Refuse what does not fit; call it with the lock held."""
+        if self.waiting + rows > self.most_waiting:
+            self.full += 1
+            raise CommandError(
+                f"{self.waiting} command rows wait already and {rows} more are too many: at most {self.most_waiting} "
+                "may wait; send no faster than ticks follow (a paused simulator follows none)"
+            )
+
+    def accept_actuation(self, values: Sequence[float] | np.ndarray) -> None:
         """Take a command for all links and segments.
 
         Args:
             values: L of each link [m], then the strain of each segment; in the plane x and y of each link.
 
         Raises:
-            CommandError: on a wrong length or a value that is not finite.
+            CommandError: on a wrong length, a value that is not finite or beyond its limit, or a full queue.
         """
-        array = np.asarray(values, dtype=np.float64)
+        array = np.array(values, dtype=np.float64)
         sizes = self._columns.actuation_sizes
         planar = self._columns.planar is not None
         if array.size != (self._lengths if planar else sizes.size):
@@ -98,9 +127,12 @@ class CommandQueue:
             if planar:
                 counts = f"{self._lengths}, x and y of each link"
             raise CommandError(f"actuation command has {array.size} value(s); give {counts}")
-        _check_finite("actuation command", array)
+        check_finite("actuation command", array)
         row = array if planar else np.repeat(array, sizes)
+        self._limits.check("actuation command", self._columns.names[: self._lengths], row)
         with self._lock:
+            self._take_in(1)
+            self._pending += 1
             if self._lock_step:
                 self._turns.append(row)
                 self.arrived.set()
@@ -108,17 +140,17 @@ class CommandQueue:
             self._actuation.append(row)
             self._last_was_trajectory = False
 
-    def accept_friction(self, values: Sequence[float]) -> None:
+    def accept_friction(self, values: Sequence[float] | np.ndarray) -> None:
         """Take a command for all frictions.
 
         Args:
             values: one, one per isolated contact [N] then segment [N/m], or all forward and then all backward.
 
         Raises:
-            CommandError: on a wrong length, a negative value or one that is not finite.
+            CommandError: on a wrong length, a value that is negative, not finite or beyond its limit, or a full queue.
         """
-        array = np.asarray(values, dtype=np.float64)
-        _check_finite("friction command", array)
+        array = np.array(values, dtype=np.float64)
+        check_finite("friction command", array)
         columns = self._columns
         sizes, sides = columns.friction_sizes, columns.sides
         if columns.planar:
@@ -136,63 +168,46 @@ class CommandQueue:
         if array.min() < 0.0:
             i = int(np.argmin(array))
             raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
+        self._limits.check("friction command", columns.names[self._lengths :], row, self._lengths)
         with self._lock:
+            self._take_in(1)
+            self._pending_friction += 1
             self._friction.append(row)
             self._last_was_trajectory = False
 
     def accept_trajectory(
         self,
         names: Sequence[str],
-        times_ns: Sequence[int],
-        positions: Sequence[Sequence[float]],
+        times_ns: Sequence[int] | np.ndarray,
+        positions: Sequence[Sequence[float]] | np.ndarray,
         stamp_ns: int,
         only_lengths: bool = False,
     ) -> None:
         """Take a trajectory: straight lines through its points, replacing what runs from its start.
 
         Args:
-            names: which numbers it commands.
+            names: which numbers it commands, N of them.
             times_ns: time_from_start of each point, not decreasing [ns].
-            positions: of each point, one number per name.
+            positions: of each point, one number per name, shape (P, N).
             stamp_ns: when it starts [ns, simulated]; 0 for as soon as possible.
             only_lengths: whether links and segments alone may be named, not friction.
 
         Raises:
             CommandError: naming the name, point or value that does not fit.
         """
-        columns = []
-        for name in names:
-            if name not in self._columns.aliases:
-                raise CommandError(f"trajectory: no joint is called {name!r}; {_known(self._columns, name)}")
-            columns.append(self._columns.aliases[name])
-            if only_lengths and columns[-1][0] >= self._lengths:
-                raise CommandError(f"trajectory: {name!r} is a friction; this topic takes links and segments alone")
-        taken = np.concatenate(columns) if columns else np.zeros(0, int)
-        if np.unique(taken).size != taken.size:
-            raise CommandError("trajectory: a joint is named twice")
-        table = np.zeros((len(positions), len(columns)))
-        before = 0
-        for i, (ns, row) in enumerate(zip(times_ns, positions, strict=True)):
-            if len(row) != len(columns):
-                raise CommandError(f"trajectory: point {i} has {len(row)} position(s) for {len(columns)} name(s)")
-            if ns < before:
-                raise CommandError(f"trajectory: point {i} at {ns} ns comes before {before} ns; times must not fall")
-            before = ns
-            table[i] = row
-            _check_finite(f"trajectory: point {i}", table[i])
-            for name, column, value in zip(names, columns, table[i], strict=True):
-                if column[0] >= self._lengths and value < 0.0:
-                    raise CommandError(f"trajectory: point {i}: {name} is {value:g} N; friction must be >= 0")
-        if stamp_ns < 0:
-            raise CommandError(f"trajectory: stamp {stamp_ns} ns; simulated time starts at 0")
-        ahead = stamp_ns - self._now_ns
-        if self._lock_step and ahead > _MOST_AHEAD_NS:
-            raise CommandError(
-                f"trajectory: stamp {stamp_ns / NS:g} s is {ahead / NS:g} s ahead of simulated time; in lock-step it "
-                f"may be {_MOST_AHEAD_NS / NS:g} s, because all ticks up to it run at once"
-            )
-        trajectory = Trajectory(stamp_ns or None, columns, list(times_ns), table)
+        columns = named_columns(self._columns, names, only_lengths)
+        times = np.array(times_ns, dtype=np.int64)
+        if not isinstance(positions, np.ndarray):
+            for i, row in enumerate(positions):
+                if len(row) != len(names):
+                    raise wrong_point(i, len(row), len(names))
+        table = np.array(positions, dtype=np.float64).reshape(times.size, len(names))
+        check_points(names, columns, times, table, self._limits)
+        check_times(stamp_ns, self._now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
+        trajectory = Trajectory(stamp_ns or None, columns, times, table)
         with self._lock:
+            self._take_in(times.size + 1)
+            self._pending += times.size + 1
             if self._lock_step:
                 self._turns.append(trajectory)
                 self.arrived.set()
@@ -220,8 +235,8 @@ class CommandQueue:
         Returns:
             The vertices; none to hold.
         """
+        self._now_ns, self._tick_ns = end_ns, end_ns - start_ns
         if self._lock_step:
-            self._now_ns = end_ns
             return self._news(self._take_turn(start_ns, end_ns))
         if not (self._actuation or self._friction or self._trajectories or self._path):
             return []
@@ -229,6 +244,7 @@ class CommandQueue:
             actuation, self._actuation = self._actuation, []
             friction, self._friction = self._friction, []
             trajectories, self._trajectories = self._trajectories, []
+            self._pending = self._pending_friction = 0
             trajectory_last = self._last_was_trajectory
         arrays = max(len(actuation), len(friction)) > 0
         if arrays and trajectory_last:
@@ -254,8 +270,11 @@ class CommandQueue:
             turn = self._turns.popleft()
             if isinstance(turn, Trajectory):
                 friction = []
+                self._pending -= turn.times_ns.size + 1
             else:
                 friction, self._friction = self._friction, []
+                self._pending -= 1
+                self._pending_friction = 0
         if isinstance(turn, Trajectory):
             self._join(turn, start_ns, end_ns, 0)
             return self._follow_path(start_ns, end_ns)
@@ -320,13 +339,11 @@ class CommandQueue:
         row = kept_new[-1].row if kept_new and kept_new[-1].due_ns > cut else self._value_at(cut)
         path = kept_old + kept_new
         due = max(cut, path[-1].due_ns if path else cut)
-        joined = [Vertex(due, row)]
-        for ns, values in zip(trajectory.times_ns, trajectory.positions, strict=True):
-            row = row.copy()
-            for column, value in zip(trajectory.columns, values, strict=True):
-                row[column] = value
-            due = max(due, start + ns)
-            joined.append(Vertex(due, row))
+        rows = np.tile(row, (trajectory.times_ns.size, 1))
+        for column, values in zip(trajectory.columns, trajectory.positions.T, strict=True):
+            rows[:, column] = values[:, None]
+        dues = np.maximum(start + trajectory.times_ns, due).tolist()
+        joined = [Vertex(due, row), *map(Vertex, dues, rows)]
         self._path = path + joined
         return len(kept_new) + len(joined)
 
@@ -343,19 +360,3 @@ class CommandQueue:
             self._anchor = passed[-1]
             del path[:count]
         return vertices
-
-
-def _known(columns: Columns, name: str) -> str:
-    """List what can be named, the nearest first."""
-    names = list(columns.aliases)
-    near = difflib.get_close_matches(name, names, n=4, cutoff=0.3) or names[:4]
-    return f"there are {', '.join(near)}{f' and {len(names) - len(near)} more' if len(names) > len(near) else ''}"
-
-
-def _check_finite(what: str, values: np.ndarray) -> None:
-    if values.size and LARGEST < np.abs(values).max() < np.inf:
-        i = int(np.abs(values).argmax())
-        raise CommandError(f"{what}: entry {i} is {values[i]:g}; it must be at most {LARGEST:g} in size")
-    if not np.isfinite(values).all():
-        i = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise CommandError(f"{what}: entry {i} is {values[i]}; it must be finite")

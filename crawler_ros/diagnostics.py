@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from crawler_model.drive import NS
+
+from .intake import LENGTH_TOPICS
+from .peers import publishers_of, rivals_on_commands, rivals_on_states
 
 if TYPE_CHECKING:
     from .simulator import Simulator
+    from .viewer_feed import ViewerFeed
 
 OK, WARN, ERROR = 0, 1, 2
 Status = tuple[int, str, str, str, list[tuple[str, str]]]
+Part = tuple[int, str, list[tuple[str, str]]]
+"""Level, message and key-value pairs of one part of the node."""
 
 
 def diagnose(node: Simulator) -> list[Status]:
-    """Say how the simulation, the commands, the recording and the viewer fare since this was last asked.
+    """Describe how the simulation, the commands, the recording and the viewer fare since this was last asked.
 
     Warnings are of what happened since then; counts are of the whole run.
 
@@ -26,65 +30,98 @@ def diagnose(node: Simulator) -> list[Status]:
     Returns:
         Level, name, message, hardware id and key-value pairs of each.
     """
+    states = {name: publishers_of(node, name) for name in node.states}
+    commands = node.intake.settle(node)
     me, hardware = node.get_fully_qualified_name().lstrip("/"), node.scene.name
-    late, refused = node.stepper.late, node.refusals.total
-    now = node.crawler.visited_margin
+    with node.lock:
+        parts = {"simulation": _simulation(node, rivals_on_states(states)), "commands": _commands(node, commands)}
+        if node.recorder is not None:
+            recorder = node.recorder
+            entries = [
+                ("folder", str(recorder.folder)),
+                ("messages", str(recorder.messages)),
+                ("bytes waiting", str(recorder.waiting)),
+            ]
+            broken = recorder.problem
+            parts["recording"] = ERROR if broken else OK, broken or "recording", entries
+        if node.feed is not None:
+            parts["viewer"] = _viewer(node.feed)
+    return [(level, f"{me}: {part}", text, hardware, entries) for part, (level, text, entries) in parts.items()]
+
+
+def _simulation(node: Simulator, rival: str) -> Part:
+    late = node.stepper.late
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
-    before, node.reported = node.reported, (node.ambiguous, node.overspent, node.unsolved, late, refused)
+    before, node.reported = node.reported, (node.ambiguous, node.overspent, node.unsolved, late)
+    finite, inaccurate = node.certificates.judge()
     if late > before[3]:
         level = WARN
         message = f"{late - before[3]} late tick(s): this machine cannot keep the rate; simulated time slows"
     if node.ambiguous > before[0]:
         level, message = WARN, "translation not determined now; the one nearest to zero is taken"
     if node.overspent > before[1]:
-        level, message = WARN, "the budget of events is spent in some ticks now; a catch-up step does the rest"
+        level, message = WARN, "the budget of work is spent in some ticks now; a catch-up step does the rest"
     if node.unsolved > before[2]:
         level, message = WARN, "some ticks are not solved now: the active set gave up, see the violation"
-    if not np.isfinite(node.certificate).all():
-        level, message = ERROR, "a tick's certificate is not finite: the commands are beyond what doubles can hold"
-    if node.count_publishers("joint_states") > 1:
-        level, message = WARN, "another node publishes joint_states here: two crawlers need two namespaces"
-    residual, violation, complementarity = (f"{v:.3e}" for v in node.certificate)
-    simulation = [
-        ("simulated time [s]", f"{node.stepper.now_ns / NS:.9f}"),
-        ("ticks", str(node.stepper.tick)),
-        ("late ticks", str(late)),
-        ("least friction of the scene", f"{node.regularity.least:.3e} ({node.regularity.where})"),
-        ("uniqueness margin", "not decided" if node.margin is None else f"{node.margin:.3e}"),
-        ("visited margin", f"{now:.3e}"),
-        ("ticks without a determined translation", str(node.ambiguous)),
-        ("ticks over the budget of events", str(node.overspent)),
-        ("ticks not solved", str(node.unsolved)),
-        ("largest energy residual of a tick [J]", residual),
-        ("largest violation of a bound [N]", violation),
-        ("largest complementarity [J]", complementarity),
-    ]
-    statuses = [(level, f"{me}: simulation", message, hardware, simulation)]
-    counts = [(f"refused on {name}", str(count)) for name, count in sorted(node.refusals.counts.items())]
-    message = f"{refused} message(s) refused; last: {node.refusals.last}" if refused else "all accepted"
-    level = WARN if refused > before[4] else OK
-    statuses.append((level, f"{me}: commands", message, hardware, [("refused", str(refused)), *counts]))
-    if node.recorder is not None:
-        recorder = node.recorder
-        entries = [
-            ("folder", str(recorder.folder)),
-            ("messages", str(recorder.messages)),
-            ("bytes waiting", str(recorder.waiting)),
-        ]
-        broken = recorder.problem
-        statuses.append((ERROR if broken else OK, f"{me}: recording", broken or "recording", hardware, entries))
-    if node.feed is not None:
-        dropped = node.feed.dropped
-        message = f"{dropped} frame(s) dropped: the viewer is slow" if dropped else "viewing"
-        if not node.feed.alive:
-            message = "the viewer has ended"
-        statuses.append(
-            (
-                WARN if dropped or not node.feed.alive else OK,
-                f"{me}: viewer",
-                message,
-                hardware,
-                [("dropped", str(dropped))],
-            )
-        )
-    return statuses
+    if inaccurate:
+        level, message = WARN if finite else ERROR, inaccurate
+    if rival:
+        level, message = max(level, WARN), rival
+        node.warn_once(rival)
+    residual, violation, complementarity = (f"{v:.3e}" for v in node.certificates.worst)
+    return (
+        level,
+        message,
+        [
+            ("simulated time [s]", f"{node.stepper.now_ns / NS:.9f}"),
+            ("ticks", str(node.stepper.tick)),
+            ("late ticks", str(late)),
+            ("least friction of the scene", f"{node.regularity.least:.3e} ({node.regularity.where})"),
+            ("uniqueness margin", "not decided" if node.margin is None else f"{node.margin:.3e}"),
+            ("visited margin", f"{node.crawler.visited_margin:.3e}"),
+            ("ticks without a determined translation", str(node.ambiguous)),
+            ("ticks over the budget of work", str(node.overspent)),
+            ("ticks not solved", str(node.unsolved)),
+            ("largest energy residual of a tick [J]", residual),
+            ("largest violation of a bound [N]", violation),
+            ("largest complementarity [J]", complementarity),
+        ],
+    )
+
+
+def _commands(node: Simulator, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
+    intake, refused = node.intake, node.intake.refusals.total
+    now = refused, intake.lost, node.commands.full
+    before, node.reported_commands = node.reported_commands, now
+    level, message = OK, "all accepted"
+    if refused:
+        message = f"{refused} message(s) refused; last: {intake.refusals.last}"
+    rival = rivals_on_commands({name: publishers[name] for name in LENGTH_TOPICS})
+    if rival:
+        message = f"{rival}; {message}"
+        node.warn_once(rival)
+    if intake.lost > before[1]:
+        message = f"{intake.lost - before[1]} message(s) lost: they came faster than they can be taken; {message}"
+    if rival or any(a > b for a, b in zip(now, before, strict=True)):
+        level = WARN
+    counts = intake.refusals.counts
+    return (
+        level,
+        message,
+        [
+            ("refused", str(refused)),
+            ("refused because too much waits", str(node.commands.full)),
+            ("lost", str(intake.lost)),
+            ("rows waiting", f"{node.commands.waiting} of {node.commands.most_waiting}"),
+            *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),
+            *((f"lost on {name}", str(a.lost)) for name, a in intake.arrivals.items() if a.lost),
+            *((f"refused on {name}", str(count)) for name, count in sorted(counts.items())),
+        ],
+    )
+
+
+def _viewer(feed: ViewerFeed) -> Part:
+    message = f"{feed.dropped} frame(s) dropped: the viewer is slow" if feed.dropped else "viewing"
+    if not feed.alive:
+        message = "the viewer has ended"
+    return WARN if feed.dropped or not feed.alive else OK, message, [("dropped", str(feed.dropped))]

@@ -8,7 +8,6 @@ line that says which.
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 import time
@@ -17,18 +16,22 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from crawler_model import CrawlerError, load_scene
 from crawler_model.drive import NS, Drive
 
 from . import interface
-from .messages import TrajectoryMessage, read_stamp
+from .diagnostics import OK, WARN, Status
+from .messages import TrajectoryMessage, encode_diagnostics, read_stamp
+from .peers import publishers_of, rivals_on_commands, rivals_on_states
+from .quiet_node import QuietNode
+from .run import end_on_signals, run_node
 from .states import joint_state_names
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
+_MOST_AHEAD_NS = 30 * NS
 _WAKE_EVERY_S = 10.0  # discovery takes less: who is silent for longer is in lock-step, in the middle of a run
 _PATIENCE_S = 30.0
 _GONE_S = 3.0  # a simulator that is started anew is away for less
@@ -48,7 +51,7 @@ def list_commands(drive: Drive) -> tuple[list[str], list[np.ndarray]]:
     return [columns.names[i] for i in index], list(np.ascontiguousarray(drive.rows[:, index]))
 
 
-class GaitPlayer(Node):
+class GaitPlayer(QuietNode):
     """Sends trajectories ahead of the simulated time that it reads from joint_states."""
 
     def __init__(self, **options: Any) -> None:
@@ -94,6 +97,9 @@ class GaitPlayer(Node):
             interface.message_class(health.type), health.name, self._on_diagnostics, interface.qos_profile(health)
         )
         self._refused: int | None = None  # commands that the simulator had refused when it was last asked
+        self._diagnostics = interface.open_publisher(self, interface.topics()["/diagnostics"])
+        self._rivals = ""
+        self.drive_name = scene.name
         self._joints = joint_state_names(scene.mesh)
         self._met = False
         self.problem = ""
@@ -178,10 +184,22 @@ class GaitPlayer(Node):
             return self.patience_s, f"{standing}: is it paused? Then let it go on: {paused} '{{data: false}}'"
         if met:
             return min(_GONE_S, self.patience_s), f"the simulator has gone at simulated time {self.now_ns / NS:.3f} s"
-        here = [n for n in self.get_node_names_and_namespaces() if n[1] == self.get_namespace()]
-        if any(name == "crawler" for name, _ in here):
-            return 10.0 * self.patience_s, "it is starting, which takes longer while it compiles its kernels"
-        return self.patience_s, "there is none: start crawler-simulator in the same namespace and domain"
+        where = "start crawler-simulator in the same namespace and domain; the first start compiles kernels and takes longer"
+        return 10.0 * self.patience_s, f"there is none: {where}"
+
+    def look_for_rivals(self) -> None:
+        """Warn, here and on /diagnostics, of other players and of other crawlers under this one's name."""
+        states = {"joint_states": publishers_of(self, "joint_states")}
+        commands = {"joint_trajectory": publishers_of(self, "joint_trajectory")}
+        found = [rivals_on_states(states), rivals_on_commands(commands)]
+        text = "; ".join(rival for rival in found if rival)
+        if text != self._rivals:
+            self._rivals = text
+            if text:
+                self.get_logger().warning(text)
+        name = self.get_fully_qualified_name().lstrip("/")
+        status: Status = (WARN if text else OK, f"{name}: playing", text or "alone", self.drive_name, [])
+        self._diagnostics.publish(encode_diagnostics(time.time_ns(), [status]))
 
     def wake(self) -> None:
         """Ask a simulator in lock-step for one tick that changes nothing: it is silent until a command comes."""
@@ -213,7 +231,7 @@ class GaitPlayer(Node):
         span = self.drive.period * NS
         while self.periods == 0 or self._sent < self.periods:
             begin = self._start_ns + round(self._sent * span)
-            if begin - self.now_ns > max(span / 2, NS):
+            if begin - self.now_ns > max(min(span / 2, _MOST_AHEAD_NS), NS):
                 return
             count = max(int(_LEAST_MESSAGE_NS / span), 1)
             if self.periods:
@@ -245,21 +263,24 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when the scene was wrong or the drive could not be played to its end.
     """
-    return interface.run_node("gait_player", GaitPlayer, _spin, args, "scene periods patience")
+    return run_node("gait_player", GaitPlayer, _spin, args, "scene periods patience")
 
 
 def _spin(node: GaitPlayer) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: node.done.set())
+    end_on_signals(node.done.set, node.done.is_set)
     executor = EventsExecutor()
     executor.add_node(node)
-    moved = said = woken = time.monotonic()
+    moved = said = woken = looked = time.monotonic()
     seen_ns = node.now_ns
     while not node.done.is_set():
         executor.spin_once(timeout_sec=0.1)
         now = time.monotonic()
         if node.now_ns != seen_ns:
             seen_ns, moved = node.now_ns, now
+        if now - looked > 1.0:
+            looked = now
+            node.look_for_rivals()
+            node.throttle.flush()
         if node.now_ns < 0 and now - woken > _WAKE_EVERY_S:
             woken = now
             node.wake()

@@ -17,8 +17,6 @@ from typing import Any
 
 import yaml
 
-from .executables import leave_at_once
-
 
 @dataclass(frozen=True)
 class Topic:
@@ -97,31 +95,6 @@ def find_ament_prefix() -> None:
     prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     if sys.prefix not in prefixes and (not prefixes or (Path(sys.prefix) / "share" / "ament_index").is_dir()):
         os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join([*prefixes, sys.prefix])
-
-
-def stay_on_loopback() -> None:
-    """Keep ROS on 127.0.0.1 unless the environment asks otherwise; before rclpy is initialised.
-
-    A discovery range says who is looked for, not who can reach us: with LOCALHOST Fast DDS still listens on every
-    interface. A profile of its own opens sockets on loopback alone, and rmw adds others to them unless it is told
-    nothing. Nodes on this machine find ours whatever their range, without the profile.
-    """
-    asked = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
-    given = {name: os.environ[name] for name in asked if os.environ.get(name)}
-    if given not in ({}, {asked[0]: "LOCALHOST"}, {asked[1]: "1"}, {asked[0]: "LOCALHOST", asked[1]: "1"}):
-        return
-    from rclpy.utilities import get_rmw_implementation_identifier
-
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    profile = Path(str(resources.files("msgs_config") / "loopback.xml"))
-    if (
-        get_rmw_implementation_identifier().startswith("rmw_fastrtps")
-        and not os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE")
-        and profile.is_file()
-    ):
-        os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
-        os.environ.pop("ROS_LOCALHOST_ONLY", None)  # it would override the range
 
 
 def message_class(type_name: str) -> Any:
@@ -293,65 +266,7 @@ def type_hash(type_name: str) -> str:
     return str(hashes[type_name])
 
 
-def run_node(
-    name: str, make: Callable[[], Any], spin: Callable[[Any], None], args: list[str] | None, parameters: str
-) -> int:
-    """Run a node's life: initialise ROS, make it, spin it, shut down; mistakes are one line on standard error.
-
-    Args:
-        name: the executable's.
-        make: makes the node.
-        spin: runs it to its end; sets the signal handlers.
-        args: command line; None for the process's own.
-        parameters: names of the node's parameters, for the help.
-
-    Returns:
-        The exit status.
-    """
-    import rclpy
-    from rclpy.exceptions import ParameterException
-    from rclpy.signals import SignalHandlerOptions
-    from rclpy.utilities import remove_ros_args
-
-    leave_at_once(name)  # until `spin` has something to tidy up
-    words = sys.argv if args is None else args
-    find_ament_prefix()
-    stay_on_loopback()
-    try:
-        try:
-            rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-            stray = remove_ros_args(words)[1:]
-            if "-h" in stray or "--help" in stray:
-                print(f"usage: {name} --ros-args [-p PARAMETER:=VALUE ...] [-r __ns:=/NAME]\nparameters: {parameters}")
-                print("network: 127.0.0.1 alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET lets other machines in")
-                return 0
-            if stray:
-                raise ValueError(f"unknown argument {stray[0]!r}; parameters are given as in --ros-args -p scene:=FILE")
-            node = make()
-        except (ValueError, OSError, ParameterException) as error:
-            print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
-            return 1
-        except Exception as error:  # rcl's own refusals of the command line have no common type
-            if type(error).__name__ not in ("RCLError", "UnknownROSArgsError", "RCLInvalidROSArgsError"):
-                raise
-            text = " ".join(str(error).split())[:200]
-            print(f"{name}: {text}; parameters are given as in --ros-args -p scene:=FILE", file=sys.stderr)
-            return 1
-        try:
-            spin(node)
-        except Exception as error:
-            from crawler_model import CrawlerError
-
-            if not isinstance(error, CrawlerError):
-                raise
-            print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
-            return 1
-        return 0
-    finally:
-        rclpy.try_shutdown()
-
-
-def _as_meant(node: Any) -> None:
+def _as_meant(node: Any, silent: bool) -> None:
     """Take whole numbers for doubles, and YAML's `off` for the word; name parameters that there are not."""
     from rclpy.parameter import Parameter as RosParameter
 
@@ -359,7 +274,7 @@ def _as_meant(node: Any) -> None:
     for name, override in list(given.items()):
         row = parameters().get(name)
         if row is None:
-            if not name.startswith(("qos_overrides", "use_sim_time", "start_type_description_service")):
+            if not silent and not name.startswith(("qos_overrides", "use_sim_time", "start_type_description_service")):
                 near = difflib.get_close_matches(name, parameters(), n=1, cutoff=0.6)
                 hint = f"the nearest is {near[0]!r}" if near else f"there are {', '.join(parameters())}"
                 node.get_logger().warning(f"there is no parameter {name!r}; {hint}")
@@ -369,11 +284,12 @@ def _as_meant(node: Any) -> None:
             given[name] = RosParameter(name, RosParameter.Type.STRING, "off")
 
 
-def declare_parameters(node: Any) -> dict[str, Any]:
+def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
     """Declare the simulator's parameters on a node, with type, range, description and read-only flag.
 
     Args:
         node: an rclpy node.
+        silent: whether unknown parameters are passed over without a warning.
 
     Returns:
         The values, by name.
@@ -391,7 +307,7 @@ def declare_parameters(node: Any) -> dict[str, Any]:
         "bool": RosParameter.Type.BOOL,
     }
     values = {}
-    _as_meant(node)
+    _as_meant(node, silent)
     for name, row in parameters().items():
         descriptor = ParameterDescriptor(
             name=name, type=kinds[row.type].value, description=row.meaning, read_only=not row.runtime

@@ -1,28 +1,68 @@
-"""Messages that were refused: counted by topic, and said in the log without flooding it."""
+"""What must be counted and written to the log without flooding it."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
-_QUIET_S, _MOST_SAID = 1.0, 10  # a refusal is logged once a second, of all refusals ten
+_QUIET_S = 1.0
 _MOST_CHARACTERS = 300
 
 
-class Refusals:
-    """Counts refused messages and logs them."""
+class Throttle:
+    """Passes on one line a second for each subject: the first at once, then the last of each second."""
 
     def __init__(self, warn: Callable[[str], Any]) -> None:
-        """Begin with none.
+        """Begin with nothing logged.
 
         Args:
             warn: logs a line.
         """
+        self._warn = warn
+        self._lock = threading.Lock()
+        self._last: dict[str, float] = {}
+        self._held: dict[str, tuple[int, str]] = {}
+
+    def warn(self, subject: str, text: str) -> None:
+        """Log a line, or hold it when one on this subject was logged within the last second.
+
+        Args:
+            subject: what it is about; there must not be endlessly many.
+            text: the line.
+        """
+        now = time.monotonic()
+        with self._lock:
+            if now - self._last.get(subject, -_QUIET_S) < _QUIET_S or subject in self._held:
+                self._held[subject] = self._held.get(subject, (0, ""))[0] + 1, text
+                return
+            self._last[subject] = now
+        self._warn(text)
+
+    def flush(self) -> None:
+        """Log what is held and has waited for its second; call it about once a second."""
+        now = time.monotonic()
+        with self._lock:
+            due = [s for s in self._held if now - self._last[s] >= _QUIET_S]
+            lines = [self._held.pop(s) for s in due]
+            self._last.update(dict.fromkeys(due, now))
+        for count, text in lines:
+            self._warn(f"{text} (and {count - 1} more like it)" if count > 1 else text)
+
+
+class Refusals:
+    """Counts refused messages and logs them, one a second and topic."""
+
+    def __init__(self, throttle: Throttle) -> None:
+        """Begin with none.
+
+        Args:
+            throttle: logs them.
+        """
         self.counts: dict[str, int] = {}
         self.last = ""
-        self._warn = warn
-        self._said: dict[str, float] = {}
+        self._throttle = throttle
 
     @property
     def total(self) -> int:
@@ -30,7 +70,7 @@ class Refusals:
         return sum(self.counts.values())
 
     def add(self, topic: str, why: str) -> None:
-        """Count a message, and say why it was refused unless that was just said.
+        """Count a message, and log why it was refused unless that was just done for this topic.
 
         Args:
             topic: where it came in.
@@ -39,8 +79,4 @@ class Refusals:
         why = why if len(why) <= _MOST_CHARACTERS else why[:_MOST_CHARACTERS] + " ..."
         self.counts[topic] = self.counts.get(topic, 0) + 1
         self.last = f"{topic}: {why}"
-        now = time.monotonic()
-        self._said = {text: at for text, at in self._said.items() if now - at < _QUIET_S}
-        if self.last not in self._said and len(self._said) < _MOST_SAID:
-            self._said[self.last] = now
-            self._warn(f"refused a message on {topic}: {why}")
+        self._throttle.warn(f"refused {topic}", f"refused a message on {topic}: {why}")

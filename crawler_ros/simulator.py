@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import gc
-import os
-import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 
-from crawler_model import CommandError, Crawler, CrawlerError, load_scene, prepare
+from crawler_model import Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.drive import NS
 from crawler_model.friction import check_regularity
 from crawler_model.readout import Readout
 from crawler_model.simulate import rational_rate
-from crawler_model.state import COMPLEMENTARITY, RESIDUAL, VIOLATION
 from crawler_model.step import Step
 from crawler_model.uniqueness import commanded_margin
 
 from . import interface
+from .certificates import certificates_of
 from .commands import CommandQueue
 from .diagnostics import diagnose
+from .intake import Intake
+from .limits import command_limits
 from .messages import (
     JointStateMessage,
     OdometryMessage,
@@ -39,7 +36,8 @@ from .messages import (
     encode_string,
 )
 from .outlet import Outlet
-from .refusals import Refusals
+from .quiet_node import QuietNode
+from .run import end_on_signals, run_node
 from .states import contact_names, joint_state_names, shown_contacts
 from .stepper import Stepper
 from .versions import versions
@@ -49,13 +47,19 @@ if TYPE_CHECKING:
     from .viewer_feed import ViewerFeed
 
 
-class Simulator(Node):
+STATES = ("joint_states", "contact_states", "pose", "applied_commands", "odom", "/clock")
+"""Topics that one node alone publishes."""
+_MOST_WARNED = 100
+
+
+class Simulator(QuietNode):
     """Wires a `Crawler` to topics. `spin` runs it; everything else happens under one lock."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, scene: Scene | None = None, **options: Any) -> None:
         """Declare parameters, load the scene, open topics, services, recording and viewer.
 
         Args:
+            scene: what is simulated; None to load what the parameter names.
             **options: for rclpy's Node.
 
         Raises:
@@ -66,11 +70,7 @@ class Simulator(Node):
         self.values = interface.declare_parameters(self)
         for name in ("scene", "record", "view"):
             self.values[name] = interface.in_home(self.values[name])
-        self.scene = load_scene(self.values["scene"])
-        if self.values["record"]:
-            from .bag_folder import check_parent
-
-            check_parent(Path(self.values["record"]))  # before kernels are compiled
+        self.scene = load_scene(self.values["scene"]) if scene is None else scene
         rate = rational_rate(self.values["rate"])
         prepare(self.scene)
         method = str(self.values["method"])
@@ -79,11 +79,13 @@ class Simulator(Node):
         self.stepper = Stepper(rate, self.values["real_time_factor"])
         self.columns = self.scene.columns
         self.lock_step = bool(self.values["lock_step"])
-        self.commands = CommandQueue(self.columns, self.start.row, self.lock_step)
-        self.refusals = Refusals(self.get_logger().warning)
-        self.certificate = [0.0, 0.0, 0.0]
+        limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
+        self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
+        self.certificates = certificates_of(self.scene, self.crawler.method)
         self.ambiguous = self.overspent = self.unsolved = 0
-        self.reported = (0, 0, 0, 0, 0)
+        self.reported = (0, 0, 0, 0)
+        self.reported_commands = (0, 0, 0)
+        self._warned: set[str] = set()
         self.margin = commanded_margin(self.scene)
         self.regularity = check_regularity(self.scene.commands)
         self.lock = threading.Lock()
@@ -130,7 +132,6 @@ class Simulator(Node):
         self._joints = JointStateMessage(joint_state_names(mesh))
         self._contacts = JointStateMessage(contact_names(self.scene) if shown else [], frame)
         self._readout = Readout(mesh, shown_contacts(self.scene) if shown else np.zeros(0, np.int64))
-        self._readout.read(self.crawler, np.inf, self._joints.numbers, self._contacts.numbers)
         self._pose = PoseMessage(frame)
         self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
 
@@ -159,13 +160,9 @@ class Simulator(Node):
             "/diagnostics": self.values["publish.diagnostics"],
             "/clock": self.values["publish_clock"],
         }
-        accept: dict[str, Callable[[Any], None]] = {
-            "joint_trajectory": self._accept_trajectory,
-            "actuation_controller/joint_trajectory": lambda m: self._accept_trajectory(m, only_lengths=True),
-            "actuation_controller/commands": lambda m: self.commands.accept_actuation(m.data),
-            "friction_controller/commands": lambda m: self.commands.accept_friction(m.data),
-        }
         recorder = self.recorder
+        self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count)
+        self.states = [n for n in STATES if wanted[n]]
         for name, topic in interface.topics().items():
             full = self.resolve_topic_name(name)
             if topic.direction == "out":
@@ -177,44 +174,12 @@ class Simulator(Node):
                 self._outlets[name] = Outlet(publisher, recorder, channel)
             else:
                 channel = None if recorder is None else recorder.add_topic(topic, full)
-                kind = interface.message_class(topic.type)
-                interface.open_subscription(self, topic, self._receiver(name, kind, channel, accept[name]))
+                self.intake.open(self, topic, channel)
 
     def _open_services(self) -> None:
         answers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
         for name, kind in interface.services().items():
             self.create_service(interface.message_class(kind), f"~/{name}", answers[name])
-
-    # -- in ---------------------------------------------------------------------------------------------------------
-
-    def _receiver(
-        self, name: str, kind: Any, channel: int | None, accept: Callable[[Any], None]
-    ) -> Callable[[bytes], None]:
-        def receive(data: bytes) -> None:
-            if self.recorder is not None and channel is not None:
-                now = self.recorder.now_ns()
-                self.recorder.record(channel, now, now, bytes(data))
-            try:
-                accept(deserialize_message(data, kind))
-            except CommandError as error:
-                self.refusals.add(name, str(error))
-            except Exception as error:  # bytes that do not decode must not end the node
-                self.refusals.add(name, f"not a message of this type: {error}")
-
-        return receive
-
-    def _accept_trajectory(self, message: Any, only_lengths: bool = False) -> None:
-        stamp = message.header.stamp
-        if any(p.velocities or p.accelerations or p.effort for p in message.points):
-            text = "velocities, accelerations and efforts of a trajectory are not followed: straight lines it is"
-            self.get_logger().warning(text, once=True)
-        self.commands.accept_trajectory(
-            message.joint_names,
-            [p.time_from_start.sec * NS + p.time_from_start.nanosec for p in message.points],
-            [p.positions for p in message.points],
-            stamp.sec * NS + stamp.nanosec,
-            only_lengths,
-        )
 
     # -- services and parameters ------------------------------------------------------------------------------------
 
@@ -223,9 +188,9 @@ class Simulator(Node):
             self.crawler = self.start.copy()
             self.stepper.reset()
             self.commands.reset(self.start.row)
-            self.certificate = [0.0, 0.0, 0.0]
+            self.certificates = certificates_of(self.scene, self.crawler.method)
             self.ambiguous = self.overspent = self.unsolved = 0
-            self.reported = (0, 0, 0, *self.reported[3:])
+            self.reported = (0, 0, 0, self.reported[3])
             self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
             self._send_states(None)
         response.success, response.message = True, "at the scene's start, simulated time 0"
@@ -342,10 +307,7 @@ class Simulator(Node):
             times = [max(v.due_ns - start_ns, 0) for v in vertices]
             ledger.send(self._ledger.encode(start_ns, times, rows))
         self._send_states(step)
-        worst, account = self.certificate, step.account
-        worst[0] = max(worst[0], abs(account[RESIDUAL]))
-        worst[1] = max(worst[1], account[VIOLATION])
-        worst[2] = max(worst[2], account[COMPLEMENTARITY])
+        self.certificates.add(step.account)
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
@@ -376,11 +338,20 @@ class Simulator(Node):
         if wall_ns < self._next_diagnostics_ns:
             return
         self._next_diagnostics_ns = wall_ns + NS
+        self.throttle.flush()
         outlet = self._outlets["/diagnostics"]
         if outlet.wanted:
-            with self.lock:
-                data = encode_diagnostics(time.time_ns(), diagnose(self))
-            outlet.send(data)
+            outlet.send(encode_diagnostics(time.time_ns(), diagnose(self)))
+
+    def warn_once(self, text: str) -> None:
+        """Log a warning unless the same one was logged before.
+
+        Args:
+            text: the line.
+        """
+        if text not in self._warned and len(self._warned) < _MOST_WARNED:
+            self._warned.add(text)
+            self.get_logger().warning(text)
 
     def close(self) -> None:
         """Finish recording and viewer and take the node out of the graph."""
@@ -405,17 +376,30 @@ def main(args: list[str] | None = None) -> int:
         The exit status: 0, or 1 when scene or parameters were wrong or the recording failed.
     """
     sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
-    return interface.run_node("simulator", Simulator, _spin, args, " ".join(interface.parameters()))
+    return run_node("simulator", _make, _spin, args, " ".join(interface.parameters()))
+
+
+def _make() -> Simulator:
+    """Make the node when its kernels are compiled: what stands in the graph answers."""
+    scout = QuietNode("crawler", start_parameter_services=False, enable_rosout=False)
+    try:
+        values = interface.declare_parameters(scout, silent=True)
+    finally:
+        scout.destroy_node()
+    scene = load_scene(interface.in_home(values["scene"]))
+    rational_rate(values["rate"])
+    if values["record"]:
+        from .bag_folder import check_parent
+
+        check_parent(Path(interface.in_home(values["record"])))
+    prepare(scene)
+    joints, contacts = JointStateMessage(joint_state_names(scene.mesh)), JointStateMessage([])
+    Readout(scene.mesh, np.zeros(0, np.int64)).read(Crawler(scene), np.inf, joints.numbers, contacts.numbers)
+    return Simulator(scene)
 
 
 def _spin(node: Simulator) -> None:
-    def stop(*_: Any) -> None:
-        if node.stopping.is_set():  # asked twice: whatever is stuck, the recording process still finishes its file
-            os._exit(130)
-        node.stopping.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
+    end_on_signals(node.stopping.set, node.stopping.is_set)
     node.spin()
     if node.recorder is not None and node.recorder.error is not None:
         raise CrawlerError(node.recorder.error)

@@ -14,8 +14,10 @@ from collections.abc import Generator
 
 import rclpy
 from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -46,6 +48,9 @@ class SpeedControl(Node):
         self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self.create_subscription(JointState, "joint_states", self.on_joints, 10)
         self.create_subscription(PoseStamped, "pose", self.on_pose, 10)
+        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.refuse_unknown_parameters()
+        self.rivals = ""
         self.create_timer(0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # never waits for /clock
         self.control = self.choose_amplitudes()
 
@@ -65,9 +70,33 @@ class SpeedControl(Node):
 
     def on_timer(self) -> None:
         """Ask for a state: a simulator in lock-step is silent until a command comes, even one that changes nothing."""
-        if self.now < 0 and self.commands.get_subscription_count():
-            self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
+        if self.now < 0:
+            self.get_logger().info("waiting for a simulator", throttle_duration_sec=5.0)
+            if self.commands.get_subscription_count():
+                self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
+        self.look_for_rivals()
         self.go_on()
+
+    def look_for_rivals(self) -> None:
+        """Warn, here and on /diagnostics, when another controller or another simulator has the same topics."""
+        crowded = [name for name in ("joint_trajectory", "pose") if self.count_publishers(name) > 1]
+        text = f"another node publishes {' and '.join(crowded)} too" if crowded else ""
+        if text and text != self.rivals:
+            self.get_logger().warning(text)
+        if text or self.rivals:  # the last one takes the warning back
+            status = DiagnosticStatus(name=f"{self.get_name()}: rivals", message=text or "alone")
+            status.level = DiagnosticStatus.WARN if text else DiagnosticStatus.OK
+            message = DiagnosticArray(status=[status])
+            message.header.stamp = self.get_clock().now().to_msg()
+            self.diagnostics.publish(message)
+        self.rivals = text
+
+    def refuse_unknown_parameters(self) -> None:
+        """End with one line when a parameter was given that there is not."""
+        known = [p for p in self._parameters if p not in ("use_sim_time", "start_type_description_service")]
+        for name in self._parameter_overrides:
+            if not self.has_parameter(name) and not name.startswith("qos_overrides"):
+                sys.exit(f"speed_control: there is no parameter {name!r}; there are {', '.join(known)}")
 
     def go_on(self) -> None:
         """Play the next period when the last one is over."""
@@ -106,6 +135,13 @@ class SpeedControl(Node):
                 integral += self.ki * error
 
 
+def stop(*_: object) -> None:
+    """End in order; launch and a process group send the signal twice, and the second one must not disturb."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def main(args: list[str] | None = None) -> None:
     """Run the controller until its periods are over, or until a signal.
 
@@ -116,12 +152,15 @@ def main(args: list[str] | None = None) -> None:
         print(__doc__)
         return
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
     try:
         node = SpeedControl()
         rclpy.spin_until_future_complete(node, node.done)
     except KeyboardInterrupt:
         pass
+    except InvalidParameterTypeException as error:
+        sys.exit(f"speed_control: {error}")
     finally:
         rclpy.try_shutdown()
 

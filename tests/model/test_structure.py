@@ -73,7 +73,6 @@ def test_without_recording_or_viewer_neither_is_imported():
 
 LONG_FILES = {
     "crawler_model/scene.py": "what a scene file may hold, key by key",
-    "crawler_ros/simulator.py": "the wiring of one node, one class",
 }
 MOST_LINES, MOST_IN_A_FUNCTION = 400, 60
 

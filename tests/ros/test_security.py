@@ -140,7 +140,7 @@ def test_asked_otherwise_it_listens_on_the_network(ros):
 
 
 def test_a_profile_of_the_users_own_is_left_alone(tmp_path):
-    code = "import os; from crawler_ros.interface import stay_on_loopback; stay_on_loopback(); "
+    code = "import os; from crawler_ros.run import stay_on_loopback; stay_on_loopback(); "
     code += f"print([os.environ.get(n) for n in {ASKED!r}])"
 
     def said(**given: str) -> list[str | None]:
@@ -150,7 +150,9 @@ def test_a_profile_of_the_users_own_is_left_alone(tmp_path):
 
     mine = str(tmp_path / "mine.xml")
     assert said(FASTRTPS_DEFAULT_PROFILES_FILE=mine) == ["LOCALHOST", None, None, mine]
-    assert said(ROS_AUTOMATIC_DISCOVERY_RANGE="OFF") == ["OFF", None, None, None]
+    off = said(ROS_AUTOMATIC_DISCOVERY_RANGE="OFF")
+    assert off[0] == "OFF"
+    assert off[3].endswith("msgs_config/loopback.xml")
     assert said(ROS_LOCALHOST_ONLY="0") == [None, "0", None, None]
     assert said(ROS_STATIC_PEERS="192.0.2.9") == [None, None, "192.0.2.9", None]
     for given in GIVEN.values():

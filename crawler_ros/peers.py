@@ -1,0 +1,113 @@
+"""Who else publishes, and what was lost on the way: what the graph and the publications' numbers tell a node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+_MOST_STREAMS = 64
+
+
+class Arrivals:
+    """Counts the messages of a topic that arrived, and those that did not, by the numbers of their publications.
+
+    rclpy passes the number on but not who published. A number continues the publication whose last one is nearest
+    below it; a gap counts as loss once the topic's publishers have been the same from before it until after it.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.received = self.lost = 0
+        self._last: list[int] = []
+        self._gaps = 0
+        self._publishers: frozenset[bytes] = frozenset()
+
+    def add(self, number: int | None) -> None:
+        """Count a message.
+
+        Args:
+            number: its publication's; None where the middleware has none.
+        """
+        self.received += 1
+        if not number:
+            return
+        last = self._last
+        if len(last) == 1 and last[0] == number - 1:
+            last[0] = number
+            return
+        below = [k for k, n in enumerate(last) if n < number]
+        if not below:
+            if len(last) < _MOST_STREAMS:
+                last.append(number)
+            return
+        nearest = max(below, key=last.__getitem__)
+        if last[nearest] != number - 1 and len(last) < len(self._publishers):
+            last.append(number)  # the first of another publisher
+            return
+        self._gaps += number - last[nearest] - 1
+        last[nearest] = number
+
+    def settle(self, publishers: Iterable[bytes]) -> int:
+        """Decide whether the gaps since the last call are losses.
+
+        Args:
+            publishers: who publishes on the topic now.
+
+        Returns:
+            The messages lost since the last call.
+        """
+        now = frozenset(publishers)
+        gaps, self._gaps = self._gaps, 0
+        if now != self._publishers:
+            if not self._publishers <= now:  # somebody has gone: which numbers were theirs cannot be told
+                self._last.clear()
+            self._publishers = now
+            return 0
+        self.lost += gaps
+        return gaps
+
+
+def publishers_of(node: Any, topic: str) -> list[tuple[bytes, str]]:
+    """List who publishes on a topic.
+
+    Args:
+        node: an rclpy node.
+        topic: its name, as the node writes it.
+
+    Returns:
+        Identity of each publisher and the full name of its node.
+    """
+    found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    return [(bytes(i.endpoint_gid), f"{i.node_namespace.rstrip('/')}/{i.node_name}") for i in found]
+
+
+def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]], own: int = 1) -> str:
+    """Describe publishers of a crawler's states beside its own.
+
+    Args:
+        topics: name of each topic to the publishers it has.
+        own: how many publishers it should have.
+
+    Returns:
+        A line, empty when there are none.
+    """
+    crowded = [name for name, found in topics.items() if len(found) > own]
+    if not crowded:
+        return ""
+    return f"another node publishes {', '.join(crowded)} here: two crawlers need two namespaces"
+
+
+def rivals_on_commands(topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
+    """Describe publishers of commands that replace each other's.
+
+    Args:
+        topics: name of each topic that carries lengths to the publishers it has.
+
+    Returns:
+        A line, empty when there is at most one node, once on each topic.
+    """
+    nodes = sorted({node for found in topics.values() for _, node in found})
+    if len(nodes) < 2 and all(len(found) < 2 for found in topics.values()):
+        return ""
+    used = ", ".join(name for name, found in topics.items() if found)
+    return f"{sum(map(len, topics.values()))} publishers command this crawler at once ({', '.join(nodes)} on {used})"

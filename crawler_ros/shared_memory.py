@@ -1,0 +1,46 @@
+"""Shared memory that killed processes left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+from pathlib import Path
+
+_SHARED_MEMORY = Path("/dev/shm")
+_SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
+
+
+def remove_orphans(folder: Path = _SHARED_MEMORY) -> int:
+    """Remove the shared memory segments of this user's Fast DDS processes that have died.
+
+    A process makes and locks `fastrtps_*_el` before it makes the segment `fastrtps_*`, and holds the lock as long as it
+    lives. A segment whose lock is free has therefore lost its process. The smaller files of ports are named after the
+    domain, and the next process of that domain takes them over.
+
+    Args:
+        folder: where they are.
+
+    Returns:
+        How many were removed.
+    """
+    removed = 0
+    try:
+        segments = [f for f in folder.iterdir() if _SEGMENT.fullmatch(f.name)]
+    except OSError:
+        return 0
+    for segment in segments:
+        lock = segment.with_name(f"{segment.name}_el")
+        with contextlib.suppress(OSError):  # somebody else's, alive, or gone in the meantime
+            if segment.stat().st_uid != os.getuid():
+                continue
+            fd = os.open(lock, os.O_RDWR)
+            try:
+                fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                segment.unlink()
+                lock.unlink()
+                removed += 1
+            finally:
+                os.close(fd)
+    return removed

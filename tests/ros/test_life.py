@@ -1,0 +1,169 @@
+"""How nodes start and end, who else is there, and what a killed one leaves behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from crawler_ros.shared_memory import remove_orphans
+
+from .graph import environment, graph, wait_until
+from .machine import Command, children, simulator, status, stop
+from .test_security import NOTHING, addresses, is_loopback
+
+CONTROLLERS = ("speed_control", "phase_control")
+
+
+@pytest.fixture
+def ros(tmp_path):
+    with graph(tmp_path) as made:
+        yield made
+
+
+# -- signals ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("module", ["simulator", "gait_player", "examples.speed_control", "examples.phase_control"])
+def test_a_signal_that_arrives_twice_ends_it_in_order(ros, module):
+    """As launch without a terminal sends it: to the process, and to its group."""
+    bags = ros.folder / "bags"
+    running = ros.simulator(f"record:={bags}", hear=("joint_states", "/diagnostics"))
+    if module != "simulator":
+        running = ros.start(f"crawler_ros.{module}")
+        wait_until(lambda: ros.node.count_publishers("joint_trajectory"), what="a controller")
+    process = running.process
+    for _ in range(3):
+        process.send_signal(signal.SIGINT)
+        os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(60) == 0
+    assert "Traceback" not in running.said
+
+
+def test_asked_again_later_it_ends_at_once_and_the_recording_is_finished(ros):
+    bags = ros.folder / "bags"
+    running = ros.simulator(f"record:={bags}")
+    (recorder,) = children(running.process.pid)
+    stop(recorder)
+    try:
+        running.process.send_signal(signal.SIGINT)
+        time.sleep(1.2)  # what makes it another signal
+        assert running.process.poll() is None
+        running.process.send_signal(signal.SIGINT)
+        assert running.process.wait(60) == 130
+    finally:
+        os.kill(recorder, signal.SIGCONT)
+    (folder,) = bags.iterdir()
+    wait_until(lambda: (folder / "metadata.yaml").exists(), what="the end of the recording")
+
+
+def test_ended_while_it_compiles_it_leaves_one_line_and_was_in_no_graph(ros):
+    """A node that stood in the graph without answering would hold up whoever waits for it."""
+    running = Command(ros, simulator(), NUMBA_CACHE_DIR=str(ros.folder / "cache"))
+    wait_until(lambda: "compiling the kernels" in running.said, what="a compiler")
+    time.sleep(1.0)  # discovery
+    assert "crawler" not in ros.node.get_node_names()
+    running.process.send_signal(signal.SIGINT)
+    assert running.process.wait(60) == 130
+    assert running.said.splitlines()[-1] == "simulator: stopped"
+    assert "Traceback" not in running.said
+
+
+# -- who else is there ------------------------------------------------------------------------------------------------
+
+
+def warned(ros, part, text):
+    return any(
+        s.name.endswith(part) and s.level == b"\x01" and text in s.message
+        for m in ros.heard["/diagnostics"]
+        for s in m.status
+    )
+
+
+def test_two_simulators_of_one_name_warn_of_each_other(ros):
+    first = ros.simulator(hear=("joint_states", "/diagnostics"))
+    second = ros.start("crawler_ros.simulator")
+    for running in (first, second):
+        wait_until(lambda r=running: "two crawlers need two namespaces" in r.said, what="a line in the log")
+    wait_until(lambda: warned(ros, "simulation", "another node publishes joint_states"), what="a warning")
+    assert first.said.count("two crawlers need two namespaces") <= 2  # not at every report
+
+
+def test_two_players_of_one_name_warn_and_so_does_the_simulator(ros):
+    simulating = ros.simulator("scene:=three_contacts_one_way", hear=("joint_states", "/diagnostics"))
+    players = [ros.start("crawler_ros.gait_player") for _ in range(2)]
+    for running in (simulating, *players):
+        wait_until(lambda r=running: "2 publishers command this crawler at once" in r.said, what="a line in the log")
+    wait_until(lambda: warned(ros, "commands", "publishers command this crawler"), what="the simulator's warning")
+    wait_until(lambda: warned(ros, "gait_player: playing", "publishers command"), what="the player's warning")
+    assert players[0].end() == 0
+    wait_until(lambda: status(ros, "commands").level == b"\x00", what="peace")
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_two_controllers_warn_of_each_other(ros, name):
+    ros.hear("/diagnostics")
+    running = [ros.start(f"crawler_ros.examples.{name}") for _ in range(2)]
+    for one in running:
+        wait_until(lambda o=one: "waiting for a simulator" in o.said, what="word that it waits")
+        wait_until(lambda o=one: "another node publishes joint_trajectory too" in o.said, what="a warning")
+    wait_until(lambda: warned(ros, "rivals", "another node publishes joint_trajectory too"), what="a warning")
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize(
+    ("given", "said"), [("no_such:=1.0", "no parameter 'no_such'; there are"), ("period:=x", "period")]
+)
+def test_controllers_refuse_wrong_parameters_in_one_line(name, given, said):
+    command = [sys.executable, "-m", f"crawler_ros.examples.{name}", "--ros-args", "-p", given]
+    done = subprocess.run(command, env=environment(1), capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"{name}: ")
+    assert said in line
+
+
+# -- what is left behind ----------------------------------------------------------------------------------------------
+
+SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
+
+
+def segments(pid: int) -> set[str]:
+    """Shared memory that a process has locked as its own."""
+    links = [os.readlink(f) for f in Path(f"/proc/{pid}/fd").iterdir() if f.is_symlink()]
+    names = [Path(link).name.removesuffix("_el") for link in links if link.endswith("_el")]
+    return {name for name in names if SEGMENT.fullmatch(name)}
+
+
+def test_the_next_one_removes_what_a_killed_one_left(ros):
+    running = ros.simulator()
+    own = segments(running.process.pid)
+    assert own
+    remove_orphans()
+    assert all(Path("/dev/shm", name).exists() for name in own)  # it lives
+    running.end(signal.SIGKILL)
+    assert all(Path("/dev/shm", name).exists() for name in own)
+    ros.heard["joint_states"].clear()
+    again = ros.simulator()
+    assert not any(Path("/dev/shm", f"{name}{end}").exists() for name in own for end in ("", "_el"))
+    assert all(Path("/dev/shm", name).exists() for name in segments(again.process.pid))
+
+
+def test_without_discovery_it_is_on_loopback_as_well_and_nobody_finds_it(ros):
+    ros.hear("joint_states")
+    process = Command(ros, simulator(), **(NOTHING | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}))
+    wait_until(lambda: "waiting for commands" in process.said, what="the simulator")
+    found = addresses(process.process.pid)
+    assert found
+    assert [s for s in found if not is_loopback(s[1])] == []
+    time.sleep(2.0)  # discovery
+    assert not ros.heard["joint_states"]
+    assert process.end() == 0
