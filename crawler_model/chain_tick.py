@@ -60,14 +60,42 @@ from .uniqueness import CRITICAL, choose_translation, is_wide, nearness
 
 
 @compiled
-def _discord(contacts, links):
-    """Compute by how much elongations from tensions and from displacements differ beyond the rounding of the latter."""
+def _discord(compliance, contacts, links):
+    """Compute by how much elongations from tensions and from displacements differ beyond the rounding of the latter.
+
+    To this is added what would relieve the contact whose force is beyond its bound.
+    """
     worst = 0.0
+    excess = 0.0
+    before = 0.0
+    for i in range(contacts.shape[1]):
+        after = links[TENSION, i] if i < links.shape[1] else 0.0
+        over = max((after - before) - contacts[FORWARD, i], (before - after) - contacts[BACKWARD, i])
+        if over > 0.0:
+            excess = max(excess, over * compliance[max(i - 1, 0) : i + 1].max())
+        before = after
     for i in range(links.shape[1]):
         z = (contacts[X, i + 1] - contacts[X, i]) + (contacts[X_REST, i + 1] - contacts[X_REST, i])
         least = 4.0 * EPS * (abs(contacts[X, i]) + abs(contacts[X, i + 1]) + abs(links[ACTUATION, i]))
         worst = max(worst, abs(z - links[SHAPE, i]) - least)
-    return worst
+    return worst + excess
+
+
+@compiled
+def _lean_on_softest(compliance, contacts, tension, status, moved, first):
+    """Derive the tensions from `first` to the softest link of its sliding block from that one's.
+
+    Its elongation would show the rounding of theirs.
+    """
+    softest = first
+    end = first
+    while end + 1 < tension.shape[0] and status[end + 1] != 0 and moved[end + 1]:
+        end += 1
+        if compliance[end] > compliance[softest]:
+            softest = end
+    for j in range(softest, first, -1):
+        bound = contacts[FORWARD, j] if status[j] & AT_FORWARD else -contacts[BACKWARD, j]
+        tension[j - 1] = tension[j] - bound
 
 
 @compiled
@@ -91,16 +119,8 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
         elif status[i] != 0:
             bound = forward[i] if status[i] & AT_FORWARD else -backward[i]
             tension[i] = (tension[i - 1] if i > 0 else 0.0) + bound
-        elif wide:  # the others follow from the softest: its elongation would show the rounding of theirs
-            softest = i
-            end = i
-            while end + 1 < n - 1 and status[end + 1] != 0 and bytes_[ROW_MOVED, end + 1]:
-                end += 1
-                if elasticity[COMPLIANCE, end] > elasticity[COMPLIANCE, softest]:
-                    softest = end
-            for j in range(softest, i, -1):
-                bound = forward[j] if status[j] & AT_FORWARD else -backward[j]
-                tension[j - 1] = tension[j] - bound
+        elif wide:
+            _lean_on_softest(elasticity[COMPLIANCE], contacts, tension, status, bytes_[ROW_MOVED], i)
     for i in range(n - 1, 0, -1):
         if status[i] == 0:
             break
@@ -112,7 +132,6 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
     total = 0.0
     violation = account[VIOLATION]
     before = 0.0
-    excess = 0.0
     for i in range(n):
         after = tension[i] if i < n - 1 else 0.0
         if i < n - 1:
@@ -125,16 +144,13 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
             stored += 0.5 * after * stretch
         distance = min(forward[i] - (after - before), backward[i] + (after - before))
         violation = max(violation, -distance)
-        if wide and distance < 0.0:  # what would relieve it
-            give = elasticity[COMPLIANCE, max(i - 1, 0) : i + 1].max()
-            excess = max(excess, -distance * give)
         near += max(distance, 0.0)
         total += forward[i] + backward[i]
         before = after
     account[VIOLATION] = violation
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
     if wide:
-        account[ROUNDING] += excess + _discord(contacts, links)
+        account[ROUNDING] += _discord(elasticity[COMPLIANCE], contacts, links)
     account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
     return stored
 

@@ -184,7 +184,9 @@ class GaitPlayer(QuietNode):
             return self.patience_s, f"{standing}: is it paused? Then let it go on: {paused} '{{data: false}}'"
         if met:
             return min(_GONE_S, self.patience_s), f"the simulator has gone at simulated time {self.now_ns / NS:.3f} s"
-        where = "start crawler-simulator in the same namespace and domain; the first start compiles kernels and takes longer"
+        where = (
+            "start crawler-simulator in the same namespace and domain (its first start compiles kernels for minutes)"
+        )
         return 10.0 * self.patience_s, f"there is none: {where}"
 
     def look_for_rivals(self) -> None:
