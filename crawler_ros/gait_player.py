@@ -185,7 +185,7 @@ class GaitPlayer(QuietNode):
         if met:
             return min(_GONE_S, self.patience_s), f"the simulator has gone at simulated time {self.now_ns / NS:.3f} s"
         where = (
-            "start crawler-simulator in the same namespace and domain (its first start compiles kernels for minutes)"
+            "start crawler-simulator in the same namespace and domain (a first start compiles for minutes)"
         )
         return 10.0 * self.patience_s, f"there is none: {where}"
 
