@@ -33,12 +33,12 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "simulator = crawler_ros.executables:simulator",
-            "gait_player = crawler_ros.executables:gait_player",
-            "replay = crawler_ros.executables:replay",
-            "speed_control = crawler_ros.executables:speed_control",
-            "phase_control = crawler_ros.executables:phase_control",
-            "crawler = crawler_ros.executables:crawler",
+            "simulator = crawler_command.executables:simulator",
+            "gait_player = crawler_command.executables:gait_player",
+            "replay = crawler_command.executables:replay",
+            "speed_control = crawler_command.executables:speed_control",
+            "phase_control = crawler_command.executables:phase_control",
+            "crawler = crawler_command.executables:crawler",
         ]
     },
 )

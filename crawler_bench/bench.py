@@ -16,9 +16,13 @@ from typing import Any
 
 from crawler_model import CrawlerError, prepare
 
-from . import mujoco_peer, ode_peer, ours, planar_peer, qp_peers
 from .cases import CASES, LONG, Case, describe
-from .entrants import Entrant
+from .entrants import mujoco as mujoco_peer
+from .entrants import ode as ode_peer
+from .entrants import ours
+from .entrants import planar as planar_peer
+from .entrants import qp as qp_peers
+from .entrants.entrant import Entrant
 from .measure import Effort, measure
 
 PEERS = {

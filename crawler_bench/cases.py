@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene, load_scene
-from crawler_model.drive import NS
+from crawler_model.body.drive import NS
 
 PERIODS = 2
 """Periods over which errors are taken, at every quarter."""

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from .cases import QUARTERS, Case
-from .entrants import Entrant, OutOfTime, Run
-from .ours import catch_up_displacement
+from .entrants.entrant import Entrant, OutOfTime, Run
+from .entrants.ours import catch_up_displacement
 
 
 @dataclass(frozen=True)

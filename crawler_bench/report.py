@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from .bench import Bench
-from .node import Row
+from .node.node import Row
 
 
 def write_time(us: float | None) -> str:

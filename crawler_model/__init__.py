@@ -5,15 +5,15 @@
 after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 """
 
-from .account import Energy
-from .crawler import Crawler, prepare
+from .crawler.crawler import Crawler, prepare
+from .crawler.step import Certificate, Step
 from .errors import CommandError, CrawlerError, SceneError
-from .many import ManyRuns, simulate_many
-from .scene import Scene
-from .scene_file import gallery, load_scene, parse_scene
-from .simulate import Trajectory, simulate
-from .step import Certificate, Step
-from .vary import Variations, vary
+from .run.account import Energy
+from .run.simulate import Trajectory, simulate
+from .scene.file import gallery, load_scene, parse_scene
+from .scene.scene import Scene
+from .sweep.many import ManyRuns, simulate_many
+from .sweep.vary import Variations, vary
 
 __all__ = [
     "Certificate",

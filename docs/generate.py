@@ -17,9 +17,9 @@ from typer.models import ArgumentInfo
 
 import crawler_model
 import crawler_ros.replay
+from crawler_command.app import app
 from crawler_model import Scene
-from crawler_ros import interface
-from crawler_ros.cli import app
+from crawler_ros.wire import interface
 
 ROOT = Path(__file__).parent.parent
 REFERENCE = ROOT / "docs" / "reference"
@@ -27,7 +27,7 @@ REFERENCE = ROOT / "docs" / "reference"
 _DEPTHS = ("number", "list of numbers", "list of lists", "list of lists of lists")
 _TAKEN = {bool: "", str: "text", int: "whole number", float: "number", Path: "path"}
 _OTHER_NODES = {
-    "crawler-gait-player": "crawler_ros/gait_player.py",
+    "crawler-gait-player": "crawler_ros/node/gait_player.py",
     "crawler-speed-control": "crawler_ros/examples/speed_control.py",
     "crawler-phase-control": "crawler_ros/examples/phase_control.py",
 }

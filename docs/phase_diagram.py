@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import ManyRuns, Scene, simulate_many, vary
-from crawler_model.drive import strategy_waypoints
+from crawler_model.body.drive import strategy_waypoints
 
 PICTURE = Path(__file__).parent / "pictures" / "gallery" / "phase_diagram.png"
 MOST = 6.0

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from crawler_model import Scene, simulate, simulate_many
-from crawler_model.stasis import StasisDomain
+from crawler_model.theory.stasis import StasisDomain
 
 BODY = """
 name: five_contacts

@@ -24,10 +24,10 @@ def record(folder):
     """Record a simulator while a gait player plays its scene; return the bag folder."""
     scene = ("--ros-args", "-p", "scene:=three_contacts_one_way", "-p")
     node = (sys.executable, "-m")
-    simulator = [*node, "crawler_ros.simulator", *scene, "lock_step:=true", "-p", f"record:={folder}"]
+    simulator = [*node, "crawler_ros.node.simulator", *scene, "lock_step:=true", "-p", f"record:={folder}"]
     running = subprocess.Popen(simulator)
     try:
-        subprocess.run([*node, "crawler_ros.gait_player", *scene, "periods:=5"], check=True)
+        subprocess.run([*node, "crawler_ros.node.gait_player", *scene, "periods:=5"], check=True)
     finally:
         running.send_signal(signal.SIGINT)
         running.wait()

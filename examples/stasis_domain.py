@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from crawler_model import load_scene
-from crawler_model.stasis import StasisDomain
-from crawler_model.uniqueness import uniqueness_margin
-from crawler_ros.domain_picture import draw_domain
+from crawler_model.theory.stasis import StasisDomain
+from crawler_model.theory.uniqueness import uniqueness_margin
+from crawler_pictures.domain import draw_domain
 
 forward = np.full(3, 0.2)  # N, a contact each
 domains = {ratio: StasisDomain(forward, ratio * forward) for ratio in (1.5, 2.5)}

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crawler_model import load_scene
-from crawler_ros.domains import reserved_domain
+from crawler_ros.node.life.domains import reserved_domain
 
 from .ros.launch_files import FOLDER, read
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from crawler_model import Crawler, Scene, load_scene
-from crawler_model.drive import NS
-from crawler_model.readout import Readout
-from crawler_model.simulate import rational_rate, tick_end_ns
-from crawler_ros import interface
-from crawler_ros.bag import read
-from crawler_ros.bag_writer import BagWriter
-from crawler_ros.messages import JointStateMessage, PoseMessage, TrajectoryMessage
-from crawler_ros.states import contact_names, joint_state_names, shown_contacts
-from crawler_ros.versions import versions
+from crawler_model.body.drive import NS
+from crawler_model.crawler.readout import Readout
+from crawler_model.run.simulate import rational_rate, tick_end_ns
+from crawler_ros.recording.bag import read
+from crawler_ros.recording.bag_writer import BagWriter
+from crawler_ros.recording.versions import versions
+from crawler_ros.wire import interface
+from crawler_ros.wire.messages import JointStateMessage, PoseMessage, TrajectoryMessage
+from crawler_ros.wire.states import contact_names, joint_state_names, shown_contacts
 
 Message = tuple[str, int, bytes]
 STATES = ("joint_states", "contact_states", "pose")
@@ -107,7 +107,7 @@ def rewrite(
     source: Path, folder: Path, change: Callable[[str, int, bytes], list[Message]], attached: dict | None
 ) -> Path:
     """Write a recording again with each message changed; `attached` None leaves attachments out."""
-    from crawler_ros.messages import read_stamp
+    from crawler_ros.wire.messages import read_stamp
 
     def all_messages() -> Iterator[Message]:
         for r in read(source):

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene
-from crawler_model.drive import NS
-from crawler_model.scene_file import build_scene
+from crawler_model.body.drive import NS
+from crawler_model.scene.file import build_scene
 
-from ..bag import BagError
-from ..recorded_robot import Robot
-from ..states import contact_names, station_names
-from ..versions import versions
+from ..recording.bag import BagError
+from ..recording.recorded_robot import Robot
+from ..recording.versions import versions
+from ..wire.states import contact_names, station_names
 from .cycle_table import Cycle, Energy, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
 from .margins import Margins, find_margins
@@ -242,7 +242,7 @@ def _recorded_scene(survey: Survey) -> Scene | None:
 
 def _is_planar(survey: Survey, robot: Robot) -> bool:
     """Tell a recording of a planar body by the names of its joints."""
-    from .. import bag
+    from ..recording import bag
 
     for record in bag.read(survey.path):
         if record.topic in (robot.recorded("joint_states"), robot.recorded("contact_states")):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Scene
-from crawler_model.drive import NS
+from crawler_model.body.drive import NS
 
 from .cycles import ROUNDING, find_cycles, signature_weights
 from .ramps import RampTable

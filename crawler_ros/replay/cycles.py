@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crawler_model.drive import NS, Drive
+from crawler_model.body.drive import NS, Drive
 
 ROUNDING = 1e-9
 """Commands, shapes and translations that differ by less than this part of their size are the same."""

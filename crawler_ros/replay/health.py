@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from crawler_model import CommandError
-from crawler_model.drive import NS
-from crawler_model.simulate import rational_rate
+from crawler_model.body.drive import NS
+from crawler_model.run.simulate import rational_rate
 
-from .. import bag
-from ..recorded_robot import Robot, noted_robot, robot_in
-from .layouts import JOINT_STATE, POSE, TRAJECTORY
+from ..recording import bag
+from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY
+from ..recording.recorded_robot import Robot, noted_robot, robot_in
 
 _STAMPED = (JOINT_STATE, TRAJECTORY, POSE, "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock")
 _TYPES = {

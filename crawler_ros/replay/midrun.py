@@ -8,11 +8,11 @@ import numpy as np
 
 from crawler_model import Crawler
 
-from .. import bag
-from ..recorded_robot import Robot
-from ..states import StationReader, shown_contacts
+from ..recording import bag
+from ..recording.layouts import JOINT_STATE, TRAJECTORY, Decoder
+from ..recording.recorded_robot import Robot
+from ..wire.states import StationReader, shown_contacts
 from .health import Survey, next_tick_ns
-from .layouts import JOINT_STATE, TRAJECTORY, Decoder
 
 
 def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | None) -> tuple[Crawler, int]:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .. import bag
-from ..recorded_robot import Robot
+from ..recording import bag
+from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
+from ..recording.recorded_robot import Robot
 from .health import Survey
-from .layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
 from .parts import Parts, parts_by_name
 from .ramps import Piece, RampTable, Sink
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crawler_model.body import Body
+from crawler_model.body.body import Body
 
-from ..states import station_names
+from ..wire.states import station_names
 
 
 @dataclass(frozen=True, eq=False)

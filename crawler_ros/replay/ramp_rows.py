@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from crawler_model import Crawler, Scene
-from crawler_model.account import average_displacement
-from crawler_model.body import Body
-from crawler_model.readout import Readout
-from crawler_model.stasis import stasis_bounds
-from crawler_model.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, VISITED, WORK
+from crawler_model.body.body import Body
+from crawler_model.crawler.readout import Readout
+from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, VISITED, WORK
+from crawler_model.run.account import average_displacement
+from crawler_model.theory.stasis import stasis_bounds
 
 from .parts import parts_of
 from .ramps import Piece

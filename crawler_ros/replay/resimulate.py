@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler
-from crawler_model.drive import NS
-from crawler_model.readout import Readout
+from crawler_model.body.drive import NS
+from crawler_model.crawler.readout import Readout
 
-from .. import bag
-from ..recorded_robot import Robot
-from ..states import contact_names, joint_state_names, shown_contacts
+from ..recording import bag
+from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
+from ..recording.recorded_robot import Robot
+from ..wire.states import contact_names, joint_state_names, shown_contacts
 from .health import Survey, next_tick_ns
-from .layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
 from .ramp_rows import RampRows
 from .ramps import Sink
 

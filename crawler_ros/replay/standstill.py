@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model.drive import NS
+from crawler_model.body.drive import NS
 
-from ..recorded_robot import Robot
+from ..recording.recorded_robot import Robot
 from .health import Survey
 from .ramps import RampTable
 

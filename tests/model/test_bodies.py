@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
-from crawler_model.assemble import _largest_change
-from crawler_model.elements import average, count_elements
-from crawler_model.friction import check_regularity
+from crawler_model.scene.assemble import _largest_change
+from crawler_model.scene.elements import average, count_elements
+from crawler_model.theory.regularity import check_regularity
 
 from .chains import coarse
 

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler_model.chain_kernel import project, workspace
+from crawler_model.motion.chain.projection import project, workspace
 
 
 def solve(target, stiffness, lower, upper):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, Scene, SceneError, graph_kernel, load_scene
-from crawler_model.graph_kernel import Network, build_network, move, workspace
+from crawler_model import Crawler, Scene, SceneError, load_scene
+from crawler_model.motion.graph import active_set as graph_kernel
+from crawler_model.motion.graph.active_set import Network, build_network, move, workspace
 
 from .hard_cases import complete, ladder, net
 

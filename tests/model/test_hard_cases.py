@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
-from crawler_model.stasis import stasis_margins
+from crawler_model.theory.stasis import stasis_margins
 
 from .chains import scene
 from .hard_cases import BOTH, CASES, NETS, Case, complete, net

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Scene, SceneError, gallery, load_scene, simulate, simulate_many, vary, workers
-from crawler_model.account import average_displacement
-from crawler_model.many import Settings, run_chunk
+from crawler_model import CommandError, Scene, SceneError, gallery, load_scene, simulate, simulate_many, vary
+from crawler_model.run.account import average_displacement
+from crawler_model.sweep import workers
+from crawler_model.sweep.many import Settings, run_chunk
 
 from .chains import coarse, scene
 

@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import planar_kernel
-from crawler_model.chain_kernel import project, workspace
 from crawler_model.errors import SceneError
-from crawler_model.planar_cone import solve_with_clarabel
-from crawler_model.planar_friction import check_directions
-from crawler_model.planar_kernel import MOST_SWEEPS, laplacian_of, project_planar
-from crawler_model.planar_tick import ACTUATION, GAINED, TENSION, X
-from crawler_model.planar_tick import follow as follow_planar
-from crawler_model.state import AMBIGUOUS, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, VISITED, WORK
+from crawler_model.motion.chain.projection import project, workspace
+from crawler_model.motion.plane import implicit_step as planar_kernel
+from crawler_model.motion.plane.cone import solve_with_clarabel
+from crawler_model.motion.plane.friction import check_directions
+from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, laplacian_of, project_planar
+from crawler_model.motion.plane.ramp import ACTUATION, GAINED, TENSION, X
+from crawler_model.motion.plane.ramp import follow as follow_planar
+from crawler_model.motion.state import AMBIGUOUS, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, VISITED, WORK
 
 ISOTROPIC = np.zeros((0, 2))
 CROSS = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from crawler_model.planar_friction import corners_of
-from crawler_model.planar_kernel import MOST_SWEEPS, laplacian_of, project_planar
-from crawler_model.planar_rates import find_rates, greatest_compliance, missed
+from crawler_model.motion.plane.friction import corners_of
+from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, laplacian_of, project_planar
+from crawler_model.motion.plane.rates import find_rates, greatest_compliance, missed
 
 from .planar_ramps import Planar, on_a_line, polygon, random_line
 

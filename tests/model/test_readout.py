@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crawler_model import Crawler, Scene, load_scene
-from crawler_model.readout import Readout
+from crawler_model.crawler.readout import Readout
 
 from .chains import coarse, scene
 

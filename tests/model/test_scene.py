@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate
-from crawler_model.scene_file import LARGEST_FILE
+from crawler_model.scene.file import LARGEST_FILE
 
 GOOD: dict[str, Any] = {
     "name": "good",

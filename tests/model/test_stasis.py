@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from crawler_model import Crawler, Scene, load_scene, simulate
-from crawler_model.stasis import (
+from crawler_model.theory.stasis import (
     Facet,
     StasisDomain,
     domain_evolution,

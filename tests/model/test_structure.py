@@ -63,16 +63,16 @@ def test_a_chain_loads_nothing_that_other_bodies_need():
 
 
 def test_the_command_loads_nothing_that_it_was_not_asked_for():
-    assert not loaded_by("import crawler_ros.cli") & {"rclpy", "rerun", "mcap", "matplotlib", "rosbags", "pyarrow"}
+    assert not loaded_by("import crawler_command.app") & {"rclpy", "rerun", "mcap", "matplotlib", "rosbags", "pyarrow"}
 
 
 def test_without_recording_or_viewer_neither_is_imported():
     pytest.importorskip("rclpy")
-    assert not loaded_by("import crawler_ros.simulator") & {"rerun", "mcap", "matplotlib", "rosbags"}
+    assert not loaded_by("import crawler_ros.node.simulator") & {"rerun", "mcap", "matplotlib", "rosbags"}
 
 
 LONG_FILES = {
-    "crawler_model/scene.py": "what a scene file may hold, key by key",
+    "crawler_model/scene/scene.py": "what a scene file may hold, key by key",
 }
 MOST_LINES, MOST_IN_A_FUNCTION = 400, 60
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler_model import Crawler, Scene, simulate
-from crawler_model.uniqueness import commanded_margin, translation_interval, uniqueness_margin
+from crawler_model.theory.uniqueness import commanded_margin, translation_interval, uniqueness_margin
 
 from .chains import scene
 

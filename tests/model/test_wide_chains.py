@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model.chain_kernel import project, workspace
-from crawler_model.chain_wide import project_wide
+from crawler_model.motion.chain.projection import project, workspace
+from crawler_model.motion.chain.wide import project_wide
 
 from .hard_cases import WIDE_CHAINS, follow_wide
 from .test_chain_kernel import exact_projection, random_problem

@@ -18,9 +18,9 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from crawler_bench.processes import PATIENCE_S, wait_until
-from crawler_ros import interface
-from crawler_ros.domains import domain_environment, reserved_domain
+from crawler_bench.node.processes import PATIENCE_S, wait_until
+from crawler_ros.node.life.domains import domain_environment, reserved_domain
+from crawler_ros.wire import interface
 
 _kept = ExitStack()
 
@@ -119,7 +119,7 @@ class Graph:
     ) -> Process:
         for name in hear:
             self.hear(name)
-        process = self.start("crawler_ros.simulator", *parameters, arguments=arguments)
+        process = self.start("crawler_ros.node.simulator", *parameters, arguments=arguments)
         wait_until(lambda: self.heard[hear[0]] or process.process.poll() is not None, what=f"the first of {hear[0]}")
         assert process.process.poll() is None, process.said
         return process

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from crawler_bench.processes import PATIENCE_S, wait_until
-from crawler_ros import bag, interface
+from crawler_bench.node.processes import PATIENCE_S, wait_until
+from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
+from crawler_ros.wire import interface
 
 from .graph import Graph, environment, node_command
 
@@ -25,11 +26,11 @@ SOAK = os.environ.get("CRAWLER_SOAK") == "1"
 
 
 def simulator(*parameters: str) -> list[str]:
-    return node_command("crawler_ros.simulator", *parameters)
+    return node_command("crawler_ros.node.simulator", *parameters)
 
 
 def crawler_command(*words: str) -> subprocess.CompletedProcess[str]:
-    code = "import sys; from crawler_ros.cli import main; sys.exit(main())"
+    code = "import sys; from crawler_command.app import main; sys.exit(main())"
     command = [sys.executable, "-c", code, *words]
     return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
 

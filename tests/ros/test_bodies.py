@@ -8,15 +8,15 @@ import pytest
 pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.processes import wait_until
+from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene, simulate
-from crawler_model.readout import Readout
-from crawler_ros import bag
-from crawler_ros.frames import frames_of_recording
-from crawler_ros.picture import draw_page
+from crawler_model.crawler.readout import Readout
+from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
-from crawler_ros.states import StationReader, contact_names, joint_state_names, shown_contacts
-from crawler_ros.visualizer import draw_recording
+from crawler_ros.viewer.frames import frames_of_recording
+from crawler_ros.viewer.page import draw_page
+from crawler_ros.viewer.visualizer import draw_recording
+from crawler_ros.wire.states import StationReader, contact_names, joint_state_names, shown_contacts
 
 from .graph import graph
 from .test_recording import DECODE
@@ -37,7 +37,7 @@ def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
     with graph(tmp_path) as ros:
         hear = ("joint_states", "contact_states", "pose")
         simulator = ros.simulator(f"scene:={name}", f"record:={tmp_path / 'bags'}", hear=hear)
-        player = ros.start("crawler_ros.gait_player", f"scene:={name}", "periods:=3")
+        player = ros.start("crawler_ros.node.gait_player", f"scene:={name}", "periods:=3")
         assert player.wait() == 0, player.said
         ros.walked(offline.net_translation[-1], within=1e-12 if scene.dimension == 1 else 3e-5)
         assert simulator.end() == 0

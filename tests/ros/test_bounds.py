@@ -13,11 +13,11 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_model import CommandError, Scene, load_scene
-from crawler_ros import commands as commands_module
-from crawler_ros.commands import CommandQueue
-from crawler_ros.limits import command_limits
-from crawler_ros.peers import Arrivals
-from crawler_ros.received import read_array, read_trajectory
+from crawler_ros.node.intake import commands as commands_module
+from crawler_ros.node.intake.commands import CommandQueue
+from crawler_ros.node.intake.limits import command_limits
+from crawler_ros.node.intake.peers import Arrivals
+from crawler_ros.node.intake.received import read_array, read_trajectory
 
 from .graph import graph, wait_until
 from .machine import Sender, encode_array, memory, status, stop, value

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, load_scene
-from crawler_ros.commands import CommandQueue
+from crawler_ros.node.intake.commands import CommandQueue
 
 NS = 1_000_000_000
 TICK = NS // 100

@@ -10,8 +10,8 @@ from PIL import Image
 from rich.console import Console
 
 from crawler_model import Scene, load_scene
-from crawler_ros.bag import BagError
-from crawler_ros.replay.compare import compare_recordings, draw_comparison, print_comparison
+from crawler_ros.recording.bag import BagError
+from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
 
 from ..recordings import record
 from .test_replay import crawler

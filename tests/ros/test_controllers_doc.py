@@ -9,8 +9,8 @@ import sys
 import pytest
 
 pytest.importorskip("rclpy")
-from crawler_bench.processes import PATIENCE_S
-from crawler_ros import interface
+from crawler_bench.node.processes import PATIENCE_S
+from crawler_ros.wire import interface
 
 from ..pages import ROOT, blocks
 from .graph import environment
@@ -48,7 +48,7 @@ def test_without_security_in_the_middleware_it_does_not_run_open(tmp_path):
         "ROS_SECURITY_STRATEGY": "Enforce",
         "ROS_SECURITY_KEYSTORE": str(tmp_path / "keys"),
     }
-    command = [sys.executable, "-m", "crawler_ros.simulator", "--ros-args", "--enclave", "/crawler"]
+    command = [sys.executable, "-m", "crawler_ros.node.simulator", "--ros-args", "--enclave", "/crawler"]
     done = subprocess.run(command, env=environment() | keys, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 1
     assert "security" in done.stderr

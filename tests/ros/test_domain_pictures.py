@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib")
 from PIL import Image
 
 from crawler_model import Scene, load_scene
-from crawler_ros.domain_picture import draw_domain
+from crawler_pictures.domain import draw_domain
 
 FORWARD, BACK, SECTION, DOMAIN = (0, 158, 115), (200, 64, 15), (224, 96, 90), (242, 220, 218)
 

@@ -12,8 +12,8 @@ import tempfile
 import pytest
 
 from crawler_model import CrawlerError
-from crawler_ros import domains
-from crawler_ros.domains import domain_environment, reserved_domain
+from crawler_ros.node.life import domains
+from crawler_ros.node.life.domains import domain_environment, reserved_domain
 
 HOLD = """
 import sys

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 from scipy.optimize import brentq, minimize_scalar
 
-from crawler_bench.processes import wait_until
+from crawler_bench.node.processes import wait_until
 from crawler_model import Scene, load_scene, simulate
 from crawler_ros.examples import phase_control, speed_control
 
@@ -40,7 +40,7 @@ def play(folder, scene: str, controller: str, *parameters: str, simulator: tuple
     """Run a simulator and a controller until the controller ends; return what it said."""
     folder.mkdir(exist_ok=True)
     with graph(folder) as ros:
-        ros.start("crawler_ros.simulator", f"scene:={scene}", *simulator)
+        ros.start("crawler_ros.node.simulator", f"scene:={scene}", *simulator)
         process = ros.start(controller, *parameters)
         wait_until(lambda: process.process.poll() is not None, what="the end of the controller")
         assert process.process.returncode == 0, process.said
@@ -94,7 +94,7 @@ def test_a_target_out_of_reach_does_not_wind_it_up(tmp_path):
 def test_the_speed_is_reached_at_the_wall_clocks_pace_too(tmp_path):
     scene, target, amplitude = SCENES[0]
     with graph(tmp_path) as ros:
-        ros.start("crawler_ros.simulator", f"scene:={scene}", *FREE)
+        ros.start("crawler_ros.node.simulator", f"scene:={scene}", *FREE)
         control = ros.start(SPEED, f"target:={target}")
         reached = pytest.approx([amplitude, target], abs=1e-6)  # later, where the machine delays a command
         wait_until(lambda: any(list(row) == reached for row in periods(control.said)), what="the speed")

@@ -24,9 +24,9 @@ pytest.importorskip("rclpy")
 from mcap.reader import make_reader
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.processes import PATIENCE_S, children, memory_mb, wait_until
+from crawler_bench.node.processes import PATIENCE_S, children, memory_mb, wait_until
 from crawler_model import Crawler, load_scene
-from crawler_ros import bag
+from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
 from .graph import environment, graph
@@ -71,7 +71,7 @@ def test_a_controller_that_is_killed_and_comes_back(ros):
     scene, bags = "scene:=three_contacts_two_ways", ros.folder / "bags"
     process = ros.simulator(scene, f"record:={bags}", hear=("joint_states", "applied_commands"))
     for _ in range(5 if SOAK else 1):
-        player = ros.start("crawler_ros.gait_player", scene)
+        player = ros.start("crawler_ros.node.gait_player", scene)
         wait_until(lambda: ros.heard["applied_commands"] and ros.heard["applied_commands"][-1].points, what="a walk")
         wait_for_more(ros, 130)  # in mid-period
         player.end(signal.SIGKILL)
@@ -83,7 +83,7 @@ def test_a_controller_that_is_killed_and_comes_back(ros):
         assert ros.heard["joint_states"][-1].position == held.position
         assert stamp_ns(ros.heard["joint_states"][-1]) > stamp_ns(held)
     held = len(ros.heard["applied_commands"])
-    player = ros.start("crawler_ros.gait_player", scene, "periods:=3")
+    player = ros.start("crawler_ros.node.gait_player", scene, "periods:=3")
     assert player.wait() == 0
     ros.taken_up()
     wait_for_more(ros, 2)  # however late its last message came, it is followed
@@ -147,7 +147,9 @@ def test_killed_at_random_moments_it_leaves_what_can_be_recovered(tmp_path, turn
         for name in names:
             ros.hear(f"/{name}/joint_states", type_name="joint_states")
             given = (f"record:={tmp_path / name}", "rate:=200.0")
-            processes[name] = ros.start("crawler_ros.simulator", *given, arguments=("-r", f"__ns:=/{name}")).process
+            processes[name] = ros.start(
+                "crawler_ros.node.simulator", *given, arguments=("-r", f"__ns:=/{name}")
+            ).process
         wait_until(lambda: all(ros.heard[f"/{n}/joint_states"] for n in names), what="ten crawlers")
         recorders = {name: children(process.pid) for name, process in processes.items()}
         least = {}
@@ -325,7 +327,7 @@ offset = mmap.mmap(file.fileno(), 8, access=mmap.ACCESS_READ)
 real_ns, real = time.time_ns, time.time
 time.time_ns = lambda: real_ns() + 10**9 * struct.unpack("<q", offset[:8])[0]
 time.time = lambda: real() + struct.unpack("<q", offset[:8])[0]
-from crawler_ros.simulator import main
+from crawler_ros.node.simulator import main
 sys.exit(main())
 """
 
@@ -515,7 +517,7 @@ def test_simulated_again_it_would_notice_a_bit(ros):
     source = only(bags)
     head = bag.Bag({})
     records = list(bag.read(source, head))
-    from crawler_ros.bag_writer import BagWriter
+    from crawler_ros.recording.bag_writer import BagWriter
 
     writer = BagWriter(ros.folder / "forged", head.attachments)
     channels = {}

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from crawler_model import gallery, load_scene
-from crawler_ros.commands import CommandQueue
-from crawler_ros.gait_player import list_commands
+from crawler_ros.node.gait_player import list_commands
+from crawler_ros.node.intake.commands import CommandQueue
 
 from .graph import Process, graph, wait_until
 
@@ -32,7 +32,7 @@ def plane(path: Path, friction: str) -> Path:
 
 
 def player(ros, *parameters: str) -> Process:
-    return ros.start("crawler_ros.gait_player", *parameters)
+    return ros.start("crawler_ros.node.gait_player", *parameters)
 
 
 def last_words(process: Process) -> str:
@@ -58,7 +58,7 @@ def test_what_is_sent_can_be_commanded(name):
 @pytest.mark.parametrize("scene", ["planar_rectilinear", None], ids=["gallery", "own"])
 def test_friction_by_directions_is_played(ros, scene, tmp_path):
     scene = scene or plane(tmp_path / "plane.yaml", DIRECTIONS)
-    ros.start("crawler_ros.simulator", f"scene:={scene}", "lock_step:=true")
+    ros.start("crawler_ros.node.simulator", f"scene:={scene}", "lock_step:=true")
     playing = player(ros, f"scene:={scene}", "periods:=2", "patience:=0.0")
     assert playing.process.wait(200) == 0, playing.said
     assert "period 2 of 2" in playing.said
@@ -67,7 +67,7 @@ def test_friction_by_directions_is_played(ros, scene, tmp_path):
 def test_refused_commands_end_it(ros, tmp_path):
     """The joints are the same, but the simulator's friction cannot be commanded."""
     simulated, played = plane(tmp_path / "a.yaml", DIRECTIONS), plane(tmp_path / "b.yaml", "isotropic: 1")
-    ros.start("crawler_ros.simulator", f"scene:={simulated}")
+    ros.start("crawler_ros.node.simulator", f"scene:={simulated}")
     said = last_words(player(ros, f"scene:={played}", "patience:=0.0"))
     assert "the simulator refuses the commands" in said
     assert "no joint is called 'contact_0/friction'" in said
@@ -78,7 +78,7 @@ def test_without_a_simulator_it_ends(ros):
 
 
 def test_a_paused_simulator_ends_it(ros):
-    ros.start("crawler_ros.simulator")
+    ros.start("crawler_ros.node.simulator")
     playing = player(ros, "patience:=10.0")
     wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
     assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True).success
@@ -89,7 +89,7 @@ def test_a_paused_simulator_ends_it(ros):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_dead_simulator_ends_it(ros, number):
-    simulator = ros.start("crawler_ros.simulator")
+    simulator = ros.start("crawler_ros.node.simulator")
     playing = player(ros, "patience:=60.0")
     wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
     simulator.end(number)

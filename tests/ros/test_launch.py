@@ -21,8 +21,9 @@ import yaml
 pytest.importorskip("rclpy")
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.processes import wait_until
-from crawler_ros import bag, interface
+from crawler_bench.node.processes import wait_until
+from crawler_ros.recording import bag
+from crawler_ros.wire import interface
 
 from .graph import Graph, graph, seconds
 from .launch_files import FOLDER, PACKAGE, ROOT, Started, read, start
@@ -30,8 +31,8 @@ from .launch_files import FOLDER, PACKAGE, ROOT, Started, read, start
 FILES = sorted(FOLDER.glob("*.launch.xml"))
 NAMES = [file.name for file in FILES]
 MODULES = {
-    "simulator": "crawler_ros.simulator",
-    "gait_player": "crawler_ros.gait_player",
+    "simulator": "crawler_ros.node.simulator",
+    "gait_player": "crawler_ros.node.gait_player",
     "speed_control": "crawler_ros.examples.speed_control",
     "phase_control": "crawler_ros.examples.phase_control",
 }
@@ -152,8 +153,8 @@ def test_every_executable_is_installed_in_each_way():
         assert os.access(shim, os.X_OK)
         script = "crawler-" + name.replace("_", "-")
         assert f"bin/{script}" in shim.read_text()
-        assert project["project"]["scripts"][script] == f"crawler_ros.executables:{name}"
-        assert f'"{name} = crawler_ros.executables:{name}"' in setup
+        assert project["project"]["scripts"][script] == f"crawler_command.executables:{name}"
+        assert f'"{name} = crawler_command.executables:{name}"' in setup
 
 
 def test_every_executable_and_launch_file_is_found_through_the_ament_index():

@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_ros.shared_memory import remove_orphans
+from crawler_ros.node.life.shared_memory import remove_orphans
 
 from .graph import environment, graph, wait_until
 from .machine import Command, children, simulator, status, stop
@@ -90,7 +90,7 @@ def warned(ros, part, text):
 
 def test_two_simulators_of_one_name_warn_of_each_other(ros):
     first = ros.simulator(hear=("joint_states", "/diagnostics"))
-    second = ros.start("crawler_ros.simulator")
+    second = ros.start("crawler_ros.node.simulator")
     for running in (first, second):
         wait_until(lambda r=running: "two crawlers need two namespaces" in r.said, what="a line in the log")
     wait_until(lambda: warned(ros, "simulation", "another node publishes joint_states"), what="a warning")
@@ -99,7 +99,7 @@ def test_two_simulators_of_one_name_warn_of_each_other(ros):
 
 def test_two_players_of_one_name_warn_and_so_does_the_simulator(ros):
     simulating = ros.simulator("scene:=three_contacts_one_way", hear=("joint_states", "/diagnostics"))
-    players = [ros.start("crawler_ros.gait_player") for _ in range(2)]
+    players = [ros.start("crawler_ros.node.gait_player") for _ in range(2)]
     for running in (simulating, *players):
         wait_until(lambda r=running: "2 publishers command this crawler at once" in r.said, what="a line in the log")
     wait_until(lambda: warned(ros, "commands", "publishers command this crawler"), what="the simulator's warning")

@@ -12,22 +12,14 @@ import pytest
 pytest.importorskip("rclpy")
 from rclpy.serialization import serialize_message
 
-from crawler_bench.processes import memory_mb, wait_until
+from crawler_bench.node.processes import memory_mb, wait_until
 from crawler_model import load_scene, simulate
-from crawler_ros import bag
-from crawler_ros.messages import TrajectoryMessage
+from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
+from crawler_ros.wire.messages import TrajectoryMessage
 
 from .graph import graph
-from .machine import (
-    SOAK,
-    Sender,
-    assert_every_tick,
-    assert_whole,
-    encode_array,
-    recorded,
-    value,
-)
+from .machine import SOAK, Sender, assert_every_tick, assert_whole, encode_array, recorded, value
 from .test_nodes import trajectory
 
 LARGEST = 1e100
@@ -249,10 +241,11 @@ def test_many_crawlers_walk_at_once(ros):
         ros.hear(f"/{name}/pose", type_name="pose")
         clock = ("publish_clock:=true",) if name == names[3] else ()
         given = (scene, f"record:={bags}", *clock)
-        started.append(ros.start("crawler_ros.simulator", *given, arguments=("-r", f"__ns:=/{name}")))
+        started.append(ros.start("crawler_ros.node.simulator", *given, arguments=("-r", f"__ns:=/{name}")))
     wait_until(lambda: all(ros.heard[f"/{name}/pose"] for name in names), what="all crawlers")
     players = [
-        ros.start("crawler_ros.gait_player", scene, "periods:=3", arguments=("-r", f"__ns:=/{name}")) for name in names
+        ros.start("crawler_ros.node.gait_player", scene, "periods:=3", arguments=("-r", f"__ns:=/{name}"))
+        for name in names
     ]
     assert [p.wait() for p in players] == [0] * count
     offline = simulate(load_scene("three_contacts_two_ways"), duration=3.0)

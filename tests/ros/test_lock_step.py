@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.processes import PATIENCE_S, cpu_seconds, wait_until
+from crawler_bench.node.processes import PATIENCE_S, cpu_seconds, wait_until
 from crawler_model import Crawler, load_scene, simulate
 from crawler_ros.replay import simulate_again
 
@@ -84,7 +84,7 @@ def test_a_closed_loop_gives_the_same_bits_on_every_run_and_offline(tmp_path):
         folder.mkdir()
         with graph(folder) as ros:
             ros.hear("joint_states")
-            process = ros.start("crawler_ros.simulator", *LOCK_STEP, f"record:={folder / 'bags'}")
+            process = ros.start("crawler_ros.node.simulator", *LOCK_STEP, f"record:={folder / 'bags'}")
             runs.append(close_the_loop(ros))
             process.end()
         (bag,) = (folder / "bags").iterdir()
@@ -151,7 +151,7 @@ def test_a_trajectory_runs_to_its_end_and_the_next_one_follows(ros):
 
 def test_the_gait_player_walks_it_exactly_and_faster_than_real_time(ros):
     ros.simulator(*LOCK_STEP, hear=("joint_states", "pose"))
-    player = ros.start("crawler_ros.gait_player", f"scene:={SCENE}", "periods:=20")
+    player = ros.start("crawler_ros.node.gait_player", f"scene:={SCENE}", "periods:=20")
     wait_until(lambda: player.process.poll() is not None, what="the end of the gait")
     offline = simulate(load_scene(SCENE), duration=20.0)
     wait_until(lambda: ros.heard["pose"][-1].pose.position.x == pytest.approx(offline.net_translation[-1], abs=1e-12))
@@ -168,7 +168,7 @@ def test_reset_goes_back_to_state_0_and_drops_what_waits(ros):
 
 def test_who_listens_before_the_start_hears_state_0_once(ros):
     ros.hear("joint_states")
-    process = ros.start("crawler_ros.simulator", *LOCK_STEP)
+    process = ros.start("crawler_ros.node.simulator", *LOCK_STEP)
     wait_until(lambda: ros.heard["joint_states"], what="state 0")
     wait_until(lambda: "waiting for commands" in process.said)
     ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.3, 0.0]))
@@ -197,7 +197,7 @@ def test_waiting_and_paused_it_takes_no_processor_time(ros):
 
 
 def test_whoever_comes_before_the_first_command_hears_state_0(ros):
-    process = ros.start("crawler_ros.simulator", *LOCK_STEP)
+    process = ros.start("crawler_ros.node.simulator", *LOCK_STEP)
     wait_until(lambda: "waiting for commands" in process.said)
     for i in range(2):
         heard: list[JointState] = []

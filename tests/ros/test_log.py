@@ -22,7 +22,7 @@ from .machine import Sender, children, encode_array, simulator, status, value
 
 TALKER = """
 import os, sys
-from crawler_ros.log_pipe import unblocked_log
+from crawler_ros.node.life.log_pipe import unblocked_log
 with unblocked_log():
     for k in range(50_000):
         os.write(2, f"line {k:06d} {'x' * 90}\\n".encode())

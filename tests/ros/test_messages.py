@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_ros import interface
-from crawler_ros.messages import (
+from crawler_ros.wire import interface
+from crawler_ros.wire.messages import (
     JointStateMessage,
     PoseMessage,
     TrajectoryMessage,

@@ -17,11 +17,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.processes import PATIENCE_S, wait_until
+from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_model import Crawler, load_scene, simulate
-from crawler_ros import bag, interface
-from crawler_ros.frames import frames_of_recording
+from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
+from crawler_ros.viewer.frames import frames_of_recording
+from crawler_ros.wire import interface
 
 from .graph import environment, graph, seconds
 from .test_recording import DECODE
@@ -98,7 +99,7 @@ def test_the_gait_player_walks_it_exactly_through_every_waypoint(ros):
     simulator = ros.simulator(
         "scene:=three_contacts_two_ways", "rate:=500.0", f"record:={bags}", hear=("joint_states", "pose")
     )
-    player = ros.start("crawler_ros.gait_player", "scene:=three_contacts_two_ways", "periods:=4")
+    player = ros.start("crawler_ros.node.gait_player", "scene:=three_contacts_two_ways", "periods:=4")
     assert player.wait() == 0
     offline = simulate(load_scene("three_contacts_two_ways"), duration=4.0)
     assert offline.per_period[1:] == pytest.approx(0.07, abs=1e-12)
@@ -196,7 +197,7 @@ def test_names_left_out_hold(ros):
 def test_two_crawlers_in_namespaces(ros):
     for name in ("left", "right"):
         ros.hear(f"/{name}/joint_states", type_name="joint_states")
-        ros.start("crawler_ros.simulator", arguments=("-r", f"__ns:=/{name}"))
+        ros.start("crawler_ros.node.simulator", arguments=("-r", f"__ns:=/{name}"))
     wait_until(lambda: ros.heard["/left/joint_states"] and ros.heard["/right/joint_states"])
     ros.publish(
         "/left/actuation_controller/commands", Float64MultiArray(data=[0.3, 0.3]), "actuation_controller/commands"
@@ -277,7 +278,7 @@ WRONG = [
 def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
     (tmp_path / "file").write_text("mine")
     words = [w for p in parameters for w in ("-p", p)]
-    command = [sys.executable, "-m", "crawler_ros.simulator", "--ros-args", *words]
+    command = [sys.executable, "-m", "crawler_ros.node.simulator", "--ros-args", *words]
     done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S, cwd=tmp_path)
     assert done.returncode == 1
     assert said in done.stderr
@@ -295,7 +296,7 @@ def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
     ],
 )
 def test_a_wrong_command_line_is_one_line(words, said):
-    command = [sys.executable, "-m", "crawler_ros.simulator", *words]
+    command = [sys.executable, "-m", "crawler_ros.node.simulator", *words]
     done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 1
     assert said in done.stderr
@@ -303,7 +304,7 @@ def test_a_wrong_command_line_is_one_line(words, said):
 
 
 def test_help_of_a_node_names_its_parameters():
-    command = [sys.executable, "-m", "crawler_ros.simulator", "--help"]
+    command = [sys.executable, "-m", "crawler_ros.node.simulator", "--help"]
     done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0
     assert "real_time_factor" in done.stdout
@@ -325,7 +326,7 @@ def test_short_periods_lose_nothing(ros, tmp_path):
     text += " start: {displacement: [0, 1]}, drive: {strategy: A, length: 4, friction: 1, period: 0.001}}"
     scene.write_text(text)
     ros.simulator(f"scene:={scene}", hear=("pose",))
-    player = ros.start("crawler_ros.gait_player", f"scene:={scene}", "periods:=2000")
+    player = ros.start("crawler_ros.node.gait_player", f"scene:={scene}", "periods:=2000")
     assert player.wait() == 0
     ros.walked(4000.5, within=1e-9)
 
@@ -349,7 +350,7 @@ def test_a_reset_starts_a_run_of_its_own_in_the_recording(ros, tmp_path):
 def test_a_player_without_a_drive_says_so(tmp_path):
     scene = Path(tmp_path) / "idle.yaml"
     scene.write_text("{name: idle, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}")
-    command = [sys.executable, "-m", "crawler_ros.gait_player", "--ros-args", "-p", f"scene:={scene}"]
+    command = [sys.executable, "-m", "crawler_ros.node.gait_player", "--ros-args", "-p", f"scene:={scene}"]
     done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 1
     assert "idle has no drive to play" in done.stderr

@@ -18,13 +18,13 @@ import pytest
 pytest.importorskip("rerun")
 from PIL import Image
 
-from crawler_bench.processes import wait_until
+from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, CrawlerError, load_scene
-from crawler_ros.colors import BACK, FORWARD, TENSION, rgb
-from crawler_ros.frames import Frame, frame_of, thin
-from crawler_ros.picture import draw_page, screenshot
-from crawler_ros.viewer_feed import LIVE_PORT, ViewerFeed, is_free
-from crawler_ros.visualizer import Drawing, to_file
+from crawler_pictures.colors import BACK, FORWARD, TENSION, rgb
+from crawler_ros.viewer.feed import LIVE_PORT, ViewerFeed, is_free
+from crawler_ros.viewer.frames import Frame, frame_of, thin
+from crawler_ros.viewer.page import draw_page, screenshot
+from crawler_ros.viewer.visualizer import Drawing, to_file
 
 from ..sockets import addresses
 
@@ -238,7 +238,7 @@ def test_a_viewer_whose_port_is_taken_says_so_and_ends():
         stranger.listen()
         port = stranger.getsockname()[1]
         done = subprocess.run(
-            [sys.executable, "-m", "crawler_ros.visualizer", f"rerun+http://127.0.0.1:{port}/proxy"],
+            [sys.executable, "-m", "crawler_ros.viewer.visualizer", f"rerun+http://127.0.0.1:{port}/proxy"],
             input=struct.pack("<I", len(header)) + header,
             capture_output=True,
             timeout=60,

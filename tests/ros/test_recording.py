@@ -22,12 +22,13 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.processes import children, wait_until
+from crawler_bench.node.processes import children, wait_until
 from crawler_model import Crawler, Scene, load_scene
-from crawler_ros import bag, interface
-from crawler_ros.bag_writer import BagWriter
-from crawler_ros.mcap_file import McapFile, message_head
-from crawler_ros.recorder import Recorder
+from crawler_ros.recording import bag
+from crawler_ros.recording.bag_writer import BagWriter
+from crawler_ros.recording.mcap_file import McapFile, message_head
+from crawler_ros.recording.recorder import Recorder
+from crawler_ros.wire import interface
 
 from .graph import graph, seconds
 
@@ -47,9 +48,11 @@ def run(tmp_path_factory):
     with graph(folder) as ros:
         ros.hear("joint_states", raw=True)
         ros.hear("applied_commands", raw=True)
-        simulator = ros.start("crawler_ros.simulator", f"record:={folder / 'bags'}", "scene:=three_contacts_two_ways")
+        simulator = ros.start(
+            "crawler_ros.node.simulator", f"record:={folder / 'bags'}", "scene:=three_contacts_two_ways"
+        )
         wait_until(lambda: ros.heard["joint_states"])
-        player = ros.start("crawler_ros.gait_player", "scene:=three_contacts_two_ways", "periods:=3")
+        player = ros.start("crawler_ros.node.gait_player", "scene:=three_contacts_two_ways", "periods:=3")
         assert player.wait() == 0
         ros.publish("friction_controller/commands", Float64MultiArray(data=[0.4]))
         ros.taken_up()

@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_ros import bag
+from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
 from .graph import environment, graph, wait_until
@@ -123,7 +123,7 @@ def test_message_definitions_are_found_beside_an_unrelated_prefix(ros):
 
 WITHOUT_PACKAGES = """
 import sys
-from crawler_ros.simulator import main
+from crawler_ros.node.simulator import main
 sys.prefix = "/nowhere"
 sys.exit(main())
 """

@@ -11,12 +11,12 @@ import pytest
 pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 
-from crawler_ros import bag
-from crawler_ros.bag_writer import BagWriter
-from crawler_ros.frames import frames_of_recording
+from crawler_ros.recording import bag
+from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.replay import analyse
-from crawler_ros.replay.compare import compare_recordings
-from crawler_ros.visualizer import draw_recording
+from crawler_ros.replay.show.compare import compare_recordings
+from crawler_ros.viewer.frames import frames_of_recording
+from crawler_ros.viewer.visualizer import draw_recording
 
 from ..recordings import attachments, messages, play, write
 from .graph import graph, wait_until
@@ -48,7 +48,7 @@ def recordings(tmp_path_factory) -> dict[str, Path]:
             ros.hear(name_of(remaps, "joint_states"), type_name="joint_states")
             words = [word for pair in remaps.items() for word in ("-r", ":=".join(pair))]
             given = ("scene:=three_contacts_two_ways", f"record:={folder / case}", "lock_step:=true")
-            processes[case] = ros.start("crawler_ros.simulator", *given, arguments=tuple(words))
+            processes[case] = ros.start("crawler_ros.node.simulator", *given, arguments=tuple(words))
         for case, remaps in cases.items():
             heard = ros.heard[name_of(remaps, "joint_states")]
             wait_until(lambda h=heard: h, 60.0, f"the first state of {case}")
@@ -114,7 +114,7 @@ def test_a_torn_one_is_recovered_with_its_names(recordings, tmp_path):
 def test_two_crawlers_in_one_file_are_told_apart_though_one_notes_its_names(tmp_path):
     """As merged by another tool: the notes are those of one, the other is found by its namespace."""
     from crawler_model import load_scene
-    from crawler_ros import interface
+    from crawler_ros.wire import interface
 
     scene = load_scene("two_anchor_a")
     noted = {"joint_states": "/js", "applied_commands": "/left/ledger", "pose": "/left/pose"}

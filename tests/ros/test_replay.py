@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 import yaml
 
-from crawler_bench.processes import PATIENCE_S, wait_until
+from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_model import Scene, load_scene, simulate
-from crawler_model.drive import NS
-from crawler_ros import bag
-from crawler_ros.bag import BagError
+from crawler_model.body.drive import NS
+from crawler_ros.recording import bag
+from crawler_ros.recording.bag import BagError
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.replay.standstill import Standstill
@@ -31,7 +31,7 @@ PERIODS = 4
 
 
 def crawler(*arguments) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-m", "crawler_ros.cli", *map(str, arguments)]
+    words = [sys.executable, "-m", "crawler_command.app", *map(str, arguments)]
     return subprocess.run(
         words, capture_output=True, text=True, timeout=PATIENCE_S, env=os.environ | {"COLUMNS": "140"}
     )
@@ -50,9 +50,11 @@ def real(tmp_path_factory):
             folder = tmp_path_factory.mktemp(scene)
             with graph(folder) as ros:
                 given = f"scene:={scene}"
-                simulator = ros.start("crawler_ros.simulator", given, f"record:={folder / 'bags'}", "lock_step:=true")
+                simulator = ros.start(
+                    "crawler_ros.node.simulator", given, f"record:={folder / 'bags'}", "lock_step:=true"
+                )
                 wait_until(lambda: "waiting for commands" in simulator.said, what="the start")
-                player = ros.start("crawler_ros.gait_player", given, f"periods:={PERIODS}")
+                player = ros.start("crawler_ros.node.gait_player", given, f"periods:={PERIODS}")
                 assert player.wait() == 0, player.said
                 assert simulator.end() == 0
             (made[scene],) = (folder / "bags").iterdir()
@@ -162,7 +164,7 @@ def bare(source: Path, folder: Path, change=unchanged, compression=mcap.writer.C
         writer = mcap.writer.Writer(stream, compression=compression, chunk_size=50_000)
         writer.start("ros2", "libmcap")
         channels: dict[str, int] = {}
-        from crawler_ros.messages import read_stamp
+        from crawler_ros.wire.messages import read_stamp
 
         for r in bag.read(source):
             if r.topic not in channels:
@@ -320,8 +322,8 @@ def test_two_robots_are_told_apart(tmp_path):
     one, two = load_scene("two_anchor_a"), load_scene("two_anchor_b")
     left = [(n, s, d) for n, s, d in messages(one, play(one, 0, 10**9))]
     bag_path = tmp_path / "a"
-    from crawler_ros import interface
-    from crawler_ros.bag_writer import BagWriter
+    from crawler_ros.recording.bag_writer import BagWriter
+    from crawler_ros.wire import interface
 
     writer = BagWriter(bag_path, {})
     for space, sent in (("/left/", left), ("/right/", messages(two, play(two, 0, 2 * 10**9)))):
@@ -378,7 +380,7 @@ def test_a_run_that_moves_to_its_end_did_not_stop(tmp_path):
 
 
 def test_what_is_no_crawlers_recording_is_named(tmp_path):
-    from crawler_ros.bag_writer import BagWriter
+    from crawler_ros.recording.bag_writer import BagWriter
 
     BagWriter(tmp_path / "empty", {}).close()
     with pytest.raises(BagError, match="there is no message in it"):

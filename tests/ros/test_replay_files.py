@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crawler_ros.colors import FORWARD, TENSION, rgb
+from crawler_pictures.colors import FORWARD, TENSION, rgb
 from crawler_ros.replay import analyse
 
 from ..recordings import record

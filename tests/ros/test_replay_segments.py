@@ -10,8 +10,8 @@ from pyarrow import parquet
 
 from crawler_model import Scene
 from crawler_ros.replay import Replay, analyse
-from crawler_ros.replay.compare import compare_recordings
 from crawler_ros.replay.parts import parts_by_name, parts_of
+from crawler_ros.replay.show.compare import compare_recordings
 
 from ..recordings import record
 from .machine import crawler_command

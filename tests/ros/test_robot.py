@@ -12,12 +12,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from urdf_parser_py.urdf import URDF
 
-from crawler_bench.processes import wait_until
+from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, gallery, load_scene, simulate
-from crawler_ros import bag, interface
-from crawler_ros.messages import OdometryMessage, encode_string
-from crawler_ros.robot_description import describe_robot
-from crawler_ros.states import joint_state_names, station_names
+from crawler_ros.node.robot_description import describe_robot
+from crawler_ros.recording import bag
+from crawler_ros.wire import interface
+from crawler_ros.wire.messages import OdometryMessage, encode_string
+from crawler_ros.wire.states import joint_state_names, station_names
 
 from .graph import graph, seconds
 from .test_nodes import trajectory
@@ -79,7 +80,7 @@ def test_the_description_waits_for_whoever_comes_and_is_recorded(ros, tmp_path):
 
 def test_odometry_says_what_the_pose_says_and_how_fast(ros):
     ros.simulator("publish.odom:=true", "rate:=50.0", hear=("odom", "pose", "joint_states"))
-    ros.start("crawler_ros.gait_player", "periods:=1")
+    ros.start("crawler_ros.node.gait_player", "periods:=1")
     offline = simulate(load_scene("three_contacts_one_way"), duration=1.0)
     end = offline.net_translation[-1]
     wait_until(lambda: abs(ros.heard["odom"][-1].pose.pose.position.x - end) < 1e-12)
@@ -125,7 +126,7 @@ def test_qos_can_be_overridden_and_is_recorded_as_it_is(ros, tmp_path):
     from mcap.reader import make_reader
 
     process = ros.start(
-        "crawler_ros.simulator",
+        "crawler_ros.node.simulator",
         f"record:={tmp_path / 'bags'}",
         "qos_overrides./joint_states.publisher.reliability:=best_effort",
         "qos_overrides./joint_states.publisher.depth:=3",

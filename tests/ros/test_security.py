@@ -18,12 +18,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_bench.processes import PATIENCE_S, children, wait_until
+from crawler_bench.node.processes import PATIENCE_S, children, wait_until
 from crawler_model import SceneError, load_scene
-from crawler_model.scene_file import LARGEST_FILE, parse_scene
-from crawler_ros import bag, bag_folder
-from crawler_ros.bag_writer import BagWriter
-from crawler_ros.recorder import Recorder
+from crawler_model.scene.file import LARGEST_FILE, parse_scene
+from crawler_ros.recording import bag, bag_folder
+from crawler_ros.recording.bag_writer import BagWriter
+from crawler_ros.recording.recorder import Recorder
 
 from ..sockets import addresses
 from .graph import environment, graph
@@ -84,7 +84,7 @@ def test_every_socket_is_on_loopback_unless_asked_otherwise(ros, given):
     bags = ros.folder / "bags"
     ros.hear("joint_states")  # a plain rclpy node on this machine, without our profile
     simulating = ros.run(simulator(f"record:={bags}", "view:=live"), **own)
-    playing = ros.run([sys.executable, "-m", "crawler_ros.gait_player"], **own)
+    playing = ros.run([sys.executable, "-m", "crawler_ros.node.gait_player"], **own)
     wait_until(lambda: "playing from" in playing.said, what="a walk")
     wait_until(lambda: any(any(m.position) for m in list(ros.heard["joint_states"])), what="a walk heard by others")
     pids = [simulating.process.pid, playing.process.pid, *children(simulating.process.pid)]
@@ -140,7 +140,7 @@ def test_asked_otherwise_it_listens_on_the_network(ros):
 
 
 def test_a_profile_of_the_users_own_is_left_alone(tmp_path):
-    code = "import os; from crawler_ros.run import stay_on_loopback; stay_on_loopback(); "
+    code = "import os; from crawler_ros.node.life.run import stay_on_loopback; stay_on_loopback(); "
     code += f"print([os.environ.get(n) for n in {ASKED!r}])"
 
     def said(**given: str) -> list[str | None]:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from crawler_ros.stepper import Stepper
+from crawler_ros.node.stepper import Stepper
 
 MS = 1_000_000
 

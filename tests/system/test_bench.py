@@ -8,11 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from crawler_bench import mujoco_peer, ode_peer, ours, planar_peer
 from crawler_bench.bench import choose_cases
 from crawler_bench.cases import CASES, PERIODS, QUARTERS, Case, wave_scene
-from crawler_bench.entrants import Entrant
-from crawler_bench.qp_peers import BACKENDS, QpRun
+from crawler_bench.entrants import mujoco as mujoco_peer
+from crawler_bench.entrants import ode as ode_peer
+from crawler_bench.entrants import ours
+from crawler_bench.entrants import planar as planar_peer
+from crawler_bench.entrants.entrant import Entrant
+from crawler_bench.entrants.qp import BACKENDS, QpRun
 from crawler_model import Crawler, CrawlerError, Scene
 
 from ..model.chains import from_rows
@@ -193,7 +196,7 @@ def test_no_peer_is_imported_before_it_is_measured():
     import sys
 
     code = (
-        "import sys, crawler_model, crawler_ros.cli, crawler_bench.bench, crawler_bench.qp_peers, crawler_bench.mujoco_peer;"
+        "import sys, crawler_model, crawler_command.app, crawler_bench.bench, crawler_bench.entrants.qp, crawler_bench.entrants.mujoco;"
         "print([m for m in ('osqp', 'daqp', 'piqp', 'proxsuite', 'mujoco', 'matplotlib', 'clarabel') if m in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
@@ -207,7 +210,7 @@ def test_without_peers_one_line_says_how_to_get_them(tmp_path):
         "import sys, importlib.util as u; f = u.find_spec;"
         "u.find_spec = lambda name, *a: None if name in ('osqp', 'mujoco', 'daqp', 'piqp', 'proxsuite') else f(name, *a);"
         f"sys.argv = ['crawler', 'bench', '--quick', '--case', 'strategy_a', '--json', '--out', {str(tmp_path)!r}];"
-        "from crawler_ros.cli import main; main()"
+        "from crawler_command.app import main; main()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -223,7 +226,7 @@ def test_without_matplotlib_one_line(tmp_path):
     import subprocess
     import sys
 
-    code = "import sys; sys.modules['matplotlib'] = None; sys.argv = ['crawler', 'bench', '--quick']; from crawler_ros.cli import main; main()"
+    code = "import sys; sys.modules['matplotlib'] = None; sys.argv = ['crawler', 'bench', '--quick']; from crawler_command.app import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1

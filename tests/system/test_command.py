@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from crawler_bench.processes import PATIENCE_S
+from crawler_bench.node.processes import PATIENCE_S
 from crawler_model import gallery
 
 CRAWLER = str(Path(sys.executable).parent / "crawler")
@@ -167,7 +167,7 @@ def test_a_mistake_is_one_clear_line(arguments, said, tmp_path):
 
 
 def test_nothing_of_ros_is_needed_for_the_model():
-    code = "import sys; sys.modules['rclpy'] = None; sys.argv = ['crawler', 'scenes']; from crawler_ros.cli import main; main()"
+    code = "import sys; sys.modules['rclpy'] = None; sys.argv = ['crawler', 'scenes']; from crawler_command.app import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0
     code = code.replace("'scenes'", "'demo'")

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crawler_bench.processes import PATIENCE_S
+from crawler_bench.node.processes import PATIENCE_S
 from crawler_model import load_scene, simulate
 from tests import recordings
 
@@ -120,7 +120,7 @@ def test_read_recording_makes_one(tmp_path):
     """As a stranger runs it: a process of its own, with the nodes that it starts."""
     for module in ("rclpy", "mcap", "rosbags"):
         pytest.importorskip(module)
-    from crawler_ros.domains import reserved_domain
+    from crawler_ros.node.life.domains import reserved_domain
     from tests.ros.graph import environment
 
     command = [sys.executable, str(FOLDER / "read_recording.py")]

@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 pytest.importorskip("rclpy")
-from crawler_bench.node import measure_node
-from crawler_bench.replay import JOBS, measure_replay, run_job
+from crawler_bench.node.node import measure_node
+from crawler_bench.node.replay import JOBS, measure_replay, run_job
 from crawler_bench.report import print_rows
 
 KEYS = {

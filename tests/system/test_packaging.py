@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from crawler_bench.processes import PATIENCE_S
-from crawler_ros.domains import reserved_domain
+from crawler_bench.node.processes import PATIENCE_S
+from crawler_ros.node.life.domains import reserved_domain
 
 from ..pages import ROOT
 from .test_readme import README

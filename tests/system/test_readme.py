@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from crawler_bench.processes import PATIENCE_S
-from crawler_ros import interface
+from crawler_bench.node.processes import PATIENCE_S
+from crawler_ros.wire import interface
 
 from ..pages import ROOT, blocks, prose
 from .test_command import CRAWLER, good
@@ -56,7 +56,7 @@ def test_the_two_commands_are_there():
 
 def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
     pytest.importorskip("rclpy")
-    from crawler_bench.processes import wait_until
+    from crawler_bench.node.processes import wait_until
     from tests.ros.graph import environment, graph
 
     (script,) = [block for block in blocks("README.md", README) if block.file == "my_controller.py"]

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("material", reason="the site is built with the extra docs")
 pytest.importorskip("mkdocstrings_handlers.python", reason="the site is built with the extra docs")
 
-from crawler_bench.processes import PATIENCE_S
+from crawler_bench.node.processes import PATIENCE_S
 
 from ..pages import ROOT, pages
 

@@ -53,7 +53,7 @@ def end(process: subprocess.Popen[str]) -> tuple[int, list[str]]:
 @pytest.mark.parametrize(
     ("name", "module"),
     [
-        ("crawler", "crawler_ros.cli"),
+        ("crawler", "crawler_command.app"),
         ("crawler", "numpy.linalg"),
         ("crawler", "numba.core.typing"),
         ("crawler", "pydantic"),

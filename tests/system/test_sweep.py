@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crawler_bench.processes import PATIENCE_S, wait_until
-from crawler_ros.cli import main
+from crawler_bench.node.processes import PATIENCE_S, wait_until
+from crawler_command.app import main
 
 from .test_command import CRAWLER, good
 
@@ -189,7 +189,7 @@ def command_status(arguments: list[str], folder: Path, monkeypatch, patience: fl
     """Run the command in this process, which spares a second each."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "argv", ["crawler", *arguments])
-    monkeypatch.setattr("crawler_ros.sweep_cluster.PATIENCE_S", patience)
+    monkeypatch.setattr("crawler_command.sweep_cluster.PATIENCE_S", patience)
     with pytest.raises(SystemExit) as left:
         main()
     return int(left.value.code or 0)

@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from crawler_model import Crawler, Scene, load_scene, simulate, simulate_many, vary
-from crawler_model.stasis import StasisDomain, spring_force
-from crawler_ros.body_picture import draw_body
-from crawler_ros.colors import FORWARD
-from crawler_ros.domain_text import STYLE
+from crawler_model.theory.stasis import StasisDomain, spring_force
+from crawler_pictures.body import draw_body
+from crawler_pictures.colors import FORWARD
+from crawler_pictures.domain_text import STYLE
 
 DOCS = Path(__file__).parent.parent.parent / "docs"
 PICTURES = DOCS / "pictures" / "tutorial"

@@ -1,0 +1,186 @@
+"""A ROS domain of its own on loopback with real processes in it: simulators, listeners, and what they cost."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crawler_ros.node.life.domains import domain_environment, reserved_domain
+from crawler_ros.wire import interface
+
+from .processes import PATIENCE_S, wait_until
+
+NS = 10**9
+TICK_HZ = 1000.0
+
+
+class Domain:
+    """A ROS domain with a node of this process that listens to the simulator's diagnostics and sends commands."""
+
+    def __init__(self, folder: Path) -> None:
+        """Join a domain that nobody else is in, until `close`.
+
+        Args:
+            folder: for logs and recordings.
+        """
+        import rclpy
+        from rclpy.experimental.events_executor import EventsExecutor
+
+        self.folder = folder
+        self._reservation = contextlib.ExitStack()
+        self.number = self._reservation.enter_context(reserved_domain())
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        interface.find_ament_prefix()
+        self._context = rclpy.Context()
+        self._context.init(domain_id=self.number)
+        self.node = rclpy.create_node("bench", context=self._context)
+        self.reports: list[tuple[int, dict[str, str]]] = []
+        self._listen("/diagnostics", self._on_report)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+        self._publishers: dict[str, Any] = {}
+        self._count = itertools.count()
+
+    def _spin(self) -> None:
+        while not self._ended.is_set():
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _listen(self, name: str, receive: Callable[[Any], None]) -> Any:
+        topic = interface.topics()[name]
+        return self.node.create_subscription(
+            interface.message_class(topic.type), name, receive, interface.qos_profile(topic)
+        )
+
+    def _on_report(self, message: Any) -> None:
+        stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        self.reports.append((stamp, {v.key: v.value for s in message.status for v in s.values}))
+
+    @contextlib.contextmanager
+    def hearing(self, name: str, receive: Callable[[Any], None]) -> Iterator[None]:
+        """Listen to a topic for a while."""
+        subscription = self._listen(name, receive)
+        try:
+            yield
+        finally:
+            self.node.destroy_subscription(subscription)
+
+    def publisher(self, name: str) -> Any:
+        """Make a publisher of a command topic, and wait until the simulator listens to it."""
+        if name not in self._publishers:
+            topic = interface.topics()[name]
+            kind = interface.message_class(topic.type)
+            self._publishers[name] = self.node.create_publisher(kind, name, interface.qos_profile(topic))
+        publisher = self._publishers[name]
+        wait_until(lambda: publisher.get_subscription_count() > 0)
+        return publisher
+
+    @contextlib.contextmanager
+    def process(self, module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+        """Run a module of this project in the domain; gives the process and the file of what it says."""
+        log = self.folder / f"{module}_{next(self._count)}.log"
+        environment = domain_environment(self.number)
+        with log.open("wb") as stream:
+            command = [sys.executable, "-m", module, *arguments]
+            process = subprocess.Popen(
+                command, env=environment, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+            )
+        try:
+            yield process, log
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            try:
+                process.wait(PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    @contextlib.contextmanager
+    def simulator(self, scene: Path | str, **parameters: Any) -> Iterator[tuple[int, Path]]:
+        """Run a simulator, recording into this folder where `record` is true; gives its process id and its log.
+
+        Args:
+            scene: file or gallery name.
+            **parameters: of the node, a dot in a name written as it is.
+
+        Yields:
+            Process id and log, as soon as its diagnostics are heard.
+        """
+        values = {"scene": str(scene), "rate": TICK_HZ, "real_time_factor": 0.0, "method": "auto", **parameters}
+        recording = self.folder / "bags"
+        if values.pop("record", False):
+            values["record"] = str(recording)
+        words = [w for key, value in values.items() for w in ("-p", f"{key}:={json.dumps(value).strip(chr(34))}")]
+        self.reports.clear()
+        try:
+            with self.process("crawler_ros.node.simulator", "--ros-args", *words) as (process, log):
+                said = log.read_text
+                if values.get("publish.diagnostics", True):
+                    wait_until(lambda: self.reports or process.poll() is not None)
+                else:
+                    wait_until(lambda: "waiting for commands" in said() or process.poll() is not None)
+                if process.poll() is not None:
+                    raise RuntimeError(f"the simulator ended: {said()}")
+                yield process.pid, log
+        finally:
+            shutil.rmtree(recording, ignore_errors=True)
+
+    def rate(self, seconds: float) -> float:
+        """Measure ticks a second over a while, from the diagnostics' stamps and counts of ticks.
+
+        Args:
+            seconds: how long, after a second of warm-up.
+
+        Returns:
+            Ticks a second.
+        """
+        first = len(self.reports) + 1  # what comes next may still be of the start
+        wait_until(lambda: len(self.reports) > first)
+        began, before = self.reports[first]
+        wait_until(lambda: self.reports[-1][0] - began >= (seconds - 0.2) * NS)
+        ended, after = self.reports[-1]
+        return (int(after["ticks"]) - int(before["ticks"])) / ((ended - began) / NS)
+
+    def close(self) -> None:
+        """Leave the domain to others."""
+        self._ended.set()
+        self._thread.join()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+        self._reservation.close()
+
+
+def drive(domain: Domain, names: Sequence[str], rows: np.ndarray, spacing: float) -> None:
+    """Send a long trajectory.
+
+    Args:
+        domain: where a simulator listens.
+        names: of joints.
+        rows: shape (points, names).
+        spacing: simulated time from point to point [s].
+    """
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+    message = JointTrajectory(joint_names=list(names))
+    for k, row in enumerate(rows):
+        point = JointTrajectoryPoint(positions=row.tolist())
+        ns = round(k * spacing * NS)
+        point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
+        message.points.append(point)
+    domain.publisher("joint_trajectory").publish(message)

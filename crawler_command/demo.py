@@ -1,0 +1,215 @@
+"""The demonstration: a simulator and a gait player as two processes, then what their recording says.
+
+The simulator is in lock-step: ten simulated seconds take as long as this machine needs, and however busy it is the walk
+is the same to the bit.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from crawler_model import CrawlerError, Scene, load_scene, prepare
+from crawler_model.body.drive import NS
+from crawler_ros.node.life.domains import domain_environment, reserved_domain
+from crawler_ros.recording import bag
+
+SCENE = "three_contacts_one_way"
+PERIODS = 10
+PATIENCE_S = 600.0  # a machine that is busy compiles for minutes
+
+
+class DemoError(CrawlerError):
+    """The demonstration did not come to its end."""
+
+
+def closed_form(scene: Scene) -> float:
+    """Compute the net translation per period of the stepped wave on three one-way contacts.
+
+        2 (D - 3 mu_plus / k)   for D >= 6 mu_plus / k and mu_minus > 2 mu_plus
+
+    Args:
+        scene: three equal contacts whose links lengthen in turn by D.
+
+    Returns:
+        Net translation per period, after the first [m].
+    """
+    stroke = float(np.ptp(scene.commands.actuation))
+    return 2.0 * (stroke - 3.0 * float(scene.commands.forward[0, 0]) / float(scene.mesh.stiffness[0]))
+
+
+def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
+    """Run the demonstration.
+
+    Args:
+        out: folder in which the files are left.
+        progress: called with the part done, in [0, 1].
+
+    Returns:
+        The summary's lines.
+
+    Raises:
+        DemoError: when a process fails or does not come to its end.
+    """
+    import rclpy  # noqa: F401  (say what is missing before anything is started)
+
+    from crawler_ros.viewer.frames import frames_of_recording, thin
+    from crawler_ros.viewer.page import draw_page
+    from crawler_ros.viewer.visualizer import draw_recording
+
+    began = time.monotonic()
+    prepare(load_scene(SCENE))  # before anybody waits for anybody
+    out.mkdir(parents=True, exist_ok=True)
+    before = set(out.iterdir())
+    with reserved_domain() as domain:
+        simulator = _Process("crawler_ros.node.simulator", domain, scene=SCENE, record=out, lock_step="true")
+        player = _Process("crawler_ros.node.gait_player", domain, scene=SCENE, periods=PERIODS, patience=PATIENCE_S)
+        try:
+            _watch(simulator, player, progress)
+        finally:
+            player.end()
+            simulator.end()
+    if simulator.process.returncode != 0:
+        raise DemoError(f"the simulator failed: {simulator.last_words()}")
+    made = [path for path in set(out.iterdir()) - before if path.is_dir()]
+    if len(made) != 1:
+        raise DemoError(
+            f"{out}: {len(made)} new recordings instead of one; the simulator says: {simulator.last_words()}"
+        )
+    recording = made[0]
+    rrd, png = out / f"{recording.name}.rrd", out / f"{recording.name}.png"
+    draw_recording(recording, rrd)
+    scene, frames = frames_of_recording(recording)
+    draw_page(scene, list(thin(frames)), png)
+    return _summary(recording, rrd, png, time.monotonic() - began)
+
+
+def _watch(simulator: _Process, player: _Process, progress: Callable[[float], None]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while player.process.poll() is None:
+        if simulator.process.poll() is not None:
+            raise DemoError(f"the simulator ended early: {simulator.last_words()}")
+        if time.monotonic() > deadline:
+            raise DemoError(f"not at its end after {PATIENCE_S:g} s; the simulator says: {simulator.last_words()}")
+        for process in (simulator, player):
+            for line in process.new_lines():
+                done = re.search(r"period (\d+) of (\d+)", line)
+                if done:
+                    progress(int(done[1]) / int(done[2]))
+                elif "compiling" in line:
+                    print(line, file=sys.stderr)
+        time.sleep(0.05)
+    if player.process.returncode != 0:
+        raise DemoError(f"the gait player failed: {player.last_words()}")
+
+
+def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]:
+    gains, messages = measure(recording)
+    steady = gains[1:]
+    exact = closed_form(load_scene(SCENE))
+    error = float(np.abs(steady - exact).max())
+    if gains.size != PERIODS or error > 1e-9:
+        raise DemoError(f"{recording}: per period {gains.tolist()} m instead of {PERIODS} times {exact:.12g} m")
+    mcap = bag.find_file(recording)
+    beside = Path(sys.executable).parent / "crawler"
+    command = "crawler" if shutil.which("crawler") or not beside.is_file() else os.path.relpath(beside)
+    return [
+        f"A three-contact crawler walked {PERIODS} periods under commands from another process ({seconds:.0f} s).",
+        f"  distance per period  {steady.mean():.12f} m (closed form {exact:.12f} m, largest error {error:.1e} m)",
+        f"  first period         {gains[0]:.12f} m (with the transient from rest)",
+        "Left behind:",
+        f"  {mcap}  ({messages} messages; opens in rosbag2, Foxglove, PlotJuggler, rerun)",
+        f"  {rrd}",
+        f"  {png}",
+        "Next:",
+        f"  {command} replay {recording}    cycles, slips and energy of this run, simulated again",
+        f"  {command} scenes    what else can be run",
+        f"  {command} simulate two_anchor_a    the model alone, without ROS",
+        f"  {command} view {rrd}    the run in rerun, where there is a display",
+    ]
+
+
+def measure(recording: Path) -> tuple[np.ndarray, int]:
+    """Read from a recording of the demonstration what it gained in each period.
+
+    Args:
+        recording: a bag folder.
+
+    Returns:
+        Net translation gained in each whole period [m], and the number of messages.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
+    period_ns = round((load_scene(SCENE).commands.period or 0.0) * NS)
+    start_ns: int | None = None
+    y: dict[int, float] = {}
+    messages = 0
+    for record in bag.read(recording):
+        messages += 1
+        message = decode(record.data, record.type)
+        if record.topic.endswith("joint_trajectory") and not start_ns:  # what has no stamp plays nothing
+            start_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        elif record.topic.endswith("pose"):
+            y[message.header.stamp.sec * NS + message.header.stamp.nanosec] = message.pose.position.x
+    if not start_ns:
+        raise DemoError(f"{recording}: no command arrived")
+    # a command that came late was followed all the same, well before its period's end
+    ends = [start_ns + k * period_ns for k in range(PERIODS + 1)]
+    return np.diff([y[ns] for ns in ends if ns in y]), messages
+
+
+class _Process:
+    """A node in a process of its own, whose output is kept."""
+
+    def __init__(self, module: str, domain: int, **parameters: object) -> None:
+        words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", module, "--ros-args", *words],
+            env=domain_environment(domain),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self._lines: queue.Queue[str] = queue.Queue()
+        self._last = "it said nothing"
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if line.strip():
+                self._last = line.strip()
+                self._lines.put(line.strip())
+
+    def new_lines(self) -> list[str]:
+        lines = []
+        while not self._lines.empty():
+            lines.append(self._lines.get())
+        return lines
+
+    def last_words(self) -> str:
+        self._thread.join(1.0)
+        return self._last
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            try:
+                self.process.wait(20.0)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()

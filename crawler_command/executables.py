@@ -1,0 +1,135 @@
+"""The front door of every executable: from the first import on, Ctrl-C and a missing package are one line.
+
+Nothing but the standard library is imported here; what an executable needs is imported behind the door.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+from typing import Any
+
+STOPPED = 130
+"""The exit status of what Ctrl-C stopped."""
+
+_EXTRA_OF = {
+    "mcap": "ros",
+    "zstandard": "ros",
+    "rerun": "viz",
+    "rerun_cli": "viz",
+    "matplotlib": "viz",
+    "rosbags": "viz",
+    "PIL": "viz",
+    "pyarrow": "sweep",
+    "distributed": "sweep",
+    "dask": "sweep",
+    "osqp": "bench",
+    "mujoco": "bench",
+}
+_REQUIRED = ("numpy", "numba", "llvmlite", "pydantic", "yaml", "typer", "rich", "scipy", "clarabel")
+
+
+def crawler() -> int:
+    """Run the command `crawler`."""
+    return _run("crawler", "crawler_command.app")
+
+
+def replay() -> int:
+    """Run `crawler replay` as an executable of its own: `ros2 run crawler_ros replay BAG`."""
+    return _run("crawler", "crawler_command.replay")
+
+
+def simulator() -> int:
+    """Run the node `simulator`."""
+    return _run("simulator", "crawler_ros.node.simulator")
+
+
+def gait_player() -> int:
+    """Run the node `gait_player`."""
+    return _run("gait_player", "crawler_ros.node.gait_player")
+
+
+def speed_control() -> int:
+    """Run the example controller `speed_control`."""
+    return _run("speed_control", "crawler_ros.examples.speed_control")
+
+
+def phase_control() -> int:
+    """Run the example controller `phase_control`."""
+    return _run("phase_control", "crawler_ros.examples.phase_control")
+
+
+def describe_missing(error: ModuleNotFoundError) -> str:
+    """Name the extra that brings a package that is not installed.
+
+    Args:
+        error: what the import raised.
+
+    Returns:
+        One line.
+    """
+    module = (error.name or str(error)).split(".")[0]
+    if module in _REQUIRED:
+        return f"{module} is not installed; it comes with: pip install crawler-ros"
+    extra = _EXTRA_OF.get(module)
+    if extra is None and (module.startswith(("rcl", "rmw", "ament_")) or module.endswith(("_msgs", "_interfaces"))):
+        extra = "ros"
+    if extra is None:
+        return f"{module} is not installed"
+    return f"{module} is not installed; it comes with: pip install 'crawler-ros[{extra}]'"
+
+
+def leave_at_once(name: str) -> None:
+    """Let Ctrl-C end the process with one line while there is nothing to tidy up.
+
+    An exception would not do: extension modules that are being imported and callbacks of the compiler swallow it or
+    print it.
+
+    Args:
+        name: the executable's.
+    """
+
+    def leave(*_: Any) -> None:
+        os.write(2, f"{name}: stopped\n".encode())
+        os._exit(STOPPED)
+
+    signal.signal(signal.SIGINT, leave)
+
+
+def _run(name: str, module: str) -> int:
+    """Import a module and run its `main`; return the exit status."""
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # started in the background by a script
+    if not ignored:
+        leave_at_once(name)
+    try:
+        main = importlib.import_module(module).main
+        if not ignored:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        _end_where_interrupts_are_lost(name)
+        return main() or 0
+    except ModuleNotFoundError as error:
+        print(f"{name}: {describe_missing(error)}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        print(f"{name}: stopped", file=sys.stderr)
+        return STOPPED
+    finally:
+        if not ignored:  # while the interpreter ends, Ctrl-C has nothing to say
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _end_where_interrupts_are_lost(name: str) -> None:
+    """End the process where Ctrl-C arrives in a callback of C, which cannot pass an exception on."""
+    report = sys.unraisablehook
+
+    def hook(lost: Any) -> None:
+        if lost.exc_type is not KeyboardInterrupt:
+            report(lost)
+            return
+        os.write(2, f"{name}: stopped\n".encode())
+        os._exit(STOPPED)
+
+    sys.unraisablehook = hook

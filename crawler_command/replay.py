@@ -1,0 +1,195 @@
+"""The verbs `crawler replay` and `crawler compare`, and the executable `replay`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crawler_model import CrawlerError, Scene, load_scene, prepare
+
+if TYPE_CHECKING:
+    from crawler_ros.replay.health import Survey
+    from crawler_ros.replay.ramps import Sink
+
+Recording = Annotated[
+    Path, typer.Argument(help="A bag folder or an .mcap file, whole or torn; of a folder of bags the newest.")
+]
+SceneOption = Annotated[
+    str | None, typer.Option(help="What ran, for a recording that does not hold its scene: a file or a gallery name.")
+]
+NamespaceOption = Annotated[str | None, typer.Option(help="Which crawler, where several were recorded.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+
+
+def replay(
+    recording: Recording,
+    scene: SceneOption = None,
+    as_json: JsonOption = False,
+    rrd: Annotated[Path | None, typer.Option(help="Draw the run for rerun into this file.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="Write tables into this new folder.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw one page into this file.")] = None,
+    recover: Annotated[
+        bool, typer.Option("--recover", help="Write what can be read of a torn recording as a whole one beside it.")
+    ] = False,
+    namespace: NamespaceOption = None,
+    show: Annotated[
+        bool, typer.Option("--show", help="Print the scene, parameters and versions that it holds, as YAML, and end.")
+    ] = False,
+) -> None:
+    """Tell what happened in a recording: is it whole, cycles, slips, energy; simulate it again and compare.
+
+    Exit status 0 when it is whole and, where its scene is known, identical to the bit when simulated again.
+    """
+    from crawler_ros.recording.bag import newest
+    from crawler_ros.replay import analyse
+
+    from .app import _check_picture, progress_bar, screen
+
+    _check_picture(png)
+    _check_outputs(rrd, parquet)
+    recording = newest(recording)
+    if show:
+        _show(recording)
+        return
+    recovered = ""
+    if recover:
+        recording, recovered = _recover(recording)
+    loaded = None if scene is None else load_scene(scene)
+    outputs = _Outputs(parquet, png)
+    with progress_bar("replaying") as progress:
+        found = analyse(recording, loaded, namespace, outputs.open, progress)
+    written = outputs.write(found)
+    if rrd is not None:
+        if found.scene is None:
+            raise CrawlerError(f"--rrd: {recording} does not hold its scene; give it with --scene")
+        from crawler_ros.viewer.visualizer import draw_recording
+
+        draw_recording(recording, rrd, found.scene, found.robot)
+        written.append(f"drawn: {rrd}")
+    if as_json:
+        print(json.dumps(found.as_plain(), allow_nan=False))
+    else:
+        from crawler_ros.replay.show.report import print_replay
+
+        print_replay(found, screen)
+        for line in (recovered, *written):
+            if line:
+                screen.print(line)
+    if not found.healthy:
+        more = f" (and {len(found.problems) - 1} more)" if len(found.problems) > 1 else ""
+        raise CrawlerError(f"{recording}: {found.problems[0]}{more}")
+
+
+def _check_outputs(rrd: Path | None, parquet: Path | None) -> None:
+    if rrd is not None and rrd.suffix != ".rrd":
+        raise CrawlerError(f"--rrd: {rrd} must end in .rrd")
+    if rrd is not None and not rrd.absolute().parent.is_dir():
+        raise CrawlerError(f"--rrd: the folder {rrd.absolute().parent} does not exist")
+    if parquet is not None and parquet.exists() and (not parquet.is_dir() or any(parquet.iterdir())):
+        raise CrawlerError(f"--parquet: {parquet} is there already; name a new folder")
+
+
+def _show(recording: Path) -> None:
+    import yaml
+
+    from crawler_ros.recording import bag
+
+    head = bag.Bag({})
+    for _ in bag.read_blocks(recording, head):
+        pass
+    if not head.attachments:
+        raise CrawlerError(f"{recording}: it holds nothing but messages; crawler simulator recordings hold their scene")
+    print(yaml.safe_dump(head.attachments, sort_keys=False, allow_unicode=True), end="")
+
+
+def _recover(recording: Path) -> tuple[Path, str]:
+    """Write a whole recording; gives it, and what was done."""
+    from crawler_ros.recording import bag
+
+    if bag.examine(recording).complete:
+        return recording, "nothing to recover: the recording is whole"
+    source = recording if recording.is_dir() else recording.with_suffix("")
+    folder = source.with_name(source.name + "_recovered")
+    if folder.exists():
+        raise CrawlerError(f"{folder} is there already: it was recovered before")
+    return folder, f"recovered {bag.recover(recording, folder)} messages: {folder}"
+
+
+class _Outputs:
+    """What is written while a recording is read, and after."""
+
+    def __init__(self, parquet: Path | None, png: Path | None) -> None:
+        self._parquet, self._png = parquet, png
+        self._tables: Any = None
+        self._samples: Any = None
+
+    def open(self, survey: Survey, scene: Scene | None) -> Sequence[Sink]:
+        """Open what takes every ramp."""
+        if scene is not None:
+            prepare(scene)
+        sinks: list[Sink] = []
+        if self._parquet is not None:
+            from crawler_ros.replay.show.tables import TableWriter
+
+            self._tables = TableWriter(self._parquet, scene)
+            sinks.append(self._tables)
+        if self._png is not None:
+            import matplotlib as _needed_at_the_end  # noqa: F401
+
+            from crawler_ros.replay.show.samples import Samples
+
+            self._samples = Samples(survey)
+            sinks.append(self._samples)
+        return sinks
+
+    def write(self, found: Any) -> list[str]:
+        """Finish the files; return a line for each."""
+        written = []
+        if self._tables is not None:
+            written.append(f"written: {', '.join(self._tables.finish(found))} in {self._parquet}")
+        if self._samples is not None and self._png is not None:
+            from crawler_ros.replay.show.page import draw_replay
+
+            draw_replay(found, self._samples, self._png)
+            written.append(f"drawn: {self._png}")
+        return written
+
+
+def compare(
+    first: Annotated[Path, typer.Argument(help="A recording; of a folder of bags the newest.")],
+    second: Annotated[Path, typer.Argument(help="Another one, likewise.")],
+    scene: SceneOption = None,
+    as_json: JsonOption = False,
+    png: Annotated[Path | None, typer.Option(help="Draw both runs into this file.")] = None,
+    namespace: NamespaceOption = None,
+) -> None:
+    """Tell in what two recorded runs differ: commands, translation per cycle, energy, slips, on simulated time."""
+    from crawler_ros.recording.bag import newest
+    from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
+
+    from .app import _check_picture, progress_bar, screen
+
+    _check_picture(png)
+    loaded = None if scene is None else load_scene(scene)
+    with progress_bar("comparing") as progress:
+        found = compare_recordings(newest(first), newest(second), loaded, namespace, progress)
+    if png is not None:
+        draw_comparison(found, png)
+    if as_json:
+        print(json.dumps(found.as_plain(), allow_nan=False))
+        return
+    print_comparison(found, screen)
+    if png is not None:
+        screen.print(f"drawn: {png}")
+
+
+def main() -> None:
+    """Run `crawler replay` as an executable of its own: `ros2 run crawler_ros replay BAG`."""
+    from .app import main as crawler
+
+    crawler(["replay", *sys.argv[1:]])

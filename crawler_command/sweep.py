@@ -1,0 +1,384 @@
+"""Sweeps: every combination of a few numbers of a scene, a row of results each, in a Parquet table."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
+from crawler_model.sweep.many import Settings
+from crawler_model.sweep.vary import MOST_VARIATIONS
+
+RESULTS = {
+    "net_translation": "m",
+    "gained": "m",
+    "per_period": "m",
+    "settling": "m",
+    "work": "J",
+    "dissipation": "J",
+    "stored": "J",
+    "residual": "1",
+    "violation": "N",
+    "visited_margin": "1",
+    "efficiency": "m/J",
+}
+"""Numbers in a row and their units; null where a run is invalid, or has no such number."""
+_UNITS = {
+    "forward": "N",
+    "backward": "N",
+    "isotropic": "N",
+    "friction": "N",
+    "stiffness": "N/m",
+    "length": "m",
+    "period": "s",
+    "times": "s",
+    "wavelength": "m",
+    "contacts": "m",
+    "displacement": "m",
+    "actuation": "m",
+    "amplitude": "m",
+    "mean": "m",
+    "directions": "rad",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """What is swept, how, and where the results go.
+
+    Attributes:
+        variations: the scenes.
+        settings: how each is run.
+        specs: what was asked for of each key.
+        out: the table.
+        png: the picture; None for none.
+    """
+
+    variations: Variations
+    settings: Settings
+    specs: Mapping[str, str]
+    out: Path
+    png: Path | None
+
+
+def parse_axis(text: str) -> tuple[str, np.ndarray]:
+    """Read what one `--vary` says.
+
+    Args:
+        text: KEY=FROM:TO:N, KEY=log:FROM:TO:N or KEY=A,B,C.
+
+    Returns:
+        The key and its numbers, shape (N,).
+
+    Raises:
+        CrawlerError: one line that says what would be right.
+    """
+    key, equals, spec = (part.strip() for part in text.partition("="))
+    help_text = f"--vary {text}: write KEY=FROM:TO:N, KEY=log:FROM:TO:N or KEY=A,B,C"
+    if not key or not equals or not spec:
+        raise CrawlerError(help_text)
+    log = spec.startswith("log:")
+    parts = spec.removeprefix("log:").split(":")
+    if len(parts) == 1 and not log:
+        return key, np.array([_number(part, help_text) for part in spec.split(",")])
+    if len(parts) != 3:
+        raise CrawlerError(help_text)
+    start, stop = _number(parts[0], help_text), _number(parts[1], help_text)
+    if not parts[2].strip().isdecimal():
+        raise CrawlerError(f"--vary {text}: N is {parts[2]!r}; it must be a whole number, at least 1")
+    count = int(parts[2])
+    if not 1 <= count <= MOST_VARIATIONS:
+        raise CrawlerError(f"--vary {text}: N is {count}; it must be between 1 and {MOST_VARIATIONS}")
+    if log and not (start > 0.0 and stop > 0.0):
+        raise CrawlerError(f"--vary {text}: log: goes from one number > 0 to another")
+    return key, np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
+
+
+def _number(text: str, help_text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise CrawlerError(f"{help_text}; {text!r} is not a number") from None
+    if not np.isfinite(value):
+        raise CrawlerError(f"{help_text}; {text!r} is not finite")
+    return value
+
+
+def plan_sweep(
+    scene: Scene, axes: Sequence[str], settings: Settings, out: Path, png: Path | None, overwrite: bool
+) -> Sweep:
+    """Check all that can be checked before anything runs.
+
+    Args:
+        scene: what to vary.
+        axes: what each `--vary` says.
+        settings: how each variation is run.
+        out: the table to write.
+        png: the picture to write; None for one beside the table where the axes allow one.
+        overwrite: whether these may be there already.
+
+    Returns:
+        The sweep.
+
+    Raises:
+        CrawlerError: one line for the first mistake.
+    """
+    values: dict[str, np.ndarray] = {}
+    specs = {}
+    for text in axes:
+        key, numbers = parse_axis(text)
+        if key in values:
+            raise CrawlerError(f"--vary {key}: given twice")
+        values[key], specs[key] = numbers, text.partition("=")[2].strip()
+    variations = vary(scene, values)
+    settings.check()
+    if scene.drive is None and settings.duration is None:
+        raise CrawlerError(f"{scene.name}: the scene has no drive; say how long to run with --duration")
+    if png is None and 1 <= sum(n > 1 for n in variations.shape) <= 2:
+        png = out.with_suffix(".png")
+    elif png is not None and not 1 <= sum(n > 1 for n in variations.shape) <= 2:
+        raise CrawlerError(f"--png: a picture needs one or two keys that vary, here are {len(values)}")
+    for option, file, suffix in (("--out", out, ".parquet"), ("--png", png, ".png")):
+        if file is None:
+            continue
+        if file.suffix != suffix:
+            raise CrawlerError(f"{option}: {file} must end in {suffix}")
+        if not file.absolute().parent.is_dir():
+            raise CrawlerError(f"{option}: the folder {file.absolute().parent} does not exist")
+        if file.exists() and not overwrite:
+            raise CrawlerError(f"{option}: {file} is there already; take another name, or --overwrite")
+    return Sweep(variations, settings, specs, out, png)
+
+
+def run_sweep(
+    sweep: Sweep, workers: int | None, scheduler: str | None, progress: Callable[[float], None] | None
+) -> ManyRuns:
+    """Run a sweep and write its table and picture.
+
+    Args:
+        sweep: what to run.
+        workers: how many runs at a time on this machine; None for one a core.
+        scheduler: address of a Dask scheduler whose workers run it instead; None for this machine.
+        progress: called with the part done, in [0, 1].
+
+    Returns:
+        The results, those that were done when Ctrl-C came.
+
+    Raises:
+        CrawlerError: when no variation is valid, or the cluster cannot be used.
+    """
+    settings = sweep.settings
+    if scheduler is not None:
+        from .sweep_cluster import simulate_on_cluster
+
+        runs = simulate_on_cluster(scheduler, sweep.variations, settings, progress)
+    else:
+        runs = simulate_many(sweep.variations, settings.duration, settings.rate, settings.method, workers, progress)
+    done = runs.status == "done"
+    if not done.any() and not runs.interrupted:
+        raise CrawlerError(f"no variation is valid; the first: {runs.reason[0]}")
+    if done.any():
+        with whole_file(sweep.out) as part:
+            parquet.write_table(build_table(sweep, runs), part, compression="zstd")
+        if sweep.png is not None:
+            from crawler_pictures.sweep import draw_sweep
+
+            with whole_file(sweep.png) as part:
+                draw_sweep(sweep, runs, part)
+    return runs
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Write a file whole or not at all.
+
+    Args:
+        path: what it is called in the end.
+
+    Yields:
+        Where to write it.
+    """
+    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}_", dir=path.absolute().parent)
+    os.close(handle)
+    part = Path(name)
+    try:
+        yield part
+        mask = os.umask(0)
+        os.umask(mask)
+        part.chmod(0o666 & ~mask)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
+    """Lay results out as a table, a row a variation that was run, in the grid's order.
+
+    Args:
+        sweep: what ran.
+        runs: what came out.
+
+    Returns:
+        The numbers varied, status and reason, the results; scene, settings and versions in the metadata.
+    """
+    kept = runs.status != "not run"
+    done = runs.status == "done"
+    fields, columns = [], []
+
+    def add(
+        name: str, values: np.ndarray | list[str], unit: str | None = None, missing: np.ndarray | None = None
+    ) -> None:
+        array = pa.array(values, mask=missing)
+        fields.append(pa.field(name, array.type, metadata=None if unit is None else {"unit": unit}))
+        columns.append(array)
+
+    for key, values in sweep.variations.values.items():
+        add(key, values[kept], unit_of(sweep.variations.base, key))
+    add("status", runs.status[kept].tolist())
+    add("reason", [reason for reason, keep in zip(runs.reason, kept, strict=True) if keep])
+    for name, unit in RESULTS.items():
+        column = _result(runs, name)[kept]
+        for axis, values in zip(("_x", "_y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
+            add(name + axis, values, unit, ~np.isfinite(values))
+    for name in ("unique", "events", "overspent", "unsolved", "periods"):
+        add(name, getattr(runs, name)[kept], None, ~done[kept])
+    about = json.dumps(_about(sweep, runs), sort_keys=True)
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields, metadata={"crawler_sweep": about}))
+
+
+def _result(runs: ManyRuns, name: str) -> np.ndarray:
+    if name != "efficiency":
+        return np.asarray(getattr(runs, name))
+    gained = runs.gained
+    spent = runs.dissipation.reshape(-1, *(1,) * (gained.ndim - 1))
+    return np.divide(gained, spent, out=np.full(gained.shape, np.nan), where=spent > 0.0)
+
+
+def _about(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
+    versions = {name: _version(name) for name in ("crawler-ros", "numpy", "numba", "pyarrow")}
+    settings = sweep.settings
+    return {
+        "schema": 1,
+        "scene": sweep.variations.base.document(),
+        "vary": dict(sweep.specs),
+        "shape": list(sweep.variations.shape),
+        "duration_s": settings.duration,
+        "rate_hz": settings.rate,
+        "method": settings.method,
+        "complete": not runs.interrupted,
+        "versions": versions | {"python": platform.python_version()},
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # run from its source, not installed
+        return "unknown"
+
+
+def unit_of(scene: Scene, key: str) -> str:
+    """Name the unit of a number of a scene.
+
+    Args:
+        scene: the scene.
+        key: its dotted key.
+
+    Returns:
+        The unit; "1" for a number without one.
+    """
+    steps = [step for step in key.split(".") if not step.isdecimal()]
+    unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
+    if "segments" in steps:
+        return {"N": "N/m", "N/m": "N"}.get(unit, "m" if steps[-1] in ("from", "to") else unit)
+    if "friction_wave" in steps and unit == "m" and steps[-1] != "wavelength":
+        return "N, N/m" if scene.body.segments else "N"
+    return "1" if scene.body.segments and not scene.body.links and steps[-1] in ("amplitude", "mean") else unit
+
+
+def summarise(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
+    """Lay out what came of a sweep as `crawler sweep --json` prints it.
+
+    Args:
+        sweep: what ran.
+        runs: what came out.
+
+    Returns:
+        Plain numbers, lists and text; schema 1.
+    """
+    counts = {name.replace(" ", "_"): int((runs.status == name).sum()) for name in ("done", "invalid", "not run")}
+    name, gain = shown_gain(runs)
+    best = None
+    if np.isfinite(gain).any():
+        at = int(np.nanargmax(np.abs(gain)))
+        best = {"at": {key: float(v[at]) for key, v in sweep.variations.values.items()}, name: float(gain[at])}
+    written = counts["done"] > 0
+    return {
+        "schema": 1,
+        "scene": sweep.variations.base.name,
+        "vary": dict(sweep.specs),
+        "shape": list(sweep.variations.shape),
+        **counts,
+        "not_unique": int(((runs.status == "done") & ~runs.unique).sum()),
+        "best": best,
+        "table": str(sweep.out) if written else None,
+        "picture": str(sweep.png) if written and sweep.png is not None else None,
+        "wall_s": runs.wall_s,
+    }
+
+
+def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
+    """Choose the net translation that is shown: per period where there are periods; in the plane along x.
+
+    Args:
+        runs: the results.
+
+    Returns:
+        Its name in `ManyRuns`, and its values, shape (M,) [m].
+    """
+    name = "per_period" if np.isfinite(runs.per_period).any() else "gained"
+    column = getattr(runs, name)
+    return name, column if column.ndim == 1 else column[:, 0]
+
+
+def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
+    """Say in a few lines what came of a sweep.
+
+    Args:
+        sweep: what ran.
+        runs: what came out.
+
+    Returns:
+        The lines.
+    """
+    about = summarise(sweep, runs)
+    shape = " x ".join(map(str, about["shape"]))
+    counts = f"{about['done']} done" + (f", {about['invalid']} invalid" if about["invalid"] else "")
+    counts += f", {about['not_run']} not run" if about["not_run"] else ""
+    lines = [f"{about['scene']}: {shape} variations of {', '.join(about['vary'])}; {counts} in {runs.wall_s:.3g} s"]
+    if runs.interrupted:
+        lines.append("stopped: the table holds what was done" if about["done"] else "stopped: nothing is written")
+    if about["best"] is not None:
+        at = ", ".join(f"{key} = {value:.6g}" for key, value in about["best"]["at"].items())
+        name = "per_period" if "per_period" in about["best"] else "gained"
+        words = {"per_period": "in the last period", "gained": "over the run"}[name]
+        lines.append(f"largest net translation {words}: {about['best'][name]:.6g} m at {at}")
+    if about["not_unique"]:
+        lines.append(f"{about['not_unique']} of them are not unique: the translation was open on some stretch")
+    first = next((reason for reason in runs.reason if reason), None)
+    if first is not None:
+        lines.append(f"the first invalid one: {first}")
+    lines += [f"{what}: {about[what]}" for what in ("table", "picture") if about[what] is not None]
+    return lines

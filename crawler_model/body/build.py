@@ -1,0 +1,210 @@
+"""From isolated contacts, segments and links to a body, each checked against the others."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import frozen, spread
+from ..errors import SceneError
+from .body import Body, Segment
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """A segment before it is built into a body.
+
+    Attributes:
+        name: as in the scene.
+        nodes: reference positions of its contacts, increasing, shape (elements + 1,) [m].
+        stiffness: of its elements, shape (elements,) [N/m].
+    """
+
+    name: str
+    nodes: np.ndarray
+    stiffness: np.ndarray
+
+    @property
+    def element(self) -> float:
+        """Length of an element [m]."""
+        return float(self.nodes[-1] - self.nodes[0]) / (self.nodes.size - 1)
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Length that each contact stands for: half of each element beside it, shape (elements + 1,) [m]."""
+        cells = np.full(self.nodes.size, self.element)
+        cells[0] = cells[-1] = 0.5 * self.element
+        return cells
+
+
+End: TypeAlias = int | tuple[str, Literal["from", "to"]]
+"""What a link joins: a contact by its number, or an end of a segment by its name."""
+
+
+def build_body(
+    contacts: ArrayLike,
+    stiffness: ArrayLike,
+    between: Sequence[tuple[End, End]] | None = None,
+    segments: Sequence[Interval] = (),
+) -> Body:
+    """Build a body from what a scene says of it.
+
+    Args:
+        contacts: reference positions of the isolated contacts, increasing, shape (I,), or (I, 2) in the plane [m].
+        stiffness: of the links, one number or one per link, > 0 [N/m].
+        between: the pairs of ends that links join; None for the chain of neighbours.
+        segments: the segments.
+
+    Returns:
+        The body, its arrays read-only.
+
+    Raises:
+        SceneError: naming the contact, segment or link that does not fit.
+    """
+    isolated = np.array(contacts, dtype=np.float64)
+    _check_contacts(isolated, segments)
+    parts = _in_order(isolated, segments)
+    first = np.concatenate(([0], np.cumsum([1 if isinstance(p, int) else p.nodes.size for p in parts])))
+    place = {p if isinstance(p, int) else p.name: int(i) for p, i in zip(parts, first, strict=False)}
+    position, ground, share = [], [], []
+    for part in parts:
+        nodes = isolated[part : part + 1] if isinstance(part, int) else part.nodes
+        cells = np.ones(1) if isinstance(part, int) else part.cells
+        position.append(nodes)
+        ground.append(cells)
+        share.append(cells / (cells.sum() * len(parts)))
+
+    ends = _link_ends(between, parts, place)
+    k = spread(stiffness, len(ends), "body.links.stiffness", "link")
+    for i in np.flatnonzero(~(k > 0.0)):
+        raise SceneError(f"body.links.stiffness: link {i} has {k[i]:g} N/m; it must be > 0")
+    count = len(ends)
+    for segment in segments:
+        a = place[segment.name] + np.arange(segment.stiffness.size)
+        ends += list(zip(a.tolist(), (a + 1).tolist(), strict=True))
+        k = np.concatenate((k, segment.stiffness))
+    pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)
+    if isolated.ndim == 1:
+        pairs.sort(axis=1)
+    # a link from the near end of a segment to far away comes before the segment, whose springs follow each other
+    order = np.lexsort((-pairs[:, 1], pairs[:, 0])) if segments else np.arange(len(pairs))
+    found = np.argsort(order)
+    springs = found[count:]
+    built = []
+    for segment in segments:
+        elements = segment.stiffness.size
+        length = float(segment.nodes[-1] - segment.nodes[0])
+        built.append(Segment(segment.name, place[segment.name], elements, int(springs[0]), length))
+        springs = springs[elements:]
+    body = Body(
+        position=frozen(np.concatenate(position)),
+        ends=frozen(pairs[order], np.int64),
+        stiffness=frozen(k[order]),
+        share=frozen(np.concatenate(share)),
+        ground=frozen(np.concatenate(ground)),
+        isolated=frozen([place[i] for i in range(isolated.shape[0])], np.int64),
+        link_springs=frozen(found[:count], np.int64),
+        segments=tuple(built),
+    )
+    _check_connected(body, parts, first)
+    return body
+
+
+def _check_contacts(isolated: np.ndarray, segments: Sequence[Interval]) -> None:
+    count = isolated.shape[0]
+    if count < 2 and not segments:
+        raise SceneError(f"body.contacts: {count} contact(s); a crawler needs at least 2, or a segment")
+    if isolated.ndim == 2:
+        _, first, where = np.unique(isolated, axis=0, return_index=True, return_inverse=True)
+        for i in np.flatnonzero(first[where.ravel()] != np.arange(count)):
+            raise SceneError(
+                f"body.contacts: contacts {first[where.ravel()[i]]} and {i} are both at {_point(isolated[i])} m"
+            )
+        return
+    for k in np.flatnonzero(np.diff(isolated) <= 0.0):
+        raise SceneError(
+            f"body.contacts: contact {k + 1} at {isolated[k + 1]:g} m does not lie beyond contact {k} at "
+            f"{isolated[k]:g} m; positions must be strictly increasing"
+        )
+
+
+def _point(position: np.ndarray) -> str:
+    return "[" + ", ".join(f"{v:g}" for v in position) + "]"
+
+
+def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[int | Interval]:
+    """Sort contacts (by number) and segments along the body; they must not overlap."""
+    if isolated.ndim == 2 or not segments:
+        return list(range(isolated.shape[0]))
+    spans: list[tuple[float, float, int | Interval]] = [(float(v), float(v), i) for i, v in enumerate(isolated)]
+    spans += [(float(s.nodes[0]), float(s.nodes[-1]), s) for s in segments]
+    spans.sort(key=lambda span: span[:2])
+    for (_, until, here), (after, _, there) in itertools.pairwise(spans):
+        if after <= until:
+            where = f"at {after:g} m" if isinstance(there, int) else f"from {after:g} m"
+            raise SceneError(
+                f"body: {_name(there)} {where} meets {_name(here)}, which reaches to {until:g} m; segments and "
+                "contacts must not overlap or touch"
+            )
+    return [part for _, _, part in spans]
+
+
+def _name(part: int | Interval) -> str:
+    return f"contact {part}" if isinstance(part, int) else f"segment {part.name}"
+
+
+def _link_ends(
+    between: Sequence[tuple[End, End]] | None, parts: list[int | Interval], place: dict[int | str, int]
+) -> list[tuple[int, int]]:
+    """Find the two contacts that each link joins."""
+    sizes = {_key(p): 0 if isinstance(p, int) else p.nodes.size - 1 for p in parts}
+    if between is None:
+        keys = [_key(p) for p in parts]
+        return [(place[a] + sizes[a], place[b]) for a, b in itertools.pairwise(keys)]
+    ends = []
+    for i, pair in enumerate(between):
+        found = []
+        for end in pair:
+            key = end if isinstance(end, int) else end[0]
+            if key not in place:
+                raise SceneError(f"body.links.between: link {i} joins {_end(end)}; {_known(place)}")
+            found.append(place[key] + (sizes[key] if not isinstance(end, int) and end[1] == "to" else 0))
+        if found[0] == found[1]:
+            raise SceneError(f"body.links.between: link {i} joins {_end(pair[0])} to itself")
+        ends.append((found[0], found[1]))
+    return ends
+
+
+def _key(part: int | Interval) -> int | str:
+    return part if isinstance(part, int) else part.name
+
+
+def _end(end: End) -> str:
+    return f"contact {end}" if isinstance(end, int) else f"{end[0]}.{end[1]}"
+
+
+def _known(place: dict[int | str, int]) -> str:
+    contacts = sum(isinstance(key, int) for key in place)
+    known = [f"contacts 0 .. {contacts - 1}"] if contacts else []
+    return "there are " + ", ".join(known + [f"{n}.from, {n}.to" for n in place if isinstance(n, str)])
+
+
+def _check_connected(body: Body, parts: list[int | Interval], first: np.ndarray) -> None:
+    if body.is_chain:
+        return
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    n = body.contacts
+    graph = coo_matrix((np.ones(body.springs), (body.ends[:, 0], body.ends[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    for part, i in zip(parts, first, strict=False):
+        if label[i] != label[0]:
+            raise SceneError(
+                f"body.links.between: no links lead from {_name(parts[0])} to {_name(part)}; a body must hang together"
+            )

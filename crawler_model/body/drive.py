@@ -1,0 +1,220 @@
+"""Open-loop commands: waypoints with straight lines between, waves, the strategies of [G] section 5.2."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import frozen
+from ..errors import SceneError
+from .columns import Columns
+
+NS = 1_000_000_000
+"""Nanoseconds in a second. Waypoints fall on whole nanoseconds; what is commanded there is not rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A polygonal path of commands.
+
+    Attributes:
+        times: waypoint times, increasing from 0, shape (W,) [s].
+        period: after it the waypoints repeat [s]; None: once, then hold.
+        rows: command rows, shape (W, C).
+        columns: what the columns of a row are.
+    """
+
+    times: np.ndarray
+    period: float | None
+    rows: np.ndarray
+    columns: Columns
+
+    @functools.cached_property
+    def targets(self) -> np.ndarray:
+        """Where the ramps to the waypoints end, shape (W, S + 2 N)."""
+        return frozen(self.columns.target(self.rows))
+
+    @property
+    def actuation(self) -> np.ndarray:
+        """L of each spring, shape (W, S); in the plane x and y of each in turn, shape (W, 2 S) [m]."""
+        return self.targets[:, : self._springs]
+
+    @property
+    def forward(self) -> np.ndarray:
+        """mu_plus of each contact, shape (W, N) [N]; for bodies on a line."""
+        return self.targets[:, self._springs : self._springs + self._contacts]
+
+    @property
+    def backward(self) -> np.ndarray:
+        """mu_minus of each contact, shape (W, N) [N]; for bodies on a line."""
+        return self.targets[:, self._springs + self._contacts :]
+
+    @functools.cached_property
+    def _springs(self) -> int:
+        return int((self.columns.index < self.columns.lengths).sum())
+
+    @property
+    def _contacts(self) -> int:
+        return (self.columns.index.size - self._springs) // 2
+
+    def waypoints_between(self, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Find the waypoints in a stretch of time.
+
+        Args:
+            after_ns: the stretch's open start [ns], >= -1.
+            until_ns: its closed end [ns].
+
+        Returns:
+            Their times [ns], int64, and their rows, each of shape (K,). With a period, its end and the next
+            one's start are the same waypoint, the first row.
+        """
+        return find_waypoints(self.times, self.period, after_ns, until_ns)
+
+    def sample(self, times_ns: np.ndarray) -> np.ndarray:
+        """Read the commands at any times.
+
+        Args:
+            times_ns: shape (K,), int64, >= 0 and increasing [ns].
+
+        Returns:
+            Targets, shape (K, S + 2 N).
+        """
+        targets = self.targets
+        if times_ns.size == 0:
+            return targets[:0]
+        if self.period is None:
+            known, rows = self.waypoints_between(-1, int(np.rint(self.times[-1] * NS)))
+        else:
+            margin = int(self.period * NS) + 2
+            known, rows = self.waypoints_between(int(times_ns[0]) - margin, int(times_ns[-1]) + margin)
+        before = np.clip(np.searchsorted(known, times_ns, side="right") - 1, 0, known.size - 1)
+        after = np.minimum(before + 1, known.size - 1)
+        gap = np.maximum(known[after] - known[before], 1)
+        part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None]
+        start = targets[rows[before]]
+        return start + part * (targets[rows[after]] - start)
+
+
+def find_waypoints(
+    times: np.ndarray, period: float | None, after_ns: int, until_ns: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the waypoints in a stretch of time, as `Drive.waypoints_between` does.
+
+    Args:
+        times: waypoint times, increasing from 0, shape (W,) [s].
+        period: after it they repeat [s], or None.
+        after_ns: the stretch's open start [ns], >= -1.
+        until_ns: its closed end [ns].
+
+    Returns:
+        Their times [ns], int64, and their rows, each of shape (K,).
+    """
+    if period is None:
+        found = np.rint(times * NS).astype(np.int64)
+        rows = np.arange(found.size)
+    else:
+        rows = np.flatnonzero(times < period)
+        span = period * NS
+        first = max(int(np.floor((after_ns + 1) / span)) - 1, 0)
+        count = int(np.ceil((until_ns - first * span) / span)) + 2
+        starts = period * np.arange(first, first + max(count, 0))
+        found = np.rint((starts[:, None] + times[rows]) * NS).astype(np.int64).ravel()
+        rows = np.tile(rows, starts.size)
+    inside = (found > after_ns) & (found <= until_ns)
+    return found[inside], rows[inside]
+
+
+def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, columns: Columns) -> Drive:
+    """Build a drive from waypoints and check that they make a path.
+
+    Args:
+        times: shape (W,), increasing from 0 [s].
+        period: >= the last time [s], or None.
+        rows: command rows, shape (W, C).
+        columns: what the columns of a row are.
+
+    Returns:
+        The drive, its arrays read-only.
+
+    Raises:
+        SceneError: naming the first time, row or column that does not fit.
+    """
+    if times.size == 0 or times[0] != 0.0:
+        raise SceneError("drive.times: the first time must be 0")
+    ns = np.rint(times * NS)
+    for i in np.flatnonzero(np.diff(ns) < 1.0):
+        raise SceneError(
+            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s); "
+            "waypoints are at least a nanosecond apart"
+        )
+    if period is not None:
+        if not period * NS >= 1.0:
+            raise SceneError(f"drive.period: {period:g} s; it must be > 0")
+        if period < times[-1]:
+            raise SceneError(f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s")
+        if period > times[-1] and np.rint(period * NS) - ns[-1] < 1.0:
+            raise SceneError(f"drive.period: {period!r} s is less than a nanosecond after the last waypoint")
+    for row, i in np.argwhere(~(rows[:, columns.lengths :] >= 0.0)):
+        name, value = columns.names[columns.lengths + i], rows[row, columns.lengths + i]
+        raise SceneError(f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0")
+    if period is not None and period == times[-1]:
+        for i in np.flatnonzero(rows[0] != rows[-1]):
+            field = "actuation" if i < columns.lengths else "friction"
+            raise SceneError(
+                f"drive.{field}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} and the "
+                f"first {rows[0, i]:g}; a drive with a period must end as it begins"
+            )
+    return Drive(frozen(times), period, frozen(rows), columns)
+
+
+def wave(mean: float, amplitude: float, wavelength: float, phase: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Compute a wave that travels towards +x, mean + amplitude sin 2 pi (phase - position / wavelength).
+
+    Args:
+        mean: about which it swings [any unit].
+        amplitude: how far [the same unit].
+        wavelength: not 0 [m]; negative for a wave towards -x.
+        phase: time over period, shape (W,).
+        position: shape (M,) [m].
+
+    Returns:
+        Its values, shape (W, M). Whole periods give the same bits as phase 0.
+    """
+    angle = 2.0 * np.pi * (np.mod(phase, 1.0)[:, None] - position[None, :] / wavelength)
+    return mean + amplitude * np.sin(angle)
+
+
+def strategy_waypoints(strategy: str, length: float, friction: float, period: float) -> tuple[np.ndarray, ...]:
+    """Make the waypoints of strategies A, B and C.
+
+    Args:
+        strategy: "A", "B" or "C".
+        length: Lmax, the greatest actuation [m].
+        friction: mu, around which the friction of both contacts goes up and down [N].
+        period: [s].
+
+    Returns:
+        times (5,) [s], actuation (5, 1) [m] and isotropic friction (5, 2) [N], a row each quarter of a period.
+
+    Source: [G] section 5.2, Examples "Strategy A", "Strategy B", "Strategy C".
+    """
+    first = {"A": (1.0, 1.5, 1.0, 0.5, 1.0), "B": (0.5, 1.0, 1.5, 1.0, 0.5), "C": (0.5, 1.5, 1.5, 0.5, 0.5)}
+    second = {"A": (1.0, 0.5, 1.0, 1.5, 1.0), "B": (1.5, 1.0, 0.5, 1.0, 1.5), "C": (0.5, 0.5, 1.5, 1.5, 0.5)}
+    times = np.array([0.0, 0.25, 0.5, 0.75, 1.0]) * period
+    actuation = length * np.array([[0.0], [0.5], [1.0], [0.5], [0.0]])
+    return times, actuation, friction * np.column_stack((first[strategy], second[strategy]))
+
+
+def merge_times(*grids: np.ndarray) -> np.ndarray:
+    """Merge waypoint times of several waves of one period.
+
+    Args:
+        grids: times of each, shape (W_i,) [s].
+
+    Returns:
+        All of them, those within a nanosecond taken as one, shape (W,) [s].
+    """
+    times = np.unique(np.concatenate(grids))
+    return times[np.concatenate(([True], np.diff(times) * NS >= 1.0))]

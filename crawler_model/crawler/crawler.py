@@ -1,0 +1,383 @@
+"""The crawler: its state, and how it answers a command."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import frozen
+from ..body.body import Body
+from ..errors import LARGEST, CommandError, SceneError
+from ..motion import follow as integrate
+from ..motion.state import (
+    ACCOUNT_SIZE,
+    ACTUATION,
+    BACKWARD,
+    FORWARD,
+    GAINED,
+    PLANAR_ACTUATION,
+    PLANAR_GAINED,
+    PLANAR_TENSION,
+    SHAPE,
+    TENSION,
+    VISITED,
+    X,
+)
+from ..scene.file import take_scene
+from ..scene.scene import Scene
+from ..theory.uniqueness import visited_margin
+from .step import Step
+
+Method = Literal["exact", "catch_up"]
+METHODS: tuple[Method, ...] = ("exact", "catch_up")
+
+
+class Crawler:
+    """A crawler at one instant: what is commanded, where its contacts stand, the tension of its links."""
+
+    def __init__(self, scene: Scene | str | Path, method: Method | None = None, budget: int | None = None) -> None:
+        """Put the crawler at the scene's start.
+
+        Args:
+            scene: body, friction, start, and the command in force at the start; a path or a name of the gallery is
+                loaded.
+            method: "exact" follows every event, "catch_up" takes one implicit step a ramp; by default exact on a line.
+                In the plane only "catch_up": steps refined to the scene's tolerance.
+            budget: most work in one ramp of `exact`: contacts solved (at an event those of the sliding block that
+                changes; in a graph all, in every round of its active set) and breakpoints passed in projections; by
+                default 10 000 (N + 1 000). When it is spent, a catch-up step does the rest of the ramp, and
+                `Step.overspent` counts it.
+
+        Raises:
+            CommandError: when the method is another, or `exact` is asked for in the plane.
+            SceneError: when there is no such scene.
+        """
+        self.scene = scene = take_scene(scene, "Crawler")
+        self.method = choose_method(scene, method)
+        n = scene.mesh.contacts
+        self.budget = 10_000 * (n + 1000) if budget is None else budget
+        self._planar = scene.mesh.dimension == 2
+        self._state = integrate.start_state(scene)
+        self._scratch = integrate.build_scratch(scene)
+        self._no_records = np.empty((0, 2 * self._state.contacts[X].size + self._tension.size))
+
+    @property
+    def body(self) -> Body:
+        """The body."""
+        return self.scene.mesh
+
+    @property
+    def _tension(self) -> np.ndarray:
+        return self._state.links[PLANAR_TENSION if self._planar else TENSION]
+
+    @property
+    def _actuation(self) -> np.ndarray:
+        return self._state.links[PLANAR_ACTUATION if self._planar else ACTUATION]
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """x, shape (N,), in the plane (N, 2) [m]."""
+        return frozen(self._state.contacts[X])
+
+    @property
+    def shape(self) -> np.ndarray:
+        """z, elongation of each spring against the reference shape, shape (S,), in the plane (S, 2) [m]."""
+        if self._planar:
+            return frozen(self._tension / self.body.stiffness[:, None] + self._actuation)
+        return frozen(self._state.links[SHAPE])
+
+    @property
+    def tension(self) -> np.ndarray:
+        """T, shape (S,), in the plane (S, 2) [N]."""
+        return frozen(self._tension)
+
+    @property
+    def actuation(self) -> np.ndarray:
+        """L in force of each spring, shape (S,), in the plane (S, 2) [m]."""
+        return frozen(self._actuation)
+
+    @property
+    def forward(self) -> np.ndarray:
+        """mu_plus in force, shape (N,) [N]; for bodies on a line."""
+        return frozen(self._state.contacts[FORWARD])
+
+    @property
+    def backward(self) -> np.ndarray:
+        """mu_minus in force, shape (N,) [N]; for bodies on a line."""
+        return frozen(self._state.contacts[BACKWARD])
+
+    @property
+    def friction(self) -> np.ndarray:
+        """Friction in force as in a target: forward then backward; in the plane contact by contact, shape (F,) [N]."""
+        if self._planar:
+            return frozen(self._state.friction.ravel())
+        return frozen(self._state.contacts[[FORWARD, BACKWARD]].ravel())
+
+    @property
+    def net_translation(self) -> float | np.ndarray:
+        """y, the mean of x, every isolated contact and every segment counting once [m]; in the plane shape (2,)."""
+        y = self.body.share @ self._state.contacts[X]
+        return frozen(y) if self._planar else float(y)
+
+    @property
+    def contact_state(self) -> np.ndarray:
+        """What each contact did on the last command: 1 slid forward, -1 slid backward, 0 stuck; int8, shape (N,).
+
+        In the plane 1 slid, 0 stuck.
+        """
+        gained = self._gained
+        state = (np.abs(gained).max(axis=1) > 0.0 if self._planar else np.sign(gained)).astype(np.int8)
+        state.flags.writeable = False
+        return state
+
+    @property
+    def gained(self) -> np.ndarray:
+        """Displacement gained on the last command, shape (N,), in the plane (N, 2) [m]."""
+        return frozen(self._gained)
+
+    @property
+    def _gained(self) -> np.ndarray:
+        return self._state.contacts[PLANAR_GAINED if self._planar else GAINED]
+
+    @property
+    def spring_force(self) -> np.ndarray:
+        """g, force of the springs on each contact, shape (N,), in the plane (N, 2) [N]."""
+        return frozen(self.body.spring_force(self._tension))
+
+    @property
+    def margins(self) -> np.ndarray:
+        """Distance of each contact's spring force from its nearest bound, shape (N,) [N]."""
+        if self._planar:
+            force, normals, friction = self.spring_force, self.scene.directions, self._state.friction
+            if normals.size == 0:
+                return frozen(friction[:, 0] - np.linalg.norm(force, axis=1))
+            return frozen((friction - force @ normals.T).min(axis=1))
+        force = self.spring_force
+        return frozen(np.minimum(self._state.contacts[FORWARD] - force, force + self._state.contacts[BACKWARD]))
+
+    @property
+    def visited_margin(self) -> float:
+        """How near all contacts are to sliding at once, now [1]."""
+        if self._planar:
+            total = 2.0 * float(self._state.friction.mean(axis=1).sum())
+            return float(np.maximum(self.margins, 0.0).sum()) / total if total > 0.0 else 0.0
+        return visited_margin(self.spring_force, self._state.contacts[FORWARD], self._state.contacts[BACKWARD])
+
+    @property
+    def visited_margin_sampled(self) -> bool:
+        """Whether a `Step` sees its visited margin at the ends of ramps only, or of steps in the plane."""
+        return self.method != "exact" or integrate.samples_margin(self.body)
+
+    @property
+    def joint_elongation(self) -> np.ndarray:
+        """Elongation of each link, then of each segment, shape (J,), in the plane (J, 2) [m]."""
+        return self.body.joint_sum(self.shape)
+
+    @property
+    def joint_tension(self) -> np.ndarray:
+        """Tension of each link, then mean tension of each segment, shape (J,), in the plane (J, 2) [N]."""
+        return self.body.joint_mean(self._tension)
+
+    def copy(self) -> Crawler:
+        """Fork the state.
+
+        Returns:
+            A crawler that goes its own way from here.
+        """
+        other = copy.copy(self)
+        other._state = self._state.copy()
+        other._scratch = integrate.build_scratch(self.scene)
+        return other
+
+    def placed(self, displacement: np.ndarray, target: np.ndarray) -> Crawler:
+        """Make a crawler that stands somewhere else, at rest, as one that is met in mid-run.
+
+        Args:
+            displacement: x, shape (N,), in the plane (N, 2) [m].
+            target: the command in force, as from `target`, shape (S + 2 N,).
+
+        Returns:
+            The crawler. Beside the one that went there it differs by rounding.
+        """
+        other = self.copy()
+        other._state = integrate.state_at(self.scene, displacement, target)
+        return other
+
+    def __eq__(self, other: object) -> bool:
+        """Compare scenes, methods, budgets and states, bit for bit."""
+        if not isinstance(other, Crawler):
+            return NotImplemented
+        settings = (self.scene, self.method, self.budget) == (other.scene, other.method, other.budget)
+        return settings and self._state.bits() == other._state.bits()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def target(
+        self, actuation: ArrayLike, forward: ArrayLike | None = None, backward: ArrayLike | None = None
+    ) -> np.ndarray:
+        """Check a command and lay it out for `follow`.
+
+        Args:
+            actuation: L of each link, then strain of each segment, shape (links + segments,) [m]; in the plane
+                shape (links, 2).
+            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None keeps what is in force. In
+                the plane the friction of each contact.
+            backward: mu_minus, likewise; not in the plane.
+
+        Returns:
+            L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
+
+        Raises:
+            CommandError: naming the first value that cannot be followed.
+        """
+        columns = self.scene.columns
+        row = np.full(columns.count, np.nan)
+        half = columns.lengths + int(columns.friction_sizes.sum())
+        if self._planar and backward is not None:
+            raise CommandError("backward: in the plane `forward` alone is the friction of each contact")
+        given = (
+            ("actuation", actuation, columns.actuation_sizes, 0),
+            ("forward", forward, columns.friction_sizes, columns.lengths),
+            ("backward", backward, columns.friction_sizes, half),
+        )
+        for name, values, sizes, first in given:
+            if values is None and name != "actuation":
+                continue
+            each = int(sizes[0]) if self._planar and sizes.size else 1
+            array = _checked(name, values, (sizes.size,) if each == 1 else (sizes.size, each)).ravel()
+            if name != "actuation" and not (array >= 0.0).all():
+                i = int(np.flatnonzero(array < 0.0)[0])
+                raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
+            if columns.planar and name == "forward":
+                self._check_convex(array.reshape(sizes.size, each))
+            row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
+        target = columns.target(row)
+        held = np.isnan(target)
+        target[held] = np.concatenate((self._actuation.ravel(), self.friction))[held]
+        return target
+
+    def _check_convex(self, friction: np.ndarray) -> None:
+        """Check friction given by directions, shape (N, m)."""
+        from ..motion.plane.friction import check_directions
+
+        assert self.scene.friction is not None
+        try:
+            check_directions(np.array(self.scene.friction.directions), friction)
+        except SceneError as error:
+            raise CommandError(f"forward: {error}") from None
+
+    @property
+    def row(self) -> np.ndarray:
+        """The command row in force, as in `Columns`, shape (C,)."""
+        columns = self.scene.columns
+        target = np.concatenate((self._actuation.ravel(), self.friction))
+        _, first = np.unique(columns.index, return_index=True)
+        return target[first] / columns.factor[first]
+
+    def advance(
+        self, actuation: ArrayLike, forward: ArrayLike | None = None, backward: ArrayLike | None = None
+    ) -> Step:
+        """Ramp in a straight line from the command in force to a new one.
+
+        Args:
+            actuation: L of each link, then strain of each segment, shape (links + segments,) [m]; in the plane
+                shape (links, 2).
+            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None keeps what is in force. In
+                the plane the friction of each contact.
+            backward: mu_minus, likewise; not in the plane.
+
+        Returns:
+            What happened on the way.
+
+        Raises:
+            CommandError: when the command cannot be followed; the state is untouched.
+        """
+        return self.follow(self.target(actuation, forward, backward)[None])
+
+    def follow(self, targets: np.ndarray, records: np.ndarray | None = None) -> Step:
+        """Ramp to several checked commands in turn.
+
+        Args:
+            targets: rows as from `target`, shape (V, S + 2 N).
+            records: memory for displacement, its rounding rest and tension after each ramp, shape (V, 2 N + S).
+
+        Returns:
+            What happened on the way, all ramps together.
+        """
+        flags = targets.flags
+        if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one compiled kernel is enough
+            targets = np.array(targets, dtype=np.float64)
+        account = np.zeros(ACCOUNT_SIZE)
+        account[VISITED] = np.inf
+        integrate.follow(
+            self.scene,
+            self._state,
+            self._scratch,
+            targets,
+            self.method == "exact",
+            self.budget,
+            account,
+            self._no_records if records is None else records,
+        )
+        if self._planar and account[VISITED] == np.inf:  # nothing but holding
+            account[VISITED] = self.visited_margin
+        velocity = self._gained.copy()
+        velocity.flags.writeable = account.flags.writeable = False
+        return Step(velocity, account, self.body.share)
+
+
+def choose_method(scene: Scene, method: str | None) -> Method:
+    """Check a method against a scene.
+
+    Args:
+        scene: the scene.
+        method: "exact", "catch_up", or None for the best that there is.
+
+    Returns:
+        The method.
+
+    Raises:
+        CommandError: when there is no such method, or not for this body.
+    """
+    planar = scene.mesh.dimension == 2
+    if method is None:
+        return "catch_up" if planar else "exact"
+    if method not in METHODS:
+        raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
+    if planar and method == "exact":
+        raise CommandError(
+            "method: exact is for bodies on a line, where paths are straight from event to event; in the plane "
+            "they are curved: take catch_up, whose steps are refined to the scene's tolerance"
+        )
+    return method  # type: ignore[return-value]
+
+
+def _checked(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
+    count = " x ".join(map(str, shape))
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CommandError(f"{name}: {values!r}; it must be {count} numbers") from None
+    if array.shape != shape:
+        raise CommandError(f"{name}: shape {array.shape}; it must be {shape}")
+    flat = array.ravel()
+    if not np.isfinite(flat).all():
+        i = int(np.flatnonzero(~np.isfinite(flat))[0])
+        raise CommandError(f"{name}: entry {i} is {flat[i]}; it must be finite")
+    if flat.size and np.abs(flat).max() > LARGEST:
+        i = int(np.abs(flat).argmax())
+        raise CommandError(f"{name}: entry {i} is {flat[i]:g}; it must be at most {LARGEST:g} in size")
+    return array
+
+
+def prepare(scene: Scene) -> None:
+    """Load the kernels that a scene needs, or compile them on their first use on this machine.
+
+    Args:
+        scene: the scene.
+    """
+    Crawler(scene).follow(np.empty((0, scene.columns.index.size)))

@@ -1,0 +1,115 @@
+"""What can be measured at a crawler's joints and contacts: positions, velocities and forces, as a robot's sensors say.
+
+A node asks for them at every tick; on a line one compiled call reads all of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.body import Body
+from ..compiled import compiled
+from ..motion.state import GAINED, SHAPE, TENSION, X
+from .crawler import Crawler
+
+
+class Readout:
+    """Reads the root (the first station), the joints and some contacts of crawlers with one body."""
+
+    def __init__(self, body: Body, shown: np.ndarray) -> None:
+        """Find the contacts and springs of each joint.
+
+        Args:
+            body: the body.
+            shown: the contacts that are read, shape (M,).
+        """
+        self._body = body
+        self._shown = shown
+        self._root = int(body.stations[0])
+        self._pairs = body.stations[body.joints]
+        if body.dimension == 1:
+            springs = [*body.link_springs, *(s.first_spring for s in body.segments)]
+            root = [[self._root, 0, 0]]
+            self._joints = np.vstack((root, np.column_stack((self._pairs, springs)))).astype(np.int64)
+            self._pull = np.zeros((2, body.contacts))
+
+    def read(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
+        """Read positions, mean velocities and efforts.
+
+        Args:
+            crawler: the crawler.
+            seconds: what its last command took [s]; infinite where nothing was commanded yet.
+            of_joints: filled with displacement of the root and elongations [m]; their velocities [m/s]; force of the
+                ground on the root and tensions [N]; shape (3, 1 + J), in the plane (3, 2 + 2 J).
+            of_contacts: filled with positions [m], velocities [m/s] and forces of the ground [N], shape (3, M), in the
+                plane (3, 2 M).
+        """
+        body = self._body
+        if body.dimension == 2:
+            self._read_planar(crawler, seconds, of_joints, of_contacts)
+            return
+        state = crawler._state
+        read_line(
+            state.contacts,
+            state.links,
+            body.ends,
+            self._joints,
+            self._shown,
+            body.position,
+            self._pull,
+            seconds,
+            of_joints,
+            of_contacts,
+        )
+        if body.segments:  # sums as Body.joint_sum makes them, to the last bit
+            links = body.link_springs.size
+            of_joints[0, 1 + links :] = crawler.joint_elongation[links:]
+            of_joints[2, 1 + links :] = crawler.joint_tension[links:]
+
+    def _read_planar(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
+        x, force, velocity = crawler.displacement, crawler.spring_force, crawler._gained / seconds
+        root, (first, second), shown = slice(self._root, self._root + 1), self._pairs.T, self._shown
+        of_joints[0] = np.concatenate((x[root], crawler.joint_elongation)).ravel()
+        of_joints[1] = np.concatenate((velocity[root], velocity[second] - velocity[first])).ravel()
+        of_joints[2] = np.concatenate((-force[root], crawler.joint_tension)).ravel()
+        of_contacts[0] = (self._body.position + x)[shown].ravel()
+        of_contacts[1] = velocity[shown].ravel()
+        of_contacts[2] = -force[shown].ravel()
+
+
+@compiled
+def read_line(contacts, links, ends, joints, shown, position, pull, seconds, of_joints, of_contacts):
+    """Read the root, the joints (a segment's sums are not made here) and some contacts of a body on a line.
+
+    Args:
+        contacts: rows X .. RELATIVE, shape (6, N).
+        links: rows SHAPE .. ACTUATION_REF, shape (5, S).
+        ends: the two contacts of each spring, shape (S, 2).
+        joints: the two contacts of each joint and its spring, behind a row for the root that begins with its contact,
+            shape (1 + J, 3).
+        shown: the contacts that are read, shape (M,).
+        position: reference positions of the contacts, shape (N,) [m].
+        pull: memory, shape (2, N) [N].
+        seconds: what the displacement gained was gained in [s].
+        of_joints: filled with displacement of the root and elongations [m]; their mean velocities [m/s]; the force of
+            the ground on the root and tensions [N]; shape (3, 1 + J).
+        of_contacts: filled with positions [m], mean velocities [m/s] and forces of the ground [N], shape (3, M).
+    """
+    pull[:] = 0.0
+    for spring in range(ends.shape[0]):  # as Body.spring_force: what pulls forward less what pulls backward
+        pull[0, ends[spring, 0]] += links[TENSION, spring]
+        pull[1, ends[spring, 1]] += links[TENSION, spring]
+    root = joints[0, 0]
+    of_joints[0, 0] = contacts[X, root]
+    of_joints[1, 0] = contacts[GAINED, root] / seconds
+    of_joints[2, 0] = pull[1, root] - pull[0, root]
+    for joint in range(1, joints.shape[0]):
+        first, second, spring = joints[joint, 0], joints[joint, 1], joints[joint, 2]
+        of_joints[0, joint] = links[SHAPE, spring]
+        of_joints[1, joint] = contacts[GAINED, second] / seconds - contacts[GAINED, first] / seconds
+        of_joints[2, joint] = links[TENSION, spring]
+    for i in range(shown.size):
+        contact = shown[i]
+        of_contacts[0, i] = position[contact] + contacts[X, contact]
+        of_contacts[1, i] = contacts[GAINED, contact] / seconds
+        of_contacts[2, i] = pull[1, contact] - pull[0, contact]

@@ -1,0 +1,277 @@
+"""The breakpoints of a chain's projection in balanced trees, for loads that move many of them at every link.
+
+`chain_kernel.project` keeps the breakpoints on two stacks that meet at the zero of the curve. A breakpoint that the
+zero passes moves from one stack to the other, one at a time. Here each side is a treap ordered by position. A node
+knows by how much the curve rises over its subtree, so the new zero is found, and all that it passes moves to the other
+side, in O(log N). A shift of a whole side is noted at its root and handed down on the way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled
+
+POSITION, SLOPE, JUMP, REACH = range(4)
+"""Rows of a stack of breakpoints: position, growth of the slope outwards, jump; REACH has an entry for each link."""
+
+_RANK = REACH
+_SHIFT, _FIRST, _LAST, _TURN, _RISE = range(4, 9)
+"""Further columns of a tree, which has a row for each node: who is nearer to the root; what the children have yet to be
+moved by; of the subtree its least and greatest position, the growth of the slope from left to right over it, and the
+rise of the curve over it if its slope is 0 at the left."""
+_FLOATS = 9
+_LEFT, _RIGHT = range(2)
+_DEPTH = 256
+
+
+@compiled
+def _move(floats, root, by):
+    """Move all breakpoints of a subtree."""
+    if root >= 0 and by != 0.0:
+        floats[root, POSITION] += by
+        floats[root, _FIRST] += by
+        floats[root, _LAST] += by
+        floats[root, _SHIFT] += by
+
+
+@compiled
+def _hand_down(floats, children, node):
+    """Move a node's children by what the node was moved."""
+    by = floats[node, _SHIFT]
+    if by != 0.0:
+        _move(floats, children[node, _LEFT], by)
+        _move(floats, children[node, _RIGHT], by)
+        floats[node, _SHIFT] = 0.0
+
+
+@compiled
+def _sum_up(floats, children, node):
+    """Compute what a node knows of its subtree."""
+    position = floats[node, POSITION]
+    first = position
+    last = position
+    turn = floats[node, SLOPE]
+    rise = floats[node, JUMP]
+    left = children[node, _LEFT]
+    if left >= 0:
+        first = floats[left, _FIRST]
+        turn += floats[left, _TURN]
+        rise += floats[left, _RISE] + floats[left, _TURN] * (position - floats[left, _LAST])
+    right = children[node, _RIGHT]
+    if right >= 0:
+        last = floats[right, _LAST]
+        rise += turn * (last - position) + floats[right, _RISE]
+        turn += floats[right, _TURN]
+    floats[node, _FIRST] = first
+    floats[node, _LAST] = last
+    floats[node, _TURN] = turn
+    floats[node, _RISE] = rise
+
+
+@compiled
+def _plant(floats, children, node, position, slope, jump):
+    """Make a tree of one breakpoint."""
+    floats[node, POSITION] = position
+    floats[node, SLOPE] = slope
+    floats[node, JUMP] = jump
+    mixed = (node + 1) * 48271 % 2147483647
+    floats[node, _RANK] = mixed * mixed % 2147483647  # scattered, and the same in every run
+    floats[node, _SHIFT] = 0.0
+    children[node, _LEFT] = -1
+    children[node, _RIGHT] = -1
+    _sum_up(floats, children, node)
+
+
+@compiled
+def _climb(floats, children, path, depth, low, high):
+    """Hang the lower and the upper part of a tree onto the nodes of the path to where it was cut."""
+    for j in range(depth - 1, -1, -1):
+        node = path[j] >> 1
+        if path[j] & 1:  # the path went right: the node belongs to the lower part
+            children[node, _RIGHT] = low
+            low = node
+        else:
+            children[node, _LEFT] = high
+            high = node
+        _sum_up(floats, children, node)
+    return low, high
+
+
+@compiled
+def _join(floats, children, path, low, high):
+    """Join two trees; all positions of `low` come before those of `high`."""
+    depth = 0
+    while low >= 0 and high >= 0:
+        if floats[low, _RANK] > floats[high, _RANK]:
+            _hand_down(floats, children, low)
+            path[depth] = 2 * low + 1
+            low = children[low, _RIGHT]
+        else:
+            _hand_down(floats, children, high)
+            path[depth] = 2 * high
+            high = children[high, _LEFT]
+        depth += 1
+    root = low if low >= 0 else high
+    for j in range(depth - 1, -1, -1):
+        node = path[j] >> 1
+        children[node, _RIGHT if path[j] & 1 else _LEFT] = root
+        _sum_up(floats, children, node)
+        root = node
+    return root
+
+
+@compiled
+def _cut(floats, children, path, root, way, here, height, flat):
+    """Go outwards from `here` until the curve has fallen (way -1) or risen (way 1) by `height`, and cut the tree there.
+
+    Returns the trees below and above, the zero, the heights that are left before and beyond it, the slopes there,
+    and the number of nodes looked at. A breakpoint at the zero is in neither tree: its jump is split.
+    """
+    near, inner = (_RIGHT, _LAST) if way < 0.0 else (_LEFT, _FIRST)
+    outer = _FIRST if way < 0.0 else _LAST
+    slope = flat
+    depth = 0
+    node = root
+    low = -1
+    high = -1
+    while node >= 0:
+        _hand_down(floats, children, node)
+        beside = children[node, near]
+        start = here
+        left_over = height
+        steep = slope
+        if beside >= 0:
+            left_over -= steep * way * (floats[beside, inner] - start)
+            turn = floats[beside, _TURN]
+            at_left = max(steep - turn, flat) if way < 0.0 else steep
+            left_over -= at_left * (floats[beside, _LAST] - floats[beside, _FIRST]) + floats[beside, _RISE]
+            start = floats[beside, outer]
+            steep = max(steep + way * turn, flat)
+        beyond = left_over - steep * way * (floats[node, POSITION] - start)
+        if left_over <= 0.0 and beside >= 0:  # before the last of those on this side
+            path[depth] = 2 * node + (way < 0.0)
+            depth += 1
+            node = beside
+            continue
+        if beyond <= 0.0:  # between them and the node
+            zero = start + way * left_over / steep
+            path[depth] = 2 * node + (way < 0.0)
+            depth += 1
+            if way < 0.0:
+                high = beside
+            else:
+                low = beside
+            low, high = _climb(floats, children, path, depth, low, high)
+            return low, high, zero, 0.0, 0.0, steep, steep, depth
+        here = floats[node, POSITION]
+        after = max(steep + way * floats[node, SLOPE], flat)
+        if floats[node, JUMP] >= beyond:  # at the node
+            low, high = children[node, _LEFT], children[node, _RIGHT]
+            low, high = _climb(floats, children, path, depth, low, high)
+            return low, high, here, beyond, floats[node, JUMP] - beyond, steep, after, depth + 1
+        height = beyond - floats[node, JUMP]
+        slope = after
+        path[depth] = 2 * node + (way > 0.0)
+        depth += 1
+        node = children[node, 1 - near]
+    low, high = _climb(floats, children, path, depth, low, high)
+    return low, high, here + way * height / slope, 0.0, 0.0, slope, slope, depth
+
+
+@compiled
+def project_balanced(
+    target,
+    compliance,
+    backward,
+    forward,
+    grain,
+    tension,
+    stacks,
+    start,
+    n_left,
+    n_right,
+    shift_left,
+    shift_right,
+    reach,
+):
+    """Go on with the forward pass of `chain_kernel.project` from a link on, with the breakpoints in trees.
+
+    Args:
+        target: as for `project`, and so are the next six.
+        compliance: 1 / k.
+        backward: the lower bounds.
+        forward: the upper bounds.
+        grain: what blurs the bounds.
+        tension: output: the zeros of the links from `start` on.
+        stacks: the breakpoints so far; REACH of the links from `start` on is written.
+        start: the first link that has not been passed.
+        n_left: how many breakpoints are on the left stack.
+        n_right: how many are on the right one.
+        shift_left: what all breakpoints of the left stack have been moved by [N].
+        shift_right: likewise of the right stack.
+        reach: as in `project`.
+
+    Returns:
+        The number of breakpoints looked at.
+    """
+    n = target.shape[0]
+    size = n_left + n_right + 2 * (n - start)
+    floats = np.empty((size, _FLOATS))
+    children = np.empty((size, 2), np.int64)
+    path = np.empty(_DEPTH, np.int64)
+    used = 0
+    left = -1
+    right = -1
+    for j in range(n_left):
+        _plant(floats, children, used, stacks[0, POSITION, j] + shift_left, -stacks[0, SLOPE, j], stacks[0, JUMP, j])
+        left = _join(floats, children, path, left, used)
+        used += 1
+    for j in range(n_right):
+        _plant(floats, children, used, stacks[1, POSITION, j] + shift_right, stacks[1, SLOPE, j], stacks[1, JUMP, j])
+        right = _join(floats, children, path, used, right)
+        used += 1
+    looked = used
+    for i in range(start, n):
+        flat = compliance[i]
+        zero = target[i]
+        slope_left = flat
+        slope_right = flat
+        jump_left = 0.0
+        jump_right = 0.0
+        if left >= 0 and zero < floats[left, _LAST]:
+            here = floats[left, _LAST]
+            left, passed, zero, jump_right, jump_left, slope_right, slope_left, count = _cut(
+                floats, children, path, left, -1.0, here, (here - zero) * flat, flat
+            )
+            right = _join(floats, children, path, passed, right)
+            looked += count
+        elif right >= 0 and zero > floats[right, _FIRST]:
+            here = floats[right, _FIRST]
+            passed, right, zero, jump_left, jump_right, slope_left, slope_right, count = _cut(
+                floats, children, path, right, 1.0, here, (zero - here) * flat, flat
+            )
+            left = _join(floats, children, path, left, passed)
+            looked += count
+        tension[i] = zero
+        low = -backward[i + 1]
+        high = forward[i + 1]
+        stacks[0, REACH, i] = reach
+        reach = 0.0 if low == -np.inf and high == np.inf else reach + grain[i + 1]
+        if low > -np.inf:
+            _move(floats, left, low)
+            _plant(floats, children, used, zero + low, -slope_left, jump_left)
+            left = _join(floats, children, path, left, used)
+            used += 1
+            reach += abs(low)
+        else:
+            left = -1
+        if high < np.inf:
+            _move(floats, right, high)
+            _plant(floats, children, used, zero + high, slope_right, jump_right)
+            right = _join(floats, children, path, used, right)
+            used += 1
+            reach += abs(high)
+        else:
+            right = -1
+    return looked

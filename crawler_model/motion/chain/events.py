@@ -1,0 +1,317 @@
+"""A ramp of a chain followed from event to event.
+
+Between events every contact is free (strictly inside its bounds, at rest) or at a bound, and the rates of the tensions
+solve the projection of `chain_kernel` with infinite bounds where a contact is free. An event is a free contact that
+reaches a bound. A free contact is a wall: an event changes only the block of neighbouring contacts at their bounds
+around it, so only that block is solved again, and links and contacts elsewhere are brought up to date when their turn
+comes. The status of a contact is data that events change, never a comparison of rounded numbers; a contact that leaves
+its bound counts as free as soon as s has grown.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled
+from ...theory.uniqueness import CRITICAL, choose_translation, is_wide
+from ..state import (
+    ACTUATION,
+    AMBIGUOUS,
+    AT_BACKWARD,
+    BACKWARD,
+    EVENTS,
+    FORWARD,
+    GAIN_LEAST,
+    GAIN_MOST,
+    ROUNDING,
+    TENSION,
+    VISITED,
+)
+from .memory import (
+    ROW_BACKWARD,
+    ROW_COMING,
+    ROW_D_ACTUATION,
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
+    ROW_ENTERED,
+    ROW_FORWARD,
+    ROW_LEAVING,
+    ROW_LINK_SINCE,
+    ROW_NEXT,
+    ROW_RATE,
+    ROW_SIDE,
+    ROW_SINCE,
+    ROW_V,
+    ROW_V_BEFORE,
+)
+from .projection import EPS
+from .rates import slack, solve, update
+
+_FEW_FREE, FEW_CONTACTS = 2, 256
+"""All contacts are looked at after an event when at most so many are free, where looking is no dearer than solving, or
+when there are at most so many. For longer chains the visited margin is otherwise sampled at the ends of ramps."""
+_STRETCH = 1e-6
+"""A piece shorter than this part of its ramp is an isolated instant: that all contacts are at their bounds is seen with
+a tolerance, so an instant looks as long as the slowest contact takes to cross it."""
+
+
+@compiled
+def _sooner(next_event, a, b):
+    """Choose of two contacts (or -1) the one with the earlier event."""
+    if a < 0:
+        return b
+    if b < 0:
+        return a
+    return a if next_event[a] <= next_event[b] else b
+
+
+@compiled
+def _announce(tree, leaves, floats, i):
+    """Restore the tournament where contact i's event changed."""
+    if floats[ROW_NEXT, i] == floats[ROW_ENTERED, i]:
+        return
+    floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
+    node = (leaves + i) >> 1
+    while node >= 1:
+        tree[node] = _sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+        node >>= 1
+
+
+@compiled
+def _settle(status, floats, bytes_, s, i):
+    """Let contact i go that left its bound before s."""
+    if bytes_[ROW_LEAVING, i] != 0 and floats[ROW_SINCE, i] < s:
+        status[i] &= ~bytes_[ROW_LEAVING, i]
+        bytes_[ROW_LEAVING, i] = 0
+
+
+@compiled
+def _visited(contacts, links, floats, side, whole, s):
+    """Compute the sum of all contacts' distances from their nearest bounds, and the sum of all bounds, at s."""
+    near = 0.0
+    for i in range(contacts.shape[1]):
+        if side[i] == 0:
+            above, below = slack(contacts, links, floats, s, i)
+            near += abs(min(above, below))
+    return near, max(whole[0] + s * (whole[1] - whole[0]), 0.0)
+
+
+@compiled
+def _near_criticality(contacts, links, floats, side, account, whole, s):
+    """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
+
+    A distance from the nearest bound is concave in s and never negative: what vanishes at two instants later on
+    vanishes from here on. The ramp's ends are not among them: friction may be gone there. `whole` is the sum of all
+    bounds at the ramp's beginning and at its end.
+    """
+    near, total = _visited(contacts, links, floats, side, whole, s)
+    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    both = whole[0] + whole[1]
+    if both == 0.0:
+        return True
+    if near > CRITICAL * both:
+        return False
+    some, total_some = _visited(contacts, links, floats, side, whole, s + (1.0 - s) / 3.0)
+    more, total_more = _visited(contacts, links, floats, side, whole, s + (1.0 - s) / 1.5)
+    close = 8.0 * EPS * both
+    return some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
+
+
+@compiled
+def _uncertainty(contacts, links, floats, coming, s, i):
+    """Compute by how much the rounding of forces may have moved the event of contact i, as part of the ramp."""
+    n = contacts.shape[1]
+    size = abs(contacts[FORWARD, i]) + abs(s * floats[ROW_D_FORWARD, i])
+    closing = floats[ROW_D_FORWARD, i]
+    if coming == AT_BACKWARD:
+        size = abs(contacts[BACKWARD, i]) + abs(s * floats[ROW_D_BACKWARD, i])
+        closing = -floats[ROW_D_BACKWARD, i]
+    for j in range(max(i - 1, 0), min(i + 1, n - 1)):
+        size += abs(links[TENSION, j]) + abs(s * floats[ROW_RATE, j])
+        closing += floats[ROW_RATE, j] if j < i else -floats[ROW_RATE, j]
+    return min(EPS * (size + abs(closing)) / abs(closing), 1.0) if closing != 0.0 else 0.0
+
+
+@compiled
+def _count_free(bytes_):
+    """Count the contacts that are free or leave their bound."""
+    free = 0
+    for i in range(bytes_.shape[1]):
+        if bytes_[ROW_SIDE, i] == 0:
+            free += 1
+    return free
+
+
+@compiled
+def follow_events(
+    elasticity,
+    contacts,
+    links,
+    status,
+    target,
+    floats,
+    bytes_,
+    tree,
+    stacks,
+    account,
+    budget,
+    elements,
+    share,
+    wide,
+):
+    """Follow the straight ramp to `target` from event to event.
+
+    Args:
+        elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
+        contacts: rows X .. RELATIVE, shape (6, N), changed in place.
+        links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
+        status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
+        target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
+        floats: memory of the ramp, from `chain_memory`, as are the next three.
+        bytes_: statuses within the ramp.
+        tree: a tournament of the contacts' next events.
+        stacks: for `project`.
+        account: of the ramp, shape (13,), added to.
+        budget: most work: contacts solved, and breakpoints passed in the projection.
+        elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
+        wide: True where the projection takes twice the digits.
+
+    Returns:
+        False when the budget was spent before the end: state and commands are then where it came to.
+    """
+    n = contacts.shape[1]
+    leaves = 1
+    while leaves < n:
+        leaves *= 2
+    hits = tree[2 * leaves :]
+    whole = (0.0, 0.0)
+    for i in range(n):
+        floats[ROW_RATE, i] = 0.0
+        floats[ROW_V, i] = 0.0
+        floats[ROW_LINK_SINCE, i] = 0.0
+        floats[ROW_SINCE, i] = 0.0
+        floats[ROW_D_ACTUATION, i] = target[i] - links[ACTUATION, i] if i < n - 1 else 0.0
+        floats[ROW_D_FORWARD, i] = target[n - 1 + i] - contacts[FORWARD, i]
+        floats[ROW_D_BACKWARD, i] = target[2 * n - 1 + i] - contacts[BACKWARD, i]
+        whole = (
+            whole[0] + contacts[FORWARD, i] + contacts[BACKWARD, i],
+            whole[1] + target[n - 1 + i] + target[2 * n - 1 + i],
+        )
+        bytes_[ROW_LEAVING, i] = 0
+        tree[leaves + i] = i
+    for i in range(leaves + n, 2 * leaves):
+        tree[i] = -1
+
+    s = 0.0
+    free_translation, spent = solve(
+        elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
+    )
+    for i in range(n):
+        floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
+    for node in range(leaves - 1, 0, -1):
+        tree[node] = _sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+    free = _count_free(bytes_)
+    pieces = 1
+    done = True
+    while True:
+        shifted = False
+        least = 0.0
+        most = 0.0
+        first_hit = tree[1]
+        when = floats[ROW_NEXT, first_hit]
+        ending = not when < 1.0
+        until = 1.0 if ending else when
+        look = free <= _FEW_FREE or n <= FEW_CONTACTS
+        critical = look and _near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
+        if critical or free_translation:
+            # friction in the middle of the stretch: at its start it may have been zero
+            middle = 0.5 * (s + until)
+            update(contacts, links, floats, account, s, 0, n - 1)
+            for i in range(n):
+                floats[ROW_FORWARD, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
+                floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
+            least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
+            shifted = True
+        if shifted and until - s > _STRETCH and is_wide(least, most, floats[ROW_V]):
+            account[AMBIGUOUS] = 1.0
+            account[GAIN_LEAST] += least * (until - s)
+            account[GAIN_MOST] += most * (until - s)
+        if ending:
+            break
+        spent += n if look or shifted else 0
+        if spent > budget:
+            done = False
+            break
+        if when > s:
+            pieces += 1
+        s = when
+
+        count = 0
+        blur = 0.0
+        while floats[ROW_NEXT, first_hit] <= s:  # ties: all that arrive at once, then solve
+            _settle(status, floats, bytes_, s, first_hit)
+            if wide:
+                blur += _uncertainty(contacts, links, floats, bytes_[ROW_COMING, first_hit], s, first_hit)
+            status[first_hit] |= bytes_[ROW_COMING, first_hit]
+            floats[ROW_NEXT, first_hit] = np.inf
+            _announce(tree, leaves, floats, first_hit)
+            hits[count] = first_hit
+            count += 1
+            first_hit = tree[1]
+        solved_to = -1
+        hits[:count].sort()
+        for j in range(count):
+            contact = hits[j]
+            if contact <= solved_to:
+                continue
+            if shifted:
+                first = 0
+                last = n - 1
+                for i in range(n):
+                    _settle(status, floats, bytes_, s, i)
+            else:
+                first = contact
+                while first > 0:
+                    _settle(status, floats, bytes_, s, first - 1)
+                    if status[first - 1] == 0:
+                        break
+                    first -= 1
+                last = contact
+                while last < n - 1:
+                    _settle(status, floats, bytes_, s, last + 1)
+                    if status[last + 1] == 0:
+                        break
+                    last += 1
+            solved_to = last
+            for i in range(first, last + 1):
+                free -= bytes_[ROW_SIDE, i] == 0
+            if wide:
+                for i in range(first, last + 1):
+                    floats[ROW_V_BEFORE, i] = floats[ROW_V, i]
+            free_translation, effort = solve(
+                elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide
+            )
+            spent += effort
+            if wide:
+                turn = 0.0
+                for i in range(first, last + 1):
+                    turn = max(turn, abs(floats[ROW_V, i] - floats[ROW_V_BEFORE, i]))
+                account[ROUNDING] += blur * turn
+            for i in range(first, last + 1):
+                free += bytes_[ROW_SIDE, i] == 0
+            for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
+                _announce(tree, leaves, floats, i)
+
+    end = 1.0 if done else s
+    update(contacts, links, floats, account, end, 0, n - 1)
+    for i in range(n):
+        status[i] &= ~bytes_[ROW_LEAVING, i]
+        if not done:
+            contacts[FORWARD, i] += s * floats[ROW_D_FORWARD, i]
+            contacts[BACKWARD, i] += s * floats[ROW_D_BACKWARD, i]
+    if not done:
+        for i in range(n - 1):
+            links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
+    account[EVENTS] += pieces
+    return done

@@ -1,0 +1,330 @@
+"""One ramp of the commands, followed exactly or by a catch-up step, with its energy account and certificate.
+
+Along a ramp the rest lengths and the friction go in straight lines from the values in force (s = 0) to the
+commanded ones (s = 1). The solution is then piecewise linear in s.
+
+`exact` follows it from event to event. Between events every contact is free (strictly inside its bounds, at
+rest) or at a bound, and the rates of the tensions solve the projection of `chain_kernel` with infinite bounds
+where a contact is free. An event is a free contact that reaches a bound. A free contact is a wall: an event
+changes only the block of neighbouring contacts at their bounds around it, so only that block is solved again, and
+links and contacts elsewhere are brought up to date when their turn comes. The status of a contact is data that
+events change, never a comparison of rounded numbers; a contact that leaves its bound counts as free as soon as s
+has grown.
+
+`catch_up` projects once, with the friction of the ramp's end; the translation uses the ramp's mean friction.
+
+Where stiffness spans many decades the projection takes twice the digits (`chain_wide`), and the account says how far
+rounding may have moved a contact all the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled
+from ...theory.uniqueness import CRITICAL, choose_translation, is_wide, nearness
+from ..state import (
+    ACTUATION,
+    ACTUATION_REF,
+    AMBIGUOUS,
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    COMPLEMENTARITY,
+    COMPLIANCE,
+    DISSIPATION,
+    EVENTS,
+    FORWARD,
+    GAIN_LEAST,
+    GAIN_MOST,
+    GAINED,
+    OVERSPENT,
+    RESIDUAL,
+    ROUNDING,
+    SHAPE,
+    STIFFNESS,
+    TENSION,
+    TENSION_REF,
+    VIOLATION,
+    VISITED,
+    WORK,
+    X_REST,
+    X,
+    add_ramp,
+    shift,
+)
+from .events import follow_events
+from .memory import ROW_BACKWARD, ROW_FORWARD, ROW_MOVED, ROW_RATE, ROW_SIDE, ROW_TRIAL, ROW_V, ROW_ZEROS
+from .projection import EPS, chain_velocities, project, shape_gain
+from .wide import project_wide, spans_decades
+
+
+@compiled
+def _discord(compliance, contacts, links):
+    """Compute by how much elongations from tensions and from displacements differ beyond the rounding of the latter.
+
+    To this is added what would relieve the contact whose force is beyond its bound.
+    """
+    worst = 0.0
+    excess = 0.0
+    before = 0.0
+    for i in range(contacts.shape[1]):
+        after = links[TENSION, i] if i < links.shape[1] else 0.0
+        over = max((after - before) - contacts[FORWARD, i], (before - after) - contacts[BACKWARD, i])
+        if over > 0.0:
+            excess = max(excess, over * compliance[max(i - 1, 0) : i + 1].max())
+        before = after
+    for i in range(links.shape[1]):
+        z = (contacts[X, i + 1] - contacts[X, i]) + (contacts[X_REST, i + 1] - contacts[X_REST, i])
+        least = 4.0 * EPS * (abs(contacts[X, i]) + abs(contacts[X, i + 1]) + abs(links[ACTUATION, i]))
+        worst = max(worst, abs(z - links[SHAPE, i]) - least)
+    return worst + excess
+
+
+@compiled
+def _lean_on_softest(compliance, contacts, tension, status, moved, first):
+    """Derive the tensions from `first` to the softest link of its sliding block from that one's.
+
+    Its elongation would show the rounding of theirs.
+    """
+    softest = first
+    end = first
+    while end + 1 < tension.shape[0] and status[end + 1] != 0 and moved[end + 1]:
+        end += 1
+        if compliance[end] > compliance[softest]:
+            softest = end
+    for j in range(softest, first, -1):
+        bound = contacts[FORWARD, j] if status[j] & AT_FORWARD else -contacts[BACKWARD, j]
+        tension[j - 1] = tension[j] - bound
+
+
+@compiled
+def _finish(elasticity, contacts, links, status, target, bytes_, account, energy, wide):
+    """Put the state onto the ramp's end, tensions of contacts at a bound exactly on it, and close the account.
+
+    Returns the energy of the springs; `energy` is what it was before the ramp.
+    """
+    n = contacts.shape[1]
+    stiffness = elasticity[STIFFNESS]
+    forward = contacts[FORWARD]
+    backward = contacts[BACKWARD]
+    tension = links[TENSION]
+    for i in range(n):
+        forward[i] = target[n - 1 + i]
+        backward[i] = target[2 * n - 1 + i]
+    for i in range(n - 1):
+        if not bytes_[ROW_MOVED, i]:
+            change = target[i] - links[ACTUATION_REF, i]
+            tension[i] = links[TENSION_REF, i] - stiffness[i] * change
+        elif status[i] != 0:
+            bound = forward[i] if status[i] & AT_FORWARD else -backward[i]
+            tension[i] = (tension[i - 1] if i > 0 else 0.0) + bound
+        elif wide:
+            _lean_on_softest(elasticity[COMPLIANCE], contacts, tension, status, bytes_[ROW_MOVED], i)
+    for i in range(n - 1, 0, -1):
+        if status[i] == 0:
+            break
+        if bytes_[ROW_MOVED, i - 1]:
+            bound = forward[i] if status[i] & AT_FORWARD else -backward[i]
+            tension[i - 1] = (tension[i] if i < n - 1 else 0.0) - bound
+    stored = 0.0
+    near = 0.0
+    total = 0.0
+    violation = account[VIOLATION]
+    before = 0.0
+    for i in range(n):
+        after = tension[i] if i < n - 1 else 0.0
+        if i < n - 1:
+            links[ACTUATION, i] = target[i]
+            stretch = after * elasticity[COMPLIANCE, i]
+            if bytes_[ROW_MOVED, i]:
+                links[TENSION_REF, i] = after
+                links[ACTUATION_REF, i] = target[i]
+                links[SHAPE, i] = target[i] + stretch
+            stored += 0.5 * after * stretch
+        distance = min(forward[i] - (after - before), backward[i] + (after - before))
+        violation = max(violation, -distance)
+        near += max(distance, 0.0)
+        total += forward[i] + backward[i]
+        before = after
+    account[VIOLATION] = violation
+    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    if wide:
+        account[ROUNDING] += _discord(elasticity[COMPLIANCE], contacts, links)
+    account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
+    return stored
+
+
+@compiled
+def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, share, wide):
+    """Go from the present state to `target` in one implicit step."""
+    n = contacts.shape[1]
+    stiffness = elasticity[STIFFNESS]
+    tension = links[TENSION]
+    forward = target[n - 1 : 2 * n - 1]
+    backward = target[2 * n - 1 :]
+    trial = floats[ROW_TRIAL]
+    new = floats[ROW_RATE]
+    side = bytes_[ROW_SIDE]
+    for i in range(n - 1):
+        origin = links[TENSION_REF, i] - stiffness[i] * (links[ACTUATION, i] - links[ACTUATION_REF, i])
+        if tension[i] == origin:
+            trial[i] = links[TENSION_REF, i] - stiffness[i] * (target[i] - links[ACTUATION_REF, i])
+        else:
+            trial[i] = tension[i] - stiffness[i] * (target[i] - links[ACTUATION, i])
+    compliance, blur = elasticity[COMPLIANCE], floats[ROW_ZEROS]
+    if wide:
+        project_wide(trial[: n - 1], compliance, backward, forward, blur, new[: n - 1], side)
+    else:
+        project(trial[: n - 1], compliance, backward, forward, blur, new[: n - 1], side, stacks)
+    work = 0.0
+    for i in range(n - 1):
+        gain = shape_gain(new[i], trial[i], elasticity[COMPLIANCE, i])
+        bytes_[ROW_MOVED, i] |= gain != 0.0
+        work -= 0.5 * (tension[i] + new[i]) * (target[i] - links[ACTUATION, i])
+        tension[i] = new[i]
+        trial[i] = gain
+    account[WORK] += work
+    velocity = floats[ROW_V]
+    free_translation = chain_velocities(trial, side, velocity, 0, n - 1)
+    near = 0.0
+    total = 0.0
+    for i in range(n):
+        if side[i] == 0:
+            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+            near += max(min(forward[i] - g, backward[i] + g), 0.0)
+        total += forward[i] + backward[i]
+    if free_translation or near <= CRITICAL * total:
+        for i in range(n):
+            floats[ROW_FORWARD, i] = 0.5 * (contacts[FORWARD, i] + forward[i])
+            floats[ROW_BACKWARD, i] = 0.5 * (contacts[BACKWARD, i] + backward[i])
+        least, most = choose_translation(velocity, floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
+        if is_wide(least, most, velocity):
+            account[AMBIGUOUS] = 1.0
+            account[GAIN_LEAST] += least
+            account[GAIN_MOST] += most
+    dissipation = 0.0
+    complementarity = account[COMPLEMENTARITY]
+    for i in range(n):
+        v = velocity[i]
+        if v != 0.0:
+            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+            if v > 0.0:
+                dissipation += 0.5 * (contacts[FORWARD, i] + forward[i]) * v
+                gap = forward[i] - g
+            else:
+                dissipation -= 0.5 * (contacts[BACKWARD, i] + backward[i]) * v
+                gap = backward[i] + g
+            complementarity = max(complementarity, abs(v * gap))
+            shift(contacts, v, 1.0, i)
+        if side[i] == 0:
+            status[i] = 0
+        elif forward[i] + backward[i] == 0.0:
+            status[i] = AT_FORWARD | AT_BACKWARD
+        else:
+            status[i] = AT_FORWARD if side[i] == 1 else AT_BACKWARD
+    account[DISSIPATION] += dissipation
+    account[COMPLEMENTARITY] = complementarity
+
+
+@compiled
+def _is_in_force(contacts, links, target):
+    """Tell whether `target` is where the crawler is."""
+    n = contacts.shape[1]
+    for i in range(n - 1):
+        if target[i] != links[ACTUATION, i]:
+            return False
+    for i in range(n):
+        if target[n - 1 + i] != contacts[FORWARD, i] or target[2 * n - 1 + i] != contacts[BACKWARD, i]:
+            return False
+    return True
+
+
+@compiled
+def follow(
+    elasticity,
+    contacts,
+    links,
+    status,
+    targets,
+    exact,
+    budget,
+    elements,
+    share,
+    floats,
+    bytes_,
+    tree,
+    stacks,
+    account,
+    records,
+):
+    """Follow straight ramps to each of the targets in turn.
+
+    Args:
+        elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
+        contacts: rows X .. RELATIVE (unused here), shape (6, N), changed in place.
+        links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
+        status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
+        targets: L, mu_plus and mu_minus at each ramp's end, shape (V, 3 N - 1).
+        exact: True to follow every event, False for one catch-up step a ramp.
+        budget: most work in one ramp, see `follow_events`; beyond it the rest of that ramp is a catch-up step.
+        elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
+        floats: from `scratch(N)`, as are the next three.
+        bytes_: statuses within a ramp.
+        tree: a tournament of the contacts' next events.
+        stacks: for `project`.
+        account: shape (13,), added to.
+        records: displacement, its rest and tension after each ramp, shape (V, 3 N - 1) or (0, 3 N - 1) for none.
+    """
+    n = contacts.shape[1]
+    ramp = np.zeros(account.shape[0])
+    for i in range(n):
+        contacts[GAINED, i] = 0.0
+    wide = spans_decades(elasticity[COMPLIANCE])
+    energy = 0.0
+    for i in range(n - 1):
+        energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
+    for v in range(targets.shape[0]):
+        target = targets[v]
+        if not _is_in_force(contacts, links, target):
+            bytes_[ROW_MOVED] = 0
+            ramp[:] = 0.0
+            ramp[VISITED] = np.inf
+            finished = exact and follow_events(
+                elasticity,
+                contacts,
+                links,
+                status,
+                target,
+                floats,
+                bytes_,
+                tree,
+                stacks,
+                ramp,
+                budget,
+                elements,
+                share,
+                wide,
+            )
+            if not finished:
+                if exact:
+                    ramp[OVERSPENT] = 1.0
+                else:
+                    ramp[EVENTS] = 1.0
+                _catch_up(
+                    elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, share, wide
+                )
+            energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)
+            add_ramp(account, ramp)
+        if records.shape[0] > 0:
+            for i in range(n):
+                records[v, i] = contacts[X, i]
+                records[v, n + i] = contacts[X_REST, i]
+            for i in range(n - 1):
+                records[v, 2 * n + i] = links[TENSION, i]
+    if account[VISITED] == np.inf:  # nothing but holding
+        force = floats[ROW_TRIAL]
+        for i in range(n):
+            force[i] = (links[TENSION, i] if i < n - 1 else 0.0) - (links[TENSION, i - 1] if i > 0 else 0.0)
+        account[VISITED] = nearness(force, contacts[FORWARD], contacts[BACKWARD])

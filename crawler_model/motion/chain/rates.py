@@ -1,0 +1,268 @@
+"""The rates of a block of sliding contacts of a chain, and the next event of each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled
+from ..state import (
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    COMPLEMENTARITY,
+    COMPLIANCE,
+    DISSIPATION,
+    FORWARD,
+    STIFFNESS,
+    TENSION,
+    VIOLATION,
+    WORK,
+    shift,
+)
+from .memory import (
+    ROW_BACKWARD,
+    ROW_COMING,
+    ROW_D_ACTUATION,
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
+    ROW_FORWARD,
+    ROW_GRAIN,
+    ROW_LEAVING,
+    ROW_LINK_SINCE,
+    ROW_MOVED,
+    ROW_NEXT,
+    ROW_RATE,
+    ROW_SIDE,
+    ROW_SINCE,
+    ROW_TRIAL,
+    ROW_V,
+)
+from .projection import EPS, NOISE, chain_velocities, project, shape_gain
+from .wide import project_wide
+
+_LATE = 0.999
+"""Where on a ramp an arrival may be one at its end, but for rounding."""
+
+
+@compiled
+def slack(contacts, links, floats, s, i):
+    """Compute the distances of a contact's force from its bounds.
+
+    Args:
+        contacts: as for `follow_events`, and so are the next two.
+        links: elongations and tensions where they last changed.
+        floats: rates, and since when they hold.
+        s: where on the ramp, 0 .. 1.
+        i: the contact.
+
+    Returns:
+        Distance from the upper and from the lower bound [N].
+    """
+    n = contacts.shape[1]
+    g = 0.0
+    if i < n - 1:
+        g += links[TENSION, i] + floats[ROW_RATE, i] * (s - floats[ROW_LINK_SINCE, i])
+    if i > 0:
+        g -= links[TENSION, i - 1] + floats[ROW_RATE, i - 1] * (s - floats[ROW_LINK_SINCE, i - 1])
+    above = contacts[FORWARD, i] + s * floats[ROW_D_FORWARD, i] - g
+    below = contacts[BACKWARD, i] + s * floats[ROW_D_BACKWARD, i] + g
+    return above, below
+
+
+@compiled
+def update(contacts, links, floats, account, s, first, last):
+    """Bring contacts first..last and the links between and beside them from their last change up to s.
+
+    Args:
+        contacts: as for `follow_events`, and so are the next three; changed in place.
+        links: elongations and tensions.
+        floats: rates, and since when they hold.
+        account: of the ramp, added to.
+        s: where on the ramp, 0 .. 1.
+        first: the first contact.
+        last: the last one.
+    """
+    n = contacts.shape[1]
+    tension = links[TENSION]
+    work = 0.0
+    for i in range(max(first - 1, 0), min(last, n - 2) + 1):
+        ds = s - floats[ROW_LINK_SINCE, i]
+        if ds > 0.0:
+            gain = floats[ROW_RATE, i] * ds
+            work -= (tension[i] + 0.5 * gain) * floats[ROW_D_ACTUATION, i] * ds
+            tension[i] += gain
+        floats[ROW_LINK_SINCE, i] = s
+    dissipation = 0.0
+    complementarity = account[COMPLEMENTARITY]
+    violation = account[VIOLATION]
+    for i in range(first, last + 1):
+        ds = s - floats[ROW_SINCE, i]
+        v = floats[ROW_V, i]
+        if ds > 0.0 and v != 0.0:
+            middle = 0.5 * (s + floats[ROW_SINCE, i])
+            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+            above = contacts[FORWARD, i] + s * floats[ROW_D_FORWARD, i] - g
+            below = contacts[BACKWARD, i] + s * floats[ROW_D_BACKWARD, i] + g
+            if v > 0.0:
+                dissipation += (contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]) * v * ds
+                gap = above
+            else:
+                dissipation -= (contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]) * v * ds
+                gap = below
+            complementarity = max(complementarity, abs(v * gap))
+            violation = max(violation, -min(above, below))
+            shift(contacts, v, ds, i)
+        floats[ROW_SINCE, i] = s
+    account[WORK] += work
+    account[DISSIPATION] += dissipation
+    account[COMPLEMENTARITY] = complementarity
+    account[VIOLATION] = violation
+
+
+@compiled
+def _slide_together(compliance, status, floats, side, first, last):
+    """Try whether contacts first..last, between two walls, all slide along their bounds.
+
+    What meets all conditions of the projection is its solution. True then: rates, velocities and sides are written.
+    """
+    trial, rate, velocity = floats[ROW_TRIAL], floats[ROW_RATE], floats[ROW_V]
+    d_forward, d_backward = floats[ROW_D_FORWARD], floats[ROW_D_BACKWARD]
+    rise = 0.0
+    give = compliance[first - 1]
+    pull = trial[first - 1] * give
+    for i in range(first, last + 1):
+        if status[i] == AT_FORWARD:
+            rise += d_forward[i]
+            side[i] = 1
+        elif status[i] == AT_BACKWARD:
+            rise -= d_backward[i]
+            side[i] = -1
+        else:
+            return False
+        rate[i] = rise
+        give += compliance[i]
+        pull += (trial[i] - rise) * compliance[i]
+    base = pull / give
+    rate[first - 1] = base
+    v = 0.0
+    size = 0.0
+    for i in range(first, last + 1):
+        gain = shape_gain(rate[i - 1], trial[i - 1], compliance[i - 1])
+        v += gain
+        size += abs(gain)
+        if not v * side[i] > NOISE * size:
+            return False
+        velocity[i] = v
+        rate[i] += base
+    return True
+
+
+@compiled
+def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide):
+    """Find the rates of the block of contacts first..last at s, and the next event of each of them.
+
+    Args:
+        elasticity: as for `follow_events`, and so are the next seven.
+        contacts: changed in place, up to s.
+        links: likewise.
+        status: bounds that contacts are at.
+        floats: rates and next events are written.
+        bytes_: sides, and what leaves its bound, are written.
+        stacks: for `project`.
+        account: of the ramp, added to.
+        s: where on the ramp, 0 .. 1.
+        first: the first contact of the block; a wall or the end of the chain is beside it.
+        last: the last one, likewise.
+        wide: True where the projection takes twice the digits.
+
+    Returns:
+        True where the translation is free, and the work: contacts solved and breakpoints passed.
+    """
+    n = contacts.shape[1]
+    start = max(first - 1, 0)
+    stop = min(last + 1, n - 1)
+    update(contacts, links, floats, account, s, start, stop)
+    stiffness, compliance = elasticity[STIFFNESS], elasticity[COMPLIANCE]
+    rate, trial, velocity, side = floats[ROW_RATE], floats[ROW_TRIAL], floats[ROW_V], bytes_[ROW_SIDE]
+    forward, backward, grain = floats[ROW_FORWARD], floats[ROW_BACKWARD], floats[ROW_GRAIN]
+    d_actuation, d_forward, d_backward = floats[ROW_D_ACTUATION], floats[ROW_D_FORWARD], floats[ROW_D_BACKWARD]
+    for i in range(start, stop):
+        trial[i] = -stiffness[i] * d_actuation[i]
+    free_translation = False
+    effort = stop - start + 1
+    block = start
+    while block <= stop:
+        if status[block] == 0:
+            side[block] = 0
+            velocity[block] = 0.0
+            if block < stop and status[block + 1] == 0:
+                rate[block] = trial[block]
+            block += 1
+            continue
+        end = block
+        while end < stop and status[end + 1] != 0:
+            end += 1
+        if wide or block == start or end == stop or not _slide_together(compliance, status, floats, side, block, end):
+            left = max(block - 1, start)
+            right = min(end + 1, stop)
+            for i in range(left, right + 1):
+                forward[i] = d_forward[i] if status[i] & AT_FORWARD else np.inf
+                backward[i] = d_backward[i] if status[i] & AT_BACKWARD else np.inf
+                if -backward[i] > forward[i]:  # both bounds met by rounding just before the friction vanishes
+                    forward[i] = 0.5 * (forward[i] - backward[i])
+                    backward[i] = -forward[i]
+                changing = d_forward[i] != 0.0 or d_backward[i] != 0.0
+                grain[i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+            aims, gives, rates = trial[left:right], compliance[left:right], rate[left:right]
+            lower, upper, blur = backward[left : right + 1], forward[left : right + 1], grain[left : right + 1]
+            if wide:
+                effort += project_wide(aims, gives, lower, upper, blur, rates, side[left : right + 1])
+            else:
+                effort += project(aims, gives, lower, upper, blur, rates, side[left : right + 1], stacks)
+            effort += right - left
+            for i in range(left, right):
+                grain[i] = shape_gain(rate[i], trial[i], compliance[i])  # no longer needed: the links' gains
+            free_translation = chain_velocities(grain, side, velocity, block, end)
+        block = end + 1
+    moved = bytes_[ROW_MOVED]
+    for i in range(start, stop):
+        moved[i] |= shape_gain(rate[i], trial[i], compliance[i]) != 0.0
+    leaving, coming, next_event = bytes_[ROW_LEAVING], bytes_[ROW_COMING], floats[ROW_NEXT]
+    for i in range(start, stop + 1):
+        held = 0
+        if side[i] != 0:
+            held = AT_FORWARD if side[i] == 1 else AT_BACKWARD
+            if status[i] == AT_FORWARD | AT_BACKWARD and d_forward[i] + d_backward[i] <= 0.0:
+                held = AT_FORWARD | AT_BACKWARD
+        if first <= i <= last:
+            leaving[i] = status[i] & ~held
+        if held != 0 and d_forward[i] + d_backward[i] >= 0.0:
+            next_event[i] = np.inf  # it goes with its bound, and the other one does not come nearer
+            continue
+        climb = 0.0
+        if i < n - 1:
+            climb += rate[i]
+        if i > 0:
+            climb -= rate[i - 1]
+        above, below = slack(contacts, links, floats, s, i)
+        when = np.inf
+        closing = climb - d_forward[i]
+        if closing > 0.0 and not status[i] & AT_FORWARD:
+            when = s + max(above, 0.0) / closing
+            coming[i] = AT_FORWARD
+        closing = -climb - d_backward[i]
+        if closing > 0.0 and not status[i] & AT_BACKWARD:
+            other = s + max(below, 0.0) / closing
+            if other < when:
+                when = other
+                coming[i] = AT_BACKWARD
+        if _LATE < when < 1.0:
+            # how far its force would go beyond the bound: no further than rounding, and it arrives with the ramp's end
+            excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
+            size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
+            for j in range(max(i - 1, 0), min(i + 1, n - 1)):
+                size += abs(links[TENSION, j]) + abs(rate[j])
+            if excess <= 8.0 * EPS * size:
+                when = 1.0
+        next_event[i] = when
+    return free_translation, effort

@@ -1,0 +1,228 @@
+"""The projection of a chain whose stiffness spans many decades, with twice the digits.
+
+The zero of a stiff link's curve lies at k dL. Beside a link that is softer by a factor r, rounding it costs the
+soft link's elongation r eps dL. The same dynamic program as `chain_kernel.project`, but positions, slopes and jumps are
+sums of two floats (Dekker 1971), so that a factor of 1e16 costs nothing that a float would show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled
+
+EPS = float(np.finfo(np.float64).eps)
+WIDE = 1e4
+"""Stiffness ratio from which on the projection takes twice the digits: below it, rounding costs less than 1e-11 dL."""
+
+_POSITION, _SLOPE, _JUMP = range(3)
+_SPLITTER = 134217729.0
+_NOTHING = (0.0, 0.0)
+
+
+@compiled
+def spans_decades(compliance):
+    """Tell whether a chain's stiffness spans so much that its projection needs twice the digits.
+
+    Args:
+        compliance: 1 / k, shape (n,) [m/N].
+
+    Returns:
+        True when it does.
+    """
+    return compliance.max() > WIDE * compliance.min()
+
+
+@compiled
+def _tidy(high, low):
+    total = high + low
+    return total, low - (total - high)
+
+
+@compiled
+def _add(a, b):
+    """Add two numbers, each a float and its rest."""
+    high = a[0] + b[0]
+    part = high - a[0]
+    rest = (a[0] - (high - part)) + (b[0] - part)
+    low = a[1] + b[1]
+    part = low - a[1]
+    rest_low = (a[1] - (low - part)) + (b[1] - part)
+    high, rest = _tidy(high, rest + low)
+    return _tidy(high, rest + rest_low)
+
+
+@compiled
+def _subtract(a, b):
+    """Subtract b from a."""
+    return _add(a, (-b[0], -b[1]))
+
+
+@compiled
+def _multiply(a, b):
+    """Multiply two numbers."""
+    high = a[0] * b[0]
+    part = _SPLITTER * a[0]
+    a_high = part - (part - a[0])
+    a_low = a[0] - a_high
+    part = _SPLITTER * b[0]
+    b_high = part - (part - b[0])
+    b_low = b[0] - b_high
+    rest = ((a_high * b_high - high) + a_high * b_low + a_low * b_high) + a_low * b_low
+    return _tidy(high, rest + (a[0] * b[1] + a[1] * b[0]))
+
+
+@compiled
+def _divide(a, b):
+    """Divide a by b."""
+    first = a[0] / b[0]
+    rest = _subtract(a, _multiply((first, 0.0), b))
+    second = rest[0] / b[0]
+    rest = _subtract(rest, _multiply((second, 0.0), b))
+    return _add(_tidy(first, second), (rest[0] / b[0], 0.0))
+
+
+@compiled
+def _push(stack, place, position, slope, jump):
+    for part in range(2):
+        stack[_POSITION, part, place] = position[part]
+        stack[_SLOPE, part, place] = slope[part]
+        stack[_JUMP, part, place] = jump[part]
+
+
+@compiled
+def _read(stack, row, place):
+    return stack[row, 0, place], stack[row, 1, place]
+
+
+@compiled
+def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, way, zero, flat):
+    """Move the zero outwards over the breakpoints of the stack `near`, which go to the stack `far`.
+
+    Returns the lengths of both stacks, the zero, the heights of the curve before and beyond it, and the slopes there.
+    """
+    here = _add(_read(near, _POSITION, n_near - 1), shift_near)
+    distance = _subtract(here, zero) if way < 0.0 else _subtract(zero, here)
+    slope = (flat, 0.0)
+    height = _multiply(distance, slope)
+    while True:
+        jump = _read(near, _JUMP, n_near - 1)
+        outer = _add(slope, _read(near, _SLOPE, n_near - 1))
+        if outer[0] < flat:
+            outer = (flat, 0.0)
+        n_near -= 1
+        if jump[0] == np.inf:
+            return n_near, n_far, here, height, jump, slope, outer
+        beyond = _subtract(jump, height)
+        if beyond[0] >= 0.0:
+            return n_near, n_far, here, height, beyond, slope, outer
+        height = (-beyond[0], -beyond[1])
+        _push(far, n_far, _subtract(here, shift_far), _subtract(slope, outer), jump)
+        n_far += 1
+        slope = outer
+        step = _divide(height, slope)
+        zero = _subtract(here, step) if way < 0.0 else _add(here, step)
+        if n_near == 0:
+            return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope
+        further = _add(_read(near, _POSITION, n_near - 1), shift_near)
+        distance = _subtract(here, further) if way < 0.0 else _subtract(further, here)
+        height = _subtract(height, _multiply(slope, distance))
+        if height[0] <= 0.0:
+            return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope
+        here = further
+
+
+@compiled
+def project_wide(target, compliance, backward, forward, grain, tension, side):
+    """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
+
+    Args:
+        target: as for `chain_kernel.project`, and so are the next six.
+        compliance: 1 / k.
+        backward: the lower bounds.
+        forward: the upper bounds.
+        grain: what blurs the bounds.
+        tension: output.
+        side: output.
+
+    Returns:
+        The number of breakpoints that the zero of the curve passed, each counted as ten: it costs as much.
+    """
+    n = target.shape[0]
+    left = np.empty((3, 2, 2 * n + 2))
+    right = np.empty((3, 2, 2 * n + 2))
+    zeros = np.empty((n, 2))
+    endless = (np.inf, 0.0)
+    shift_left = _NOTHING
+    shift_right = _NOTHING
+    n_left = 0
+    n_right = 0
+    moved = 0
+    if backward[0] < np.inf:
+        _push(left, 0, (-backward[0], 0.0), _NOTHING, endless)
+        n_left = 1
+    if forward[0] < np.inf:
+        _push(right, 0, (forward[0], 0.0), _NOTHING, endless)
+        n_right = 1
+    for i in range(n):
+        flat = compliance[i]
+        zero = (target[i], 0.0)
+        slope_left = (flat, 0.0)
+        slope_right = (flat, 0.0)
+        jump_left = _NOTHING
+        jump_right = _NOTHING
+        before = n_left + n_right
+        if n_left > 0 and _subtract(zero, _add(_read(left, _POSITION, n_left - 1), shift_left))[0] < 0.0:
+            before = n_left
+            n_left, n_right, zero, jump_right, jump_left, slope_right, slope_left = _pass_zero(
+                left, n_left, shift_left, right, n_right, shift_right, -1.0, zero, flat
+            )
+            moved += before - n_left
+        elif n_right > 0 and _subtract(zero, _add(_read(right, _POSITION, n_right - 1), shift_right))[0] > 0.0:
+            before = n_right
+            n_right, n_left, zero, jump_left, jump_right, slope_left, slope_right = _pass_zero(
+                right, n_right, shift_right, left, n_left, shift_left, 1.0, zero, flat
+            )
+            moved += before - n_right
+        zeros[i, 0], zeros[i, 1] = zero
+        if backward[i + 1] < np.inf:
+            shift_left = _subtract(shift_left, (backward[i + 1], 0.0))
+            position = _subtract(_subtract(zero, (backward[i + 1], 0.0)), shift_left)
+            _push(left, n_left, position, slope_left, jump_left)
+            n_left += 1
+        else:
+            n_left = 0
+            shift_left = _NOTHING
+        if forward[i + 1] < np.inf:
+            shift_right = _add(shift_right, (forward[i + 1], 0.0))
+            position = _subtract(_add(zero, (forward[i + 1], 0.0)), shift_right)
+            _push(right, n_right, position, slope_right, jump_right)
+            n_right += 1
+        else:
+            n_right = 0
+            shift_right = _NOTHING
+
+    after = _NOTHING
+    for i in range(n - 1, -1, -1):
+        zero = (zeros[i, 0], zeros[i, 1])
+        above = np.inf
+        below = np.inf
+        least = zero
+        most = zero
+        if forward[i + 1] < np.inf:
+            least = _subtract(after, (forward[i + 1], 0.0))
+            above = _subtract(zero, least)[0]
+        if backward[i + 1] < np.inf:
+            most = _add(after, (backward[i + 1], 0.0))
+            below = _subtract(most, zero)[0]
+        close = 8.0 * EPS * (grain[i + 1] + abs(zero[0]) + abs(after[0]))
+        side[i + 1] = 1 if above <= close else -1 if below <= close else 0
+        if above <= 0.0:
+            zero = least
+        elif below <= 0.0:
+            zero = most
+        tension[i] = zero[0]
+        after = zero
+    close = 8.0 * EPS * (grain[0] + abs(after[0]))
+    side[0] = 1 if after[0] >= forward[0] - close else -1 if after[0] <= close - backward[0] else 0
+    return 10 * moved

@@ -1,0 +1,204 @@
+"""A ramp of a graph of springs followed from event to event."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled
+from ...theory.uniqueness import choose_translation, is_wide
+from ..state import (
+    ACTUATION,
+    AMBIGUOUS,
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    COMPLEMENTARITY,
+    DISSIPATION,
+    EVENTS,
+    FORWARD,
+    GAIN_LEAST,
+    GAIN_MOST,
+    RELATIVE,
+    TENSION,
+    VISITED,
+    WORK,
+    shift,
+)
+from .margin import put_off, slides_at_once
+from .memory import (
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
+    ROW_FORCE,
+    ROW_FORCE_RATE,
+    ROW_GRAIN,
+    ROW_GUESS,
+    ROW_LOAD,
+    ROW_LOWER,
+    ROW_MIDDLE,
+    ROW_MIDDLE_B,
+    ROW_UPPER,
+    ROW_V,
+    add_load,
+    contact_forces,
+    displace,
+)
+
+_STRETCH = 1e-6
+"""A piece shorter than this part of its ramp is an isolated instant, see `chain_tick`."""
+INSTANT = 1e-12
+"""At the end of a ramp on which all friction vanishes there may be no rate, but there is no time left either."""
+
+
+@compiled
+def follow_events(
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    target,
+    floats,
+    changes,
+    bytes_,
+    account,
+    budget,
+    rounds,
+    elements,
+    share,
+):
+    """Follow the straight ramp to `target` from event to event.
+
+    Args:
+        ends: the two contacts of each spring, shape (S, 2).
+        stiffness: of the springs, shape (S,) [N/m].
+        network: order and band of `graph_kernel`.
+        work: memory of `graph_kernel`.
+        contacts: rows X .. RELATIVE, shape (6, N), changed in place.
+        links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
+        status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
+        target: L, mu_plus and mu_minus at the ramp's end, shape (S + 2 N,) [m, N].
+        floats: memory of the ramp, from `graph_memory`, as are the next two.
+        changes: of the rest lengths and tensions.
+        bytes_: sides of the contacts.
+        account: of the ramp, shape (13,), added to.
+        budget: most contacts solved, each round of the active set counting.
+        rounds: most rounds of the active set.
+        elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
+
+    Returns:
+        How far it came, 1 for all the way; False when the active set gave up there, True when at most the budget did.
+    """
+    n = contacts.shape[1]
+    springs = ends.shape[0]
+    change = changes[0]
+    whole = 0.0
+    for s in range(springs):
+        change[s] = target[s] - links[ACTUATION, s]
+    for i in range(n):
+        floats[ROW_D_FORWARD, i] = target[springs + i] - contacts[FORWARD, i]
+        floats[ROW_D_BACKWARD, i] = target[springs + n + i] - contacts[BACKWARD, i]
+        whole += contacts[FORWARD, i] + contacts[BACKWARD, i] + target[springs + i] + target[springs + n + i]
+        floats[ROW_GUESS, i] = 0.0
+    contact_forces(ends, links[TENSION], floats[ROW_FORCE])
+    at = 0.0
+    pieces = 0
+    spent = 0
+    while True:
+        for i in range(n):
+            upper = floats[ROW_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
+            lower = -floats[ROW_D_BACKWARD, i] if status[i] & AT_BACKWARD else -np.inf
+            if lower > upper:  # both bounds met by rounding just before the friction vanishes
+                upper = 0.5 * (lower + upper)
+                lower = upper
+            floats[ROW_UPPER, i] = upper
+            floats[ROW_LOWER, i] = lower
+            changing = floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0
+            floats[ROW_GRAIN, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+            floats[ROW_LOAD, i] = 0.0
+        add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_GRAIN])
+        verdict, turns = displace(network, work, floats, bytes_, min(rounds, 1 + (budget - spent) // n))
+        spent += turns * n
+        if verdict < 0:
+            return at, spent >= budget
+        v = floats[ROW_V]
+        rate = changes[1]
+        for s in range(springs):
+            rate[s] = stiffness[s] * (v[ends[s, 1]] - v[ends[s, 0]] - change[s])
+        contact_forces(ends, rate, floats[ROW_FORCE_RATE])
+        when = np.inf
+        for i in range(n):
+            bytes_[1, i] = 0
+            g, g_rate = floats[ROW_FORCE, i], floats[ROW_FORCE_RATE, i]
+            if bytes_[0, i] != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
+                bytes_[2, i] = AT_FORWARD | AT_BACKWARD
+            else:
+                bytes_[2, i] = AT_FORWARD if bytes_[0, i] == 1 else (AT_BACKWARD if bytes_[0, i] == -1 else 0)
+            floats[ROW_GRAIN, i] = np.inf  # from here on: when the contact reaches a bound
+            closing = g_rate - floats[ROW_D_FORWARD, i]
+            if closing > 0.0 and not status[i] & AT_FORWARD:
+                above = contacts[FORWARD, i] + at * floats[ROW_D_FORWARD, i] - g
+                floats[ROW_GRAIN, i] = at + max(above, 0.0) / closing
+                bytes_[1, i] = AT_FORWARD
+            closing = -g_rate - floats[ROW_D_BACKWARD, i]
+            if closing > 0.0 and not status[i] & AT_BACKWARD:
+                below = contacts[BACKWARD, i] + at * floats[ROW_D_BACKWARD, i] + g
+                other = at + max(below, 0.0) / closing
+                if other < floats[ROW_GRAIN, i]:
+                    floats[ROW_GRAIN, i] = other
+                    bytes_[1, i] = AT_BACKWARD
+            when = min(when, floats[ROW_GRAIN, i])
+        when = put_off(ends, stiffness, contacts, links, change, bytes_[1], floats, when)
+        ending = not when < 1.0
+        until = 1.0 if ending else when
+        ds = until - at
+        middle = 0.5 * (at + until)
+
+        critical, margin = slides_at_once(
+            ends, stiffness, contacts, links, change, status, bytes_[0], floats, at, whole
+        )
+        account[VISITED] = min(account[VISITED], margin)
+        if critical or verdict == 1:
+            for i in range(n):
+                floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
+                floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
+            least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
+            if ds > _STRETCH and is_wide(least, most, v):
+                account[AMBIGUOUS] = 1.0
+                account[GAIN_LEAST] += least * ds
+                account[GAIN_MOST] += most * ds
+        if not ending and spent > budget:
+            return at, True
+        if ds > 0.0 or pieces == 0:
+            pieces += 1
+            account[EVENTS] += 1
+        if ds > 0.0:
+            for s in range(springs):
+                gain = rate[s] * ds
+                account[WORK] -= (links[TENSION, s] + 0.5 * gain) * change[s] * ds
+                links[TENSION, s] += gain
+            for i in range(n):
+                floats[ROW_FORCE, i] += floats[ROW_FORCE_RATE, i] * ds
+                if v[i] != 0.0:
+                    mu_forward = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
+                    mu_backward = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
+                    force = floats[ROW_FORCE, i] - 0.5 * floats[ROW_FORCE_RATE, i] * ds
+                    if v[i] > 0.0:
+                        account[DISSIPATION] += mu_forward * v[i] * ds
+                        gap = mu_forward - force
+                    else:
+                        account[DISSIPATION] -= mu_backward * v[i] * ds
+                        gap = mu_backward + force
+                    account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
+                    shift(contacts, v[i], ds, i)
+                    contacts[RELATIVE, i] += v[i] * ds
+                status[i] &= bytes_[2, i]
+        at = until
+        if ending:
+            return 1.0, True
+        for i in range(n):
+            if floats[ROW_GRAIN, i] <= at:
+                status[i] |= bytes_[1, i]
+            floats[ROW_GUESS, i] = v[i]

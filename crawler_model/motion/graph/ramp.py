@@ -1,0 +1,351 @@
+"""One ramp of the commands on a body of any connected springs: exact, event to event, or a catch-up step.
+
+As `chain_tick`, with the rates of all contacts solved at every event by `graph_kernel`. What is integrated is the
+displacement; the tensions follow from it, and at the end of a ramp the contacts that slide are put exactly onto their
+bounds, so that no error adds up from ramp to ramp.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled
+from ...theory.uniqueness import choose_translation, is_wide
+from ..state import (
+    ACTUATION,
+    AMBIGUOUS,
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    COMPLEMENTARITY,
+    DISSIPATION,
+    EVENTS,
+    FORWARD,
+    GAIN_LEAST,
+    GAIN_MOST,
+    GAINED,
+    OVERSPENT,
+    RELATIVE,
+    RESIDUAL,
+    SHAPE,
+    TENSION,
+    UNSOLVED,
+    VIOLATION,
+    VISITED,
+    WORK,
+    X_REST,
+    X,
+    add_ramp,
+    shift,
+)
+from .active_set import EPS, eliminate
+from .events import INSTANT, follow_events
+from .margin import distance_to_sliding, nearness_of, slides_at_once
+from .memory import (
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
+    ROW_FORCE,
+    ROW_GRAIN,
+    ROW_GUESS,
+    ROW_LOAD,
+    ROW_LOWER,
+    ROW_MIDDLE,
+    ROW_MIDDLE_B,
+    ROW_UPPER,
+    ROW_V,
+    contact_forces,
+    displace,
+)
+
+
+@compiled
+def _set_tensions(ends, stiffness, contacts, links):
+    """Compute z and T of all springs from where the contacts stand."""
+    for s in range(ends.shape[0]):
+        z = contacts[RELATIVE, ends[s, 1]] - contacts[RELATIVE, ends[s, 0]]
+        links[SHAPE, s] = z
+        links[TENSION, s] = stiffness[s] * (z - links[ACTUATION, s])
+
+
+@compiled
+def _rebase(contacts):
+    """Keep relative displacements small; the shift is a power of two and takes no digits from them."""
+    n = contacts.shape[1]
+    least = contacts[RELATIVE].min()
+    most = contacts[RELATIVE].max()
+    nearest = least if least > 0.0 else (most if most < 0.0 else 0.0)
+    if abs(nearest) <= 4.0 * (most - least) or nearest == 0.0:
+        return
+    away = 2.0 ** np.floor(np.log2(abs(nearest)))
+    for i in range(n):
+        contacts[RELATIVE, i] -= away if nearest > 0.0 else -away
+
+
+@compiled
+def _margin_at_rest(status, floats, contacts, side):
+    """Compute the visited margin of a state from its forces; `side` is scratch."""
+    for i in range(status.shape[0]):
+        side[i] = 1 if status[i] & AT_FORWARD else (-1 if status[i] & AT_BACKWARD else 0)
+    return nearness_of(distance_to_sliding(status, side, floats, contacts, 0.0, 0.0))
+
+
+@compiled
+def _catch_up(
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    target,
+    floats,
+    changes,
+    bytes_,
+    account,
+    rounds,
+    elements,
+    share,
+):
+    """Go from the present state to `target` in one implicit step. Returns False when it was not found."""
+    n = contacts.shape[1]
+    springs = ends.shape[0]
+    change = changes[0]
+    tension = changes[1]
+    for s in range(springs):
+        change[s] = target[s] - links[ACTUATION, s]
+        z = contacts[RELATIVE, ends[s, 1]] - contacts[RELATIVE, ends[s, 0]]
+        tension[s] = stiffness[s] * (z - target[s])
+    contact_forces(ends, tension, floats[ROW_LOAD])
+    for i in range(n):
+        floats[ROW_UPPER, i] = target[springs + i]
+        floats[ROW_LOWER, i] = -target[springs + n + i]
+        floats[ROW_GRAIN, i] = 0.0
+        floats[ROW_GUESS, i] = 0.0
+    for s in range(springs):
+        floats[ROW_GRAIN, ends[s, 0]] += abs(tension[s])
+        floats[ROW_GRAIN, ends[s, 1]] += abs(tension[s])
+    verdict, _ = displace(network, work, floats, bytes_, rounds)
+    if verdict < 0:
+        return False
+    v = floats[ROW_V]
+    for s in range(springs):
+        new = tension[s] + stiffness[s] * (v[ends[s, 1]] - v[ends[s, 0]])
+        account[WORK] -= 0.5 * (links[TENSION, s] + new) * change[s]
+        tension[s] = new
+    contact_forces(ends, tension, floats[ROW_FORCE])
+    whole = 0.0
+    for i in range(n):
+        whole += floats[ROW_UPPER, i] - floats[ROW_LOWER, i]
+        floats[ROW_D_FORWARD, i] = floats[ROW_UPPER, i] - contacts[FORWARD, i]
+        floats[ROW_D_BACKWARD, i] = -floats[ROW_LOWER, i] - contacts[BACKWARD, i]
+        bytes_[1, i] = 0  # no status: what the side does not tell is measured
+        floats[ROW_MIDDLE, i] = 0.5 * (contacts[FORWARD, i] + target[springs + i])
+        floats[ROW_MIDDLE_B, i] = 0.5 * (contacts[BACKWARD, i] + target[springs + n + i])
+    critical, _ = slides_at_once(ends, stiffness, contacts, links, change, bytes_[1], bytes_[0], floats, 1.0, whole)
+    if critical or verdict == 1:
+        least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
+        if is_wide(least, most, v):
+            account[AMBIGUOUS] = 1.0
+            account[GAIN_LEAST] += least
+            account[GAIN_MOST] += most
+    for i in range(n):
+        g = floats[ROW_FORCE, i]
+        if v[i] > 0.0:
+            account[DISSIPATION] += floats[ROW_MIDDLE, i] * v[i]
+            gap = floats[ROW_UPPER, i] - g
+        else:
+            account[DISSIPATION] -= floats[ROW_MIDDLE_B, i] * v[i]
+            gap = g - floats[ROW_LOWER, i]
+        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
+        shift(contacts, v[i], 1.0, i)
+        contacts[RELATIVE, i] += v[i]
+        side = bytes_[0, i]
+        status[i] = AT_FORWARD if side == 1 else (AT_BACKWARD if side == -1 else 0)
+        if side != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
+            status[i] = AT_FORWARD | AT_BACKWARD
+    return True
+
+
+@compiled
+def _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, account, energy):
+    """Put the state onto the ramp's end, contacts that slid exactly onto their bounds, and close the account."""
+    n = contacts.shape[1]
+    springs = ends.shape[0]
+    for s in range(springs):
+        links[ACTUATION, s] = target[s]
+    for i in range(n):
+        contacts[FORWARD, i] = target[springs + i]
+        contacts[BACKWARD, i] = target[springs + n + i]
+    _set_tensions(ends, stiffness, contacts, links)
+    contact_forces(ends, links[TENSION], floats[ROW_FORCE])
+    order, band = network
+    some = False
+    load = np.zeros(n)
+    sliding = np.zeros(n, np.int8)
+    for p in range(n):
+        i = order[p]
+        if moved[i] and status[i] != 0:
+            bound = contacts[FORWARD, i] if status[i] & AT_FORWARD else -contacts[BACKWARD, i]
+            load[p] = floats[ROW_FORCE, i] - bound
+            sliding[p] = 1
+            some = True
+    if some:
+        result = np.empty(n)
+        eliminate(band, work[0], work[1][0], load, sliding, result)
+        size = max(abs(contacts[RELATIVE].max()), abs(contacts[RELATIVE].min()))
+        largest = np.abs(result).max()
+        if largest <= 1e6 * EPS * size:  # rounding, and nothing else, is put right
+            for p in range(n):
+                if result[p] != 0.0:
+                    contacts[RELATIVE, order[p]] += result[p]
+                    shift(contacts, result[p], 1.0, order[p])
+            _set_tensions(ends, stiffness, contacts, links)
+            contact_forces(ends, links[TENSION], floats[ROW_FORCE])
+        _rebase(contacts)
+    stored = 0.0
+    for s in range(springs):
+        stored += 0.5 * links[TENSION, s] * links[TENSION, s] / stiffness[s]
+    for i in range(n):
+        above = contacts[FORWARD, i] - floats[ROW_FORCE, i]
+        below = contacts[BACKWARD, i] + floats[ROW_FORCE, i]
+        account[VIOLATION] = max(account[VIOLATION], -min(above, below))
+    account[VISITED] = min(account[VISITED], _margin_at_rest(status, floats, contacts, sliding))
+    account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
+
+
+@compiled
+def follow(
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    targets,
+    exact,
+    budget,
+    elements,
+    share,
+    rounds,
+    floats,
+    changes,
+    bytes_,
+    account,
+    records,
+):
+    """Follow straight ramps to each of the targets in turn.
+
+    Args:
+        ends: the two contacts of each spring, shape (S, 2).
+        stiffness: k, shape (S,) [N/m].
+        network: order and band of the `Network`.
+        work: from `graph_kernel.workspace`.
+        contacts: rows X .. RELATIVE, shape (6, N), changed in place.
+        links: rows SHAPE .. ACTUATION_REF (the last two unused here), shape (5, S), changed in place.
+        status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
+        targets: L, mu_plus and mu_minus at each ramp's end, shape (V, S + 2 N).
+        exact: True to follow every event, False for one catch-up step a ramp.
+        budget: most contacts solved in one ramp, each round of the active set counting; beyond it the rest of that ramp
+            is a catch-up step.
+        elements: both contacts of each element of a segment, shape (P, 2).
+        share: weight of each contact in the net translation, shape (N,).
+        rounds: most rounds of the active set.
+        floats: from `scratch(N, S)`, as are the next two.
+        changes: of the springs.
+        bytes_: of the contacts.
+        account: shape (13,), added to.
+        records: displacement, its rest and tension after each ramp, shape (V, 2 N + S) or (0, 2 N + S) for none.
+    """
+    n = contacts.shape[1]
+    springs = ends.shape[0]
+    ramp = np.zeros(account.shape[0])
+    before = np.empty(n)
+    moved = np.zeros(n, np.int8)
+    for i in range(n):
+        contacts[GAINED, i] = 0.0
+    for v in range(targets.shape[0]):
+        target = targets[v]
+        still = True
+        for s in range(springs):
+            still = still and target[s] == links[ACTUATION, s]
+        for i in range(n):
+            still = still and target[springs + i] == contacts[FORWARD, i]
+            still = still and target[springs + n + i] == contacts[BACKWARD, i]
+        if not still:
+            energy = 0.0
+            for s in range(springs):
+                energy += 0.5 * links[TENSION, s] * links[TENSION, s] / stiffness[s]
+            for i in range(n):
+                before[i] = contacts[RELATIVE, i]
+            for i in range(ramp.shape[0]):
+                ramp[i] = 0.0
+            ramp[VISITED] = np.inf
+            done = 0.0
+            solved = True
+            if exact:
+                done, solved = follow_events(
+                    ends,
+                    stiffness,
+                    network,
+                    work,
+                    contacts,
+                    links,
+                    status,
+                    target,
+                    floats,
+                    changes,
+                    bytes_,
+                    ramp,
+                    budget,
+                    rounds,
+                    elements,
+                    share,
+                )
+                if done < 1.0:
+                    if done < 1.0 - INSTANT:
+                        ramp[OVERSPENT if solved else UNSOLVED] = 1.0
+                    for s in range(springs):
+                        links[ACTUATION, s] += done * (target[s] - links[ACTUATION, s])
+                    for i in range(n):
+                        contacts[FORWARD, i] += done * (target[springs + i] - contacts[FORWARD, i])
+                        contacts[BACKWARD, i] += done * (target[springs + n + i] - contacts[BACKWARD, i])
+            else:
+                ramp[EVENTS] = 1.0
+            if done < 1.0:
+                doubt, least, most = ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST]
+                found = _catch_up(
+                    ends,
+                    stiffness,
+                    network,
+                    work,
+                    contacts,
+                    links,
+                    status,
+                    target,
+                    floats,
+                    changes,
+                    bytes_,
+                    ramp,
+                    rounds,
+                    elements,
+                    share,
+                )
+                if not found:
+                    ramp[UNSOLVED] = 1.0
+                if done >= 1.0 - INSTANT:  # an instant without friction makes no stretch
+                    ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = doubt, least, most
+            for i in range(n):
+                moved[i] = contacts[RELATIVE, i] != before[i]
+            _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, ramp, energy)
+            add_ramp(account, ramp)
+        if records.shape[0] > 0:
+            for i in range(n):
+                records[v, i] = contacts[X, i]
+                records[v, n + i] = contacts[X_REST, i]
+            for s in range(springs):
+                records[v, 2 * n + s] = links[TENSION, s]
+    if account[VISITED] == np.inf:  # nothing but holding
+        contact_forces(ends, links[TENSION], floats[ROW_FORCE])
+        account[VISITED] = _margin_at_rest(status, floats, contacts, moved)

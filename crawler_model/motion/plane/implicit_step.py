@@ -1,0 +1,382 @@
+"""One implicit step of a crawler in the plane.
+
+Contact i is displaced by x_i in R^2. Link s from contact a to contact b is a spring that sees rotations, with the
+commanded vector L_s as its rest length:
+
+    T_s = k_s (x_b - x_a - L_s),    E = sum_s |T_s|^2 / (2 k_s),    g_i = sum_{s from i} T_s - sum_{s to i} T_s.
+
+Friction dissipates R_i(v): mu_i |v|, or, with shared directions d_1 .. d_m, linear between neighbouring directions
+with the value mu_ik at d_k. Its forces fill C_i, a disc or the polygon {f : f . d_k <= mu_ik}; corner k of it joins
+the edges of d_k and d_{k+1}. The evolution 0 in dR(x') + DE(x) says: g_i lies in C_i, x_i' is normal to it there.
+
+An implicit step of displacement v, from spring forces r that the new L would cause on the old x, solves
+
+    minimise  1/2 v . K v - r . v + sum_i R_i(v_i),    K the weighted Laplacian of the links.
+
+A sweep over the contacts has a closed form, K_ii v_i = q_i - (nearest point of C_i to q_i) with
+q_i = r_i - sum_{j != i} K_ij v_j. It finds who slides and how; Newton's method on the sliding contacts, searched along
+its direction, does the rest. Both only lower a convex cost. What counts in the end is how far r - K v is from dR.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled
+from ...theory.uniqueness import CRITICAL
+from .friction import CLOSE_ENOUGH, EPS, STUCK, corners_of, excess, resistance
+from .translation import choose_translation
+
+MOST_SWEEPS = 300
+
+
+@compiled
+def laplacian_of(ends, stiffness, contacts):
+    """Build the weighted Laplacian K of the links.
+
+    Args:
+        ends: the contacts a, b of each link, int, shape (S, 2).
+        stiffness: k, shape (S,) [N/m].
+        contacts: number of contacts n.
+
+    Returns:
+        K, shape (n, n) [N/m]; the same for both coordinates.
+    """
+    laplacian = np.zeros((contacts, contacts))
+    for s in range(ends.shape[0]):
+        a = ends[s, 0]
+        b = ends[s, 1]
+        laplacian[a, a] += stiffness[s]
+        laplacian[b, b] += stiffness[s]
+        laplacian[a, b] -= stiffness[s]
+        laplacian[b, a] -= stiffness[s]
+    return laplacian
+
+
+@compiled
+def _sweep(laplacian, force, friction, directions, corners, backwards, velocity, motion, grain):
+    """Let each contact in turn solve its own problem; `grain` gets the size of what its force is summed from."""
+    n = force.shape[0]
+    for j in range(n):
+        i = n - 1 - j if backwards else j
+        q0 = force[i, 0]
+        q1 = force[i, 1]
+        size = abs(q0) + abs(q1) + friction[i].max()
+        for other in range(n):
+            c = laplacian[i, other]
+            if other != i and c != 0.0:
+                q0 -= c * velocity[other, 0]
+                q1 -= c * velocity[other, 1]
+                size += abs(c) * (abs(velocity[other, 0]) + abs(velocity[other, 1]))
+        grain[i] = size
+        motion[i], e0, e1 = excess(q0, q1, friction[i], directions, corners[i], 8.0 * EPS * size)
+        velocity[i, 0] = e0 / laplacian[i, i]
+        velocity[i, 1] = e1 / laplacian[i, i]
+
+
+@compiled
+def _distance(g0, g1, v0, v1, mu, directions, corners, motion):
+    """Compute the distance of the spring force g from dR(v)."""
+    m = directions.shape[0]
+    if motion == STUCK:
+        _, e0, e1 = excess(g0, g1, mu, directions, corners, 0.0)
+        return math.hypot(e0, e1)
+    if m == 0:
+        speed = math.hypot(v0, v1)
+        return math.hypot(g0 - mu[0] * v0 / speed, g1 - mu[0] * v1 / speed) if speed > 0.0 else abs(mu[0])
+    if motion > m:
+        corner = corners[motion - 1 - m]
+        speed = math.hypot(v0, v1)
+        lacking = resistance(mu, corners, v0, v1) - (corner[0] * v0 + corner[1] * v1)  # > 0: v left the cone
+        return math.hypot(g0 - corner[0], g1 - corner[1]) + (lacking / speed if speed > 0.0 else 0.0)
+    k = motion - 1
+    d0 = directions[k, 0]
+    d1 = directions[k, 1]
+    before = (corners[k - 1, 1] - g1) * d0 - (corners[k - 1, 0] - g0) * d1
+    after = (g1 - corners[k, 1]) * d0 - (g0 - corners[k, 0]) * d1
+    return math.hypot(g0 * d0 + g1 * d1 - mu[k], max(before, after, 0.0))
+
+
+@compiled
+def _residual(laplacian, force, friction, directions, corners, velocity, motion, grain, spring):
+    """Compute the spring forces r - K v and their largest distance from dR(v), relative to their rounding.
+
+    Rounding turns the direction of a slow velocity; what that does to its friction is not held against it.
+    """
+    n = force.shape[0]
+    worst = 0.0
+    for i in range(n):
+        g0 = force[i, 0]
+        g1 = force[i, 1]
+        for j in range(n):
+            g0 -= laplacian[i, j] * velocity[j, 0]
+            g1 -= laplacian[i, j] * velocity[j, 1]
+        spring[i, 0] = g0
+        spring[i, 1] = g1
+        v0 = velocity[i, 0]
+        v1 = velocity[i, 1]
+        push = laplacian[i, i] * math.hypot(v0, v1)
+        size = grain[i] + push
+        if motion[i] != STUCK and directions.shape[0] == 0 and push > 0.0:
+            size *= 1.0 + 4.0 * EPS / CLOSE_ENOUGH * friction[i, 0] / push
+        gap = _distance(g0, g1, v0, v1, friction[i], directions, corners[i], motion[i])
+        if not gap <= np.inf:
+            return np.inf
+        if gap > worst * size:
+            worst = gap / size
+    return worst
+
+
+@compiled
+def solve_in_place(matrix, right):
+    """Solve a positive definite system by Cholesky's method.
+
+    Args:
+        matrix: the matrix, shape (n, n), overwritten.
+        right: the right side, shape (n,), overwritten by the solution.
+    """
+    n = right.shape[0]
+    for j in range(n):
+        root = math.sqrt(max(matrix[j, j], 1e-300))
+        for c in range(j, n):
+            matrix[j, c] /= root
+        right[j] /= root
+        for i in range(j + 1, n):
+            factor = matrix[j, i]
+            if factor != 0.0:
+                for c in range(i, n):
+                    matrix[i, c] -= factor * matrix[j, c]
+                right[i] -= factor * right[j]
+    for j in range(n - 1, -1, -1):
+        total = right[j]
+        for c in range(j + 1, n):
+            total -= matrix[j, c] * right[c]
+        right[j] = total / matrix[j, j]
+
+
+@compiled
+def _search_discs(friction, linear, quadratic, velocity, step):
+    """Find how far to go along `step`, at most 1: until the slope of the cost is small or changes sign.
+
+    Returns also the contact that is brought to rest by that, -1 if there is none.
+    """
+    low = 0.0
+    high = 1.0
+    at = 0.0
+    first = 0.0
+    for trial in range(60):
+        slope = linear + at * quadratic
+        for i in range(velocity.shape[0]):
+            length = math.hypot(step[i, 0], step[i, 1])
+            v0 = velocity[i, 0] + at * step[i, 0]
+            v1 = velocity[i, 1] + at * step[i, 1]
+            speed = math.hypot(v0, v1)
+            slope += friction[i, 0] * ((v0 * step[i, 0] + v1 * step[i, 1]) / speed if speed > 0.0 else length)
+        if trial == 0:
+            first = abs(slope)
+            at = 1.0
+            continue
+        if slope <= 0.1 * first:
+            low = at
+        else:
+            high = at
+        if low == 1.0 or abs(slope) <= 0.1 * first:
+            break
+        at = 0.5 * (low + high)
+    who = -1
+    nearest = 1e-6
+    for i in range(velocity.shape[0]):
+        left = math.hypot(velocity[i, 0] + low * step[i, 0], velocity[i, 1] + low * step[i, 1])
+        speed = math.hypot(velocity[i, 0], velocity[i, 1])
+        if left < nearest * speed and friction[i, 0] > 0.0:
+            nearest = left / speed
+            who = i
+    return low, who
+
+
+@compiled
+def _search_polygons(directions, friction, corners, linear, quadratic, velocity, step, motion):
+    """Find how far to go along `step`, at most 1, to the least cost; its slope is a line with jumps.
+
+    Returns also the contact whose jump ends the search and the direction it then stays on, -1 where there is none.
+    """
+    n = velocity.shape[0]
+    m = directions.shape[0]
+    count = 0
+    places = np.empty(n * m)
+    jumps = np.empty(n * m)
+    whose = np.empty(n * m, np.int64)
+    slope = linear
+    for i in range(n):
+        s0 = step[i, 0]
+        s1 = step[i, 1]
+        if motion[i] == STUCK or (s0 == 0.0 and s1 == 0.0):
+            continue
+        own = (motion[i] - 1) % m
+        slope += corners[i, own, 0] * s0 + corners[i, own, 1] * s1
+        if motion[i] <= m:
+            along = s0 * directions[own, 0] + s1 * directions[own, 1]
+            if along < 0.0:
+                back = resistance(friction[i], corners[i], -directions[own, 0], -directions[own, 1])
+                places[count] = -(velocity[i, 0] * directions[own, 0] + velocity[i, 1] * directions[own, 1]) / along
+                jumps[count] = -along * (friction[i, own] + back)
+                whose[count] = i * m + own
+                count += 1
+            continue
+        for k in range(m):
+            d0 = directions[k, 0]
+            d1 = directions[k, 1]
+            turning = d0 * s1 - d1 * s0  # > 0: crosses d_k counterclockwise
+            if turning == 0.0:
+                continue
+            place = (d1 * velocity[i, 0] - d0 * velocity[i, 1]) / turning
+            if (k == own and turning < 0.0) or (k == (own + 1) % m and turning > 0.0):
+                place = max(place, 0.0)
+            elif place <= 0.0 or k == own or k == (own + 1) % m:
+                continue
+            if d0 * (velocity[i, 0] + place * s0) + d1 * (velocity[i, 1] + place * s1) > 0.0:
+                jump0 = corners[i, k, 0] - corners[i, k - 1, 0]
+                jump1 = corners[i, k, 1] - corners[i, k - 1, 1]
+                places[count] = place
+                jumps[count] = abs(jump0 * s0 + jump1 * s1)
+                whose[count] = i * m + k
+                count += 1
+    order = np.argsort(places[:count])
+    at = 0.0
+    for j in order:
+        place = min(places[j], 1.0)
+        if slope + quadratic * (place - at) >= 0.0 or places[j] >= 1.0:
+            break
+        slope += quadratic * (place - at)
+        at = place
+        if slope + jumps[j] >= 0.0:
+            return at, whose[j] // m, whose[j] % m
+        slope += jumps[j]
+    return min(at - slope / quadratic if quadratic > 0.0 else 1.0, 1.0), -1, -1
+
+
+@compiled
+def _newton(laplacian, friction, directions, corners, velocity, motion, spring, grain):
+    """Improve the velocities of the sliding contacts together, the others held; tell if a contact stopped that."""
+    n = velocity.shape[0]
+    m = directions.shape[0]
+    owner = np.empty(2 * n, np.int64)
+    axis = np.empty((2 * n, 2))
+    count = 0
+    for i in range(n):
+        if motion[i] == STUCK:
+            continue
+        owner[count] = i
+        if 1 <= motion[i] <= m:
+            axis[count] = directions[motion[i] - 1]
+            count += 1
+            continue
+        owner[count + 1] = i
+        axis[count, 0] = 1.0
+        axis[count, 1] = 0.0
+        axis[count + 1, 0] = 0.0
+        axis[count + 1, 1] = 1.0
+        count += 2
+    if count == 0:
+        return False
+    matrix = np.empty((count, count))
+    right = np.empty(count)
+    for p in range(count):
+        i = owner[p]
+        v0 = velocity[i, 0]
+        v1 = velocity[i, 1]
+        speed = math.hypot(v0, v1)
+        for c in range(p, count):
+            j = owner[c]
+            along = axis[p, 0] * axis[c, 0] + axis[p, 1] * axis[c, 1]
+            matrix[p, c] = laplacian[i, j] * along
+            if i == j and m == 0 and speed > 0.0:
+                turn = axis[p, 1] * v0 - axis[p, 0] * v1
+                matrix[p, c] += friction[i, 0] / speed * (turn / speed) * ((axis[c, 1] * v0 - axis[c, 0] * v1) / speed)
+        matrix[p, p] += CRITICAL * laplacian[i, i]  # a translation may be free when all slide
+        if m == 0:
+            pull0 = spring[i, 0] - (friction[i, 0] * v0 / speed if speed > 0.0 else 0.0)
+            pull1 = spring[i, 1] - (friction[i, 0] * v1 / speed if speed > 0.0 else 0.0)
+        else:
+            corner = corners[i, (motion[i] - 1) % m]
+            pull0 = spring[i, 0] - corner[0]
+            pull1 = spring[i, 1] - corner[1]
+        right[p] = pull0 * axis[p, 0] + pull1 * axis[p, 1]
+    solve_in_place(matrix, right)
+    step = np.zeros((n, 2))
+    for p in range(count):
+        step[owner[p], 0] += right[p] * axis[p, 0]
+        step[owner[p], 1] += right[p] * axis[p, 1]
+
+    reach = 0.0
+    longest = 0.0
+    for i in range(n):
+        reach = max(reach, math.hypot(velocity[i, 0], velocity[i, 1]), grain[i] / laplacian[i, i])
+        longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
+    if longest > 8.0 * reach:  # a free translation
+        step *= 8.0 * reach / longest
+    linear = 0.0
+    quadratic = 0.0
+    for i in range(n):
+        linear -= spring[i, 0] * step[i, 0] + spring[i, 1] * step[i, 1]
+        for j in range(n):
+            quadratic += laplacian[i, j] * (step[i, 0] * step[j, 0] + step[i, 1] * step[j, 1])
+    who = -1
+    k = -1
+    if m == 0:
+        at, who = _search_discs(friction, linear, quadratic, velocity, step)
+    else:
+        at, who, k = _search_polygons(directions, friction, corners, linear, quadratic, velocity, step, motion)
+    for i in range(n):
+        velocity[i, 0] += at * step[i, 0]
+        velocity[i, 1] += at * step[i, 1]
+    if who < 0:
+        return False
+    along = 0.0
+    if m > 0 and motion[who] > m:
+        along = max(velocity[who, 0] * directions[k, 0] + velocity[who, 1] * directions[k, 1], 0.0)
+    motion[who] = 1 + k if along > 0.0 else STUCK
+    for c in range(2):
+        velocity[who, c] = along * directions[k, c] if along > 0.0 else 0.0
+    return True
+
+
+@compiled
+def project_planar(laplacian, force, friction, directions, most_sweeps, velocity, motion):
+    """Solve one implicit step: minimise 1/2 v . K v - r . v + sum_i R_i(v_i).
+
+    Args:
+        laplacian: K, shape (n, n) [N/m].
+        force: r, the spring forces at v = 0, shape (n, 2) [N].
+        friction: mu, shape (n, 1) for isotropic friction, else (n, m) [N].
+        directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
+        most_sweeps: when to give up.
+        velocity: v, shape (n, 2) [m], changed in place; what it holds is where the search starts.
+        motion: output, int64, shape (n,): `STUCK`, or how the contact slides.
+
+    Returns:
+        Whether the step was solved to rounding; the largest distance of r - K v from dR(v), relative to what it was
+        summed from; whether the minimiser is unique (if not: the one whose mean is nearest to zero); sweeps made.
+    """
+    n = force.shape[0]
+    corners = corners_of(friction, directions)
+    grain = np.empty(n)
+    spring = np.empty((n, 2))
+    residual = np.inf
+    sweeps = 0
+    solved = False
+    while sweeps < most_sweeps and not solved:
+        _sweep(laplacian, force, friction, directions, corners, sweeps % 2 == 1, velocity, motion, grain)
+        sweeps += 1
+        residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, grain, spring)
+        blocked = 2 * n
+        while residual > CLOSE_ENOUGH and blocked > 0:
+            if not _newton(laplacian, friction, directions, corners, velocity, motion, spring, grain):
+                blocked = 1
+            blocked -= 1
+            residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, grain, spring)
+        solved = residual <= CLOSE_ENOUGH
+    unique = not solved or choose_translation(velocity, spring, friction, directions, grain, motion)
+    return solved, residual, unique, sweeps

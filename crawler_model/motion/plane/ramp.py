@@ -1,0 +1,270 @@
+"""One ramp of the commands in the plane, to a tolerance, with its energy account.
+
+A ramp is followed from event to event: `find_rates` finds who slides and predicts when a contact reaches its bound;
+one implicit step goes there, which is exact where the path is straight. On discs the path may bend; it is then walked
+in shorter substeps, each extrapolated, none of which holds a start or a stop (`attempt`). A contact that stays put
+stays put exactly. A step without displacement is exact.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled
+from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, VISITED, WORK
+from ..state import PLANAR_ACTUATION as ACTUATION
+from ..state import PLANAR_GAINED as GAINED
+from ..state import PLANAR_TENSION as TENSION
+from ..state import PLANAR_X as X
+from ..state import PLANAR_X_REST as X_REST
+from . import implicit_step as planar_kernel
+from .cone import solve_with_clarabel
+from .friction import corners_of, excess, resistance
+from .implicit_step import laplacian_of, project_planar
+from .rates import BAND, find_rates, greatest_compliance
+from .walk import DOUBTS, KNOWN, LENGTH, PLACE, PURSE, RAMP, STAGES, TRIALS, attempt, friction_at, load, step, stretch
+
+_INSTANT = 1e-6
+"""An ambiguous translation on less than this part of a ramp does not count."""
+_LAST_STEP = 1.0 / 256.0
+"""Part of a ramp that a step takes when all substeps are spent."""
+_LAST_SWEEPS = 20
+"""Sweeps that polish what Clarabel found."""
+
+
+@compiled
+def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, friction, target, account):
+    """Take a substep, which dissipates `spent[0]` for the work `spent[1]`: change the state, add to the account."""
+    n = moved.shape[0]
+    for i in range(n):
+        for c in range(2):
+            contacts[GAINED, i, c] += moved[i, c]
+            change = moved[i, c] + contacts[X_REST, i, c]
+            before = contacts[X, i, c]
+            after = before + change
+            kept = after - before
+            contacts[X, i, c] = after
+            contacts[X_REST, i, c] = (before - (after - kept)) + (change - kept)
+    gained = 0.0
+    for s in range(ends.shape[0]):
+        a = ends[s, 0]
+        b = ends[s, 1]
+        for c in range(2):
+            old = links[TENSION, s, c]
+            length = links[ACTUATION, s, c]
+            goal = target[2 * s + c] if part == 1.0 else length + part * (target[2 * s + c] - length)
+            shape = contacts[X, b, c] - contacts[X, a, c] + (contacts[X_REST, b, c] - contacts[X_REST, a, c])
+            new = stiffness[s] * (shape - goal)
+            gained += 0.5 * (new - old) * (new + old) / stiffness[s]
+            links[TENSION, s, c] = new
+            links[ACTUATION, s, c] = goal
+    friction[:] = friction_at(friction, target, part)
+    corners = corners_of(friction, directions)
+    spring = np.empty((n, 2))
+    load(ends, links[TENSION], spring)
+    near = 0.0
+    sizes = 0.0
+    for i in range(n):
+        g0 = spring[i, 0]
+        g1 = spring[i, 1]
+        v0 = moved[i, 0]
+        v1 = moved[i, 1]
+        _, e0, e1 = excess(g0, g1, friction[i], directions, corners[i], 0.0)
+        account[VIOLATION] = max(account[VIOLATION], math.hypot(e0, e1))
+        lost = resistance(friction[i], corners[i], v0, v1) - (g0 * v0 + g1 * v1)
+        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
+        if directions.shape[0] == 0:
+            near += max(friction[i, 0] - math.hypot(g0, g1), 0.0)
+            sizes += 2.0 * friction[i, 0]
+            continue
+        least = np.inf
+        size = 0.0
+        for k in range(directions.shape[0]):
+            gap = friction[i, k] - g0 * directions[k, 0] - g1 * directions[k, 1]
+            if gap < least:
+                least = gap
+                size = friction[i, k] + resistance(friction[i], corners[i], -directions[k, 0], -directions[k, 1])
+        near += max(least, 0.0)
+        sizes += size
+    account[WORK] += spent[1]
+    account[DISSIPATION] += spent[0]
+    account[RESIDUAL] += gained + spent[0] - spent[1]
+    account[VISITED] = min(account[VISITED], near / sizes if sizes > 0.0 else 0.0)
+    account[EVENTS] += 1.0
+
+
+@compiled
+def _is_still(links, friction, target):
+    """Tell whether a target changes nothing."""
+    for s in range(links.shape[1]):
+        if target[2 * s] != links[ACTUATION, s, 0] or target[2 * s + 1] != links[ACTUATION, s, 1]:
+            return False
+    return bool(np.all(friction_at(friction, target, 1.0) == friction))
+
+
+@compiled
+def _look_ahead(body, directions, links, friction, target, spring, band, velocity):
+    """Find spring forces, what counts as rounding of them, velocities, and the part of the way to the next event."""
+    laplacian, ends, stiffness = body
+    load(ends, links[TENSION], spring)
+    push = np.empty_like(spring)
+    rate = np.zeros_like(links[TENSION])
+    stretch(ends, stiffness, np.zeros_like(spring), target, links, 1.0, rate)
+    load(ends, rate, push)
+    for i in range(spring.shape[0]):
+        band[i] = BAND * friction[i].max()
+    for s in range(ends.shape[0]):
+        for c in range(2):
+            size = abs(links[TENSION, s, c]) + abs(rate[s, c]) + stiffness[s] * abs(links[ACTUATION, s, c])
+            for e in range(2):
+                band[ends[s, e]] += BAND * size
+    growth = friction_at(friction, target, 1.0) - friction
+    return find_rates(laplacian, spring, push, friction, growth, directions, band, velocity)
+
+
+@compiled
+def _follow(
+    body, directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress, *memory
+):
+    """Follow the ramps from where `progress` stands; return False where a step needs help from outside."""
+    laplacian, ends, stiffness = body
+    most_sweeps, stages, motions, problem = memory
+    n = laplacian.shape[0]
+    compliance = greatest_compliance(laplacian)
+    spring = np.empty((n, 2))
+    velocity = np.empty((n, 2))
+    band = np.empty(n)
+    while progress[RAMP] < targets.shape[0]:
+        target = targets[int(progress[RAMP])]
+        done = False
+        if progress[LENGTH] == 0.0:  # a new ramp
+            done = _is_still(links, friction, target)
+            progress[PLACE] = 0.0
+            progress[LENGTH] = 1.0
+            progress[PURSE] = tolerance
+            progress[TRIALS] = 0.0
+        if not done:
+            forced = progress[TRIALS] >= most_steps
+            if forced:  # the rest goes in equal steps, however far off they are
+                progress[LENGTH] = _LAST_STEP
+            length = progress[LENGTH]
+            rest = 1.0 - progress[PLACE]
+            event = _look_ahead(body, directions, links, friction, target, spring, band, velocity) * rest
+            cut = not forced and event < min(length, rest) * (1.0 - 1e-9)
+            if cut:
+                length = event
+            last = not cut and length >= rest - 1e-12
+            if last:
+                length = rest
+            part = 1.0 if last else length / rest
+            blur = 0.0
+            for i in range(n):  # displacements that mean no more than rounding of forces
+                blur = max(blur, band[i] / laplacian[i, i])
+            allowed = np.inf if forced else max(tolerance * length, blur)
+            if progress[KNOWN] == 0.0:
+                stages[0] = part * velocity
+            ok, found, error, walks, growth = attempt(
+                part,
+                velocity,
+                spring,
+                band,
+                compliance,
+                tolerance,
+                allowed,
+                body,
+                directions,
+                links,
+                friction,
+                target,
+                *memory,
+                progress,
+            )
+            if not ok:
+                return False
+            moved = found[:n]
+            paid = error if error > allowed else 0.0  # where contacts start and stop
+            accepted = paid <= 0.125 * progress[PURSE]
+            if accepted and walks > 2:  # put the spring forces back onto the friction sets
+                tension = links[TENSION].copy()
+                stretch(ends, stiffness, moved, target, links, part, tension)
+                load(ends, tension, spring)
+                mu = friction_at(friction, target, part)
+                if progress[KNOWN] < STAGES:
+                    stages[STAGES - 1] = 0.0
+                if not step(
+                    STAGES - 1, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress
+                ):
+                    return False
+                moved = moved + stages[STAGES - 1]
+            if accepted:
+                _commit(moved, found[n], part, ends, stiffness, directions, contacts, links, friction, target, account)
+                progress[PLACE] += length
+                progress[PURSE] -= paid
+                if length > _INSTANT and progress[DOUBTS:].max() > 0.0:
+                    account[AMBIGUOUS] = 1.0
+                account[OVERSPENT] += forced and last
+            done = accepted and last
+            growth = min(max(growth, 0.3), 4.0) if accepted else min(max(growth, 0.05), 0.95)
+            longest = growth * length
+            progress[LENGTH] = max(longest, progress[LENGTH]) if accepted and cut else longest
+            progress[TRIALS] += max(progress[KNOWN], 1.0)
+            progress[KNOWN] = 0.0
+            progress[DOUBTS:] = 0.0
+        if done:
+            v = int(progress[RAMP])
+            if records.shape[0] > 0:
+                records[v, : 2 * n] = contacts[X].ravel()
+                records[v, 2 * n : 4 * n] = contacts[X_REST].ravel()
+                records[v, 4 * n :] = links[TENSION].ravel()
+            progress[RAMP] += 1.0
+            progress[LENGTH] = 0.0
+    return True
+
+
+def follow(
+    ends: np.ndarray,
+    stiffness: np.ndarray,
+    directions: np.ndarray,
+    contacts: np.ndarray,
+    links: np.ndarray,
+    friction: np.ndarray,
+    targets: np.ndarray,
+    tolerance: float,
+    most_steps: int,
+    account: np.ndarray,
+    records: np.ndarray,
+) -> None:
+    """Follow straight ramps of the commands to each of the targets in turn.
+
+    Args:
+        ends: the contacts a, b of each link, int, shape (S, 2).
+        stiffness: k, shape (S,) [N/m].
+        directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
+        contacts: rows X, X_REST (what rounding took from X) and GAINED (since the call), shape (3, n, 2) [m],
+            changed in place.
+        links: rows TENSION [N] and ACTUATION [m], shape (2, S, 2), changed in place; the tension must be
+            k (x_b - x_a - L), it is derived from the displacements anew, rest and all, after every substep.
+        friction: mu, shape (n, max(m, 1)) [N], changed in place.
+        targets: L and then mu at each ramp's end, flattened, shape (V, 2 S + n max(m, 1)).
+        tolerance: about the largest error of any displacement that one ramp may add [m].
+        most_steps: most implicit steps tried in one ramp; the rest of it then goes in equal ones.
+        account: shape (13,), added to.
+        records: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S) or (0, ...) for none.
+    """
+    n = contacts.shape[1]
+    contacts[GAINED] = 0.0
+    laplacian = laplacian_of(ends, stiffness, n)
+    progress = np.zeros(DOUBTS + STAGES)
+    stages, motions = np.zeros((STAGES, n, 2)), np.zeros((STAGES, n), np.int64)
+    problem = np.empty((n, 2 + friction.shape[1]))
+    body, memory = (laplacian, ends, stiffness), (planar_kernel.MOST_SWEEPS, stages, motions, problem)
+    state = (directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress)
+    while not _follow(body, *state, *memory):
+        stage = int(progress[KNOWN])
+        spring, mu = problem[:, :2].copy(), problem[:, 2:].copy()
+        stages[stage] = solve_with_clarabel(laplacian, spring, mu, directions)
+        unique = project_planar(laplacian, spring, mu, directions, _LAST_SWEEPS, stages[stage], motions[stage])[2]
+        progress[KNOWN] = stage + 1
+        progress[DOUBTS + stage] = not unique

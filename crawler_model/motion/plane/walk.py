@@ -1,0 +1,263 @@
+"""A stretch of a ramp in the plane: walked in 1, 2, 3, ... equal implicit steps and extrapolated.
+
+One implicit step is the exact path where that is straight, and says by its energy how far from it it is at most
+(`missed`). A path that bends, on discs, is walked again in 2, 3, ... steps, whose displacements and energies are
+extrapolated by Aitken's and Neville's scheme, as long as in all of them the same contacts slide, those that slide at
+the start. Where contacts start or stop inside the stretch nothing is extrapolated: it has to be shorter.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled
+from ..state import PLANAR_ACTUATION as ACTUATION
+from ..state import PLANAR_TENSION as TENSION
+from .friction import STUCK, corners_of, resistance
+from .implicit_step import project_planar
+from .rates import missed
+
+# Where `planar_tick.follow` stands: the ramp, the place on it, the length of the substep tried (0 before a ramp), the
+# error left to spend at starts and stops, implicit steps tried, stages of this substep that are known, and which of
+# them are not unique.
+RAMP, PLACE, LENGTH, PURSE, TRIALS, KNOWN, DOUBTS = range(7)
+_WALKS = 6
+STAGES = _WALKS * (_WALKS + 1) // 2 + 1
+"""Implicit steps of a substep: 1 + 2 + ... and one that corrects the extrapolation."""
+_LOOSE = 1e-3
+"""A contact that starts or stops within this part of the tolerance does so at once."""
+_HOPE = 0.3
+"""One walk more is made while the last one brought the error down to this part."""
+
+
+@compiled
+def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress):
+    """Solve an implicit step unless it is known.
+
+    Args:
+        stage: its number.
+        spring: the forces of the springs before it, shape (n, 2) [N].
+        mu: friction after it, shape (n, max(m, 1)) [N].
+        directions: unit vectors, shape (m, 2).
+        laplacian: K, shape (n, n) [N/m].
+        most_sweeps: when to give up.
+        stages: displacements of the stages, changed in place, shape (STAGES, n, 2) [m].
+        motions: how contacts slide in them, changed in place, int64, shape (STAGES, n).
+        problem: `spring` and `mu` of a step that failed, changed in place, shape (n, 2 + max(m, 1)).
+        progress: where `follow` stands, changed in place.
+
+    Returns:
+        Whether it is solved.
+    """
+    if stage < progress[KNOWN]:
+        return True
+    solved, _, unique, _ = project_planar(laplacian, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
+    if solved:
+        progress[KNOWN] = stage + 1
+        progress[DOUBTS + stage] = not unique
+    else:
+        problem[:, :2] = spring
+        problem[:, 2:] = mu
+    return solved
+
+
+@compiled
+def load(ends, tension, spring):
+    """Sum the tensions at both ends of each link to the spring forces.
+
+    Args:
+        ends: the contacts of each link, int, shape (S, 2).
+        tension: shape (S, 2) [N].
+        spring: output, shape (n, 2) [N].
+    """
+    spring[:] = 0.0
+    for s in range(ends.shape[0]):
+        for c in range(2):
+            spring[ends[s, 0], c] += tension[s, c]
+            spring[ends[s, 1], c] -= tension[s, c]
+
+
+@compiled
+def stretch(ends, stiffness, moved, target, links, part, tension):
+    """Change the tensions by displacements of the contacts and by a part of the way to the commanded rest lengths.
+
+    Args:
+        ends: the contacts of each link, int, shape (S, 2).
+        stiffness: k, shape (S,) [N/m].
+        moved: displacements, shape (n, 2) [m].
+        target: where the ramp goes, L first.
+        links: rows TENSION and ACTUATION, shape (2, S, 2).
+        part: of the way to the target.
+        tension: changed in place, shape (S, 2) [N].
+    """
+    for s in range(ends.shape[0]):
+        for c in range(2):
+            pull = moved[ends[s, 1], c] - moved[ends[s, 0], c]
+            tension[s, c] += stiffness[s] * (pull - part * (target[2 * s + c] - links[ACTUATION, s, c]))
+
+
+@compiled
+def friction_at(friction, target, part):
+    """Compute the friction at a part of the way to its target.
+
+    Args:
+        friction: mu now, shape (n, max(m, 1)) [N].
+        target: where the ramp goes, mu last.
+        part: of the way.
+
+    Returns:
+        mu there, in the same shape [N].
+    """
+    commanded = target[target.shape[0] - friction.size :].reshape(friction.shape)
+    return (1.0 - part) * friction + part * commanded
+
+
+@compiled
+def farthest(a):
+    """Compute the greatest length of the rows of an array.
+
+    Args:
+        a: shape (n, 2).
+
+    Returns:
+        The length.
+    """
+    most = 0.0
+    for i in range(a.shape[0]):
+        most = max(most, math.hypot(a[i, 0], a[i, 1]))
+    return most
+
+
+@compiled
+def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, stages, motions, problem, progress):
+    """Go `part` of the way to the target in equal implicit steps.
+
+    Returns whether all were solved; their displacement and, in one row more, dissipation and work.
+    """
+    laplacian, ends, stiffness = body
+    n = laplacian.shape[0]
+    first = pieces * (pieces - 1) // 2
+    total = np.zeros((n + 1, 2))
+    spring = np.empty((n, 2))
+    tension = links[TENSION].copy()
+    rest = np.zeros((n, 2))
+    mu = friction
+    for piece in range(pieces):
+        before = tension.copy()
+        mu_before = mu
+        stretch(ends, stiffness, rest, target, links, part / pieces, tension)
+        load(ends, tension, spring)
+        mu = friction_at(friction, target, part * (piece + 1) / pieces)
+        stage = first + piece
+        if stage >= progress[KNOWN] and stage > 0:  # begin the search at the last stage's displacement
+            stages[stage] = stages[stage - 1] if piece > 0 else stages[0] / pieces
+        if not step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress):
+            return False, total
+        stretch(ends, stiffness, stages[stage], target, links, 0.0, tension)
+        total[:n] += stages[stage]
+        mean = 0.5 * (mu + mu_before)
+        corners = corners_of(mean, directions)
+        for i in range(n):
+            total[n, 0] += resistance(mean[i], corners[i], stages[stage, i, 0], stages[stage, i, 1])
+        for s in range(ends.shape[0]):
+            for c in range(2):
+                lengthened = (target[2 * s + c] - links[ACTUATION, s, c]) * part / pieces
+                total[n, 1] -= 0.5 * (before[s, c] + tension[s, c]) * lengthened
+    return True, total
+
+
+@compiled
+def _steady_part(moved, motion, velocity, part, spring, friction, laplacian, loose, tolerance):
+    """Find the part of a stretch in which probably no contact starts or stops; 1 if none does."""
+    steady = 1.0
+    for i in range(moved.shape[0]):
+        size = laplacian[i, i] * math.hypot(moved[i, 0], moved[i, 1])
+        gap = friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
+        if motion[i] != STUCK and gap > loose:
+            steady = min(steady, max(0.95 * gap / (gap + size), 0.05))
+        elif motion[i] == STUCK and part * math.hypot(velocity[i, 0], velocity[i, 1]) > _LOOSE * tolerance:
+            steady = min(steady, 0.3)
+    return steady
+
+
+@compiled
+def _growth(allowed, error, last, pieces):
+    """Choose by what factor to change a stretch: for as many walks as now or one more, whichever is less work."""
+    if error == 0.0:
+        return 4.0
+    growth = 0.8 * (allowed / error) ** (1.0 / (pieces - 1.0))
+    if 2 < pieces < _WALKS and error < last:
+        more = 0.8 * (allowed * last / (error * error)) ** (1.0 / pieces)
+        if more * pieces > growth * (pieces + 2.0):  # they take pieces (pieces + 1) / 2 steps
+            growth = more
+    return growth
+
+
+@compiled
+def attempt(
+    part, velocity, spring, band, compliance, tolerance, allowed, body, directions, links, friction, target, *memory
+):
+    """Find the displacement over a part of the ramp and how uncertain it is.
+
+    Args:
+        part: of the way to the target.
+        velocity: at the start, shape (n, 2) [m per unit of the way].
+        spring: spring forces at the start, shape (n, 2) [N].
+        band: of each contact, see `missed`, shape (n,) [N].
+        compliance: the greatest between two contacts [m/N].
+        tolerance: of the whole ramp [m].
+        allowed: the error that will do [m].
+        body: K, ends and stiffness.
+        directions: unit vectors, shape (m, 2).
+        links: rows TENSION and ACTUATION, shape (2, S, 2).
+        friction: mu now, shape (n, max(m, 1)) [N].
+        target: where the ramp goes.
+        memory: most sweeps, and the arrays of `step`.
+
+    Returns:
+        Whether all steps were solved; the displacement and, in one row more, dissipation and work; its error; the
+        number of walks it comes from; the factor by which to change the part next time.
+    """
+    n = spring.shape[0]
+    ok, one = _walk(1, part, body, directions, links, friction, target, *memory)
+    if not ok or farthest(one[:n]) == 0.0:
+        return ok, one, 0.0, 1, 4.0
+    bound = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, compliance)
+    if bound <= allowed:
+        return True, one, bound, 1, 4.0
+    if directions.shape[0] > 0:
+        return True, one, bound, 1, 0.5
+    motions = memory[2]
+    loose = max(band.max(), _LOOSE * tolerance / compliance)
+    steady = _steady_part(one[:n], motions[0], velocity, part, spring, friction, body[0], loose, tolerance)
+    if steady < 1.0:
+        return True, one, bound, 1, steady
+    error = bound
+    table = np.zeros((_WALKS, n + 1, 2))
+    table[0] = one
+    total = friction.sum()
+    growth = 0.0
+    for pieces in range(2, _WALKS + 1):
+        ok, newest = _walk(pieces, part, body, directions, links, friction, target, *memory)
+        if not ok:
+            return False, newest, error, pieces, 1.0
+        for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):
+            if not np.array_equal(motions[stage], motions[0]):
+                return True, one, bound, 1, 0.5
+        plain = newest
+        before = newest
+        for column in range(pieces - 1):  # Aitken and Neville, in 1/steps
+            before = newest
+            newest = before + (before - table[column]) * ((pieces - column - 1.0) / (column + 1.0))
+            table[column] = before
+        table[pieces - 1] = newest
+        last = error
+        error = max(farthest((newest - before)[:n]), abs(newest[n, 0] - before[n, 0]) / total if total > 0.0 else 0.0)
+        growth = _growth(allowed, error, last, pieces)
+        if error <= allowed and pieces == 2:  # steps so short that two of them do would stay short for ever
+            return True, plain, error, 2, max(growth, 2.0)
+        if error <= allowed or (pieces > 2 and error > _HOPE * last):
+            break
+    return True, newest, error, pieces, growth

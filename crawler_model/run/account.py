@@ -1,0 +1,107 @@
+"""What a run costs and gains: work, dissipation, stored energy, certificate, average displacement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Body
+from ..crawler.step import Step
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The energy account of a run: stored + dissipation - work = residual.
+
+    Attributes:
+        work: done by the actuators [J].
+        dissipation: lost to friction [J].
+        stored: in the springs at the end, less what was there at the start [J].
+        residual: what does not add up [J].
+        peak: the most ever stored [J].
+    """
+
+    work: float
+    dissipation: float
+    stored: float
+    residual: float
+    peak: float
+
+    @property
+    def relative_residual(self) -> float:
+        """The residual relative to the work done [1], or to the most ever stored where work was given back."""
+        size = max(abs(self.work), abs(self.dissipation), abs(self.stored), self.peak)
+        return abs(self.residual) / size if size > 0.0 else 0.0
+
+
+@dataclass
+class Total:
+    """What happened on all ramps of a run together; as in `Step`.
+
+    Attributes:
+        visited: the least visited margin [1].
+        work: done by the actuators [J].
+        dissipation: lost to friction [J].
+        residual: of the energy account [J].
+        violation: largest excess over a bound [N].
+        unique: whether the translation was determined on every ramp.
+        events: linear pieces.
+        overspent: ramps whose budget of work was spent.
+        unsolved: ramps in which the active set of a graph gave up.
+    """
+
+    visited: float
+    work: float = 0.0
+    dissipation: float = 0.0
+    residual: float = 0.0
+    violation: float = 0.0
+    unique: bool = True
+    events: int = 0
+    overspent: int = 0
+    unsolved: int = 0
+
+    def add(self, step: Step) -> None:
+        """Add what happened on some ramps more.
+
+        Args:
+            step: the account of these ramps.
+        """
+        self.work += step.work
+        self.dissipation += step.dissipation
+        self.residual += step.certificate.energy_residual
+        self.violation = max(self.violation, step.certificate.violation)
+        self.visited = min(self.visited, step.visited_margin)
+        self.unique = self.unique and step.unique
+        self.events += step.events
+        self.overspent += step.overspent
+        self.unsolved += step.unsolved
+
+
+def stored_energy(body: Body, tension: np.ndarray) -> np.ndarray:
+    """Compute the energy of the springs.
+
+    Args:
+        body: the body.
+        tension: of its springs, shape (T, S), in the plane (T, S, 2) [N].
+
+    Returns:
+        Shape (T,) [J].
+    """
+    energy = 0.5 * tension**2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
+    return energy.reshape(energy.shape[0], -1).sum(axis=1)
+
+
+def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:
+    """Average displacements over a body: every isolated contact and every segment counts once.
+
+    Args:
+        body: the body.
+        x: displacements, shape (T, N), in the plane (T, N, 2) [m].
+
+    Returns:
+        y, shape (T,), in the plane (T, 2) [m].
+    """
+    if not body.segments:
+        return x.mean(axis=1)
+    return np.einsum("ti...,i->t...", x, body.share)  # not `@`: its last bit depends on how many rows there are

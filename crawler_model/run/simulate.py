@@ -1,0 +1,334 @@
+"""A scene run offline: its drive followed at a fixed rate, every waypoint an end of a ramp."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..body.drive import NS, Drive
+from ..crawler.crawler import Crawler, Method, choose_method
+from ..errors import CommandError
+from ..scene.file import take_scene
+from ..scene.scene import Scene
+from ..theory.uniqueness import commanded_margin
+from .account import Energy, Total, average_displacement, stored_energy
+
+_CHUNK = 4096
+_MOST_SAMPLES = 100_000_000
+_RETURNED = 1e-15
+"""A displacement below this part of the way that a contact went is rounding."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """A run. Arrays are read-only; T counts the ticks and the start, W the start and the waypoints passed.
+
+    Attributes:
+        scene: what ran.
+        method: "exact" or "catch_up".
+        rate: ticks per second [Hz].
+        time: of the start and each tick's end, shape (T,) [s].
+        displacement: x, shape (T, N), in the plane (T, N, 2) [m].
+        tension: shape (T, S), in the plane (T, S, 2) [N].
+        net_translation: y, shape (T,), in the plane (T, 2) [m].
+        contact_state: what each contact did in the tick: 1 forward, -1 backward, 0 stuck; int8, shape (T, N).
+        waypoint_time: of the start and each waypoint passed, or of each period's end, shape (W,) [s].
+        waypoint_displacement: x there of the isolated contacts, then of both ends of each segment, shape (W, stations),
+            in the plane (W, N, 2) [m].
+        waypoint_net_translation: y there, shape (W,), in the plane (W, 2) [m].
+        per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m].
+        energy: the account of the whole run.
+        violation: largest excess of a spring force over its bound [N].
+        unique: False when on some stretch the translation was not determined.
+        uniqueness_margin: of the friction commanded (its least over the waypoints) [1]; None when not decided.
+        visited_margin: how near all contacts came to sliding at once [1].
+        visited_margin_sampled: True where that was looked at the ends of ramps only, or of steps in the plane, so that
+            the path may have come nearer in between: with catch_up, and in chains of more than 256 contacts.
+        events: linear pieces.
+        overspent: ramps whose budget of work was spent; a catch-up step did the rest of each.
+        unsolved: ramps in which the active set of a graph gave up; the certificate shows what the rest is worth.
+        ticks: number of ticks.
+        wall_s: how long the run took [s].
+    """
+
+    scene: Scene
+    method: Method
+    rate: float
+    time: np.ndarray
+    displacement: np.ndarray
+    tension: np.ndarray
+    net_translation: np.ndarray
+    contact_state: np.ndarray
+    waypoint_time: np.ndarray
+    waypoint_displacement: np.ndarray
+    waypoint_net_translation: np.ndarray
+    per_period: np.ndarray
+    energy: Energy
+    violation: float
+    unique: bool
+    uniqueness_margin: float | None
+    visited_margin: float
+    visited_margin_sampled: bool
+    events: int
+    overspent: int
+    unsolved: int
+    ticks: int
+    wall_s: float
+
+    def __repr__(self) -> str:
+        """Say in a line what ran and where it ended."""
+        return (
+            f"Trajectory({self.scene.name}, {self.method}, {self.ticks} ticks at {self.rate:g} Hz, "
+            f"net_translation {self.net_translation[0]} -> {self.net_translation[-1]} m)"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Lay the run out as `crawler simulate --json` prints it.
+
+        Returns:
+            Plain numbers, lists and text; schema 1.
+        """
+        energy = self.energy
+        return {
+            "schema": 1,
+            "scene": self.scene.name,
+            "method": self.method,
+            "rate_hz": self.rate,
+            "time": self.waypoint_time.tolist(),
+            "displacement": self.waypoint_displacement.tolist(),
+            "net_translation": self.waypoint_net_translation.tolist(),
+            "per_period": self.per_period.tolist(),
+            "energy": {
+                "work": energy.work,
+                "dissipation": energy.dissipation,
+                "stored": energy.stored,
+                "residual": energy.relative_residual,
+            },
+            "violation": self.violation,
+            "unique": self.unique,
+            "uniqueness_margin": self.uniqueness_margin,
+            "visited_margin": self.visited_margin,
+            "visited_margin_sampled": self.visited_margin_sampled,
+            "events": self.events,
+            "overspent": self.overspent,
+            "unsolved": self.unsolved,
+            "ticks": self.ticks,
+            "wall_s": self.wall_s,
+        }
+
+
+def tick_end_ns(tick: int, rate: Fraction) -> int:
+    """Compute when a tick ends: floor(k 10^9 / rate), without drift.
+
+    Args:
+        tick: k, counted from 0 at the start.
+        rate: [Hz].
+
+    Returns:
+        Simulated time [ns].
+    """
+    return tick * NS * rate.denominator // rate.numerator
+
+
+def rational_rate(rate: float) -> Fraction:
+    """Read a rate as the rational number that was meant.
+
+    Args:
+        rate: [Hz], between 1e-9 and 1e9.
+
+    Returns:
+        The nearest fraction with a denominator of at most 10^6, or the exact one for slow rates.
+
+    Raises:
+        CommandError: when it is out of range.
+    """
+    if not isinstance(rate, (int, float)) or not 1e-9 <= rate <= 1e9:
+        given = f"{rate:g}" if isinstance(rate, (int, float)) else repr(rate)
+        raise CommandError(f"rate: {given} Hz; it must be a number between 1e-9 and 1e9")
+    near = Fraction(rate).limit_denominator(10**6)
+    return near if abs(near - Fraction(rate)) <= Fraction(rate) / 10**12 else Fraction(rate)
+
+
+def default_duration(drive: Drive) -> float:
+    """Tell how long a run lasts when nobody says so: ten periods, or up to the last waypoint.
+
+    Args:
+        drive: the scene's.
+
+    Returns:
+        Duration [s]; 0 for a scene without a drive.
+    """
+    return float(drive.times[-1]) if drive.period is None else 10.0 * drive.period
+
+
+def simulate(
+    scene: Scene | str | Path,
+    duration: float | None = None,
+    rate: float = 100.0,
+    method: Method | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Run a scene's drive.
+
+    A tick goes in straight lines through the waypoints that it contains to the drive's value at its end, so that
+    `exact` is exact at any rate.
+
+    Args:
+        scene: what to run; a path or a name of the gallery is loaded.
+        duration: [s]; None for ten periods, or up to the last waypoint.
+        rate: ticks per second [Hz].
+        method: "exact" or "catch_up"; None for the best that there is: exact on a line.
+        progress: called with the part done, in [0, 1].
+
+    Returns:
+        The run, sampled at every tick and at every waypoint.
+
+    Raises:
+        CommandError: when duration, rate or method is out of range.
+        SceneError: when there is no such scene.
+    """
+    began = time.perf_counter()
+    scene = take_scene(scene, "simulate")
+    method = choose_method(scene, method)
+    drive = scene.commands
+    seconds = default_duration(drive) if duration is None else float(duration)
+    if not 0.0 <= seconds < 9e9:
+        raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
+    ratio = rational_rate(rate)
+    end_ns = round(seconds * NS)
+    ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))  # the last one may be cut short
+    n = scene.mesh.contacts * scene.mesh.dimension
+    for what, count in (("ticks", ticks), ("waypoints", _waypoints(drive, seconds))):
+        if count * n > _MOST_SAMPLES:
+            raise CommandError(
+                f"{count:.0f} {what} of {n} contacts are more than fit in memory; at most {_MOST_SAMPLES // n}: "
+                "take a shorter duration or a lower rate"
+            )
+    crawler = Crawler(scene, method)
+    run = _Run(crawler, ticks)
+    for first in range(0, ticks, _CHUNK):
+        last = min(first + _CHUNK, ticks)
+        ends = np.array([min(tick_end_ns(k, ratio), end_ns) for k in range(first + 1, last + 1)], dtype=np.int64)
+        run.go(drive, min(tick_end_ns(first, ratio), end_ns), ends, first)
+        if progress is not None:
+            progress(last / ticks)
+    return run.finish(rate, began)
+
+
+def _waypoints(drive: Drive, seconds: float) -> float:
+    return drive.times.size * (1.0 if drive.period is None else max(seconds / drive.period, 1.0))
+
+
+def _directions(moved: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Tell which way contacts went in ticks that begin with the ramps `first`; back where they were, they went none."""
+    gained = np.add.reduceat(moved, first)
+    went = np.abs(gained) > _RETURNED * np.add.reduceat(np.abs(moved), first)
+    return np.asarray(went.any(axis=2) if moved.ndim == 3 else np.where(went, np.sign(gained), 0.0))
+
+
+class _Run:
+    """The tables that a run fills."""
+
+    def __init__(self, crawler: Crawler, ticks: int) -> None:
+        body = crawler.body
+        self.crawler = crawler
+        self.start = crawler.copy()
+        self.ticks = ticks
+        self.time_ns = np.zeros(ticks + 1, np.int64)
+        self.x = np.empty((ticks + 1, *body.position.shape))
+        self.tension = np.empty((ticks + 1, *crawler.tension.shape))
+        self.state = np.zeros((ticks + 1, body.contacts), np.int8)
+        self.x[0], self.tension[0] = crawler.displacement, crawler.tension
+        self.waypoint_ns: list[int] = [0]
+        self.waypoint_row: list[int] = [0]
+        self.waypoint_x: list[np.ndarray] = [crawler.displacement]
+        self.waypoint_rest: list[np.ndarray] = [np.zeros(body.position.shape)]
+        self.last = (crawler.displacement, np.zeros(body.position.shape))
+        self.total = Total(crawler.visited_margin)
+        self.peak = float(stored_energy(body, self.tension[:1])[0])
+
+    def go(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
+        """Run the ticks that end at `tick_ns`, tick number `first` starting at `after_ns`."""
+        until = int(tick_ns[-1])
+        way_ns, way_rows = drive.waypoints_between(after_ns, until)
+        vertex_ns = np.union1d(tick_ns, way_ns)
+        targets = drive.sample(vertex_ns)
+        at = np.searchsorted(vertex_ns, way_ns)
+        targets[at] = drive.targets[way_rows]
+        width = self.x[0].size
+        records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size))
+        step = self.crawler.follow(np.ascontiguousarray(targets), records)
+        self.total.add(step)
+        tension = records[:, 2 * width :].reshape(-1, *self.tension.shape[1:])
+        self.peak = max(self.peak, float(stored_energy(self.crawler.body, tension).max()))
+
+        place = (vertex_ns.size, *self.x.shape[1:])
+        x, rest = records[:, :width].reshape(place), records[:, width : 2 * width].reshape(place)
+        ends = np.searchsorted(vertex_ns, tick_ns)
+        rows = slice(first + 1, first + 1 + tick_ns.size)
+        self.time_ns[rows] = tick_ns
+        self.x[rows] = x[ends]
+        self.tension[rows] = records[ends, 2 * width :].reshape(-1, *self.tension.shape[1:])
+        moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
+        self.state[rows] = _directions(moved, np.concatenate(([0], ends[:-1] + 1)))
+        self.last = (x[-1].copy(), rest[-1].copy())
+        for i, ns, row in zip(at, way_ns, way_rows, strict=True):
+            if ns > 0 and (drive.period is None or row == 0):
+                self.waypoint_ns.append(int(ns))
+                self.waypoint_row.append(int(row))
+                self.waypoint_x.append(x[i].copy())
+                self.waypoint_rest.append(rest[i].copy())
+
+    def finish(self, rate: float, began: float) -> Trajectory:
+        """Close the account and freeze the tables."""
+        scene, drive = self.crawler.scene, self.crawler.scene.commands
+        body = self.crawler.body
+        way_x, way_rest = np.array(self.waypoint_x), np.array(self.waypoint_rest)
+        per_period = np.zeros((0, *way_x.shape[2:]))
+        if drive.period is not None:
+            way_time = drive.period * np.arange(len(self.waypoint_ns))
+            gain = np.diff(way_x, axis=0) + np.diff(way_rest, axis=0)
+            per_period = average_displacement(body, gain)
+        else:
+            way_time = drive.times[self.waypoint_row]
+        if scene.drive is None and self.ticks > 0:
+            way_time = np.array([0.0, self.time_ns[-1] / NS])
+            way_x = np.stack((way_x[0], self.x[-1]))
+        start, end = stored_energy(body, np.array([self.start.tension, self.crawler.tension]))
+        total = self.total
+        arrays = (
+            self.time_ns / NS,
+            self.x,
+            self.tension,
+            average_displacement(body, self.x),
+            self.state,
+            np.array(way_time, dtype=np.float64),
+            way_x[:, body.stations],
+            average_displacement(body, way_x),
+            per_period,
+        )
+        for array in arrays:
+            array.flags.writeable = False
+        return Trajectory(
+            scene,
+            self.crawler.method,
+            rate,
+            *arrays,
+            energy=Energy(total.work, total.dissipation, float(end - start), total.residual, self.peak),
+            violation=max(total.violation, 0.0),
+            unique=total.unique,
+            uniqueness_margin=commanded_margin(scene),
+            visited_margin=total.visited,
+            visited_margin_sampled=self.crawler.visited_margin_sampled,
+            events=total.events,
+            overspent=total.overspent,
+            unsolved=total.unsolved,
+            ticks=self.ticks,
+            wall_s=time.perf_counter() - began,
+        )

@@ -1,0 +1,281 @@
+"""Variations of a scene: numbers of its document set anew by dotted keys, on a grid or side by side."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import TypeAdapter
+
+from ..arrays import frozen
+from ..errors import SceneError
+from ..scene.assemble import check_scene
+from ..scene.file import take_scene
+from ..scene.mistakes import known_keys, propose_key
+from ..scene.scene import Scene
+
+MOST_VARIATIONS = 10_000_000
+"""Most variations at once: their results are about a gigabyte."""
+_APART = ("friction", "start", "drive", "tolerance")
+"""Parts of a scene that leave its mesh as it is."""
+_LEFT_OUT = ("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic")
+"""Numbers that a document may leave out."""
+_Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Variations(Sequence[Scene]):
+    """Scenes that differ in a few numbers, each made when it is asked for; an invalid one raises `SceneError` then.
+
+    Attributes:
+        base: the scene that is varied.
+        values: of each dotted key, what it is in each variation, shape (M,).
+        shape: of the grid, one axis a key in their order, the last one fastest; (M,) side by side.
+    """
+
+    base: Scene
+    values: Mapping[str, np.ndarray]
+    shape: tuple[int, ...]
+
+    def __len__(self) -> int:
+        """Count the variations."""
+        return len(next(iter(self.values.values())))
+
+    @overload
+    def __getitem__(self, at: int) -> Scene: ...
+    @overload
+    def __getitem__(self, at: slice) -> Variations: ...
+    def __getitem__(self, at: int | slice) -> Scene | Variations:
+        """Make one variation, or take some of them."""
+        if isinstance(at, slice):
+            values = {key: column[at] for key, column in self.values.items()}
+            return Variations(self.base, values, (len(next(iter(values.values()))),))
+        return self._scene(at)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel as a document and numbers."""
+        return _restore, (self._template, dict(self.values), self.shape)
+
+    def __repr__(self) -> str:
+        """Say in a line what varies."""
+        return f"Variations({self.base.name}, {' x '.join(map(str, self.shape))} of {', '.join(self.values)})"
+
+    def document(self, at: int) -> dict[str, Any]:
+        """Lay a variation out as plain data, valid or not.
+
+        Args:
+            at: which one.
+
+        Returns:
+            What `Scene.model_validate` is given.
+        """
+        document = self._template
+        for path, column in zip(self._paths, self.values.values(), strict=True):
+            document = _put(document, path, float(column[at]))
+        return document
+
+    @functools.cached_property
+    def _paths(self) -> tuple[_Path, ...]:
+        return tuple(_path(self.base, key) for key in self.values)
+
+    @functools.cached_property
+    def _template(self) -> dict[str, Any]:
+        """The base's document, written so that every key has its place."""
+        document = self.base.document()
+        for path in self._paths:
+            _make_room(self.base, document, path)
+        return document
+
+    @functools.cached_property
+    def _pinned(self) -> Scene:
+        """The base with its segments' elements written down."""
+        return Scene.model_validate(self._template) if self.base.body.segments else self.base
+
+    @functools.cached_property
+    def _changed(self) -> tuple[str, ...]:
+        return tuple(sorted({str(path[0]) for path in self._paths}))
+
+    def _scene(self, at: int) -> Scene:
+        document = self.document(at)
+        if set(self._changed) <= set(_APART):
+            try:
+                return self._scene_on_the_same_mesh(document)
+            except ValueError:
+                pass  # as a whole it is checked again, for a message that names the field in full
+        return Scene.model_validate(document)
+
+    def _scene_on_the_same_mesh(self, document: dict[str, Any]) -> Scene:
+        """Check what changed, and everything against each other; the mesh is half of the work."""
+        base = self._pinned
+        parts = {name: getattr(base, name) for name in Scene.model_fields}
+        for name in self._changed:
+            parts[name] = _part(name).validate_python(document[name])
+        scene = Scene.model_construct(base.model_fields_set | set(self._changed), **parts)
+        shared = {"mesh": base.mesh, "columns": base.columns}
+        if base.dimension == 1 and not base.mesh.is_chain:
+            shared["network"] = base.network
+        scene.__dict__.update(shared)
+        check_scene(scene)
+        return scene
+
+
+def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool = True) -> Variations:
+    """Make variations of a scene.
+
+    Args:
+        scene: what to vary; a path or a name of the gallery is loaded. The elements of its segments stay those of its
+            accuracy, unless that is varied.
+        values: for each dotted key into the scene's document the numbers to take: `friction.forward`, `drive.length`,
+            `drive.wave.amplitude`, `body.links.stiffness` (of all links) or `body.links.stiffness.0` (of the first),
+            `body.segments.trunk.stiffness`.
+        grid: True for every combination, False to take the k-th number of every key together.
+
+    Returns:
+        The variations, a sequence of scenes made when they are asked for. Numbers are checked by then, keys now.
+
+    Raises:
+        SceneError: naming a key that the scene does not have, or one that holds or is given no numbers.
+    """
+    scene = take_scene(scene, "vary")
+    if not values:
+        raise SceneError("vary: no key; give at least one, as friction.forward")
+    columns = {key: _numbers(key, given) for key, given in values.items()}
+    sizes = [column.size for column in columns.values()]
+    if grid:
+        count = math.prod(sizes)
+        if count > MOST_VARIATIONS:
+            raise SceneError(f"vary: {' x '.join(map(str, sizes))} = {count} variations; at most {MOST_VARIATIONS}")
+        mesh = np.meshgrid(*columns.values(), indexing="ij")
+        columns = dict(zip(columns, (frozen(column.ravel()) for column in mesh), strict=True))
+    elif len(set(sizes)) > 1:
+        raise SceneError(f"vary: {sizes} numbers; side by side every key has as many")
+    variations = Variations(scene, columns, tuple(sizes) if grid else (sizes[0],))
+    paths = variations._paths
+    for path, key in zip(paths, columns, strict=True):
+        _check_effect(scene, path, key)
+    for i, path in enumerate(paths):
+        for j, other in enumerate(paths):
+            if i != j and other[: len(path)] == path:
+                raise SceneError(f"vary: {list(columns)[i]} and {list(columns)[j]} set the same number")
+    return variations
+
+
+def _restore(document: dict[str, Any], values: dict[str, np.ndarray], shape: tuple[int, ...]) -> Variations:
+    return Variations(Scene.model_validate(document), values, shape)
+
+
+def _numbers(key: str, given: ArrayLike) -> np.ndarray:
+    try:
+        column = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise SceneError(f"vary: {key}: {given!r}; it must be a list of numbers") from None
+    if column.ndim != 1 or column.size == 0 or not np.isfinite(column).all():
+        raise SceneError(f"vary: {key}: {given!r}; it must be a list of at least one number, all finite")
+    return frozen(column)
+
+
+@functools.cache
+def _part(name: str) -> TypeAdapter[Any]:
+    kind: Any = Scene.model_fields[name].annotation
+    return TypeAdapter(kind)
+
+
+def _put(node: Any, path: _Path, value: float) -> Any:
+    """Set a number, copying what holds it and nothing else."""
+    copy = node.copy()
+    copy[path[0]] = value if len(path) == 1 else _put(node[path[0]], path[1:], value)
+    return copy
+
+
+def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
+    """Write friction the way that a key names it, and let an accuracy that is varied choose the elements."""
+    node: Any = document
+    for step in path[:-1]:
+        if step in ("forward", "backward", "isotropic"):
+            break
+        node = node[step]
+        if isinstance(node, dict):
+            side = next((s for s in path if s in ("forward", "backward", "isotropic")), None)
+            if side in ("forward", "backward") and "isotropic" in node:
+                node["forward"] = node["backward"] = node.pop("isotropic")
+            elif side == "isotropic" and side not in node and "forward" in node:
+                node["isotropic"] = node.pop("forward")
+                del node["backward"]
+    if path[-1] == "accuracy" and scene.body.segments[int(path[2])].elements is None:
+        node.pop("elements", None)
+
+
+def _path(scene: Scene, key: str) -> _Path:
+    """Find a key's place in the scene's document."""
+    node: Any = scene.document()
+    path: list[str | int] = []
+    steps = key.split(".")
+    for depth, step in enumerate(steps):
+        if isinstance(node, list):
+            names = [part.get("name") if isinstance(part, dict) else None for part in node]
+            if step in names:
+                path.append(names.index(step))
+            elif step.isdecimal() and int(step) < len(node):
+                path.append(int(step))
+            else:
+                raise _unknown(scene, key)
+        elif isinstance(node, dict):
+            isotropic = step in ("forward", "backward") and "isotropic" in node
+            left_out = step in _LEFT_OUT and step in known_keys([str(p) for p in path])
+            if step not in node and not (isotropic or (left_out and depth == len(steps) - 1)):
+                raise _unknown(scene, key)
+            path.append(step)
+            if isotropic and step not in node:
+                node = {step: node["isotropic"]}
+        else:
+            raise _unknown(scene, key)
+        node = node.get(step) if isinstance(node, dict) else node[path[-1]]
+    if isinstance(node, (dict, str)) or (isinstance(node, list) and not _is_list_of_numbers(node)):
+        what = repr(node) if isinstance(node, str) else "a part with more keys" if isinstance(node, dict) else "a table"
+        near = [k for k in _keys(scene.document()) if k.startswith(key + ".")][:4]
+        raise SceneError(f"vary: {key}: {what} is not a number{'; vary ' + ', '.join(near) if near else ''}")
+    return tuple(path)
+
+
+def _is_list_of_numbers(node: list[Any]) -> bool:
+    return all(isinstance(v, (int, float)) for v in node)
+
+
+def _keys(node: Any, before: str = "") -> Iterator[str]:
+    """List the dotted keys of all numbers, and of lists of them."""
+    items: Any = ()
+    if isinstance(node, dict):
+        items = node.items()
+    elif isinstance(node, list):
+        items = ((part.get("name", i) if isinstance(part, dict) else i, part) for i, part in enumerate(node))
+    for step, part in items:
+        key = f"{before}{step}"
+        if isinstance(part, (int, float)) or (isinstance(part, list) and _is_list_of_numbers(part)):
+            yield key
+        if isinstance(part, (dict, list)):
+            yield from _keys(part, f"{key}.")
+
+
+def _unknown(scene: Scene, key: str) -> SceneError:
+    keys = list(_keys(scene.document()))
+    sides = ("forward", "backward")
+    keys += [k.removesuffix("isotropic") + side for k in keys if k.endswith("isotropic") for side in sides]
+    return SceneError(f"vary: {key}: unknown key; {propose_key(key, keys)}")
+
+
+def _check_effect(scene: Scene, path: _Path, key: str) -> None:
+    """Refuse to vary friction that the drive replaces, and an accuracy where the elements are given."""
+    if path[-1] == "accuracy" and scene.body.segments[int(path[2])].elements is not None:
+        raise SceneError(f"vary: {key}: without effect, the segment's elements are given; vary elements instead")
+    drive = scene.drive
+    commands = drive is not None and (drive.friction is not None or drive.friction_wave is not None)
+    own = path[0] == "friction" or (path[0] == "body" and "friction" in path)
+    if commands and own:
+        replaced = "drive.friction" if drive is not None and drive.friction is not None else "drive.friction_wave"
+        raise SceneError(f"vary: {key}: without effect, the scene's drive commands friction; vary {replaced} instead")

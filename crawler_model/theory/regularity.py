@@ -1,0 +1,60 @@
+"""Friction that is commanded in time: the conditions under which the crawler's path is one and well defined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.drive import Drive
+
+
+@dataclass(frozen=True)
+class Regularity:
+    """How regular the friction of a drive is.
+
+    Attributes:
+        least: smallest coefficient, of any contact at any time [N, on a segment N/m].
+        greatest: largest coefficient [N, on a segment N/m].
+        rate: largest rate of change of a coefficient, its Lipschitz constant [N/s, on a segment N/m/s].
+        where: name of the column with the smallest coefficient.
+
+    Source: [G] section 5.1, Lemmas on condition (diamond diamond) for discrete and for continuous models.
+    """
+
+    least: float
+    greatest: float
+    rate: float
+    where: str
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether all coefficients stay between two positive bounds; rates of waypoints are always finite."""
+        return self.least > 0.0
+
+
+def check_regularity(drive: Drive) -> Regularity:
+    """Find the bounds and the rate of a drive's friction.
+
+    A drive goes in straight lines between its waypoints, so that bounds and rates are found there.
+
+    Args:
+        drive: the drive.
+
+    Returns:
+        Bounds and rate.
+    """
+    columns = drive.columns
+    friction = drive.rows[:, columns.lengths :]
+    times = drive.times
+    if drive.period is not None and drive.period > times[-1]:
+        times = np.append(times, drive.period)
+        friction = np.vstack((friction, friction[:1]))
+    rate = np.abs(np.diff(friction, axis=0)) / np.diff(times)[:, None]
+    weakest = int(friction.min(axis=0).argmin())
+    return Regularity(
+        float(friction.min()),
+        float(friction.max()),
+        float(rate.max(initial=0.0)),
+        columns.names[columns.lengths + weakest],
+    )

@@ -1,0 +1,360 @@
+"""The stasis domain: the forces at which nothing moves.
+
+The force that the springs carry through the section between contacts i and i + 1 is Q_i = sum_{j<=i} g_j. In a chain
+it is the tension T_i of link i; in a general graph of springs it is the sum over all springs that span the section.
+Whatever the springs are, nothing moves strictly inside
+
+    C_sh = { Q : -mu_minus_i <= Q_i - Q_{i-1} <= mu_plus_i },   Q_{-1} = Q_{N-1} = 0
+
+and motion starts at its boundary ([G] Remark on stasis domains). Which facet is reached decides which contact slides,
+and so which way the body goes ([G] Remark on stasis domains and direction of motion). [G] draws these sets in -Q.
+
+The functions take one state and its friction; `StasisDomain` is the set itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .uniqueness import CRITICAL
+
+if TYPE_CHECKING:
+    from ..body.drive import Drive
+
+_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True)
+class Facet:
+    """A side of a stasis domain: one contact at one of its bounds, the others able to be strictly inside theirs.
+
+    Attributes:
+        contact: the contact that slides there, all others stand.
+        side: which of its frictions is exhausted: "forward" (g = mu_plus) or "backward" (g = -mu_minus).
+        contacts: number of contacts N of the domain.
+    """
+
+    contact: int
+    side: Literal["forward", "backward"]
+    contacts: int
+
+    @property
+    def direction(self) -> int:
+        """Sign of the net translation v_m while only its contact slides: 1 forward, -1 backward."""
+        return 1 if self.side == "forward" else -1
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Outer normal, +-(e_i - e_{i-1}) in the space of section forces, not normalised, shape (N - 1,)."""
+        padded = np.zeros(self.contacts + 1)
+        padded[self.contact + 1], padded[self.contact] = self.direction, -self.direction
+        return padded[1:-1]
+
+
+@dataclass(frozen=True, eq=False)
+class StasisDomain:
+    """The section forces at which no contact has to slide, a convex polytope of dimension N - 1 at most.
+
+    Attributes:
+        forward: mu_plus, shape (N,), >= 0 [N].
+        backward: mu_minus, shape (N,), >= 0 [N].
+    """
+
+    forward: np.ndarray
+    backward: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("forward", "backward"):
+            values = np.array(getattr(self, name), dtype=np.float64)
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        if self.forward.ndim != 1 or self.forward.size < 2 or self.forward.shape != self.backward.shape:
+            raise ValueError(
+                f"forward, backward: shapes {self.forward.shape} and {self.backward.shape}; "
+                "a stasis domain needs one number each for at least two contacts"
+            )
+        for name, values in (("forward", self.forward), ("backward", self.backward)):
+            for i in np.flatnonzero(~((values >= 0.0) & np.isfinite(values))):
+                raise ValueError(f"{name}: contact {i} has {values[i]:g} N; friction must be finite and >= 0")
+
+    @property
+    def contacts(self) -> int:
+        """Number of contacts N."""
+        return int(self.forward.size)
+
+    def contains(self, section: ArrayLike) -> bool:
+        """Tell whether section forces belong to the (closed) domain.
+
+        Args:
+            section: Q, shape (N - 1,) [N].
+
+        Returns:
+            True inside and on the boundary; exact, without a tolerance.
+        """
+        return is_in_stasis(section, self.forward, self.backward)
+
+    def margins(self, section: ArrayLike) -> np.ndarray:
+        """Compute each contact's distance from its nearest bound.
+
+        Args:
+            section: Q, shape (..., N - 1) [N].
+
+        Returns:
+            min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, negative by the excess outside.
+        """
+        return stasis_margins(section, self.forward, self.backward)
+
+    def ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the projection onto each section.
+
+        Returns:
+            The least and the greatest force of each section, each of shape (N - 1,) [N].
+        """
+        return tension_ranges(self.forward, self.backward)
+
+    def vertices(self) -> np.ndarray:
+        """Compute the corners of a domain that is an interval or a polygon.
+
+        Returns:
+            For two contacts the two ends, shape (2, 1); for three the corners (Q_0, Q_1), anticlockwise, none twice,
+            shape (V, 2) [N], V = 1 or 2 where friction vanishes, 3 .. 6 else.
+
+        Raises:
+            ValueError: for four contacts and more.
+        """
+        least, most = self.ranges()
+        if self.contacts == 2:
+            return np.array([least, most])
+        if self.contacts > 3:
+            raise ValueError(
+                f"{self.contacts} contacts: the domain has dimension {self.contacts - 1}; vertices are listed for two "
+                "and three contacts, projection(first, second) gives a polygon for any number"
+            )
+        # With every bound as tight as the others make it, neighbouring sides of the hexagon always meet in it.
+        up = min(self.forward[1], self.backward[0] + self.backward[2])
+        down = min(self.backward[1], self.forward[0] + self.forward[2])
+        (left, low), (right, high) = least, most
+        corners = np.array(
+            [
+                *([right, right - down], [right, high], [high - up, high]),
+                *([left, left + up], [left, low], [low + down, low]),
+            ]
+        )
+        gaps = np.abs(np.roll(corners, -1, axis=0) - corners).max(axis=1)
+        distinct = gaps > _ROUNDING * float(self.forward.sum() + self.backward.sum())
+        return corners[distinct] if distinct.any() else corners[:1]
+
+    def projection(self, first: int, second: int) -> np.ndarray:
+        """Compute the projection onto two sections, the domain of the three groups of contacts that they separate.
+
+        Args:
+            first: a section, 0 .. N - 3.
+            second: a section beyond it, at most N - 2.
+
+        Returns:
+            The corners (Q_first, Q_second) as of `vertices`, shape (V, 2) [N].
+
+        Raises:
+            ValueError: when there are no two such sections.
+        """
+        return self.merged(first, second).vertices()
+
+    def merged(self, first: int, second: int) -> StasisDomain:
+        """Merge the contacts before, between and behind two sections into one each, which adds their friction.
+
+        Args:
+            first: a section, 0 .. N - 3.
+            second: a section beyond it, at most N - 2.
+
+        Returns:
+            A domain of three contacts.
+
+        Raises:
+            ValueError: when there are no two such sections.
+        """
+        if not 0 <= first < second <= self.contacts - 2:
+            raise ValueError(
+                f"sections {first} and {second}: there are {self.contacts - 1}, counted from 0; the first must come "
+                "before the second"
+            )
+        starts = [0, first + 1, second + 1]
+        return StasisDomain(np.add.reduceat(self.forward, starts), np.add.reduceat(self.backward, starts))
+
+    def facets(self) -> tuple[Facet, ...]:
+        """Find the facets that exist: with g_i at a bound all others can be strictly inside theirs.
+
+        At mu_plus_i the others must carry -mu_plus_i > -sum_{j != i} mu_minus_j, hence the facet exists when
+        mu_plus_i + mu_minus_i < sum_j mu_minus_j; at -mu_minus_i when it is less than sum_j mu_plus_j. A contact
+        without any friction lets none of the others' facets exist: the domain itself is its facet, on both sides.
+        What is balanced to within 1e-12 of all friction, as in `uniqueness_margin`, makes no facet.
+
+        Returns:
+            By contact, forward before backward.
+        """
+        width = self.forward + self.backward
+        plus, minus = float(self.forward.sum()), float(self.backward.sum())
+        if plus == 0.0 or minus == 0.0:
+            return ()
+        empty = width == 0.0
+        balanced = width + CRITICAL * (plus + minus)
+        others_open = np.count_nonzero(empty) == empty.astype(np.int64)
+        n = self.contacts
+        found: list[Facet] = []
+        for i in np.flatnonzero(others_open & (balanced < max(plus, minus))).tolist():
+            if balanced[i] < minus:
+                found.append(Facet(i, "forward", n))
+            if balanced[i] < plus:
+                found.append(Facet(i, "backward", n))
+        return tuple(found)
+
+    @property
+    def one_way(self) -> bool:
+        """True when there are facets and all have the same direction: the body can never be made to go the other way.
+
+        Three equal contacts go one way when one friction is at least twice the other.
+        """
+        return len(directions_of([self])) == 1
+
+
+def directions_of(domains: Iterable[StasisDomain]) -> set[int]:
+    """Collect the directions in which sides of some domains let the body go.
+
+    Args:
+        domains: the domains.
+
+    Returns:
+        A subset of {1, -1}.
+    """
+    return {facet.direction for domain in domains for facet in domain.facets()}
+
+
+def domain_evolution(drive: Drive) -> tuple[np.ndarray, tuple[StasisDomain, ...]]:
+    """Compute the stasis domain at each waypoint of a drive; between waypoints the friction goes in straight lines.
+
+    Args:
+        drive: anything with `times` (W,) [s], `forward` and `backward` (W, N) [N].
+
+    Returns:
+        The waypoints' times, shape (W,) [s], and their domains.
+    """
+    domains = tuple(StasisDomain(plus, minus) for plus, minus in zip(drive.forward, drive.backward, strict=True))
+    return np.array(drive.times, dtype=np.float64), domains
+
+
+def section_forces(force: ArrayLike) -> np.ndarray:
+    """Compute the force carried through each section, Q_i = sum_{j<=i} g_j; `spring_force` is its inverse.
+
+    Args:
+        force: g on each contact, summing to zero, shape (..., N) [N].
+
+    Returns:
+        Q, shape (..., N - 1) [N].
+    """
+    return np.cumsum(np.asarray(force, dtype=np.float64), axis=-1)[..., :-1]
+
+
+def spring_force(tension: ArrayLike) -> np.ndarray:
+    """Compute the force of the springs on each contact, g_i = T_i - T_{i-1}.
+
+    Args:
+        tension: T, shape (..., N - 1) [N].
+
+    Returns:
+        g, shape (..., N) [N].
+    """
+    t = np.asarray(tension, dtype=np.float64)
+    ends = np.zeros((*t.shape[:-1], 1))
+    return np.diff(np.concatenate((ends, t, ends), axis=-1), axis=-1)
+
+
+def stasis_margins(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
+    """Compute each contact's distance from its nearest bound.
+
+    Args:
+        tension: T, shape (..., N - 1) [N].
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, negative by the excess outside.
+    """
+    g = spring_force(tension)
+    return np.minimum(np.asarray(forward) - g, g + np.asarray(backward))
+
+
+def is_in_stasis(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> bool:
+    """Tell whether the tensions belong to the (closed) stasis domain.
+
+    Args:
+        tension: T, shape (N - 1,) [N].
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        True inside and on the boundary.
+    """
+    return bool((stasis_margins(tension, forward, backward) >= 0.0).all())
+
+
+def stasis_bounds(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Compute, for each link, between which tensions it may be while the others keep theirs.
+
+    Args:
+        tension: T, shape (..., N - 1) [N].
+        forward: mu_plus, shape (..., N) [N].
+        backward: mu_minus, shape (..., N) [N].
+
+    Returns:
+        The least and the greatest tension of each link, each of shape (..., N - 1) [N].
+    """
+    t = np.asarray(tension, dtype=np.float64)
+    plus, minus = np.asarray(forward), np.asarray(backward)
+    ends = np.zeros((*t.shape[:-1], 1))
+    before = np.concatenate((ends, t[..., :-1]), axis=-1)
+    after = np.concatenate((t[..., 1:], ends), axis=-1)
+    least = np.maximum(before - minus[..., :-1], after - plus[..., 1:])
+    most = np.minimum(before + plus[..., :-1], after + minus[..., 1:])
+    return least, most
+
+
+def tension_ranges(forward: ArrayLike, backward: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the projection of the stasis domain onto each link's tension.
+
+    Link i can be held from either side: -min(sum_{j<=i} mu_minus_j, sum_{j>i} mu_plus_j) <= T_i <=
+    min(sum_{j<=i} mu_plus_j, sum_{j>i} mu_minus_j).
+
+    Args:
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The least and the greatest tension of each link, each of shape (N - 1,) [N].
+    """
+    plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
+    behind_plus, behind_minus = np.cumsum(plus)[:-1], np.cumsum(minus)[:-1]
+    ahead_plus, ahead_minus = np.cumsum(plus[::-1])[::-1][1:], np.cumsum(minus[::-1])[::-1][1:]
+    return -np.minimum(behind_minus, ahead_plus), np.minimum(behind_plus, ahead_minus)
+
+
+def stasis_polygon(forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
+    """Compute the stasis domain of three contacts: a triangle if one friction exceeds the two others, else more sides.
+
+    Args:
+        forward: mu_plus, shape (3,) [N].
+        backward: mu_minus, shape (3,) [N].
+
+    Returns:
+        Its vertices (T_0, T_1), anticlockwise, shape (V, 2) [N].
+
+    Raises:
+        ValueError: when there are not three contacts.
+    """
+    plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
+    if plus.shape != (3,) or minus.shape != (3,):
+        raise ValueError(f"forward, backward: shapes {plus.shape} and {minus.shape}; a polygon needs three contacts")
+    return StasisDomain(plus, minus).vertices()

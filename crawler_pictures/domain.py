@@ -1,0 +1,99 @@
+"""Pictures of stasis domains: where nothing moves, which way each side lets the body go, and the path of a run in them.
+
+Tensions are drawn as they are, positive when stretched; [G] draws the same sets in -T.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crawler_model import Scene, Trajectory
+from crawler_model.motion.plane.friction import corners_of
+
+from .colors import FORWARD
+from .domain_many import draw_many, draw_three
+from .domain_text import STYLE, last_period, simulated
+from .domain_two import draw_two
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def draw_domain(scene: Scene, png: Path) -> None:
+    """Draw the stasis domain of a scene on one page, with the run of its drive in it.
+
+    Two contacts: the box of both spring forces and its section, an interval; with constant friction also the sweeping
+    process, with commanded friction the boxes at the waypoints; below, tension and interval over time. Three contacts:
+    the polygon for each friction commanded, its sides marked with the direction they allow. More: projections onto
+    two sections, and the range of each. In the plane: the forces that each contact's friction can bear, and the path
+    of its spring force among them.
+
+    Args:
+        scene: the scene; without a drive, its start alone is drawn in the domain.
+        png: the file to write.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    contacts = scene.mesh.contacts
+    run = simulated(scene, 2 if contacts == 2 else 3)
+    draw = {2: draw_two, 3: draw_three}.get(contacts, draw_many)
+    if scene.mesh.dimension == 2:
+        draw = _draw_plane
+    with matplotlib.rc_context(STYLE):
+        figure = draw(scene, run)
+        figure.savefig(png, dpi=100, pil_kwargs={"optimize": True})
+        plt.close(figure)
+
+
+def _draw_plane(scene: Scene, run: Trajectory) -> Figure:
+    """Draw each contact's friction set and spring force, of at most nine contacts."""
+    from matplotlib import pyplot as plt
+
+    mesh, drive = scene.mesh, scene.commands
+    count = min(mesh.contacts, 9)
+    columns = min(count, 3)
+    figure, axes = plt.subplots(
+        -(-count // columns),
+        columns,
+        figsize=(4.2 * columns, 4.4 * -(-count // columns)),
+        layout="constrained",
+        squeeze=False,
+    )
+    figure.suptitle(
+        f"{scene.name}: forces that the ground can bear at each contact, and the springs' force over the last period"
+    )
+    rows = last_period(run)
+    force = np.array([mesh.spring_force(t) for t in run.tension[rows]])
+    slides = run.contact_state[rows] != 0
+    friction = np.unique(drive.targets[:, 2 * mesh.springs :], axis=0).reshape(
+        -1, mesh.contacts, max(len(scene.directions), 1)
+    )
+    for i, axis in enumerate(axes.flat):
+        if i >= count:
+            axis.set_axis_off()
+            continue
+        for mu in friction[:6, i]:
+            outline = _friction_outline(mu, scene.directions)
+            axis.fill(*outline.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
+        axis.plot(*force[:, i].T, color="black", linewidth=1.0)
+        axis.plot(*np.where(slides[:, i, None], force[:, i], np.nan).T, color=FORWARD, linewidth=3.0)
+        axis.set_title(f"contact {i}: green while it slides")
+        axis.set_aspect("equal")
+        axis.set_xlabel("$g_x$ [N]")
+        axis.set_ylabel("$g_y$ [N]")
+    return figure
+
+
+def _friction_outline(mu: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Compute the boundary of a contact's friction set, closed, shape (V, 2) [N]."""
+    if directions.shape[0] == 0:
+        angle = np.linspace(0.0, 2.0 * np.pi, 181)
+        return mu[0] * np.column_stack((np.cos(angle), np.sin(angle)))
+    corners = corners_of(mu[None], directions)[0]
+    return np.vstack((corners, corners[:1]))

@@ -1,0 +1,107 @@
+"""What the pictures of stasis domains say, and which instants of a run they show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crawler_model import Scene, Trajectory, simulate
+from crawler_model.theory.stasis import StasisDomain, directions_of, domain_evolution, section_forces
+
+if TYPE_CHECKING:
+    pass
+
+
+STYLE: dict[Any, Any] = {"font.size": 9, "axes.titlesize": 9, "mathtext.fontset": "dejavusans"}
+"""matplotlib settings of these pictures."""
+FACE, SECTION = "#f2dcda", "#e0605a"
+_MOST_PANELS, MOST_TIMES, MOST_BARS = 6, 16, 40
+_SAMPLES, _MOST_SAMPLES = 1200, 4_000_000
+TRANSLATION = {1: r"$v_m \geq 0$", -1: r"$v_m \leq 0$"}
+
+
+def section_path(scene: Scene, tension: np.ndarray) -> np.ndarray:
+    """Compute the section forces of a run, shape (T, N - 1) [N]: in a chain they are the tensions themselves."""
+    return tension if scene.mesh.is_chain else section_forces(scene.mesh.spring_force(tension))
+
+
+def simulated(scene: Scene, periods: int) -> Trajectory:
+    """Run a few periods of the drive, or the whole of one that does not repeat."""
+    drive = scene.commands
+    span = float(drive.times[-1]) if drive.period is None else drive.period * periods
+    if span == 0.0:
+        return simulate(scene, 0.0)
+    ticks = int(np.clip(_MOST_SAMPLES / scene.mesh.contacts, 8 * periods, _SAMPLES * periods))
+    return simulate(scene, span, float(np.clip(ticks / span, 1e-9, 1e9)))
+
+
+def last_period(run: Trajectory) -> np.ndarray:
+    """Find the rows of a run's last period, or all of them."""
+    period = run.scene.commands.period
+    return np.flatnonzero(run.time >= (0.0 if period is None else run.time[-1] - period * (1.0 + 1e-9)))
+
+
+def is_constant(scene: Scene) -> bool:
+    """Tell whether friction is never commanded."""
+    drive = scene.commands
+    return not (np.ptp(drive.forward, axis=0).any() or np.ptp(drive.backward, axis=0).any())
+
+
+def shown_waypoints(scene: Scene) -> list[tuple[float, StasisDomain]]:
+    """Choose the waypoints whose domains are drawn: one if friction is constant, else at most six."""
+    times, domains = domain_evolution(scene.commands)
+    if is_constant(scene):
+        return [(0.0, domains[0])]
+    period = scene.commands.period
+    rows = [i for i in range(len(domains)) if period is None or times[i] < period]
+    if len(rows) > _MOST_PANELS:
+        rows = [rows[len(rows) * i // _MOST_PANELS] for i in range(_MOST_PANELS)]
+    return [(float(times[i]), domains[i]) for i in rows]
+
+
+def friction_at(scene: Scene, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Read the friction that a scene commands.
+
+    Args:
+        scene: a body on a line.
+        time_s: when, shape (T,) [s].
+
+    Returns:
+        mu_plus and mu_minus, straight lines between waypoints, each of shape (T, N) [N].
+    """
+    drive = scene.commands
+
+    def read(rows: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(time_s, drive.times, mu, period=drive.period) for mu in rows.T])
+
+    return read(drive.forward), read(drive.backward)
+
+
+def verdict(domains: Sequence[StasisDomain]) -> str:
+    """Say which ways the body can be made to go."""
+    ways = directions_of(domains)
+    if ways == {1, -1}:
+        return "forward and backward motion are both possible"
+    if ways:
+        return f"only {'forward' if ways == {1} else 'backward'} motion is possible"
+    return "no facet: at its boundary several contacts are at their bounds at once"
+
+
+def symbol(scene: Scene) -> str:
+    """Choose the letter: T for the tension of a link, Q for the force through a section."""
+    return "T" if scene.mesh.is_chain else "Q"
+
+
+def quantity(scene: Scene) -> str:
+    """Name what is drawn: in a chain sections and links are the same."""
+    return "tension" if symbol(scene) == "T" else "section force"
+
+
+def label_of(scene: Scene, section: int) -> str:
+    """Label the axis of a section force."""
+    if scene.mesh.segments:
+        place = float(scene.mesh.position[section : section + 2].mean())
+        return f"{quantity(scene)} at {place:.3g} m [N]  (> 0: stretched)"
+    return f"{quantity(scene)} ${symbol(scene)}_{{{section}}}$ [N]  (> 0: stretched)"

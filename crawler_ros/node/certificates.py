@@ -1,0 +1,87 @@
+"""Certificates of ticks, judged: an energy account and forces that are right to a part of the body's own scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crawler_model import Scene
+from crawler_model.motion.state import COMPLEMENTARITY, DISSIPATION, RESIDUAL, VIOLATION, WORK
+
+from .intake.limits import body_length
+
+_FINE = {"exact": 1e-6}
+_COARSE = 0.1  # of catch_up the certificate is the error of its steps, not rounding
+
+
+@dataclass
+class Certificates:
+    """The worst certificates of the ticks since they were last judged, and of the whole run.
+
+    Attributes:
+        force: the scale of forces [N].
+        energy: the scale of energies: what it costs to drag the body over its own length [J].
+        allowed: the part of these scales that is taken for exact [1].
+        worst: of the run: energy residual [J], violation [N], complementarity [J].
+    """
+
+    force: float
+    energy: float
+    allowed: float
+    worst: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    _now: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    _work: float = 0.0
+
+    def add(self, account: np.ndarray) -> None:
+        """Take the account of a tick."""
+        residual, violation, complementarity, work, dissipation = account[_ENTRIES].tolist()
+        now = self._now
+        if not abs(residual) <= now[0]:  # not a number counts as worse
+            now[0] = abs(residual)
+        if not violation <= now[1]:
+            now[1] = violation
+        if not complementarity <= now[2]:
+            now[2] = complementarity
+        self._work += abs(work) + dissipation
+
+    def judge(self) -> tuple[bool, str]:
+        """Judge the ticks since this was last asked.
+
+        Returns:
+            Whether their numbers are finite, and what is wrong with them; empty when nothing is.
+        """
+        (residual, violation, complementarity), energy = self._now, self.energy + self._work
+        self.worst = [float(np.fmax(a, b)) if b == b else b for a, b in zip(self.worst, self._now, strict=True)]
+        self._now, self._work = [0.0, 0.0, 0.0], 0.0
+        if not np.isfinite(self.worst).all():
+            return False, "a tick's certificate is not finite: the commands are beyond what doubles can hold"
+        named = [
+            ("energy residual", residual, energy, "J of {:.1e} J turned over"),
+            ("violation of a bound", violation, self.force, "N of {:.1e} N of friction"),
+            ("complementarity", complementarity, energy, "J of {:.1e} J turned over"),
+        ]
+        # however much was turned over, an error that could drag the body over its own length is one
+        most = {self.force: self.allowed * self.force, energy: min(self.allowed * energy, self.energy)}
+        bad = [f"{name} {value:.1e} {of.format(scale)}" for name, value, scale, of in named if value > most[scale]]
+        return True, f"states are inaccurate: {'; '.join(bad)}" if bad else ""
+
+
+_ENTRIES = np.array([RESIDUAL, VIOLATION, COMPLEMENTARITY, WORK, DISSIPATION])
+
+
+def certificates_of(scene: Scene, method: str) -> Certificates:
+    """Find the scales of a scene's certificates.
+
+    Args:
+        scene: what runs.
+        method: how its ticks are computed.
+
+    Returns:
+        Certificates of no tick.
+    """
+    body = scene.mesh
+    extent = body_length(body)
+    friction = np.abs(scene.columns.target(scene.commands.rows))[:, body.springs * body.dimension :]
+    force = float(friction.max(initial=0.0)) or float(body.stiffness.max(initial=0.0)) * extent
+    return Certificates(force, force * extent, _FINE.get(method, _COARSE))

@@ -1,0 +1,127 @@
+"""What /diagnostics says of a simulator: how the simulation, the commands, the recording and the viewer fare."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from crawler_model.body.drive import NS
+
+from .intake.intake import LENGTH_TOPICS
+from .intake.peers import publishers_of, rivals_on_commands, rivals_on_states
+
+if TYPE_CHECKING:
+    from ..viewer.feed import ViewerFeed
+    from .simulator import Simulator
+
+OK, WARN, ERROR = 0, 1, 2
+Status = tuple[int, str, str, str, list[tuple[str, str]]]
+Part = tuple[int, str, list[tuple[str, str]]]
+"""Level, message and key-value pairs of one part of the node."""
+
+
+def diagnose(node: Simulator) -> list[Status]:
+    """Describe how the simulation, the commands, the recording and the viewer fare since this was last asked.
+
+    Warnings are of what happened since then; counts are of the whole run.
+
+    Args:
+        node: the simulator.
+
+    Returns:
+        Level, name, message, hardware id and key-value pairs of each.
+    """
+    states = {name: publishers_of(node, name) for name in node.states}
+    commands = node.intake.settle(node)
+    me, hardware = node.get_fully_qualified_name().lstrip("/"), node.scene.name
+    with node.lock:
+        parts = {"simulation": _simulation(node, rivals_on_states(states)), "commands": _commands(node, commands)}
+        if node.recorder is not None:
+            recorder = node.recorder
+            entries = [
+                ("folder", str(recorder.folder)),
+                ("messages", str(recorder.messages)),
+                ("bytes waiting", str(recorder.waiting)),
+            ]
+            broken = recorder.problem
+            parts["recording"] = ERROR if broken else OK, broken or "recording", entries
+        if node.feed is not None:
+            parts["viewer"] = _viewer(node.feed)
+    return [(level, f"{me}: {part}", text, hardware, entries) for part, (level, text, entries) in parts.items()]
+
+
+def _simulation(node: Simulator, rival: str) -> Part:
+    late = node.stepper.late
+    level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
+    before, node.reported = node.reported, (node.ambiguous, node.overspent, node.unsolved, late)
+    finite, inaccurate = node.certificates.judge()
+    if late > before[3]:
+        level = WARN
+        message = f"{late - before[3]} late tick(s): this machine cannot keep the rate; simulated time slows"
+    if node.ambiguous > before[0]:
+        level, message = WARN, "translation not determined now; the one nearest to zero is taken"
+    if node.overspent > before[1]:
+        level, message = WARN, "the budget of work is spent in some ticks now; a catch-up step does the rest"
+    if node.unsolved > before[2]:
+        level, message = WARN, "some ticks are not solved now: the active set gave up, see the violation"
+    if inaccurate:
+        level, message = WARN if finite else ERROR, inaccurate
+    if rival:
+        level, message = max(level, WARN), rival
+        node.warn_once(rival)
+    residual, violation, complementarity = (f"{v:.3e}" for v in node.certificates.worst)
+    return (
+        level,
+        message,
+        [
+            ("simulated time [s]", f"{node.stepper.now_ns / NS:.9f}"),
+            ("ticks", str(node.stepper.tick)),
+            ("late ticks", str(late)),
+            ("least friction of the scene", f"{node.regularity.least:.3e} ({node.regularity.where})"),
+            ("uniqueness margin", "not decided" if node.margin is None else f"{node.margin:.3e}"),
+            ("visited margin", f"{node.crawler.visited_margin:.3e}"),
+            ("ticks without a determined translation", str(node.ambiguous)),
+            ("ticks over the budget of work", str(node.overspent)),
+            ("ticks not solved", str(node.unsolved)),
+            ("largest energy residual of a tick [J]", residual),
+            ("largest violation of a bound [N]", violation),
+            ("largest complementarity [J]", complementarity),
+        ],
+    )
+
+
+def _commands(node: Simulator, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
+    intake, refused = node.intake, node.intake.refusals.total
+    now = refused, intake.lost, node.commands.full
+    before, node.reported_commands = node.reported_commands, now
+    level, message = OK, "all accepted"
+    if refused:
+        message = f"{refused} message(s) refused; last: {intake.refusals.last}"
+    rival = rivals_on_commands({name: publishers[name] for name in LENGTH_TOPICS})
+    if rival:
+        message = f"{rival}; {message}"
+        node.warn_once(rival)
+    if intake.lost > before[1]:
+        message = f"{intake.lost - before[1]} message(s) lost: they came faster than they can be taken; {message}"
+    if rival or any(a > b for a, b in zip(now, before, strict=True)):
+        level = WARN
+    counts = intake.refusals.counts
+    return (
+        level,
+        message,
+        [
+            ("refused", str(refused)),
+            ("refused because too much waits", str(node.commands.full)),
+            ("lost", str(intake.lost)),
+            ("rows waiting", f"{node.commands.waiting} of {node.commands.most_waiting}"),
+            *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),
+            *((f"lost on {name}", str(a.lost)) for name, a in intake.arrivals.items() if a.lost),
+            *((f"refused on {name}", str(count)) for name, count in sorted(counts.items())),
+        ],
+    )
+
+
+def _viewer(feed: ViewerFeed) -> Part:
+    message = f"{feed.dropped} frame(s) dropped: the viewer is slow" if feed.dropped else "viewing"
+    if not feed.alive:
+        message = "the viewer has ended"
+    return WARN if feed.dropped or not feed.alive else OK, message, [("dropped", str(feed.dropped))]

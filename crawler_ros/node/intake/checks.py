@@ -1,0 +1,131 @@
+"""What a command must be: names that there are, numbers that can be followed, times of this clock."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+import numpy as np
+
+from crawler_model.body.columns import Columns
+from crawler_model.body.drive import NS
+from crawler_model.errors import LARGEST, CommandError
+
+from .limits import Limits
+
+_MOST_AHEAD_NS = 60 * NS
+"""A stamp farther ahead is of another clock."""
+_LONGEST_NS = 86_400 * NS
+"""A trajectory that lasts longer is a mistake; in lock-step all its ticks would run at once."""
+
+
+def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) -> list[np.ndarray]:
+    """Find what the names of a trajectory command.
+
+    Args:
+        columns: what can be commanded.
+        names: as they came.
+        only_lengths: whether links and segments alone may be named.
+
+    Returns:
+        The columns of each name.
+
+    Raises:
+        CommandError: naming the name that does not fit.
+    """
+    found = []
+    for name in names:
+        if name not in columns.aliases:
+            raise CommandError(f"trajectory: no joint is called {name!r}; {_known(columns, name)}")
+        found.append(columns.aliases[name])
+        if only_lengths and found[-1][0] >= columns.lengths:
+            raise CommandError(f"trajectory: {name!r} is a friction; this topic takes links and segments alone")
+    taken = np.concatenate(found) if found else np.zeros(0, int)
+    if np.unique(taken).size != taken.size:
+        raise CommandError("trajectory: a joint is named twice")
+    return found
+
+
+def _known(columns: Columns, name: str) -> str:
+    """List what can be named, the nearest first."""
+    names = list(columns.aliases)
+    near = difflib.get_close_matches(name, names, n=4, cutoff=0.3) or names[:4]
+    return f"there are {', '.join(near)}{f' and {len(names) - len(near)} more' if len(names) > len(near) else ''}"
+
+
+def check_finite(what: str, values: np.ndarray) -> None:
+    """Refuse numbers that are not finite or larger than products of them can be.
+
+    Args:
+        what: the message, for the error.
+        values: shape (M,).
+
+    Raises:
+        CommandError: naming the entry.
+    """
+    if values.size and LARGEST < np.abs(values).max() < np.inf:
+        i = int(np.abs(values).argmax())
+        raise CommandError(f"{what}: entry {i} is {values[i]:g}; it must be at most {LARGEST:g} in size")
+    if not np.isfinite(values).all():
+        i = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise CommandError(f"{what}: entry {i} is {values[i]}; it must be finite")
+
+
+def check_points(
+    names: Sequence[str], columns: list[np.ndarray], times: np.ndarray, table: np.ndarray, limits: Limits
+) -> None:
+    """Refuse points that cannot be followed, all at once.
+
+    Args:
+        names: of a trajectory, N of them.
+        columns: of each name.
+        times: time_from_start of each point, shape (P,) [ns].
+        table: positions, shape (P, N).
+        limits: the largest sizes taken.
+
+    Raises:
+        CommandError: naming the first point that does not fit, and why.
+    """
+    falls = np.flatnonzero(np.diff(times, prepend=0) < 0)
+    if falls.size:
+        i = int(falls[0])
+        before = int(times[i - 1]) if i else 0
+        raise CommandError(f"trajectory: point {i} at {times[i]} ns comes before {before} ns; times must not fall")
+    first = np.array([column[0] for column in columns], dtype=np.int64)
+    least = np.where(first >= limits.lengths, 0.0, -np.inf)
+    fits = (np.abs(table) <= limits.largest[first]) & (table >= least)
+    if fits.all():
+        return
+    i = int(np.argmin(fits.all(axis=1)))
+    what = f"trajectory: point {i}"
+    check_finite(what, table[i])
+    for name, low, value in zip(names, least, table[i], strict=True):
+        if value < low:
+            raise CommandError(f"{what}: {name} is {value:g} N; friction must be >= 0")
+    limits.check(what, names, table[i], first)
+
+
+def check_times(stamp_ns: int, now_ns: int, tick_ns: int, last_ns: int) -> None:
+    """Refuse a trajectory of another clock.
+
+    Args:
+        stamp_ns: when it starts [ns, simulated].
+        now_ns: simulated time [ns].
+        tick_ns: what a tick lasts [ns].
+        last_ns: time_from_start of its last point [ns].
+
+    Raises:
+        CommandError: when it starts before time 0 or far ahead, or lasts too long.
+    """
+    if stamp_ns < 0:
+        raise CommandError(f"trajectory: stamp {stamp_ns} ns; simulated time starts at 0")
+    ahead, most = stamp_ns - now_ns, _MOST_AHEAD_NS + tick_ns
+    if ahead > most:
+        raise CommandError(
+            f"trajectory: stamp {stamp_ns / NS:g} s is {ahead / NS:g} s ahead of simulated time; it may be "
+            f"{most / NS:g} s; stamps are simulated time, as those of joint_states are, and 0 starts at once"
+        )
+    if last_ns > _LONGEST_NS:
+        raise CommandError(
+            f"trajectory: the last point's time_from_start is {last_ns / NS:g} s; it may be {_LONGEST_NS / NS:g} s"
+        )

@@ -1,0 +1,362 @@
+"""Commands between their arrival and the tick that follows them: checked on arrival, ordered, never dropped."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from crawler_model.body.columns import Columns
+from crawler_model.errors import CommandError
+
+from .checks import check_finite, check_points, check_times, named_columns
+from .limits import Limits
+from .received import wrong_point
+
+MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
+"""What may wait: command rows, and the memory that they take."""
+_ROW_BYTES = 128  # of an array or a vertex, beside its numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A checked trajectory: when it starts, and its waypoints.
+
+    Attributes:
+        start_ns: simulated time [ns]; None for as soon as possible.
+        columns: which numbers of a command row it sets, one array of indices per name.
+        times_ns: time_from_start of each point, shape (points,) [ns].
+        positions: shape (points, names).
+    """
+
+    start_ns: int | None
+    columns: list[np.ndarray]
+    times_ns: np.ndarray
+    positions: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Vertex:
+    """One end of a ramp within a tick: the simulated time it is due [ns] and the row commanded there."""
+
+    due_ns: int
+    row: np.ndarray
+
+
+class CommandQueue:
+    """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread.
+
+    In lock-step it takes one after another what makes ticks: an actuation array for one tick, with the friction arrays
+    then pending, or a trajectory for as many as it lasts. Nothing replaces anything then, so that the ticks depend on
+    the order of the messages alone and never on when they arrive.
+    """
+
+    def __init__(
+        self, columns: Columns, in_force: np.ndarray, lock_step: bool = False, limits: Limits | None = None
+    ) -> None:
+        """Start with nothing pending.
+
+        Args:
+            columns: what can be commanded.
+            in_force: the command row in force, shape (C,).
+            lock_step: whether messages make the ticks.
+            limits: the largest sizes taken; None for whatever doubles can hold.
+        """
+        self._columns = columns
+        self._lock_step = lock_step
+        self._limits = Limits.none(columns) if limits is None else limits
+        self.arrived = threading.Event()
+        """Set when something arrived that makes a tick in lock-step."""
+        self.full = 0
+        """Messages refused because too much was waiting."""
+        self._lengths = columns.lengths
+        self._lock = threading.Lock()
+        self.reset(in_force)
+
+    def reset(self, in_force: np.ndarray) -> None:
+        """Drop what is pending or running."""
+        with self._lock:
+            self._actuation: list[np.ndarray] = []
+            self._friction: list[np.ndarray] = []
+            self._trajectories: list[Trajectory] = []
+            self._last_was_trajectory = False
+            self._turns: deque[np.ndarray | Trajectory] = deque()
+            self._pending = self._pending_friction = 0
+            self._now_ns = self._tick_ns = 0
+            self.arrived.clear()
+        self._in_force = np.array(in_force)
+        self._anchor = Vertex(0, self._in_force)
+        self._path: list[Vertex] = []
+
+    @property
+    def waiting(self) -> int:
+        """Command rows that wait, those of a trajectory that runs included."""
+        return self._pending + self._pending_friction + len(self._path)
+
+    @property
+    def most_waiting(self) -> int:
+        """How many rows may wait: each becomes a whole row of commands when its tick comes."""
+        return min(MOST_ROWS, MOST_BYTES // (8 * self._columns.count + _ROW_BYTES))
+
+    def _take_in(self, rows: int) -> None:
+        """Refuse what does not fit; call it with the lock held."""
+        if self.waiting + rows > self.most_waiting:
+            self.full += 1
+            raise CommandError(
+                f"{self.waiting} command rows wait already and {rows} more are too many: at most {self.most_waiting} "
+                "may wait; send no faster than ticks follow (a paused simulator follows none)"
+            )
+
+    def accept_actuation(self, values: Sequence[float] | np.ndarray) -> None:
+        """Take a command for all links and segments.
+
+        Args:
+            values: L of each link [m], then the strain of each segment; in the plane x and y of each link.
+
+        Raises:
+            CommandError: on a wrong length, a value that is not finite or beyond its limit, or a full queue.
+        """
+        array = np.array(values, dtype=np.float64)
+        sizes = self._columns.actuation_sizes
+        planar = self._columns.planar is not None
+        if array.size != (self._lengths if planar else sizes.size):
+            counts = f"{sizes.size}, one per {self._columns.items('link')}"
+            if planar:
+                counts = f"{self._lengths}, x and y of each link"
+            raise CommandError(f"actuation command has {array.size} value(s); give {counts}")
+        check_finite("actuation command", array)
+        row = array if planar else np.repeat(array, sizes)
+        self._limits.check("actuation command", self._columns.names[: self._lengths], row)
+        with self._lock:
+            self._take_in(1)
+            self._pending += 1
+            if self._lock_step:
+                self._turns.append(row)
+                self.arrived.set()
+                return
+            self._actuation.append(row)
+            self._last_was_trajectory = False
+
+    def accept_friction(self, values: Sequence[float] | np.ndarray) -> None:
+        """Take a command for all frictions.
+
+        Args:
+            values: one, one per isolated contact [N] then segment [N/m], or all forward and then all backward.
+
+        Raises:
+            CommandError: on a wrong length, a value that is negative, not finite or beyond its limit, or a full queue.
+        """
+        array = np.array(values, dtype=np.float64)
+        check_finite("friction command", array)
+        columns = self._columns
+        sizes, sides = columns.friction_sizes, columns.sides
+        if columns.planar:
+            raise CommandError("friction command: friction given by directions is constant in this scene")
+        if array.size == 1:
+            array = np.full(sizes.size, array[0])
+        if array.size not in (sizes.size, sides * sizes.size):
+            raise CommandError(
+                f"friction command has {array.size} value(s); "
+                f"give 1, {sizes.size} (one per {columns.items('contact')})"
+                + (f" or {2 * sizes.size} (all forward, then all backward)" if sides == 2 else "")
+            )
+        parts = np.tile(array, sides) if array.size == sizes.size else array
+        row = np.repeat(parts, np.tile(sizes, sides))
+        if array.min() < 0.0:
+            i = int(np.argmin(array))
+            raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
+        self._limits.check("friction command", columns.names[self._lengths :], row, self._lengths)
+        with self._lock:
+            self._take_in(1)
+            self._pending_friction += 1
+            self._friction.append(row)
+            self._last_was_trajectory = False
+
+    def accept_trajectory(
+        self,
+        names: Sequence[str],
+        times_ns: Sequence[int] | np.ndarray,
+        positions: Sequence[Sequence[float]] | np.ndarray,
+        stamp_ns: int,
+        only_lengths: bool = False,
+    ) -> None:
+        """Take a trajectory: straight lines through its points, replacing what runs from its start.
+
+        Args:
+            names: which numbers it commands, N of them.
+            times_ns: time_from_start of each point, not decreasing [ns].
+            positions: of each point, one number per name, shape (P, N).
+            stamp_ns: when it starts [ns, simulated]; 0 for as soon as possible.
+            only_lengths: whether links and segments alone may be named, not friction.
+
+        Raises:
+            CommandError: naming the name, point or value that does not fit.
+        """
+        columns = named_columns(self._columns, names, only_lengths)
+        times = np.array(times_ns, dtype=np.int64)
+        if not isinstance(positions, np.ndarray):
+            for i, row in enumerate(positions):
+                if len(row) != len(names):
+                    raise wrong_point(i, len(row), len(names))
+        table = np.array(positions, dtype=np.float64).reshape(times.size, len(names))
+        check_points(names, columns, times, table, self._limits)
+        check_times(stamp_ns, self._now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
+        trajectory = Trajectory(stamp_ns or None, columns, times, table)
+        with self._lock:
+            self._take_in(times.size + 1)
+            self._pending += times.size + 1
+            if self._lock_step:
+                self._turns.append(trajectory)
+                self.arrived.set()
+                return
+            self._trajectories.append(trajectory)
+            self._last_was_trajectory = True
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing is there that makes a tick in lock-step."""
+        return not (self._path or self._turns)
+
+    def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
+
+        The k-th actuation and the k-th friction array make one vertex; those without a partner follow alone. Arrays
+        take equal shares of the tick. A trajectory's points stand at their own times, those already past first, and
+        where it runs on beyond the tick its straight line is followed up to the end. Arrays and trajectories replace
+        each other, whichever came last.
+
+        Args:
+            start_ns: simulated time [ns].
+            end_ns: simulated time [ns].
+
+        Returns:
+            The vertices; none to hold.
+        """
+        self._now_ns, self._tick_ns = end_ns, end_ns - start_ns
+        if self._lock_step:
+            return self._news(self._take_turn(start_ns, end_ns))
+        if not (self._actuation or self._friction or self._trajectories or self._path):
+            return []
+        with self._lock:
+            actuation, self._actuation = self._actuation, []
+            friction, self._friction = self._friction, []
+            trajectories, self._trajectories = self._trajectories, []
+            self._pending = self._pending_friction = 0
+            trajectory_last = self._last_was_trajectory
+        arrays = max(len(actuation), len(friction)) > 0
+        if arrays and trajectory_last:
+            vertices = self._pair(actuation, friction, start_ns, start_ns)
+            self._join_all(trajectories, start_ns, end_ns)
+            return self._news(vertices + self._follow_path(start_ns, end_ns))
+        self._join_all(trajectories, start_ns, end_ns)
+        if not arrays:
+            return self._news(self._follow_path(start_ns, end_ns)) if self._path else []
+        past = [v for v in self._path if v.due_ns <= start_ns]
+        if past:
+            self._anchor = past[-1]
+        return self._news(past + self._pair(actuation, friction, start_ns, end_ns))
+
+    def _take_turn(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        """Take the vertices of a tick in lock-step: of the trajectory that runs, else of what arrived first."""
+        if self._path:
+            return self._follow_path(start_ns, end_ns)
+        with self._lock:
+            self.arrived.clear()
+            if not self._turns:
+                return []
+            turn = self._turns.popleft()
+            if isinstance(turn, Trajectory):
+                friction = []
+                self._pending -= turn.times_ns.size + 1
+            else:
+                friction, self._friction = self._friction, []
+                self._pending -= 1
+                self._pending_friction = 0
+        if isinstance(turn, Trajectory):
+            self._join(turn, start_ns, end_ns, 0)
+            return self._follow_path(start_ns, end_ns)
+        return self._pair([turn], friction, start_ns, end_ns)
+
+    def _news(self, vertices: list[Vertex]) -> list[Vertex]:
+        """Leave out the vertices that only repeat what is in force."""
+        kept = []
+        for vertex in vertices:
+            if vertex.row.tobytes() != self._in_force.tobytes():
+                kept.append(vertex)
+                self._in_force = vertex.row
+        return kept
+
+    def _pair(
+        self, actuation: list[np.ndarray], friction: list[np.ndarray], start_ns: int, end_ns: int
+    ) -> list[Vertex]:
+        count = max(len(actuation), len(friction))
+        row = self._value_at(start_ns) if self._path else self._anchor.row
+        vertices = []
+        for k in range(count):
+            row = row.copy()
+            if k < len(actuation):
+                row[: self._lengths] = actuation[k]
+            if k < len(friction):
+                row[self._lengths :] = friction[k]
+            vertices.append(Vertex(start_ns + (end_ns - start_ns) * (k + 1) // count, row))
+        self._path = []
+        self._anchor = Vertex(end_ns, row)
+        return vertices
+
+    def _value_at(self, ns: int) -> np.ndarray:
+        before = self._anchor
+        for vertex in self._path:
+            if vertex.due_ns > ns:
+                if ns <= before.due_ns:
+                    return before.row
+                part = (ns - before.due_ns) / (vertex.due_ns - before.due_ns)
+                return before.row + part * (vertex.row - before.row)
+            before = vertex
+        return before.row
+
+    def _join_all(self, trajectories: list[Trajectory], now_ns: int, end_ns: int) -> None:
+        fresh = 0
+        for trajectory in trajectories:
+            fresh = self._join(trajectory, now_ns, end_ns, fresh)
+
+    def _join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
+        """Let a trajectory replace the path from its start on.
+
+        Of the trajectories that arrived in the same tick nothing that is due in it is lost: the last `fresh` vertices
+        of the path that are due by its end stay. Times do not go back along the path.
+
+        Returns:
+            How many vertices of the path are now of trajectories that arrived in this tick.
+        """
+        start = now_ns if trajectory.start_ns is None else trajectory.start_ns
+        cut = max(start, now_ns)
+        old = len(self._path) - fresh
+        kept_old = [v for v in self._path[:old] if v.due_ns <= cut]
+        kept_new = [v for v in self._path[old:] if v.due_ns <= max(cut, end_ns)]
+        row = kept_new[-1].row if kept_new and kept_new[-1].due_ns > cut else self._value_at(cut)
+        path = kept_old + kept_new
+        due = max(cut, path[-1].due_ns if path else cut)
+        rows = np.tile(row, (trajectory.times_ns.size, 1))
+        for column, values in zip(trajectory.columns, trajectory.positions.T, strict=True):
+            rows[:, column] = values[:, None]
+        dues = np.maximum(start + trajectory.times_ns, due).tolist()
+        joined = [Vertex(due, row), *map(Vertex, dues, rows)]
+        self._path = path + joined
+        return len(kept_new) + len(joined)
+
+    def _follow_path(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        path = self._path
+        count = 0
+        while count < len(path) and path[count].due_ns <= end_ns:
+            count += 1
+        passed = path[:count]
+        vertices = [v if v.due_ns >= start_ns else Vertex(start_ns, v.row) for v in passed]
+        if count < len(path):
+            vertices.append(Vertex(end_ns, self._value_at(end_ns)))
+        if passed:
+            self._anchor = passed[-1]
+            del path[:count]
+        return vertices

@@ -1,0 +1,120 @@
+"""What comes in: from the bytes of a command topic to the queue of commands, with everything refused on the way."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from crawler_model import CommandError
+
+from ...wire import interface
+from .commands import CommandQueue
+from .peers import Arrivals, publishers_of
+from .received import read_array, read_trajectory
+from .refusals import Refusals, Throttle
+
+if TYPE_CHECKING:
+    from ...recording.recorder import Recorder
+
+_OVERHEAD_BYTES = 1 << 16  # header, labels of dimensions
+_LARGEST_BYTES = 1 << 26
+LENGTH_TOPICS = ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory")
+"""Topics whose commands replace each other's."""
+
+
+class Intake:
+    """The command topics of a node."""
+
+    def __init__(self, commands: CommandQueue, throttle: Throttle, recorder: Recorder | None, columns: int) -> None:
+        """Take what the messages go through.
+
+        Args:
+            commands: where they end.
+            throttle: logs refusals and losses.
+            recorder: the recording, if there is one.
+            columns: numbers in a command row.
+        """
+        self.refusals = Refusals(throttle)
+        self.arrivals: dict[str, Arrivals] = {}
+        self._commands, self._throttle, self._recorder = commands, throttle, recorder
+        self._lock = threading.Lock()
+        array = _OVERHEAD_BYTES + 16 * columns
+        points = min((4 * 8 * columns + 64) * commands.most_waiting, _LARGEST_BYTES)
+        self._ways: dict[str, tuple[Callable[[bytes], None], int]] = {
+            "joint_trajectory": (self._accept_trajectory, array + points),
+            "actuation_controller/joint_trajectory": (self._accept_lengths, array + points),
+            "actuation_controller/commands": (lambda data: commands.accept_actuation(read_array(data)), array),
+            "friction_controller/commands": (lambda data: commands.accept_friction(read_array(data)), array),
+        }
+
+    def open(self, node: Any, topic: interface.Topic, channel: int | None) -> None:
+        """Subscribe to a topic.
+
+        Args:
+            node: an rclpy node.
+            topic: its row in the table of topics.
+            channel: of the recording; None to record nothing.
+        """
+        accept, most = self._ways[topic.name]
+        arrivals = self.arrivals[topic.name] = Arrivals()
+        name, recorder = topic.name, self._recorder
+
+        def receive(*given: Any) -> None:
+            data, information = given if len(given) == 2 else given[0]
+            with self._lock:
+                arrivals.add(information["publication_sequence_number"])
+            if len(data) > most:  # too large to be passed on, to a recording as well
+                text = f"{len(data)} bytes; no command of this scene takes more than {most}"
+                self.refusals.add(name, text)
+                return
+            if recorder is not None and channel is not None:
+                now = recorder.now_ns()
+                recorder.record(channel, now, now, bytes(data))
+            try:
+                accept(data)
+            except CommandError as error:
+                self.refusals.add(name, str(error))
+            except Exception as error:  # a message must not end the node
+                self.refusals.add(name, f"not a message of this type: {error!r}")
+
+        # rclpy looks at the signature to see whether to pass the information; its EventsExecutor of 2025 passes message
+        # and information as one tuple, later ones as two arguments
+        receive.__signature__ = inspect.signature(lambda message, information: None)  # type: ignore[attr-defined]
+        interface.open_subscription(node, topic, receive)
+
+    def settle(self, node: Any) -> dict[str, list[tuple[bytes, str]]]:
+        """Look who publishes commands now, and log what was lost since this was last asked.
+
+        Args:
+            node: an rclpy node.
+
+        Returns:
+            The publishers of each command topic.
+        """
+        found = {name: publishers_of(node, name) for name in self.arrivals}
+        for name, arrivals in self.arrivals.items():
+            with self._lock:
+                lost = arrivals.settle(gid for gid, _ in found[name])
+            if lost:
+                text = f"lost {lost} message(s) on {name}: they came faster than they could be taken"
+                self._throttle.warn(f"lost {name}", text)
+        return found
+
+    @property
+    def lost(self) -> int:
+        """Messages that did not arrive."""
+        return sum(a.lost for a in self.arrivals.values())
+
+    def _accept_lengths(self, data: bytes) -> None:
+        self._accept_trajectory(data, only_lengths=True)
+
+    def _accept_trajectory(self, data: bytes, only_lengths: bool = False) -> None:
+        message = read_trajectory(data)
+        if message.has_more:
+            text = "velocities, accelerations and efforts of a trajectory are not followed, only its positions"
+            self._throttle.warn("velocities", text)
+        self._commands.accept_trajectory(
+            message.names, message.times_ns, message.positions, message.stamp_ns, only_lengths
+        )

@@ -1,0 +1,90 @@
+"""How large a command may be: what is a thousand times the body is a mistake, and would cost all other digits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from crawler_model import Scene
+from crawler_model.body.body import Body
+from crawler_model.body.columns import Columns
+from crawler_model.errors import LARGEST, CommandError
+
+_TIMES = 1000.0
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """The largest size of each number of a command row.
+
+    Attributes:
+        largest: shape (C,) [m, 1, N, N/m].
+        lengths: how many of these are lengths and strains.
+    """
+
+    largest: np.ndarray
+    lengths: int
+
+    @staticmethod
+    def none(columns: Columns) -> Limits:
+        """Take whatever doubles can hold, in all columns."""
+        return Limits(np.full(columns.count, LARGEST), columns.lengths)
+
+    def check(self, what: str, names: Sequence[str], values: np.ndarray, columns: np.ndarray | int = 0) -> None:
+        """Refuse numbers beyond their limits.
+
+        Args:
+            what: the message, for the error.
+            names: of the numbers, M of them.
+            values: shape (M,).
+            columns: which column each is of, shape (M,), or the first of M in a row.
+
+        Raises:
+            CommandError: naming number, limit and parameter.
+        """
+        which = columns + np.arange(values.size) if isinstance(columns, int) else columns
+        excess = np.abs(values) > self.largest[which]
+        if not excess.any():
+            return
+        i = int(np.argmax(excess))
+        parameter = "limit.length" if which[i] < self.lengths else "limit.friction"
+        raise CommandError(
+            f"{what}: {names[i]} is {values[i]:g}; at most {self.largest[which[i]]:g} is taken (parameter {parameter})"
+        )
+
+
+def body_length(body: Body) -> float:
+    """Measure the body along its longest axis, at rest [m]."""
+    return float(np.ptp(np.atleast_2d(body.position.T), axis=1).max())
+
+
+def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> Limits:
+    """Lay out the limits of a scene's commands.
+
+    A strain is limited so that its segment grows by no more than a link may, a friction per length so that its segment
+    has no more than a contact may.
+
+    Args:
+        scene: what is commanded.
+        length: of a link's rest-length change [m]; 0 for a thousand times the body, or what the scene's drive commands
+            if that is more.
+        friction: of a contact [N]; 0 for a thousand times the largest in the scene, or what holds the body stretched
+            to a thousand times its length if that is more.
+
+    Returns:
+        The limits.
+    """
+    columns, body, rows = scene.columns, scene.mesh, np.abs(scene.commands.rows)
+    extent = body_length(body)
+    spans = [body.position[s.last] - body.position[s.first] for s in body.segments]
+    lengths_of = np.concatenate(([1.0] * columns.links, spans))
+    spread = np.repeat(lengths_of, columns.actuation_sizes)
+    longest = length or max(_TIMES * extent, (rows[:, : columns.lengths] * spread).max(initial=0.0))
+    ground = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.friction_sizes)
+    ground = np.tile(ground, columns.sides)
+    strongest = friction or _TIMES * max(
+        (rows[:, columns.lengths :] * ground).max(initial=0.0), body.stiffness.max(initial=0.0) * extent
+    )
+    return Limits(np.minimum(np.concatenate((longest / spread, strongest / ground)), LARGEST), columns.lengths)

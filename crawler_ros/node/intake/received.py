@@ -1,0 +1,189 @@
+"""Bytes that arrived to arrays: every length is checked before anything of that length is read.
+
+The middleware's own decoder writes a line to standard error for each damaged message and makes an object of each point
+of a trajectory. Here the points of a trajectory are read by numpy, all that look alike at once.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from crawler_model.body.drive import NS
+from crawler_model.errors import CommandError
+
+_HEAD = 4
+_ENCODINGS = {  # of the second byte: byte order, and the largest alignment
+    0: (">", 8),
+    1: ("<", 8),
+    6: (">", 4),
+    7: ("<", 4),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ReceivedTrajectory:
+    """A trajectory_msgs/JointTrajectory as arrays.
+
+    Attributes:
+        stamp_ns: the header's stamp [ns].
+        names: of the joints, N of them.
+        times_ns: time_from_start of each point, shape (P,) [ns].
+        positions: shape (P, N).
+        has_more: whether a point has velocities, accelerations or efforts.
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    times_ns: np.ndarray
+    positions: np.ndarray
+    has_more: bool
+
+
+class _Reader:
+    """A place in the bytes of a message, which never moves beyond their end."""
+
+    def __init__(self, data: bytes) -> None:
+        if len(data) < _HEAD or data[0] != 0 or data[1] not in _ENCODINGS:
+            raise CommandError(
+                f"not a message of this type: it begins with {bytes(data[:_HEAD]).hex(' ') or 'nothing'}"
+            )
+        self.data, self.place = data, _HEAD
+        self.order, self._largest = _ENCODINGS[data[1]]
+        self._count = struct.Struct(self.order + "I")
+        self._stamp = struct.Struct(self.order + "iI")
+
+    def take(self, count: int, size: int) -> int:
+        """Move over `count` items of `size` bytes; return where they begin."""
+        if count:
+            self.place += -(self.place - _HEAD) % min(size, self._largest)
+        first, self.place = self.place, self.place + count * size
+        if self.place > len(self.data):
+            raise CommandError(f"not a message of this type: it ends after {len(self.data)} bytes, in mid-sequence")
+        return first
+
+    def count(self) -> int:
+        return int(self._count.unpack_from(self.data, self.take(1, 4))[0])
+
+    def ns(self) -> int:
+        first = self.take(2, 4)
+        seconds, rest = self._stamp.unpack_from(self.data, first)
+        return int(seconds * NS + rest)
+
+    def text(self) -> str:
+        size = self.count()
+        first = self.take(size, 1)
+        return bytes(self.data[first : first + size]).rstrip(b"\0").decode(errors="replace")
+
+    def doubles(self) -> np.ndarray:
+        size = self.count()
+        first = self.take(size, 8)
+        return np.frombuffer(self.data, self.order + "f8", size, first)
+
+
+def read_array(data: bytes) -> np.ndarray:
+    """Read the numbers of a std_msgs/Float64MultiArray.
+
+    Args:
+        data: its CDR bytes.
+
+    Returns:
+        Shape (M,), a view of the bytes.
+
+    Raises:
+        CommandError: when the bytes are no such message.
+    """
+    reader = _Reader(data)
+    for _ in range(reader.count()):  # dimensions: label, size, stride
+        reader.text()
+        reader.take(2, 4)
+    reader.take(1, 4)  # data_offset
+    return reader.doubles()
+
+
+def read_trajectory(data: bytes) -> ReceivedTrajectory:
+    """Read a trajectory_msgs/JointTrajectory.
+
+    Args:
+        data: its CDR bytes.
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        CommandError: when the bytes are no such message, or a point has not one position per name.
+    """
+    reader = _Reader(data)
+    stamp_ns = reader.ns()
+    reader.text()  # frame_id
+    count = reader.count()
+    reader.take(count, 4)  # a name has four bytes or more: do not begin on more than there can be
+    reader.place -= 4 * count
+    names = tuple(reader.text() for _ in range(count))
+    points = reader.count()
+    if points > (len(data) - reader.place) // 24:  # four counts and a time
+        raise CommandError(f"not a message of this type: {points} points in {len(data)} bytes")
+    times = np.zeros(points, dtype=np.int64)
+    positions = np.zeros((points, len(names)))
+    has_more = False
+    done, run, before = 0, 1, (-1, -1)
+    while done < points:
+        first = reader.place
+        positions[done] = _positions(reader, done, len(names))
+        sizes = [reader.doubles().size for _ in range(3)]  # velocities, accelerations, effort
+        has_more = has_more or any(sizes)
+        times[done] = reader.ns()
+        done += 1
+        form = ((first - _HEAD) % 8, reader.place - first)
+        if form != before or form[1] % 8:
+            before, run = form, 1
+            continue
+        run = min(2 * run, points - done, (len(data) - reader.place) // form[1])
+        if run == 0:
+            continue
+        like = _read_alike(data, reader.order, first, reader.place, run, positions[done:], times[done:])
+        reader.place += like * form[1]
+        done += like
+        if like < run:
+            run = 1
+    return ReceivedTrajectory(stamp_ns, names, times, positions, has_more)
+
+
+def _positions(reader: _Reader, point: int, names: int) -> np.ndarray:
+    values = reader.doubles()
+    if values.size != names:
+        raise wrong_point(point, values.size, names)
+    return values
+
+
+def wrong_point(point: int, positions: int, names: int) -> CommandError:
+    """Describe a point that has not one position per name."""
+    return CommandError(f"trajectory: point {point} has {positions} position(s) for {names} name(s)")
+
+
+def _read_alike(
+    data: bytes, order: str, model: int, first: int, most: int, positions: np.ndarray, times: np.ndarray
+) -> int:
+    """Read up to `most` points that have the form of the one from `model` to `first`; return how many there are."""
+    size, names = first - model, positions.shape[1]
+    table = np.frombuffer(data, np.uint8, most * size, first).reshape(most, size)
+    form = np.zeros(size, dtype=bool)  # the bytes of the counts
+    reader = _Reader(data)
+    reader.place = model
+    begins = []
+    for _ in range(4):  # positions, velocities, accelerations, effort
+        form[reader.place - model : reader.place - model + 4] = True
+        count = reader.count()
+        begins.append(reader.take(count, 8) - model)
+    begin = begins[0]
+    expected = np.frombuffer(data, np.uint8, size, model)[form]
+    same = (table[:, form] == expected).all(axis=1)
+    like = most if same.all() else int(np.argmin(same))
+    rows = table[:like]
+    positions[:like] = np.ascontiguousarray(rows[:, begin : begin + 8 * names]).view(order + "f8")
+    words = np.ascontiguousarray(rows[:, size - 8 :])
+    seconds, rest = words[:, :4].copy().view(order + "i4")[:, 0], words[:, 4:].copy().view(order + "u4")[:, 0]
+    times[:like] = seconds.astype(np.int64) * NS + rest
+    return like

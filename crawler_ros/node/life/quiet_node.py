@@ -1,0 +1,50 @@
+"""A node whose peers cannot flood its log: rclpy warns of each endpoint that does not fit, as fast as they come."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.qos import qos_policy_name_from_kind
+
+from ..intake.refusals import Throttle
+
+
+class QuietNode(Node):
+    """Warns of endpoints with another type or incompatible QoS once a second and topic."""
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """Make the node.
+
+        Args:
+            name: the node's.
+            **options: for rclpy's Node.
+        """
+        self.throttle = Throttle(get_logger(name).warning)  # before the node opens topics of its own
+        super().__init__(name, **options)
+
+    def create_publisher(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
+        """Create a publisher, as rclpy's Node does."""
+        if options.get("event_callbacks") is None:
+            options["event_callbacks"] = PublisherEventCallbacks(**self._warnings(topic, "subscription"))
+        return super().create_publisher(msg_type, topic, *args, **options)
+
+    def create_subscription(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
+        """Create a subscription, as rclpy's Node does."""
+        if options.get("event_callbacks") is None:
+            options["event_callbacks"] = SubscriptionEventCallbacks(**self._warnings(topic, "publisher"))
+        return super().create_subscription(msg_type, topic, *args, **options)
+
+    def _warnings(self, topic: str, peer: str) -> dict[str, Any]:
+        def on_qos(event: Any) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            text = f"a {peer} of {topic} has incompatible QoS ({policy}): nothing passes between it and this node"
+            self.throttle.warn(f"{peer} of {topic}", text)
+
+        def on_type(_: Any) -> None:
+            text = f"a {peer} of {topic} has another message type: nothing passes between it and this node"
+            self.throttle.warn(f"{peer} of {topic}", text)
+
+        return {"incompatible_qos": on_qos, "incompatible_type": on_type}

@@ -1,0 +1,140 @@
+"""The life of a node, from its command line to its exit status."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from crawler_command.executables import leave_at_once
+
+from ...wire.interface import find_ament_prefix
+from .log_pipe import unblocked_log
+from .shared_memory import remove_orphans
+
+_REPEAT_S = 1.0
+"""Within this time a second signal is the first one again: launch and a process group send SIGINT twice."""
+
+
+def stay_on_loopback() -> None:
+    """Keep ROS on 127.0.0.1 unless the environment asks otherwise; before rclpy is initialised.
+
+    A discovery range says who is looked for, not who can reach us: with LOCALHOST or OFF Fast DDS still listens on
+    every interface. A profile of its own opens sockets on loopback alone, and rmw adds others to them unless it is told
+    nothing. Nodes on this machine find ours whatever their range, without the profile; with OFF nobody does.
+    """
+    asked = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
+    given = {name: os.environ[name] for name in asked if os.environ.get(name)}
+    off = given == {asked[0]: "OFF"}
+    local: tuple[dict[str, str], ...] = (
+        {},
+        {asked[0]: "LOCALHOST"},
+        {asked[1]: "1"},
+        {asked[0]: "LOCALHOST", asked[1]: "1"},
+    )
+    if not off and given not in local:
+        return
+    from rclpy.utilities import get_rmw_implementation_identifier
+
+    if not off:
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    profile = Path(str(resources.files("msgs_config") / "loopback.xml"))
+    if (
+        get_rmw_implementation_identifier().startswith("rmw_fastrtps")
+        and not os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE")
+        and profile.is_file()
+    ):
+        os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+        os.environ.setdefault("RMW_FASTRTPS_USE_QOS_FROM_XML", "1")
+        if not off:
+            os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
+            os.environ.pop("ROS_LOCALHOST_ONLY", None)  # it would override the range
+
+
+def end_on_signals(stop: Callable[[], Any], stuck: Callable[[], bool]) -> None:
+    """End a node on SIGINT or SIGTERM: in order at first, at once when it is asked again a second later.
+
+    Args:
+        stop: asks the node to end.
+        stuck: whether it was asked before.
+    """
+    first = 0.0
+
+    def on_signal(*_: Any) -> None:
+        nonlocal first
+        if not stuck():
+            first = time.monotonic()
+            stop()
+        elif time.monotonic() - first > _REPEAT_S:  # the recording process still finishes its file
+            os._exit(130)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_signal)
+
+
+def run_node(
+    name: str, make: Callable[[], Any], spin: Callable[[Any], None], args: list[str] | None, parameters: str
+) -> int:
+    """Run a node's life: initialise ROS, make it, spin it, shut down; mistakes are one line on standard error.
+
+    Args:
+        name: the executable's.
+        make: makes the node.
+        spin: runs it to its end; sets the signal handlers.
+        args: command line; None for the process's own.
+        parameters: names of the node's parameters, for the help.
+
+    Returns:
+        The exit status.
+    """
+    leave_at_once(name)  # until `spin` has something to tidy up
+    find_ament_prefix()
+    stay_on_loopback()
+    with unblocked_log():
+        return _run(name, make, spin, sys.argv if args is None else args, parameters)
+
+
+def _run(name: str, make: Callable[[], Any], spin: Callable[[Any], None], words: list[str], parameters: str) -> int:
+    import rclpy
+    from rclpy.exceptions import ParameterException
+    from rclpy.signals import SignalHandlerOptions
+    from rclpy.utilities import remove_ros_args
+
+    try:
+        try:
+            rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+            remove_orphans()
+            stray = remove_ros_args(words)[1:]
+            if "-h" in stray or "--help" in stray:
+                print(f"usage: {name} --ros-args [-p PARAMETER:=VALUE ...] [-r __ns:=/NAME]\nparameters: {parameters}")
+                print("network: 127.0.0.1 alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET lets other machines in")
+                return 0
+            if stray:
+                raise ValueError(f"unknown argument {stray[0]!r}; parameters are given as in --ros-args -p scene:=FILE")
+            node = make()
+        except (ValueError, OSError, ParameterException) as error:
+            print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
+            return 1
+        except Exception as error:  # rcl's own refusals of the command line have no common type
+            if type(error).__name__ not in ("RCLError", "UnknownROSArgsError", "RCLInvalidROSArgsError"):
+                raise
+            text = " ".join(str(error).split())[:200]
+            print(f"{name}: {text}; parameters are given as in --ros-args -p scene:=FILE", file=sys.stderr)
+            return 1
+        try:
+            spin(node)
+        except Exception as error:
+            from crawler_model import CrawlerError
+
+            if not isinstance(error, CrawlerError):
+                raise
+            print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
+            return 1
+        return 0
+    finally:
+        rclpy.try_shutdown()

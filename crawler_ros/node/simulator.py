@@ -1,0 +1,409 @@
+"""The node `crawler`: parameters in, commands in, states out, at a fixed rate."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rclpy.experimental.events_executor import EventsExecutor
+
+from crawler_model import Crawler, CrawlerError, Scene, load_scene, prepare
+from crawler_model.body.drive import NS
+from crawler_model.crawler.readout import Readout
+from crawler_model.crawler.step import Step
+from crawler_model.run.simulate import rational_rate
+from crawler_model.theory.regularity import check_regularity
+from crawler_model.theory.uniqueness import commanded_margin
+
+from ..recording.versions import versions
+from ..wire import interface
+from ..wire.messages import (
+    JointStateMessage,
+    OdometryMessage,
+    PoseMessage,
+    TrajectoryMessage,
+    encode_clock,
+    encode_diagnostics,
+    encode_string,
+)
+from ..wire.states import contact_names, joint_state_names, shown_contacts
+from .certificates import certificates_of
+from .diagnostics import diagnose
+from .intake.commands import CommandQueue
+from .intake.intake import Intake
+from .intake.limits import command_limits
+from .life.quiet_node import QuietNode
+from .life.run import end_on_signals, run_node
+from .outlet import Outlet
+from .stepper import Stepper
+
+if TYPE_CHECKING:
+    from ..recording.recorder import Recorder
+    from ..viewer.feed import ViewerFeed
+
+
+STATES = ("joint_states", "contact_states", "pose", "applied_commands", "odom", "/clock")
+"""Topics that one node alone publishes."""
+_MOST_WARNED = 100
+
+
+class Simulator(QuietNode):
+    """Wires a `Crawler` to topics. `spin` runs it; everything else happens under one lock."""
+
+    def __init__(self, scene: Scene | None = None, **options: Any) -> None:
+        """Declare parameters, load the scene, open topics, services, recording and viewer.
+
+        Args:
+            scene: what is simulated; None to load what the parameter names.
+            **options: for rclpy's Node.
+
+        Raises:
+            CrawlerError: when a parameter or the scene is wrong.
+            OSError: when the recording cannot be opened.
+        """
+        super().__init__("crawler", **options)
+        self.values = interface.declare_parameters(self)
+        for name in ("scene", "record", "view"):
+            self.values[name] = interface.in_home(self.values[name])
+        self.scene = load_scene(self.values["scene"]) if scene is None else scene
+        rate = rational_rate(self.values["rate"])
+        prepare(self.scene)
+        method = str(self.values["method"])
+        self.crawler = Crawler(self.scene, None if method == "auto" else method)  # type: ignore[arg-type]
+        self.start = self.crawler.copy()
+        self.stepper = Stepper(rate, self.values["real_time_factor"])
+        self.columns = self.scene.columns
+        self.lock_step = bool(self.values["lock_step"])
+        limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
+        self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
+        self.certificates = certificates_of(self.scene, self.crawler.method)
+        self.ambiguous = self.overspent = self.unsolved = 0
+        self.reported = (0, 0, 0, 0)
+        self.reported_commands = (0, 0, 0)
+        self._warned: set[str] = set()
+        self.margin = commanded_margin(self.scene)
+        self.regularity = check_regularity(self.scene.commands)
+        self.lock = threading.Lock()
+        self.stopping = threading.Event()
+
+        self._prepare_messages()
+        self.recorder: Recorder | None = None
+        self.feed: ViewerFeed | None = None
+        self._outlets: dict[str, Outlet] = {}
+        view = str(self.values["view"])
+        if view != "off":
+            from ..viewer.feed import check_view
+
+            check_view(view)  # before anything is opened
+        if self.values["record"]:
+            from ..recording.recorder import Recorder
+
+            self.recorder = Recorder(Path(self.values["record"]), "crawler", self._attachments())
+        self._open_topics()
+        if self.recorder is not None:
+            self.recorder.start()
+            self.get_logger().info(f"recording to {self.recorder.folder}")
+        self._open_services()
+        self.add_on_set_parameters_callback(self._on_parameters)
+        if view != "off":
+            from ..viewer.feed import ViewerFeed
+
+            self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
+        self._next_diagnostics_ns = self._last_ns = 0
+        name = self.get_fully_qualified_name()
+        self.get_logger().info(
+            f"{self.scene.name}: {self.scene.mesh.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
+            f"for commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
+            f"{name}/pause, {name}/step, {name}/reset"
+        )
+
+    def _prepare_messages(self) -> None:
+        """Lay out what is sent at every tick."""
+        mesh = self.scene.mesh
+        self._hold = np.empty((0, self.columns.index.size))
+        frame = self.values["frame_id"]
+        self._ledger = TrajectoryMessage(list(self.columns.names))
+        shown = self.values["publish.contact_states"]
+        self._joints = JointStateMessage(joint_state_names(mesh))
+        self._contacts = JointStateMessage(contact_names(self.scene) if shown else [], frame)
+        self._readout = Readout(mesh, shown_contacts(self.scene) if shown else np.zeros(0, np.int64))
+        self._pose = PoseMessage(frame)
+        self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
+
+    def _attachments(self) -> dict[str, Any]:
+        return {
+            "scene": self.scene.document(),
+            "parameters": self.values | {"method": self.crawler.method},
+            "versions": versions(),
+            "node": self.get_fully_qualified_name(),
+            "start": {
+                "displacement": self.crawler.displacement.tolist(),
+                "tension": self.crawler.tension.tolist(),
+                "actuation": self.crawler.actuation.tolist(),
+                "friction": self.crawler.friction.tolist(),
+            },
+        }
+
+    def _open_topics(self) -> None:
+        wanted = {
+            "joint_states": True,
+            "contact_states": self.values["publish.contact_states"],
+            "pose": self.values["publish.pose"],
+            "applied_commands": self.values["publish.applied_commands"],
+            "odom": self.values["publish.odom"],
+            "robot_description": self.values["publish.robot_description"],
+            "/diagnostics": self.values["publish.diagnostics"],
+            "/clock": self.values["publish_clock"],
+        }
+        recorder = self.recorder
+        self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count)
+        self.states = [n for n in STATES if wanted[n]]
+        for name, topic in interface.topics().items():
+            full = self.resolve_topic_name(name)
+            if topic.direction == "out":
+                publisher = interface.open_publisher(self, topic) if wanted[name] else None
+                channel = None
+                if recorder is not None and (publisher is not None or name == "applied_commands"):
+                    used = topic if publisher is None else interface.qos_in_use(topic, publisher)
+                    channel = recorder.add_topic(used, full)
+                self._outlets[name] = Outlet(publisher, recorder, channel)
+            else:
+                channel = None if recorder is None else recorder.add_topic(topic, full)
+                self.intake.open(self, topic, channel)
+
+    def _open_services(self) -> None:
+        answers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
+        for name, kind in interface.services().items():
+            self.create_service(interface.message_class(kind), f"~/{name}", answers[name])
+
+    # -- services and parameters ------------------------------------------------------------------------------------
+
+    def _on_reset(self, _: Any, response: Any) -> Any:
+        with self.lock:
+            self.crawler = self.start.copy()
+            self.stepper.reset()
+            self.commands.reset(self.start.row)
+            self.certificates = certificates_of(self.scene, self.crawler.method)
+            self.ambiguous = self.overspent = self.unsolved = 0
+            self.reported = (0, 0, 0, self.reported[3])
+            self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
+            self._send_states(None)
+        response.success, response.message = True, "at the scene's start, simulated time 0"
+        return response
+
+    def _on_step(self, _: Any, response: Any) -> Any:
+        with self.lock:
+            if not self.stepper.paused:
+                response.success, response.message = False, "not paused: call ~/pause with data true first"
+                return response
+            self._tick()
+            seconds = self.stepper.now_ns / NS
+        response.success, response.message = True, f"at simulated time {seconds:.9f} s"
+        return response
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        with self.lock:
+            self.stepper.pause(bool(request.data))
+        response.success, response.message = True, "paused" if request.data else "playing"
+        return response
+
+    def _on_parameters(self, changes: list[Any]) -> Any:
+        from rcl_interfaces.msg import SetParametersResult
+
+        for change in changes:
+            if change.name == "real_time_factor":
+                with self.lock:
+                    self.stepper.real_time_factor = float(change.value)
+        return SetParametersResult(successful=True)
+
+    # -- the loop ---------------------------------------------------------------------------------------------------
+
+    def spin(self) -> None:
+        """Tick until `stopping` is set; topics and services are served by a second thread."""
+        executor = EventsExecutor()
+        executor.add_node(self)
+        server = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
+        server.start()
+        gc.collect()
+        gc.freeze()  # what was loaded so far stays: looking through it again and again would make ticks late
+        with self.lock:
+            if self._outlets["robot_description"].wanted:
+                from .robot_description import describe_robot
+
+                text = describe_robot(self.scene, self.values["frame_id"])
+                self._outlets["robot_description"].send(encode_string(text))
+            self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
+            self._send_states(None)
+        try:
+            while not self.stopping.is_set():
+                wall_ns = time.monotonic_ns()
+                with self.lock:
+                    wait = self._wait_ns(wall_ns)
+                if wait is None:
+                    self._wait_for_commands()
+                elif wait > 0:
+                    time.sleep(min(wait / NS, 0.1))
+                else:
+                    with self.lock:
+                        if not self.stepper.paused:
+                            self.stepper.begin(time.monotonic_ns())
+                            self._tick()
+                self._push_recording(wall_ns)
+                self._report(wall_ns)
+        finally:
+            self.stopping.set()
+            server.join()
+            self.close()
+
+    def _wait_ns(self, wall_ns: int) -> int | None:
+        """Tell how long to wait before the next tick [ns], 0 when it is due, None for who knows."""
+        if self.lock_step:
+            return None if self.stepper.paused or self.commands.is_idle else 0
+        return self.stepper.wait_ns(wall_ns)
+
+    def _wait_for_commands(self) -> None:
+        """Wait a little, in lock-step for a command; before the first one, tell newcomers where the crawler stands."""
+        if self.stepper.paused or not self.lock_step:
+            self.stopping.wait(0.01)
+            return
+        self.commands.arrived.wait(0.01)
+        with self.lock:
+            if self.stepper.tick == 0 and self.commands.is_idle:
+                self._greet()
+
+    def _greet(self, newcomers: bool = True) -> None:
+        for name in ("/clock", "joint_states", "contact_states", "pose", "odom"):
+            self._outlets[name].greet(newcomers)
+
+    def _push_recording(self, wall_ns: int) -> None:
+        if self.recorder is not None and self.recorder.error is None:
+            before = self.recorder.problem
+            self.recorder.push(wall_ns)
+            if self.recorder.problem not in ("", before):
+                self.get_logger().error(self.recorder.problem)
+
+    def _serve(self, executor: EventsExecutor) -> None:
+        try:
+            while not self.stopping.is_set():
+                executor.spin_once(timeout_sec=0.1)
+        except Exception as error:  # deaf to commands it must not go on as if all were well
+            self.get_logger().fatal(f"topics and services are no longer served: {error!r}")
+            self.stopping.set()
+        executor.remove_node(self)
+
+    def _tick(self) -> None:
+        start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
+        vertices = self.commands.take(start_ns, end_ns)
+        rows = [v.row for v in vertices]
+        step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
+        self.stepper.finish()
+        ledger = self._outlets["applied_commands"]
+        if ledger.wanted:
+            times = [max(v.due_ns - start_ns, 0) for v in vertices]
+            ledger.send(self._ledger.encode(start_ns, times, rows))
+        self._send_states(step)
+        self.certificates.add(step.account)
+        self.ambiguous += not step.unique
+        self.overspent += step.overspent
+        self.unsolved += step.unsolved
+
+    def _send_states(self, step: Step | None) -> None:
+        crawler, now = self.crawler, self.stepper.now_ns
+        seconds = np.inf if step is None else (now - self._last_ns) / NS
+        self._last_ns = now
+        self._readout.read(crawler, seconds, self._joints.numbers, self._contacts.numbers)
+        outlets = self._outlets
+        outlets["joint_states"].send(self._joints.encode(now))
+        if outlets["contact_states"].wanted:
+            outlets["contact_states"].send(self._contacts.encode(now))
+        if outlets["pose"].wanted:
+            y = crawler.net_translation
+            outlets["pose"].send(self._pose.encode(now, y) if isinstance(y, float) else self._pose.encode(now, *y))
+        if self._odometry is not None:
+            y, gain = crawler.net_translation, crawler.body.share @ crawler.gained
+            outlets["odom"].send(self._odometry.encode(now, y, gain / seconds))
+        if outlets["/clock"].wanted:
+            outlets["/clock"].send(encode_clock(now))
+        if self.feed is not None:
+            self.feed.show(now, crawler)
+
+    # -- reports ----------------------------------------------------------------------------------------------------
+
+    def _report(self, wall_ns: int) -> None:
+        if wall_ns < self._next_diagnostics_ns:
+            return
+        self._next_diagnostics_ns = wall_ns + NS
+        self.throttle.flush()
+        outlet = self._outlets["/diagnostics"]
+        if outlet.wanted:
+            outlet.send(encode_diagnostics(time.time_ns(), diagnose(self)))
+
+    def warn_once(self, text: str) -> None:
+        """Log a warning unless the same one was logged before.
+
+        Args:
+            text: the line.
+        """
+        if text not in self._warned and len(self._warned) < _MOST_WARNED:
+            self._warned.add(text)
+            self.get_logger().warning(text)
+
+    def close(self) -> None:
+        """Finish recording and viewer and take the node out of the graph."""
+        if self.recorder is not None:
+            self.recorder.close()
+            if self.recorder.error is None:
+                self.get_logger().info(f"recorded {self.recorder.folder}")
+        if self.feed is not None:
+            self.feed.close()
+        late = self.stepper.late
+        self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late")
+        self.destroy_node()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM.
+
+    Args:
+        args: command line, for ROS arguments; None for the process's own.
+
+    Returns:
+        The exit status: 0, or 1 when scene or parameters were wrong or the recording failed.
+    """
+    sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
+    return run_node("simulator", _make, _spin, args, " ".join(interface.parameters()))
+
+
+def _make() -> Simulator:
+    """Make the node when its kernels are compiled: what stands in the graph answers."""
+    scout = QuietNode("crawler", start_parameter_services=False, enable_rosout=False)
+    try:
+        values = interface.declare_parameters(scout, silent=True)
+    finally:
+        scout.destroy_node()
+    scene = load_scene(interface.in_home(values["scene"]))
+    rational_rate(values["rate"])
+    if values["record"]:
+        from ..recording.bag_folder import check_parent
+
+        check_parent(Path(interface.in_home(values["record"])))
+    prepare(scene)
+    joints, contacts = JointStateMessage(joint_state_names(scene.mesh)), JointStateMessage([])
+    Readout(scene.mesh, np.zeros(0, np.int64)).read(Crawler(scene), np.inf, joints.numbers, contacts.numbers)
+    return Simulator(scene)
+
+
+def _spin(node: Simulator) -> None:
+    end_on_signals(node.stopping.set, node.stopping.is_set)
+    node.spin()
+    if node.recorder is not None and node.recorder.error is not None:
+        raise CrawlerError(node.recorder.error)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

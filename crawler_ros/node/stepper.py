@@ -1,0 +1,95 @@
+"""When ticks happen: simulated time in integer nanoseconds, playing, paused or stepping. Reads no clock itself.
+
+In lock-step ticks are made by messages and the wall clock has no say: see `CommandQueue`.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from crawler_model.run.simulate import tick_end_ns
+
+
+class Stepper:
+    """Counts ticks and tells when the next one is due.
+
+    A tick that starts later than a period after its deadline is counted late, and simulated time slows: the deadlines
+    that follow move by as much. None is ever skipped.
+    """
+
+    def __init__(self, rate: Fraction, real_time_factor: float = 1.0) -> None:
+        """Start playing at simulated time 0.
+
+        Args:
+            rate: ticks per simulated second [Hz].
+            real_time_factor: simulated seconds per second; 0 for as fast as possible.
+        """
+        self.rate = rate
+        self.late = 0
+        self.paused = False
+        self._factor = real_time_factor
+        self._origin_wall_ns: int | None = None
+        self._origin_ns = 0
+        self._go_to(0)
+
+    def _go_to(self, tick: int) -> None:
+        self.tick = tick
+        self.now_ns = tick_end_ns(tick, self.rate)
+        """Simulated time: the end of the last tick [ns]."""
+        self.next_ns = tick_end_ns(tick + 1, self.rate)
+        """The end of the next tick [ns]."""
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second."""
+        return self._factor
+
+    @real_time_factor.setter
+    def real_time_factor(self, factor: float) -> None:
+        self._factor = factor
+        self._origin_wall_ns = None
+
+    def pause(self, paused: bool) -> None:
+        """Pause or play on."""
+        self.paused = paused
+        self._origin_wall_ns = None
+
+    def wait_ns(self, wall_ns: int) -> int | None:
+        """Tell how long to wait before the next tick.
+
+        Args:
+            wall_ns: a steady clock's time [ns].
+
+        Returns:
+            Nanoseconds, 0 when it is due, None while paused.
+        """
+        if self.paused:
+            return None
+        if self._factor == 0.0:
+            return 0
+        if self._origin_wall_ns is None:
+            self._origin_wall_ns, self._origin_ns = wall_ns, self.now_ns
+        return max(self._deadline() - wall_ns, 0)
+
+    def _deadline(self) -> int:
+        assert self._origin_wall_ns is not None
+        return self._origin_wall_ns + round((self.next_ns - self._origin_ns) / self._factor)
+
+    def begin(self, wall_ns: int) -> None:
+        """Note that the next tick starts now, and whether it is late."""
+        if self.paused or self._factor == 0.0 or self._origin_wall_ns is None:
+            return
+        behind = wall_ns - self._deadline()
+        if behind > (self.next_ns - self.now_ns) / self._factor:
+            self.late += 1
+            self._origin_wall_ns += behind
+
+    def finish(self) -> None:
+        """Count the tick as done."""
+        self.tick += 1
+        self.now_ns, self.next_ns = self.next_ns, tick_end_ns(self.tick + 1, self.rate)
+
+    def reset(self) -> None:
+        """Go back to simulated time 0; the count of late ticks stays."""
+        self._go_to(0)
+        self._origin_wall_ns = None

@@ -1,0 +1,286 @@
+"""The recording process and the simulator's end of the pipe to it: `python -m crawler_ros.recording.recorder` writes the file."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import select
+import struct
+import subprocess
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from ..wire.interface import Topic
+from .bag_folder import make_folder
+from .bag_writer import BagWriter, describe_channel
+from .mcap_file import message_head
+
+FLUSH_EVERY_S = 0.5
+
+_PIPE_BYTES = 1 << 20
+_PUSH_EVERY_NS = 2_000_000
+_LISTEN_EVERY_NS = 200_000_000
+_MOST_WAITING = 1 << 26
+"""Bytes. What waits is lost when the simulator is killed: no more than can be written in a second."""
+
+
+class Recorder:
+    """The simulator's end of a pipe to a recording process.
+
+    The process outlives a killed simulator and finishes the file; a slow or full disk does not stall the loop.
+    """
+
+    def __init__(self, parent: Path, name: str, attachments: dict[str, Any]) -> None:
+        """Note what is to be recorded; nothing is made before `start`.
+
+        Args:
+            parent: folder in which the bag folder is made.
+            name: how the folder's name begins.
+            attachments: name to plain data: scene, parameters, versions, start state.
+        """
+        self.folder = parent
+        """The bag folder, once it is made by `start`."""
+        self._name = name
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+        self.error: str | None = None
+        """Why nothing is recorded any more."""
+        self.trouble = ""
+        """What is wrong while the recording goes on."""
+        self.waiting = 0
+        """Bytes taken up by `push` and not yet handed over."""
+        self._attachments = attachments
+        self._names: dict[str, str] = {}
+        self._channels: list[tuple[str, str, str, dict[str, str]]] = []
+        self._sequences: list[int] = []
+        self._process: subprocess.Popen[bytes] | None = None
+        self._arrived: list[bytes] = []  # appended to by any thread, emptied by one
+        self._blocks: deque[memoryview] = deque()
+        self._next_push_ns = self._next_listen_ns = 0
+        self._said = b""
+
+    def add_topic(self, topic: Topic, name: str) -> int:
+        """Register a topic; all of them before `start`.
+
+        Args:
+            topic: its row in the table of topics, with the QoS that is offered.
+            name: what it is called in the graph, namespace and all.
+
+        Returns:
+            The channel to record its messages on.
+
+        Raises:
+            FileNotFoundError: when the definition of its type is not installed.
+        """
+        type_name, definition, metadata = describe_channel(topic)
+        self._channels.append((name, type_name, definition.decode(), metadata))
+        self._names[topic.name] = name
+        self._sequences.append(0)
+        return len(self._channels) - 1
+
+    def start(self) -> None:
+        """Make a new bag folder, named after the crawler and the time, and start the recording process.
+
+        Raises:
+            OSError: when the folder cannot be made.
+        """
+        self.folder = make_folder(self.folder, self._name)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "crawler_ros.recording.recorder"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        attachments = self._attachments | {"topics": self._names}  # remapped or not: replay looks for them by these
+        header = {"folder": str(self.folder), "attachments": attachments, "channels": self._channels}
+        data = json.dumps(header).encode()
+        self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
+        self._take(struct.pack("<I", len(data)) + data)
+        with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
+            fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        os.set_blocking(self._fd, False)
+        os.set_blocking(self._process.stdout.fileno(), False)  # type: ignore[union-attr]
+
+    def now_ns(self) -> int:
+        """Tell the time for the messages of a recording [ns, wall].
+
+        It is the wall clock's when the recording began, and goes on steadily: readers play messages in the order of
+        their times, and a wall clock that is set meanwhile would bring them out of order.
+        """
+        return self._ahead_ns + time.monotonic_ns()
+
+    def record(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
+        """Take a message; from any thread, each channel from one at a time. `push` hands it on.
+
+        Args:
+            channel: from `add_topic`.
+            log_ns: when it was received [ns, wall].
+            publish_ns: when it was sent [ns, wall].
+            data: its CDR bytes.
+        """
+        if self.error is not None:
+            return
+        sequence = self._sequences[channel]
+        self._sequences[channel] = sequence + 1
+        # one call, so that another thread's message comes before or behind and never between; channels count from 1
+        self._arrived.extend((message_head(channel + 1, sequence, log_ns, publish_ns, len(data)), data))
+
+    @property
+    def messages(self) -> int:
+        """Messages taken."""
+        return sum(self._sequences)
+
+    def push(self, now_ns: int) -> None:
+        """Hand over what has arrived, now and then; waits only while very much waits already; from one thread.
+
+        Args:
+            now_ns: a steady clock's time [ns].
+        """
+        if now_ns < self._next_push_ns:  # a tick's few messages are not worth a call of the system
+            return
+        self._next_push_ns = now_ns + _PUSH_EVERY_NS
+        if self.error is None:
+            self._hand_over(_MOST_WAITING)
+        if self.error is None and now_ns >= self._next_listen_ns:
+            self._next_listen_ns = now_ns + _LISTEN_EVERY_NS
+            self._listen()
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the recording, whether it has ended or goes on; "" when nothing is."""
+        return self.error or self.trouble
+
+    def _listen(self) -> None:
+        """Take what the process says: a line is what is wrong now, an empty one that all is well again."""
+        said = self._process.stdout.read()  # type: ignore[union-attr]
+        if said == b"":  # it has ended, though nobody asked it to
+            self.error = self._last_words() or "recording stopped: the process has ended"
+        elif said is not None:
+            self._said += said
+            lines = self._said.split(b"\n")
+            if len(lines) > 1:
+                self.trouble = f"recording in trouble: {lines[-2].decode()}" if lines[-2] else ""
+            self._said = lines[-1]
+
+    def _take(self, block: bytes) -> None:
+        self._blocks.append(memoryview(block))
+        self.waiting += len(block)
+
+    def _hand_over(self, most: int) -> None:
+        """Write what the pipe takes, and wait until no more than `most` bytes are left."""
+        arrived = self._arrived
+        if arrived:
+            count = len(arrived)
+            self._take(b"".join(arrived[:count]))
+            del arrived[:count]  # what came meanwhile stands behind
+        blocks, patient = self._blocks, False
+        try:
+            while blocks:
+                if patient != (self.waiting > most):
+                    patient = not patient
+                    os.set_blocking(self._fd, patient)
+                block = blocks.popleft()
+                try:
+                    written = os.write(self._fd, block[:_PIPE_BYTES])
+                except BlockingIOError:
+                    blocks.appendleft(block)
+                    return
+                self.waiting -= written
+                if written < len(block):
+                    blocks.appendleft(block[written:])
+        except BrokenPipeError:
+            self.error = self._last_words()
+            blocks.clear()
+            self.waiting = 0
+        finally:
+            if patient:
+                os.set_blocking(self._fd, False)
+
+    def close(self) -> None:
+        """Hand over the rest and let the process write the end of the file and metadata.yaml."""
+        assert self._process is not None
+        assert self._process.stdin is not None
+        if self.error is None:
+            self._hand_over(0)
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
+        self.error = self.error or self._last_words()
+
+    def _last_words(self) -> str | None:
+        """Wait for the process and say what went wrong, if anything did."""
+        assert self._process is not None
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), True)
+        said = (self._said + self._process.stdout.read()).decode().strip()
+        self._process.wait()
+        if self._process.returncode == 0:
+            return None
+        last = said.rpartition("\n")[2] or self.trouble.removeprefix("recording in trouble: ")
+        return f"recording stopped: {last or f'the process ended with {self._process.returncode}'}"
+
+
+def main() -> int:
+    """Record the messages that arrive on standard input until it ends."""
+    fd = sys.stdin.fileno()
+    data = b""
+    while len(data) < 4 or len(data) < 4 + struct.unpack_from("<I", data)[0]:
+        block = os.read(fd, _PIPE_BYTES)
+        if not block:
+            return 0
+        data += block
+    size = 4 + struct.unpack_from("<I", data)[0]
+    header, data = json.loads(data[4:size]), data[size:]
+    try:
+        bag = BagWriter(Path(header["folder"]), header["attachments"])
+        for name, type_name, definition, metadata in header["channels"]:
+            bag.add_channel(name, type_name, definition.encode(), metadata)
+        _record(fd, data, bag)
+        trouble = bag.find_trouble()
+        bag.close()
+    except OSError as error:  # a full disk: what was flushed can be recovered
+        _say(str(error))
+        return 1
+    if trouble:
+        _say(trouble)
+    return 1 if trouble else 0
+
+
+def _say(text: str) -> None:
+    """Tell the simulator in a line what is wrong, "" when nothing is any more; it may have been killed."""
+    with contextlib.suppress(OSError):
+        os.write(sys.stdout.fileno(), f"{' '.join(text.split())}\n".encode())
+
+
+def _record(fd: int, data: bytes, bag: BagWriter) -> None:
+    """Write the message records that come behind `data`, flushing twice a second."""
+    buffer = bytearray(2 * _PIPE_BYTES)
+    filled = len(data)
+    buffer[:filled] = data
+    flushed, trouble = time.monotonic(), ""
+    while True:
+        with memoryview(buffer) as view:
+            taken = bag.write_records(view[:filled])
+            view[: filled - taken] = view[taken:filled]
+            filled -= taken
+        if filled > len(buffer) - _PIPE_BYTES:  # a message larger than any before
+            buffer += bytes(len(buffer))
+        if time.monotonic() - flushed >= FLUSH_EVERY_S:
+            bag.flush()
+            flushed, before, trouble = time.monotonic(), trouble, bag.find_trouble()
+            if trouble != before:
+                _say(trouble)
+        ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
+        if ready:
+            with memoryview(buffer) as view:
+                count = os.readv(fd, [view[filled:]])
+            if count == 0:
+                return
+            filled += count
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""What `crawler replay` says of a recording to people: one screen."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from crawler_command.check import write_length
+from crawler_model.body.drive import NS
+
+from ..analysis import Replay
+from ..cycle_table import Cycle
+from ..health import TopicHealth
+
+_MOST_CYCLES, _MOST_CONTACTS = 6, 6
+
+
+def print_replay(replay: Replay, screen: Console) -> None:
+    """Print the report.
+
+    Args:
+        replay: what was found.
+        screen: where to.
+    """
+    survey = replay.survey
+    whole = "whole" if survey.complete else "cut off: its end is missing" if survey.lost is None else "damaged"
+    origin = survey.attachments.get("recovered")
+    if isinstance(origin, dict):
+        whole += f" (what was recovered from {origin.get('from')})"
+    what = "scene not known" if replay.scene is None else f"{replay.scene.name}, {replay.method or 'method not known'}"
+    screen.print(f"{replay.path}: {whole}, {survey.messages} messages; {what}, {replay.seconds:g} s simulated")
+    screen.print(_topics(replay.topics))
+    said = replay.comparison
+    resets = f", {said.resets} reset(s)" if said is not None and said.resets else ""
+    counted = "" if said is None else f"simulated again: {said.ticks} states{resets}, "
+    screen.print(f"{counted}{replay.explanation}")
+    if said is not None and said.max_difference:
+        screen.print(f"largest difference: {said.max_difference:.3g} m, {said.max_force_difference:.3g} N")
+    _print_cycles(replay, screen)
+    _print_slips(replay, screen)
+    _print_account(replay, screen)
+    if replay.standstill is not None:
+        screen.print(replay.standstill.explain())
+    for problem in replay.problems:
+        screen.print(f"[yellow]not well:[/] {problem}")
+
+
+def _topics(topics: dict[str, TopicHealth]) -> Table:
+    table = Table()
+    table.add_column("topic", no_wrap=True)
+    for column in ("messages", "a second", "stamps [s]", "missing", "not in order"):
+        table.add_column(escape(column), justify="right")
+    for name, topic in topics.items():
+        stamps = "" if topic.first is None or topic.last is None else f"{topic.first:g} .. {topic.last:g}"
+        wrong = [f"{topic.out_of_order} back"] * bool(topic.out_of_order)
+        wrong += [f"{topic.duplicates} twice"] * bool(topic.duplicates)
+        rate = "" if topic.rate is None else f"{topic.rate:.6g}"
+        table.add_row(name, str(topic.count), rate, stamps, str(topic.missing or ""), ", ".join(wrong))
+    return table
+
+
+def _print_cycles(replay: Replay, screen: Console) -> None:
+    cycles = replay.cycles
+    if not cycles:
+        screen.print("cycles: none, the commands do not repeat")
+        return
+    transient = sum(c.transient for c in cycles)
+    source = "the drive's periods" if replay.cycle_source == "drive" else "by recurrence of the commands"
+    table = Table(title=f"{len(cycles)} cycle(s), {source}; {transient} transient", title_justify="left")
+    known = cycles[0].energy is not None
+    columns = ["time [s]", "translation [m]", "slip forward [m]", "slip back [m]"]
+    columns += ["work [J]", "dissipation [J]", "residual", "least margin [N]"] if known else []
+    columns += [""] if transient else []
+    for column in columns:
+        table.add_column(escape(column), justify="right")
+    count = len(cycles)
+    rows = list(range(count))
+    if count > _MOST_CYCLES:
+        rows = [*range(_MOST_CYCLES - 2), count - 1]
+    last = -1
+    for i in rows:
+        if i != last + 1:
+            table.add_row(f"({i - last - 1} more)", *[""] * (len(table.columns) - 1))
+        last = i
+        table.add_row(*_cycle(cycles[i], known, replay.table.shape_size)[: len(columns)])
+    screen.print(table)
+
+
+def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:
+    size = max(size, cycle.slip_forward, cycle.slip_backward)
+    lengths = (cycle.translation, cycle.slip_forward, cycle.slip_backward)
+    row = [f"{cycle.start:g} .. {cycle.end:g}", *(write_length(value, size) for value in lengths)]
+    if known and cycle.energy is not None:
+        energy, margin = cycle.energy, cycle.least_margin or 0.0
+        row += [f"{energy.work:.6g}", f"{energy.dissipation:.6g}", f"{energy.residual:.0e}"]
+        row.append(f"{margin:.3g}" if abs(margin) > 1e-12 else "0")
+    return [*row, "transient" if cycle.transient else ""]
+
+
+def _print_slips(replay: Replay, screen: Console) -> None:
+    slips = replay.slips
+    if slips.contact.size == 0:
+        inside = bool((replay.table.forward + replay.table.backward).any())
+        screen.print(f"slips: none{' of contacts and ends of segments' if inside else ', nothing moved'}")
+        return
+    planar = replay.table.net_translation.shape[1] == 2
+    ways = ((None, "in all"),) if planar else ((1.0, "forward"), (-1.0, "back"))
+    parts = []
+    for contact in np.unique(slips.contact).tolist()[:_MOST_CONTACTS]:
+        texts = []
+        for sign, word in ways:
+            rows = (slips.contact == contact) & ((slips.direction == sign) if sign is not None else True)
+            if rows.any():
+                length = float((slips.end_ns - slips.start_ns)[rows].sum()) / NS
+                texts.append(f"{rows.sum()} {word} ({slips.distance[rows].sum():.6g} m in {length:.4g} s)")
+        parts.append(f"{replay.stations[contact].removeprefix('contact_')}: {', '.join(texts)}")
+    more = np.unique(slips.contact).size - len(parts)
+    screen.print(f"{slips.contact.size} slips; contact " + "; ".join(parts) + (f"; {more} more" if more > 0 else ""))
+
+
+def _print_account(replay: Replay, screen: Console) -> None:
+    energy, margins = replay.energy, replay.margins
+    if energy is None or margins is None:
+        screen.print("energy and margins: not known without a simulation")
+        return
+    screen.print(
+        f"whole run: work {energy.work:.6g} J, dissipation {energy.dissipation:.6g} J, stored {energy.stored:.6g} J, "
+        f"residual {energy.residual:.0e}"
+    )
+    least = margins.least if abs(margins.least) > 1e-12 else 0.0
+    visited = "not known" if margins.visited is None else f"{margins.visited:.4g}"
+    screen.print(
+        f"margins: to a bound {least:.3g} N, first at {margins.least_at:g} s ({margins.least_contact}); "
+        f"visited margin {visited}"
+    )
+    if not margins.unique:
+        first = margins.ambiguous[0]
+        screen.print(
+            f"[yellow]not unique:[/] on {len(margins.ambiguous)} stretch(es), the first {first[0]:g} .. {first[1]:g} "
+            "s, the translation was not determined; the one nearest to zero was taken"
+        )

@@ -1,0 +1,187 @@
+"""A replay as tidy Parquet tables: one observation a row, one quantity a column, its unit in the column's metadata."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from crawler_model import Scene
+from crawler_model.body.drive import NS
+
+from ...wire.states import contact_names, joint_names
+from ..analysis import Replay
+from ..ramps import Piece
+
+_AXES = ("x", "y")
+
+
+def _schema(table: str, planar: bool) -> pa.Schema:
+    """List the columns of a table: name, type, unit. In the plane lengths and forces have a column per axis."""
+    at = [("run", pa.int32(), "1"), ("time", pa.float64(), "s")]
+
+    def each(name: str, unit: str) -> list[tuple[str, Any, str]]:
+        names = [f"{name}_{axis}" for axis in _AXES] if planar else [name]
+        return [(n, pa.float64(), unit) for n in names]
+
+    real, label = pa.float64(), pa.dictionary(pa.int32(), pa.string())
+    columns = {
+        "ticks": [
+            *at,
+            *each("net_translation", "m"),
+            ("work", real, "J"),
+            ("dissipation", real, "J"),
+            ("stored", real, "J"),
+            ("margin", real, "N"),
+            ("visited_margin", real, "1"),
+            ("unique", pa.bool_(), "1"),
+        ],
+        "contacts": [
+            *at,
+            ("contact", label, "1"),
+            *each("position", "m"),
+            *each("gained", "m"),
+            *each("ground_force", "N"),
+            ("state", pa.int8(), "1"),
+        ],
+        "links": [
+            *at,
+            ("link", label, "1"),
+            *each("elongation", "m"),
+            *each("tension", "N"),
+            ("least_tension", real, "N"),
+            ("greatest_tension", real, "N"),
+        ],
+        "slips": [
+            ("run", pa.int32(), "1"),
+            ("contact", label, "1"),
+            ("direction", real, "rad" if planar else "1"),
+            ("start", real, "s"),
+            ("length", real, "s"),
+            ("distance", real, "m"),
+        ],
+        "cycles": [
+            ("run", pa.int32(), "1"),
+            ("start", real, "s"),
+            ("end", real, "s"),
+            *each("translation", "m"),
+            ("slip_forward", real, "m"),
+            ("slip_backward", real, "m"),
+            ("work", real, "J"),
+            ("dissipation", real, "J"),
+            ("stored", real, "J"),
+            ("residual", real, "1"),
+            ("least_margin", real, "N"),
+            ("transient", pa.bool_(), "1"),
+        ],
+    }[table]
+    return pa.schema([pa.field(name, kind, metadata={"unit": unit}) for name, kind, unit in columns])
+
+
+class TableWriter:
+    """Writes ticks, contacts and links piece by piece, slips and cycles at the end."""
+
+    def __init__(self, folder: Path, scene: Scene | None) -> None:
+        """Take the folder; files are opened with the first piece.
+
+        Args:
+            folder: made where it does not exist.
+            scene: what ran; None where that is not known.
+        """
+        self._folder, self._scene = folder, scene
+        self._writers: dict[str, parquet.ParquetWriter] = {}
+        self._planar = False
+        self._names: dict[str, list[str]] = {}
+
+    def __call__(self, piece: Piece) -> None:
+        """Write a piece: the ends of ticks."""
+        if not self._writers:
+            self._planar = piece.gained.ndim == 3
+            self._open(piece.gained.shape[1], piece.tension.shape[1])
+        rows = np.flatnonzero(piece.ends_tick)
+        if rows.size == 0:
+            return
+        # what happened in the ramps of a tick belongs to its end
+        before = np.append(0, rows[:-1] + 1)
+        work, dissipation, gained = (np.add.reduceat(v, before) for v in (piece.work, piece.dissipation, piece.gained))
+        visited, unique = np.minimum.reduceat(piece.visited, before), np.logical_and.reduceat(piece.unique, before)
+        at = [piece.run[rows], piece.end_ns[rows] / NS]
+        kept = [work, dissipation, piece.stored[rows], piece.margin[rows], visited, unique]
+        self._write("ticks", [*at, *self._axes(piece.net_translation[rows]), *kept])
+        size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
+        moves = size > 1e-12 * size.max(axis=1, initial=0.0, keepdims=True)
+        state = (np.sign(gained) * moves if gained.ndim == 2 else moves).astype(np.int8)
+        lengths = [piece.position[rows], gained, piece.ground[rows]]
+        self._write_long("contacts", at, [a for v in lengths for a in self._axes(v)] + [state])
+        values = [a for v in (piece.elongation[rows], piece.tension[rows]) for a in self._axes(v)]
+        if piece.tension.shape[1]:
+            self._write_long("links", at, [*values, piece.least[rows], piece.most[rows]])
+
+    def _open(self, contacts: int, joints: int) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        if self._scene is None:
+            self._names = {"contacts": [f"contact_{i}" for i in range(contacts)]}
+            self._names["links"] = [f"link_{i}" for i in range(joints)]
+        else:
+            names = contact_names(self._scene)[:: self._scene.dimension]
+            self._names = {"contacts": [n.removesuffix("/x") for n in names], "links": joint_names(self._scene.mesh)}
+        for name in ("ticks", "contacts", "links"):
+            self._open_one(name)
+
+    def _open_one(self, name: str) -> None:
+        path = self._folder / f"{name}.parquet"
+        self._writers[name] = parquet.ParquetWriter(path, _schema(name, self._planar), compression="zstd")
+
+    def _axes(self, values: np.ndarray) -> list[np.ndarray]:
+        return [values[..., 0], values[..., 1]] if self._planar else [values]
+
+    def _write_long(self, name: str, at: list[np.ndarray], values: list[np.ndarray]) -> None:
+        """Write a table with a row for each tick and contact or link."""
+        rows, count = values[0].shape
+        index = pa.array(np.tile(np.arange(count, dtype=np.int32), rows))
+        label = pa.DictionaryArray.from_arrays(index, pa.array(self._names[name]))
+        columns = [np.repeat(v, count) for v in at]
+        self._write(name, [*columns, label, *(v.ravel() for v in values)])
+
+    def _write(self, name: str, columns: list[Any]) -> None:
+        schema = _schema(name, self._planar)
+        arrays = [
+            c if isinstance(c, pa.Array) else pa.array(np.ascontiguousarray(c), field.type, from_pandas=True)
+            for c, field in zip(columns, schema, strict=True)
+        ]
+        self._writers[name].write_table(pa.Table.from_arrays(arrays, schema=schema))
+
+    def finish(self, replay: Replay) -> list[str]:
+        """Write slips and cycles and close the files.
+
+        Args:
+            replay: what was found.
+
+        Returns:
+            The names of the files.
+        """
+        if not self._writers:
+            self._open(0, 0)
+        for name in ("slips", "cycles"):
+            self._open_one(name)
+        slips = replay.slips
+        label = pa.DictionaryArray.from_arrays(pa.array(slips.contact.astype(np.int32)), pa.array(replay.stations))
+        length = (slips.end_ns - slips.start_ns) / NS
+        self._write("slips", [slips.run, label, slips.direction, slips.start_ns / NS, length, slips.distance])
+        rows = [_cycle_row(cycle.as_plain(), self._planar) for cycle in replay.cycles]
+        schema = _schema("cycles", self._planar)
+        columns = list(zip(*rows, strict=True)) if rows else [()] * len(schema)
+        arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
+        self._writers["cycles"].write_table(pa.Table.from_arrays(arrays, schema=schema))
+        for writer in self._writers.values():
+            writer.close()
+        return [f"{name}.parquet" for name in self._writers]
+
+
+def _cycle_row(plain: dict[str, Any], planar: bool) -> list[Any]:
+    if planar:
+        plain["translation_x"], plain["translation_y"] = plain["translation"]
+    return [plain[field.name] for field in _schema("cycles", planar)]

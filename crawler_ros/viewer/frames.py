@@ -1,0 +1,183 @@
+"""Instants of a crawler to draw, from a running one or from a recording."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crawler_model import Crawler, Scene
+from crawler_model.body.body import Body
+from crawler_model.body.drive import NS
+from crawler_model.scene.file import build_scene
+
+from ..recording.recorded_robot import Robot, noted_robot
+from ..wire.states import StationReader
+
+FRAME_EVERY_NS = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One instant to draw, of the stations and joints of a body (see `crawler_model.body.body.Body`).
+
+    Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
+    tension of each joint, in the plane its size; mu_plus and mu_minus of each station where a chain has no segments.
+    """
+
+    time_ns: int
+    displacement: np.ndarray
+    tension: np.ndarray
+    state: np.ndarray
+    forward: np.ndarray
+    backward: np.ndarray
+
+    def pack(self) -> bytes:
+        """Lay the frame out as bytes: the time, then all numbers as doubles."""
+        numbers = (self.displacement, self.tension, self.state, self.forward, self.backward)
+        return struct.pack("<q", self.time_ns) + np.concatenate(numbers).astype("<f8").tobytes()
+
+    @staticmethod
+    def unpack(data: bytes, mesh: Body) -> Frame:
+        """Undo `pack`."""
+        (ns,) = struct.unpack_from("<q", data)
+        cuts = np.cumsum(frame_sizes(mesh))
+        x, tension, state, forward, backward = np.split(np.frombuffer(data, "<f8", int(cuts[-1]), 8), cuts[:-1])
+        return Frame(ns, x, tension, state.astype(np.int8), forward, backward)
+
+
+def frame_sizes(mesh: Body) -> list[int]:
+    """Count the numbers of a frame.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        Entries of displacement, tension, state, forward and backward.
+    """
+    stations, joints = mesh.stations.size, mesh.joints.shape[0]
+    friction = stations if has_stasis_bounds(mesh) else 0
+    return [stations * mesh.dimension, joints, stations, friction, friction]
+
+
+def has_stasis_bounds(mesh: Body) -> bool:
+    """Tell whether each link's tension has bounds that follow from its neighbours'.
+
+    Args:
+        mesh: the body.
+
+    Returns:
+        True for a chain of isolated contacts.
+    """
+    return mesh.is_chain and not mesh.segments
+
+
+def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray) -> Frame:
+    """Take a frame of a crawler.
+
+    Args:
+        crawler: the crawler.
+        time_ns: simulated time [ns].
+        state: what each of its contacts did since the frame before.
+
+    Returns:
+        The frame.
+    """
+    mesh = crawler.body
+    at = mesh.stations
+    tension = crawler.joint_tension
+    if mesh.dimension == 2:
+        tension = np.linalg.norm(tension, axis=1)
+    none = np.zeros(0)
+    bounded = has_stasis_bounds(mesh)
+    forward, backward = (crawler.forward[at], crawler.backward[at]) if bounded else (none, none)
+    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward)
+
+
+def frames_of_recording(
+    path: Path, scene: Scene | None = None, robot: Robot | None = None
+) -> tuple[Scene, Iterator[Frame]]:
+    """Read frames from a recording.
+
+    Args:
+        path: a bag folder or an .mcap file, whole or torn.
+        scene: the body, for a recording that does not hold its scene.
+        robot: which crawler, where several were recorded; None for the one whose topics the recording notes, else for
+            all there are.
+
+    Returns:
+        The scene and its frames, one per joint_states message.
+
+    Raises:
+        BagError: when it cannot be read, or its scene is missing.
+    """
+    from ..recording import bag
+
+    head = bag.Bag({})
+    records = bag.read(path, head)
+    waiting = []
+    for record in records:  # attachments stand before the first message
+        waiting.append(record)
+        break
+    if scene is None:
+        if "scene" not in head.attachments:
+            raise bag.BagError(f"{path}: it does not hold its scene; give one with --scene")
+        scene = build_scene(head.attachments["scene"], f"{path}: the scene that it holds")
+
+    drawn = robot or noted_robot(head.attachments)
+    return scene, in_sequence(_frames(itertools.chain(waiting, records), scene, drawn))
+
+
+def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """Put runs between resets one after another: a reset takes simulated time back to 0, a picture goes on."""
+    offset = last = 0
+    for frame in frames:
+        if frame.time_ns + offset < last:
+            offset = last
+        last = frame.time_ns + offset
+        yield replace(frame, time_ns=last)
+
+
+def _frames(records: Iterable[Any], scene: Scene, robot: Robot | None) -> Iterator[Frame]:
+    from rosbags.typesys import Stores, get_typestore
+
+    decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
+    mesh, columns = scene.mesh, scene.columns
+    bounded = has_stasis_bounds(mesh)
+    n = mesh.contacts if bounded else 0
+    forward, backward = scene.commands.forward[0][:n], scene.commands.backward[0][:n]
+    stations = StationReader(mesh)
+    for record in records:
+        name = record.topic.rsplit("/", 1)[-1] if robot is None else robot.meant(record.topic)
+        if name == "applied_commands":
+            points = decode(record.data, record.type).points
+            if points:
+                friction = np.asarray(points[-1].positions)[columns.lengths :]
+                forward, backward = friction[:n], friction[n : 2 * n]
+        elif name == "joint_states":
+            message = decode(record.data, record.type)
+            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
+            x, v = stations.read(message.position), stations.read(message.velocity)
+            tension = message.effort[mesh.dimension :]
+            if mesh.dimension == 2:
+                v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
+            moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
+            yield Frame(stamp, x.ravel(), tension, (np.sign(v) * moving).astype(np.int8), forward, backward)
+
+
+def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:
+    """Keep frames at least `every_ns` apart; a slip between two of them shows in the later one."""
+    shown: int | None = None
+    moved: np.ndarray | None = None
+    for frame in frames:
+        moved = frame.state if moved is None else np.where(frame.state != 0, frame.state, moved)
+        if shown is not None and 0 <= frame.time_ns - shown < every_ns:
+            continue
+        shown = frame.time_ns
+        yield Frame(frame.time_ns, frame.displacement, frame.tension, moved, frame.forward, frame.backward)
+        moved = None

@@ -1,0 +1,254 @@
+"""Arrays to CDR bytes: the bytes that are published are the bytes that are recorded.
+
+A message whose names never change has a fixed layout: it is encoded once, and each tick overwrites the stamp and the
+numbers in place. Plain XCDR1, little-endian, gaps zeroed, so that equal states give equal bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+import numpy as np
+
+from crawler_model.body.drive import NS
+
+_ENCAPSULATION = b"\x00\x01\x00\x00"
+_STAMP = struct.Struct("<iI")
+
+
+class CdrWriter:
+    """Appends primitive values at the alignment that CDR asks for."""
+
+    def __init__(self) -> None:
+        """Start with the encapsulation header."""
+        self.buffer = bytearray(_ENCAPSULATION)
+
+    def align(self, size: int) -> int:
+        """Pad to a multiple of `size` behind the header; return the place reached."""
+        self.buffer.extend(bytes(-(len(self.buffer) - 4) % size))
+        return len(self.buffer)
+
+    def pack(self, code: str, value: float) -> int:
+        """Append one number of a `struct` code; return where it stands."""
+        place = self.align(struct.calcsize(code))
+        self.buffer += struct.pack("<" + code, value)
+        return place
+
+    def text(self, value: str) -> None:
+        """Append a string."""
+        data = value.encode() + b"\0"
+        self.pack("I", len(data))
+        self.buffer += data
+
+    def texts(self, values: Sequence[str]) -> None:
+        """Append a sequence of strings."""
+        self.pack("I", len(values))
+        for value in values:
+            self.text(value)
+
+    def doubles(self, count: int) -> int:
+        """Append a sequence of `count` zeros; return where the first stands."""
+        self.pack("I", count)
+        place = self.align(8) if count else len(self.buffer)
+        self.buffer += bytes(8 * count)
+        return place
+
+    def stamp(self, ns: int) -> int:
+        """Append a time or duration; return where it stands."""
+        place = self.pack("i", ns // NS)
+        self.pack("I", ns % NS)
+        return place
+
+    def header(self, frame: str) -> int:
+        """Append a std_msgs/Header; return where its stamp stands."""
+        place = self.stamp(0)
+        self.text(frame)
+        return place
+
+
+def _put_stamp(buffer: bytearray, place: int, ns: int) -> None:
+    _STAMP.pack_into(buffer, place, *divmod(ns, NS))
+
+
+class JointStateMessage:
+    """A sensor_msgs/JointState with fixed names."""
+
+    def __init__(self, names: Sequence[str], frame: str = "") -> None:
+        """Encode the message once.
+
+        Args:
+            names: of the joints, M of them.
+            frame: the header's frame_id.
+        """
+        cdr = CdrWriter()
+        self._stamp = cdr.header(frame)
+        cdr.texts(names)
+        first, second, _ = (cdr.doubles(len(names)) for _ in range(3))
+        self._buffer = cdr.buffer
+        # three sequences of one length stand equally far apart: the rows of one array
+        self.numbers = np.ndarray((3, len(names)), np.float64, self._buffer, first, (second - first, 8))
+        self.position, self.velocity, self.effort = self.numbers
+
+    def encode(self, stamp_ns: int) -> bytes:
+        """Return the bytes of what stands in `position`, `velocity` and `effort`, the rows of `numbers`, (3, M)."""
+        _put_stamp(self._buffer, self._stamp, stamp_ns)
+        return bytes(self._buffer)
+
+
+class PoseMessage:
+    """A geometry_msgs/PoseStamped on the ground."""
+
+    def __init__(self, frame: str) -> None:
+        """Encode the message once.
+
+        Args:
+            frame: the header's frame_id.
+        """
+        cdr = CdrWriter()
+        self._stamp = cdr.header(frame)
+        place = cdr.align(8)
+        cdr.buffer += bytes(7 * 8)
+        self._buffer = cdr.buffer
+        self._pose = np.frombuffer(self._buffer, np.float64, 7, place)
+        self._pose[6] = 1.0  # orientation.w
+
+    def encode(self, stamp_ns: int, x: float, y: float = 0.0) -> bytes:
+        """Return the bytes for position.x = x, position.y = y [m]."""
+        self._pose[0] = x
+        self._pose[1] = y
+        _put_stamp(self._buffer, self._stamp, stamp_ns)
+        return bytes(self._buffer)
+
+
+class OdometryMessage:
+    """A nav_msgs/Odometry on the ground; what it says is exact, so its covariances are zero."""
+
+    def __init__(self, frame: str, child: str) -> None:
+        """Encode the message once.
+
+        Args:
+            frame: the header's frame_id.
+            child: child_frame_id, the frame of the twist.
+        """
+        cdr = CdrWriter()
+        self._stamp = cdr.header(frame)
+        cdr.text(child)
+        place = cdr.align(8)
+        cdr.buffer += bytes((7 + 36 + 6 + 36) * 8)
+        self._buffer = cdr.buffer
+        numbers = np.frombuffer(self._buffer, np.float64, 7 + 36 + 6 + 36, place)
+        numbers[6] = 1.0  # orientation.w
+        self._position, self._velocity = numbers[:2], numbers[43:45]
+
+    def encode(self, stamp_ns: int, position: np.ndarray | float, velocity: np.ndarray | float) -> bytes:
+        """Return the bytes for a net translation and its velocity, on a line numbers, in the plane of shape (2,)."""
+        self._position[: np.size(position)] = position
+        self._velocity[: np.size(velocity)] = velocity
+        _put_stamp(self._buffer, self._stamp, stamp_ns)
+        return bytes(self._buffer)
+
+
+class TrajectoryMessage:
+    """A trajectory_msgs/JointTrajectory with fixed names and any number of points, positions only."""
+
+    def __init__(self, names: Sequence[str], frame: str = "") -> None:
+        """Keep what does not change.
+
+        Args:
+            names: of the joints, M of them.
+            frame: the header's frame_id.
+        """
+        self._names = list(names)
+        self._frame = frame
+        self._layouts: dict[int, tuple[bytearray, int, list[np.ndarray], list[int]]] = {}
+
+    def _layout(self, points: int) -> tuple[bytearray, int, list[np.ndarray], list[int]]:
+        cdr = CdrWriter()
+        stamp = cdr.header(self._frame)
+        cdr.texts(self._names)
+        cdr.pack("I", points)
+        positions, times = [], []
+        for _ in range(points):
+            positions.append(cdr.doubles(len(self._names)))
+            for _ in range(3):  # velocities, accelerations, effort
+                cdr.doubles(0)
+            times.append(cdr.stamp(0))
+        views = [np.frombuffer(cdr.buffer, np.float64, len(self._names), p) for p in positions]
+        return cdr.buffer, stamp, views, times
+
+    def encode(self, stamp_ns: int, times_ns: Sequence[int], positions: Sequence[np.ndarray]) -> bytes:
+        """Return the bytes of a trajectory.
+
+        Args:
+            stamp_ns: the header's stamp [ns].
+            times_ns: time_from_start of each point [ns].
+            positions: of each point, shape (M,).
+
+        Returns:
+            The CDR bytes.
+        """
+        points = len(times_ns)
+        layout = self._layouts.get(points)
+        if layout is None:
+            layout = self._layout(points)
+            if points <= 8:  # keep the common ones
+                self._layouts[points] = layout
+        buffer, stamp, views, times = layout
+        for view, place, position, ns in zip(views, times, positions, times_ns, strict=True):
+            view[:] = position
+            _put_stamp(buffer, place, ns)
+        _put_stamp(buffer, stamp, stamp_ns)
+        return bytes(buffer)
+
+
+def read_stamp(data: bytes) -> int:
+    """Read the stamp of a message that begins with a std_msgs/Header, without decoding the rest.
+
+    Args:
+        data: its CDR bytes, little-endian.
+
+    Returns:
+        The stamp [ns].
+    """
+    seconds, ns = struct.unpack_from("<iI", data, len(_ENCAPSULATION))
+    return int(seconds * NS + ns)
+
+
+def encode_clock(ns: int) -> bytes:
+    """Encode a rosgraph_msgs/Clock."""
+    return _ENCAPSULATION + _STAMP.pack(*divmod(ns, NS))
+
+
+def encode_string(text: str) -> bytes:
+    """Encode a std_msgs/String."""
+    cdr = CdrWriter()
+    cdr.text(text)
+    return bytes(cdr.buffer)
+
+
+def encode_diagnostics(
+    stamp_ns: int, statuses: Sequence[tuple[int, str, str, str, Sequence[tuple[str, str]]]]
+) -> bytes:
+    """Encode a diagnostic_msgs/DiagnosticArray.
+
+    Args:
+        stamp_ns: the header's stamp [ns].
+        statuses: level (0 ok, 1 warn, 2 error), name, message, hardware id, and (key, value) pairs of each.
+
+    Returns:
+        The CDR bytes.
+    """
+    cdr = CdrWriter()
+    place = cdr.header("")
+    cdr.pack("I", len(statuses))
+    for level, name, message, hardware, values in statuses:
+        cdr.pack("B", level)
+        for value in (name, message, hardware):
+            cdr.text(value)
+        cdr.pack("I", len(values))
+        for key, value in values:
+            cdr.text(key)
+            cdr.text(value)
+    _put_stamp(cdr.buffer, place, stamp_ns)
+    return bytes(cdr.buffer)
