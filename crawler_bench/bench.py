@@ -9,7 +9,6 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from .entrants import planar as planar_peer
 from .entrants import qp as qp_peers
 from .entrants.entrant import Entrant
 from .measure import Effort, measure
+from .result import BenchResult
 
 PEERS = {
     "osqp": "OSQP",
@@ -43,40 +43,6 @@ _LEAST_SMOOTHING = {
 """The finest eps of smooth friction that a full run and a quick run try; finer ones take seconds a period."""
 _QUADRATIC = ("OSQP", "DAQP", "PIQP", "ProxQP")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-@dataclass(eq=False)
-class Bench:
-    """What was measured.
-
-    Attributes:
-        machine: what it ran on.
-        references: credentials of each case's reference.
-        rows: a row for each method, number of ticks and case.
-        left_out: case, method and reason of what cannot be compared.
-    """
-
-    machine: dict[str, Any]
-    references: dict[str, dict[str, Any]] = field(default_factory=dict)
-    titles: dict[str, str] = field(default_factory=dict)
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    left_out: list[dict[str, str]] = field(default_factory=list)
-
-    def document(self) -> dict[str, Any]:
-        """Lay everything out as plain data, without NaN or Infinity.
-
-        Returns:
-            Machine, references, ratios, left_out and rows.
-        """
-        from .report import compute_ratios
-
-        return {
-            "machine": self.machine,
-            "references": self.references,
-            "ratios": compute_ratios(self.rows),
-            "left_out": self.left_out,
-            "rows": self.rows,
-        }
 
 
 def missing_peers() -> list[str]:
@@ -108,7 +74,7 @@ def choose_cases(names: Sequence[str], quick: bool) -> list[str]:
     return [name for name in CASES if name in names or (not names and not (quick and name in LONG))]
 
 
-def run_bench(names: Sequence[str], quick: bool, progress: Callable[[float], None]) -> Bench:
+def run_bench(names: Sequence[str], quick: bool, progress: Callable[[float], None]) -> BenchResult:
     """Measure.
 
     Args:
@@ -121,7 +87,7 @@ def run_bench(names: Sequence[str], quick: bool, progress: Callable[[float], Non
     """
     for name in THREADS:  # of libraries that are loaded from here on
         os.environ.setdefault(name, "1")
-    bench = Bench(describe_machine(quick))
+    bench = BenchResult(describe_machine(quick))
     for done, name in enumerate(names):
         case = CASES[name]()
         prepare(case.scene)

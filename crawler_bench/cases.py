@@ -69,12 +69,12 @@ class Case:
     @property
     def contacts(self) -> int:
         """Number of contacts N."""
-        return self.scene.mesh.contacts
+        return self.scene.body.contacts
 
     @property
     def waypoints(self) -> int:
         """Waypoints of a period."""
-        return self.scene.commands.times.size - 1
+        return self.scene.drive.times.size - 1
 
     @functools.lru_cache(maxsize=8)  # noqa: B019  a case lives as long as the run
     def quarters(self, ticks: int, through_waypoints: bool) -> tuple[np.ndarray, ...]:
@@ -88,7 +88,7 @@ class Case:
         Returns:
             The targets of the ramps of each quarter, shape (ramps, S + 2 N) each.
         """
-        drive = self.scene.commands
+        drive = self.scene.drive
         ends = np.rint(np.arange(1, ticks + 1) * (NS / ticks)).astype(np.int64)
         if through_waypoints:
             ends = np.union1d(ends, drive.waypoints_between(0, NS)[0])
@@ -178,7 +178,7 @@ def _long_wave(contacts: int) -> Case:
 
 def _segment() -> Case:
     scene = load_scene("continuous_segment")
-    return Case("segment", f"a continuous segment, {scene.mesh.springs} elements", scene, gain=0.05)
+    return Case("segment", f"a continuous segment, {scene.body.springs} elements", scene, gain=0.05)
 
 
 def _graph() -> Case:

@@ -6,8 +6,8 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-from .bench import Bench
 from .report import EXACT, write_time
+from .result import BenchResult
 
 _STYLES = {  # colour, marker
     "exact": ("#00713f", "*"),
@@ -37,7 +37,7 @@ _LEFT = 1e-17
 _INK = "#222222"
 
 
-def draw_case(bench: Bench, case: str, file: Path) -> None:
+def draw_case(bench: BenchResult, case: str, file: Path) -> None:
     """Draw a case.
 
     Args:
@@ -207,7 +207,7 @@ def _dress(axes: Any, rows: list[dict[str, Any]], reference: str) -> None:
     axes.text(0.058, 0.03, "better: faster,\nmore accurate", transform=axes.transAxes, size=9, color="#555555")
 
 
-def _notes(bench: Bench, case: str, rows: list[dict[str, Any]], reference: str, stopped: set[str]) -> str:
+def _notes(bench: BenchResult, case: str, rows: list[dict[str, Any]], reference: str, stopped: set[str]) -> str:
     lines = [] if reference == "refined" else ["Small numbers: ticks a period."]
     solvers = [row for row in rows if row["method"].split()[0] in _SOLVERS]
     ticks = sorted({int(row["ticks_per_period"]) for row in solvers})
@@ -236,7 +236,7 @@ def _notes(bench: Bench, case: str, rows: list[dict[str, Any]], reference: str, 
     return "\n".join(lines)
 
 
-def _footer(bench: Bench, reference: str) -> str:
+def _footer(bench: BenchResult, reference: str) -> str:
     machine = bench.machine
     against = {
         "rational": "rational arithmetic",

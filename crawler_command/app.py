@@ -92,7 +92,7 @@ def simulate_command(
     pieces, ticks included; energy.residual is relative to the work.
     """
     loaded = load_scene(scene)
-    if loaded.drive is None and duration is None:
+    if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; say how long to run with --duration")
     run = _run(loaded, duration, rate, None if method is MethodName.auto else method.value)
     if as_json:
@@ -103,10 +103,10 @@ def simulate_command(
     table.add_column(r"time \[s]", justify="right")
     table.add_column(r"net translation \[m]", justify="right")
     table.add_column(r"gained in the period \[m]" if periods else r"gained \[m]", justify="right")
-    from .check import write_length
+    from crawler_pictures.numbers import write_length
 
     y = run.waypoint_net_translation
-    size = float(abs(run.displacement).max()) + float(abs(run.scene.commands.actuation).max())
+    size = float(abs(run.displacement).max()) + float(abs(run.scene.drive.actuation).max())
     count = y.shape[0]
     rows = range(count) if count <= 24 else [*range(12), *range(count - 11, count)]
     last = -1
@@ -129,7 +129,7 @@ def _print_account(run: Trajectory) -> None:
         f"residual {energy.relative_residual:.1e} of the work"
     )
     screen.print(f"largest excess over a bound {run.violation:.1e} N; {run.events} linear pieces in {run.wall_s:.3g} s")
-    if run.method == "catch_up" and run.scene.dimension == 1 and energy.relative_residual > _MISSED:
+    if run.method == "catch_up" and run.scene.body.dimension == 1 and energy.relative_residual > _MISSED:
         screen.print(
             "[yellow]catch_up missed events:[/] the residual shows the size of its error; take exact, or a higher rate"
         )
@@ -156,7 +156,7 @@ def check(
     from .check import print_report
 
     loaded = load_scene(scene)
-    run = _run(loaded, None if loaded.drive is not None else 0.0, 100.0, None)
+    run = _run(loaded, None if not loaded.drive.holds else 0.0, 100.0, None)
     print_report(run, screen)
     if png is not None:
         from crawler_pictures.domain import draw_domain

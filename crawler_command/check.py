@@ -13,6 +13,7 @@ from crawler_model import Scene, Trajectory
 from crawler_model.body.body import Body
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
+from crawler_pictures.numbers import write_length
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
@@ -26,14 +27,14 @@ def print_report(run: Trajectory, screen: Console) -> None:
         run: the scene, run along its drive.
         screen: where to.
     """
-    scene, mesh = run.scene, run.scene.mesh
+    scene, mesh = run.scene, run.scene.body
     screen.print(f"{scene.name}: {mesh.describe()}; valid")
     screen.print(_contacts(run))
     if mesh.dimension == 1:
         screen.print(_way(run))
     _print_conditions(run, screen)
     _print_units(run.scene, screen)
-    if scene.drive is None:
+    if scene.drive.holds:
         screen.print("no drive: the crawler waits for commands")
     else:
         _print_motion(run, screen)
@@ -41,7 +42,7 @@ def print_report(run: Trajectory, screen: Console) -> None:
 
 def _contacts(run: Trajectory) -> Table:
     """List the contacts, their friction and what they do."""
-    scene, mesh = run.scene, run.scene.mesh
+    scene, mesh = run.scene, run.scene.body
     planar = mesh.dimension == 2
     table = Table(
         title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
@@ -50,7 +51,7 @@ def _contacts(run: Trajectory) -> Table:
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
         table.add_column(escape(column), justify="right")
     force = mesh.spring_force(run.tension[0])
-    drive = scene.commands
+    drive = scene.drive
     size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))
     last = -1
     for i in _shown(mesh):
@@ -84,7 +85,7 @@ def _shown(mesh: Body) -> list[int]:
 
 def _way(run: Trajectory) -> str:
     """Say in which directions the stasis domain lets the body go."""
-    _, domains = domain_evolution(run.scene.commands)
+    _, domains = domain_evolution(run.scene.drive)
     ways = directions_of(domains)
     names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "either way"}
     if not ways:
@@ -99,7 +100,7 @@ def _way(run: Trajectory) -> str:
 def _print_conditions(run: Trajectory, screen: Console) -> None:
     """Say what the theory asks of the scene: regular friction, a determined translation, stiffnesses of one order."""
     scene = run.scene
-    regularity = check_regularity(scene.commands)
+    regularity = check_regularity(scene.drive)
     if not regularity.is_regular:
         screen.print(
             f"friction: {regularity.where} goes down to 0; existence and uniqueness are proved only between positive "
@@ -111,7 +112,7 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
             f"{regularity.rate:g} a second; regular"
         )
     margin = run.uniqueness_margin
-    if scene.dimension == 2:
+    if scene.body.dimension == 2:
         screen.print("uniqueness margin: not decided in the plane; the run says whether it was unique")
     elif margin is None:
         screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment without friction)")
@@ -122,18 +123,18 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
         )
     else:
         screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
-    k = scene.mesh.stiffness
+    k = scene.body.stiffness
     if k.max() > _TOO_STIFF * k.min():
         screen.print(
             f"too stiff: spring {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than spring "
             f"{int(k.argmin())}"
-            + ("" if scene.mesh.is_chain else "; its tension has few digits, a chain would keep them all")
+            + ("" if scene.body.is_chain else "; its tension has few digits, a chain would keep them all")
         )
 
 
 def _print_units(scene: Scene, screen: Console) -> None:
     """Warn of lengths far beyond the body's own: mostly millimetres for metres, or other units of force."""
-    mesh, drive = scene.mesh, scene.commands
+    mesh, drive = scene.body, scene.drive
     length = float(np.linalg.norm(np.ptp(mesh.position, axis=0)))
     commanded = mesh.joint_sum(np.abs(drive.actuation).T.reshape(mesh.springs, -1)).max(axis=1)
     longest = int(commanded.argmax())
@@ -160,7 +161,7 @@ def _print_units(scene: Scene, screen: Console) -> None:
 
 def _print_motion(run: Trajectory, screen: Console) -> None:
     """Say what moves along the drive."""
-    scene, mesh = run.scene, run.scene.mesh
+    scene, mesh = run.scene, run.scene.body
     of = " (of its elements, which come nearer than the whole)" if mesh.segments else ""
     unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 for instants only)"
     screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
@@ -172,7 +173,7 @@ def _print_motion(run: Trajectory, screen: Console) -> None:
         names = ", ".join(mesh.name_of(i).removeprefix("contact ") for i in still[:10])
         screen.print(f"contacts that never slide: {names}{' ...' if len(still) > 10 else ''}")
     if run.per_period.shape[0]:
-        size = float(abs(run.displacement).max()) + float(abs(scene.commands.actuation).max())
+        size = float(abs(run.displacement).max()) + float(abs(scene.drive.actuation).max())
         gained = write_length(run.per_period[-1], size)
         travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
         screen.print(f"net translation per period, at the end: {gained} m{'' if travels else ' (it does not travel)'}")
@@ -180,7 +181,7 @@ def _print_motion(run: Trajectory, screen: Console) -> None:
 
 def _print_crossings(run: Trajectory, screen: Console) -> None:
     """Warn where contacts pass through each other, which the model does not forbid."""
-    mesh = run.scene.mesh
+    mesh = run.scene.body
     if mesh.dimension == 2:
         return
     gaps = np.diff(mesh.position + run.displacement, axis=1).min(axis=0)
@@ -190,19 +191,6 @@ def _print_crossings(run: Trajectory, screen: Console) -> None:
             f"[yellow]impossible in silicone:[/] {mesh.name_of(nearest + 1)} gets {-gaps[nearest]:.3g} m past "
             f"{mesh.name_of(nearest)}; the model lets contacts pass through each other"
         )
-
-
-def write_length(value: Any, size: float) -> str:
-    """Write a length, or one in the plane; what is rounding beside `size` is 0.
-
-    Args:
-        value: a number or two [m].
-        size: of the numbers it comes from [m].
-
-    Returns:
-        Text.
-    """
-    return ", ".join(f"{0.0 if abs(v) <= 1e-13 * size else v:.12g}" for v in np.atleast_1d(value))
 
 
 def _numbers(value: Any) -> str:

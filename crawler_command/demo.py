@@ -45,8 +45,8 @@ def closed_form(scene: Scene) -> float:
     Returns:
         Net translation per period, after the first [m].
     """
-    stroke = float(np.ptp(scene.commands.actuation))
-    return 2.0 * (stroke - 3.0 * float(scene.commands.forward[0, 0]) / float(scene.mesh.stiffness[0]))
+    stroke = float(np.ptp(scene.drive.actuation))
+    return 2.0 * (stroke - 3.0 * float(scene.drive.forward[0, 0]) / float(scene.body.stiffness[0]))
 
 
 def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
@@ -152,7 +152,7 @@ def measure(recording: Path) -> tuple[np.ndarray, int]:
     from rosbags.typesys import Stores, get_typestore
 
     decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-    period_ns = round((load_scene(SCENE).commands.period or 0.0) * NS)
+    period_ns = round((load_scene(SCENE).drive.period or 0.0) * NS)
     start_ns: int | None = None
     y: dict[int, float] = {}
     messages = 0

@@ -20,6 +20,7 @@ from pyarrow import parquet
 from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
 from crawler_model.sweep.many import Settings
 from crawler_model.sweep.vary import MOST_VARIATIONS
+from crawler_pictures.sweep import shown_gain
 
 RESULTS = {
     "net_translation": "m",
@@ -144,7 +145,7 @@ def plan_sweep(
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
     variations = vary(scene, values)
     settings.check()
-    if scene.drive is None and settings.duration is None:
+    if scene.drive.holds and settings.duration is None:
         raise CrawlerError(f"{scene.name}: the scene has no drive; say how long to run with --duration")
     if png is None and 1 <= sum(n > 1 for n in variations.shape) <= 2:
         png = out.with_suffix(".png")
@@ -196,7 +197,9 @@ def run_sweep(
             from crawler_pictures.sweep import draw_sweep
 
             with whole_file(sweep.png) as part:
-                draw_sweep(sweep, runs, part)
+                units = {key: unit_of(sweep.variations.base, key) for key in sweep.specs}
+                logarithmic = [key for key, spec in sweep.specs.items() if spec.startswith("log:")]
+                draw_sweep(sweep.variations, units, logarithmic, runs, part)
     return runs
 
 
@@ -304,8 +307,10 @@ def unit_of(scene: Scene, key: str) -> str:
     if "segments" in steps:
         return {"N": "N/m", "N/m": "N"}.get(unit, "m" if steps[-1] in ("from", "to") else unit)
     if "friction_wave" in steps and unit == "m" and steps[-1] != "wavelength":
-        return "N, N/m" if scene.body.segments else "N"
-    return "1" if scene.body.segments and not scene.body.links and steps[-1] in ("amplitude", "mean") else unit
+        return "N, N/m" if scene.parts.body.segments else "N"
+    return (
+        "1" if scene.parts.body.segments and not scene.parts.body.links and steps[-1] in ("amplitude", "mean") else unit
+    )
 
 
 def summarise(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
@@ -337,20 +342,6 @@ def summarise(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
         "picture": str(sweep.png) if written and sweep.png is not None else None,
         "wall_s": runs.wall_s,
     }
-
-
-def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
-    """Choose the net translation that is shown: per period where there are periods; in the plane along x.
-
-    Args:
-        runs: the results.
-
-    Returns:
-        Its name in `ManyRuns`, and its values, shape (M,) [m].
-    """
-    name = "per_period" if np.isfinite(runs.per_period).any() else "gained"
-    column = getattr(runs, name)
-    return name, column if column.ndim == 1 else column[:, 0]
 
 
 def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crawler_model import CrawlerError, Scene
+from crawler_model import CrawlerError
+from crawler_model.body.plan import Plan
 
 from .colors import ACTUATION
 
@@ -19,7 +20,7 @@ _BODY, _GROUND = "#202020", "#8a8a8a"
 
 
 def draw_body(
-    axis: Axes, scene: Scene, displacement: ArrayLike, actuation: ArrayLike, actuators: Sequence[int] = ()
+    axis: Axes, scene: Plan, displacement: ArrayLike, actuation: ArrayLike, actuators: Sequence[int] = ()
 ) -> None:
     """Draw a chain of contacts where it stands; above it there is room for `draw_length`.
 
@@ -37,7 +38,7 @@ def draw_body(
     Raises:
         CrawlerError: for segments, other graphs than chains, and the plane.
     """
-    mesh = scene.mesh
+    mesh = scene.body
     if mesh.dimension == 2 or mesh.segments or not mesh.is_chain:
         raise CrawlerError(f"{scene.name}: only chains of isolated contacts on a line are drawn")
     place = mesh.position + np.asarray(displacement, dtype=np.float64)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crawler_model import Scene, Trajectory
+from crawler_model import Trajectory
+from crawler_model.body.plan import Plan
 from crawler_model.motion.plane.friction import corners_of
 
 from .colors import FORWARD
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_domain(scene: Scene, png: Path) -> None:
+def draw_domain(scene: Plan, png: Path) -> None:
     """Draw the stasis domain of a scene on one page, with the run of its drive in it.
 
     Two contacts: the box of both spring forces and its section, an interval; with constant friction also the sweeping
@@ -40,10 +41,10 @@ def draw_domain(scene: Scene, png: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    contacts = scene.mesh.contacts
+    contacts = scene.body.contacts
     run = simulated(scene, 2 if contacts == 2 else 3)
     draw = {2: draw_two, 3: draw_three}.get(contacts, draw_many)
-    if scene.mesh.dimension == 2:
+    if scene.body.dimension == 2:
         draw = _draw_plane
     with matplotlib.rc_context(STYLE):
         figure = draw(scene, run)
@@ -51,11 +52,11 @@ def draw_domain(scene: Scene, png: Path) -> None:
         plt.close(figure)
 
 
-def _draw_plane(scene: Scene, run: Trajectory) -> Figure:
+def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
     """Draw each contact's friction set and spring force, of at most nine contacts."""
     from matplotlib import pyplot as plt
 
-    mesh, drive = scene.mesh, scene.commands
+    mesh, drive = scene.body, scene.drive
     count = min(mesh.contacts, 9)
     columns = min(count, 3)
     figure, axes = plt.subplots(

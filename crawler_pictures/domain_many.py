@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import Scene, Trajectory
+from crawler_model import Trajectory
 from crawler_model.body.body import Body
+from crawler_model.body.plan import Plan
 from crawler_model.theory.stasis import Facet, StasisDomain, domain_evolution, spring_force
 
 from .colors import BACK, FORWARD, GREY, TENSION
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 
-def draw_three(scene: Scene, run: Trajectory) -> Figure:
+def draw_three(scene: Plan, run: Trajectory) -> Figure:
     """Lay out the page of three contacts."""
     from matplotlib import pyplot as plt
 
@@ -178,15 +179,15 @@ def draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
         axis.annotate("", path[i], path[i - 1], arrowprops=style, zorder=5)
 
 
-def draw_many(scene: Scene, run: Trajectory) -> Figure:
+def draw_many(scene: Plan, run: Trajectory) -> Figure:
     """Lay out the page of four contacts and more: two projections and the range of each section."""
     from matplotlib import pyplot as plt
 
     shown = _distinct(shown_waypoints(scene))
     path = section_path(scene, run.tension)[last_period(run)]
     first, which_first = ((0, 1), "the first two sections")
-    if scene.mesh.segments:
-        first, which_first = _between_parts(scene.mesh), "sections that part the body"
+    if scene.body.segments:
+        first, which_first = _between_parts(scene.body), "sections that part the body"
     pairs = list(dict.fromkeys([first, _liveliest(path)]))
     names = [f"onto_{i}" for i in range(len(pairs))]
     rows: list[Any] = [names, ["ranges"] * len(names)]
@@ -226,14 +227,14 @@ def _liveliest(path: np.ndarray) -> tuple[int, int]:
 
 
 def _draw_projections(
-    axis: Axes, scene: Scene, domains: Sequence[StasisDomain], pair: tuple[int, int], path: np.ndarray
+    axis: Axes, scene: Plan, domains: Sequence[StasisDomain], pair: tuple[int, int], path: np.ndarray
 ) -> None:
     """Draw the projections of all domains shown, the first with its sides marked."""
     merged = [domain.merged(*pair) for domain in domains]
     bounds = [0, pair[0] + 1, pair[1] + 1, domains[0].contacts]
     groups = [f"contact {a}" if b - a == 1 else f"contacts {a}-{b - 1}" for a, b in itertools.pairwise(bounds)]
-    if scene.mesh.segments:
-        at = scene.mesh.position
+    if scene.body.segments:
+        at = scene.body.position
         groups = [
             f"{at[a]:.3g} m" if b - a == 1 else f"{at[a]:.3g}-{at[b - 1]:.3g} m" for a, b in itertools.pairwise(bounds)
         ]
@@ -245,11 +246,9 @@ def _draw_projections(
     axis.set(xlim=limits[0], ylim=limits[1], xlabel=label_of(scene, pair[0]), ylabel=label_of(scene, pair[1]))
 
 
-def _draw_ranges(axis: Axes, scene: Scene, path: np.ndarray) -> None:
+def _draw_ranges(axis: Axes, scene: Plan, path: np.ndarray) -> None:
     """Draw the range of each section, and the part of it that the run uses."""
-    least, most = (
-        np.array(side) for side in zip(*(d.ranges() for d in domain_evolution(scene.commands)[1]), strict=True)
-    )
+    least, most = (np.array(side) for side in zip(*(d.ranges() for d in domain_evolution(scene.drive)[1]), strict=True))
     _draw_bars(axis, least.min(axis=0), most.max(axis=0), 0.8, "what some state of stasis has", color=FACE)
     edge = {"edgecolor": "#c83c3c", "linewidth": 1.5}
     label = "" if is_constant(scene) else "whatever the friction commanded"
@@ -260,13 +259,13 @@ def _draw_ranges(axis: Axes, scene: Scene, path: np.ndarray) -> None:
     axis.margins(x=0.02, y=0.06)
     axis.axhline(0.0, color=GREY, linewidth=0.8)
     axis.set_xlabel("link" if symbol(scene) == "T" else "section")
-    if scene.mesh.segments:
+    if scene.body.segments:
         axis.set_xlabel("place along the body [m]")
     axis.set_ylabel(f"{quantity(scene)} [N]\n(> 0: stretched)")
     axis.set_xticks(sections if sections.size <= 20 else [0, sections.size - 1])
-    if scene.mesh.segments:
+    if scene.body.segments:
         ticks = np.unique(np.linspace(0, sections.size - 1, 9).round().astype(int))
-        places = 0.5 * (scene.mesh.position[:-1] + scene.mesh.position[1:])
+        places = 0.5 * (scene.body.position[:-1] + scene.body.position[1:])
         axis.set_xticks(ticks, [f"{places[i]:.3g}" for i in ticks])
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False)
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import Scene, Trajectory, simulate
+from crawler_model import Trajectory, simulate
+from crawler_model.body.plan import Plan
 from crawler_model.theory.stasis import StasisDomain, directions_of, domain_evolution, section_forces
 
 if TYPE_CHECKING:
@@ -22,46 +23,46 @@ _SAMPLES, _MOST_SAMPLES = 1200, 4_000_000
 TRANSLATION = {1: r"$v_m \geq 0$", -1: r"$v_m \leq 0$"}
 
 
-def section_path(scene: Scene, tension: np.ndarray) -> np.ndarray:
+def section_path(scene: Plan, tension: np.ndarray) -> np.ndarray:
     """Compute the section forces of a run, shape (T, N - 1) [N]: in a chain they are the tensions themselves."""
-    return tension if scene.mesh.is_chain else section_forces(scene.mesh.spring_force(tension))
+    return tension if scene.body.is_chain else section_forces(scene.body.spring_force(tension))
 
 
-def simulated(scene: Scene, periods: int) -> Trajectory:
+def simulated(scene: Plan, periods: int) -> Trajectory:
     """Run a few periods of the drive, or the whole of one that does not repeat."""
-    drive = scene.commands
+    drive = scene.drive
     span = float(drive.times[-1]) if drive.period is None else drive.period * periods
     if span == 0.0:
         return simulate(scene, 0.0)
-    ticks = int(np.clip(_MOST_SAMPLES / scene.mesh.contacts, 8 * periods, _SAMPLES * periods))
+    ticks = int(np.clip(_MOST_SAMPLES / scene.body.contacts, 8 * periods, _SAMPLES * periods))
     return simulate(scene, span, float(np.clip(ticks / span, 1e-9, 1e9)))
 
 
 def last_period(run: Trajectory) -> np.ndarray:
     """Find the rows of a run's last period, or all of them."""
-    period = run.scene.commands.period
+    period = run.scene.drive.period
     return np.flatnonzero(run.time >= (0.0 if period is None else run.time[-1] - period * (1.0 + 1e-9)))
 
 
-def is_constant(scene: Scene) -> bool:
+def is_constant(scene: Plan) -> bool:
     """Tell whether friction is never commanded."""
-    drive = scene.commands
+    drive = scene.drive
     return not (np.ptp(drive.forward, axis=0).any() or np.ptp(drive.backward, axis=0).any())
 
 
-def shown_waypoints(scene: Scene) -> list[tuple[float, StasisDomain]]:
+def shown_waypoints(scene: Plan) -> list[tuple[float, StasisDomain]]:
     """Choose the waypoints whose domains are drawn: one if friction is constant, else at most six."""
-    times, domains = domain_evolution(scene.commands)
+    times, domains = domain_evolution(scene.drive)
     if is_constant(scene):
         return [(0.0, domains[0])]
-    period = scene.commands.period
+    period = scene.drive.period
     rows = [i for i in range(len(domains)) if period is None or times[i] < period]
     if len(rows) > _MOST_PANELS:
         rows = [rows[len(rows) * i // _MOST_PANELS] for i in range(_MOST_PANELS)]
     return [(float(times[i]), domains[i]) for i in rows]
 
 
-def friction_at(scene: Scene, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Read the friction that a scene commands.
 
     Args:
@@ -71,7 +72,7 @@ def friction_at(scene: Scene, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarra
     Returns:
         mu_plus and mu_minus, straight lines between waypoints, each of shape (T, N) [N].
     """
-    drive = scene.commands
+    drive = scene.drive
 
     def read(rows: np.ndarray) -> np.ndarray:
         return np.column_stack([np.interp(time_s, drive.times, mu, period=drive.period) for mu in rows.T])
@@ -89,19 +90,19 @@ def verdict(domains: Sequence[StasisDomain]) -> str:
     return "no facet: at its boundary several contacts are at their bounds at once"
 
 
-def symbol(scene: Scene) -> str:
+def symbol(scene: Plan) -> str:
     """Choose the letter: T for the tension of a link, Q for the force through a section."""
-    return "T" if scene.mesh.is_chain else "Q"
+    return "T" if scene.body.is_chain else "Q"
 
 
-def quantity(scene: Scene) -> str:
+def quantity(scene: Plan) -> str:
     """Name what is drawn: in a chain sections and links are the same."""
     return "tension" if symbol(scene) == "T" else "section force"
 
 
-def label_of(scene: Scene, section: int) -> str:
+def label_of(scene: Plan, section: int) -> str:
     """Label the axis of a section force."""
-    if scene.mesh.segments:
-        place = float(scene.mesh.position[section : section + 2].mean())
+    if scene.body.segments:
+        place = float(scene.body.position[section : section + 2].mean())
         return f"{quantity(scene)} at {place:.3g} m [N]  (> 0: stretched)"
     return f"{quantity(scene)} ${symbol(scene)}_{{{section}}}$ [N]  (> 0: stretched)"

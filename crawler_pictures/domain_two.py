@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import Scene, Trajectory
+from crawler_model import Trajectory
+from crawler_model.body.plan import Plan
 from crawler_model.theory.stasis import StasisDomain, directions_of, domain_evolution
 
 from .colors import ACTUATION, BACK, CONTACTS, FORWARD, GREY
@@ -35,13 +36,13 @@ _DASHES = ("-", "--", ":", "-.")
 _LETTERS = "abcdefghi"
 
 
-def draw_two(scene: Scene, run: Trajectory) -> Figure:
+def draw_two(scene: Plan, run: Trajectory) -> Figure:
     """Lay out the page of two contacts."""
     from matplotlib import pyplot as plt
 
     shown = shown_waypoints(scene)
     moves = run.time.size > 1
-    swept = moves and is_constant(scene) and scene.mesh.springs == 1
+    swept = moves and is_constant(scene) and scene.body.springs == 1
     rows: list[Any]
     if not moves:
         rows, heights, size = [["box_0"]], [1.0], (5.5, 5.5)
@@ -93,7 +94,7 @@ def draw_two(scene: Scene, run: Trajectory) -> Figure:
 
 def _actuation(run: Trajectory) -> np.ndarray:
     """Read the actuation at a run's ticks, shape (T, springs) [m]."""
-    drive = run.scene.commands
+    drive = run.scene.drive
     columns = [np.interp(run.time, drive.times, column, period=drive.period) for column in drive.actuation.T]
     return np.column_stack(columns)
 
@@ -168,7 +169,7 @@ def draw_band(axis: Axes, run: Trajectory) -> None:
         axis: where to.
         run: of two contacts.
     """
-    scene, drive = run.scene, run.scene.commands
+    scene, drive = run.scene, run.scene.drive
     repeats = [0.0] if drive.period is None else np.arange(0.0, run.time[-1], drive.period)
     time_s = np.unique(np.concatenate([run.time, *(start + drive.times for start in repeats)]))
     time_s = time_s[time_s <= run.time[-1]]
@@ -258,8 +259,8 @@ def draw_sweeping(axis: Axes, run: Trajectory, marks: Sequence[int]) -> None:
         run: of two contacts and one spring under constant friction.
         marks: ticks at which the box is drawn, lettered from a, at most nine.
     """
-    domain = domain_evolution(run.scene.commands)[1][0]
-    stiffness = float(run.scene.mesh.stiffness[0])
+    domain = domain_evolution(run.scene.drive)[1][0]
+    stiffness = float(run.scene.body.stiffness[0])
     shape = stiffness * (run.displacement[:, 1] - run.displacement[:, 0])
     place = 2.0 * stiffness * run.net_translation
     centre = stiffness * _actuation(run)[:, 0]

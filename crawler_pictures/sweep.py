@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_command.sweep import Sweep, shown_gain, unit_of
-from crawler_model import ManyRuns
+from crawler_model import ManyRuns, Variations
 
 from .colors import ACTUATION, TENSION
 
@@ -21,12 +21,16 @@ _ROUNDING = 1e-9
 _WORDS = {"per_period": "net translation in the last period [m]", "gained": "net translation over the run [m]"}
 
 
-def draw_sweep(sweep: Sweep, runs: ManyRuns, png: Path) -> None:
+def draw_sweep(
+    variations: Variations, units: Mapping[str, str], logarithmic: Collection[str], runs: ManyRuns, png: Path
+) -> None:
     """Draw the net translation over the keys that vary, one or two of them.
 
     Args:
-        sweep: what ran.
-        runs: what came out.
+        variations: the scenes that ran.
+        units: of each key.
+        logarithmic: keys with a logarithmic axis.
+        runs: the results.
         png: the file to write.
     """
     import matplotlib
@@ -34,21 +38,21 @@ def draw_sweep(sweep: Sweep, runs: ManyRuns, png: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    keys = [key for key, n in zip(sweep.variations.values, sweep.variations.shape, strict=True) if n > 1]
+    keys = [key for key, n in zip(variations.values, variations.shape, strict=True) if n > 1]
     name, gain = shown_gain(runs)
     figure, axes = plt.subplots(figsize=(8, 5.5 if len(keys) == 2 else 4.5), layout="constrained")
     label = _WORDS[name].replace("translation", "translation along x" if runs.gained.ndim == 2 else "translation")
     if len(keys) == 1:
-        _draw_line(axes, sweep.variations.values[keys[0]], gain, runs)
+        _draw_line(axes, variations.values[keys[0]], gain, runs)
         axes.set_ylabel(label)
     else:
-        _draw_map(figure, axes, [sweep.variations.values[key] for key in keys], gain, runs, label)
+        _draw_map(figure, axes, [variations.values[key] for key in keys], gain, runs, label)
     for key, axis in zip(keys, "xy", strict=False):
-        getattr(axes, f"set_{axis}label")(f"{key} [{unit_of(sweep.variations.base, key)}]".replace(" [1]", ""))
-        if sweep.specs[key].startswith("log:"):
+        getattr(axes, f"set_{axis}label")(f"{key} [{units[key]}]".replace(" [1]", ""))
+        if key in logarithmic:
             getattr(axes, f"set_{axis}scale")("log")
     stopped = ", stopped before the end" if runs.interrupted else ""
-    axes.set_title(f"{sweep.variations.base.name}: {len(runs)} variations{stopped}", fontsize=10)
+    axes.set_title(f"{variations.base.name}: {len(runs)} variations{stopped}", fontsize=10)
     figure.savefig(png, dpi=110)
     plt.close(figure)
 
@@ -94,3 +98,17 @@ def _draw_map(
         handles.append(Patch(color=_INVALID, label="invalid or not run"))
     if handles:
         axes.legend(handles=handles, fontsize=8, loc="upper left")
+
+
+def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
+    """Choose the net translation that is shown: per period where there are periods; in the plane along x.
+
+    Args:
+        runs: the results.
+
+    Returns:
+        Its name in `ManyRuns`, and its values, shape (M,) [m].
+    """
+    name = "per_period" if np.isfinite(runs.per_period).any() else "gained"
+    column = getattr(runs, name)
+    return name, column if column.ndim == 1 else column[:, 0]

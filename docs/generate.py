@@ -18,7 +18,7 @@ from typer.models import ArgumentInfo
 import crawler_model
 import crawler_ros.replay
 from crawler_command.app import app
-from crawler_model import Scene
+from crawler_model.scene.parts import SceneParts
 from crawler_ros.wire import interface
 
 ROOT = Path(__file__).parent.parent
@@ -133,12 +133,12 @@ def wrapped(text: str) -> str:
 
 def schema() -> str:
     """Return the scene schema as the file has it."""
-    return json.dumps(Scene.model_json_schema(), indent=2) + "\n"
+    return json.dumps(SceneParts.model_json_schema(), indent=2) + "\n"
 
 
 def scenes() -> str:
     """Write down every key of a scene file, from its schema."""
-    root = Scene.model_json_schema()
+    root = SceneParts.model_json_schema()
     parts = root["$defs"]
     places: dict[str, list[str]] = {}
     _find_parts(root, "", parts, places)

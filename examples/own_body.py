@@ -40,7 +40,7 @@ def scene(lengthened, shortened):
 
 
 wave = scene(range(4), range(4))
-domain = StasisDomain(wave.commands.forward[0], wave.commands.backward[0])
+domain = StasisDomain(wave.drive.forward[0], wave.drive.backward[0])
 ways = {facet.direction for facet in domain.facets()}
 print(f"it can be made to go {'both ways' if ways == {1, -1} else 'one way only'}")
 

@@ -24,7 +24,7 @@ STATES = ("joint_states", "contact_states", "pose")
 
 def play(scene: Scene, first_ns: int, last_ns: int, rate: float = 100.0) -> Iterator[tuple[int, list, list]]:
     """The ticks of a scene whose drive starts at `first_ns`: start, offsets and rows of the vertices."""
-    ratio, drive, columns = rational_rate(rate), scene.commands, scene.columns
+    ratio, drive, columns = rational_rate(rate), scene.drive, scene.columns
     tick = 0
     in_force = drive.rows[0]
     while (end := tick_end_ns(tick + 1, ratio)) <= last_ns:
@@ -56,10 +56,10 @@ def messages(scene: Scene, ticks, rate: float = 100.0, crawler: Crawler | None =
     ratio = rational_rate(rate)
     ledger = TrajectoryMessage(list(scene.columns.names))
     joints, contacts = (
-        JointStateMessage(joint_state_names(scene.mesh)),
-        JointStateMessage(contact_names(scene), "world"),
+        JointStateMessage(joint_state_names(scene.body)),
+        JointStateMessage(contact_names(scene.body), "world"),
     )
-    pose, readout = PoseMessage("world"), Readout(scene.mesh, shown_contacts(scene))
+    pose, readout = PoseMessage("world"), Readout(scene.body, shown_contacts(scene.body))
 
     def states(ns: int, seconds: float) -> Iterator[Message]:
         readout.read(crawler, seconds, joints.numbers, contacts.numbers)
@@ -99,7 +99,7 @@ def record(folder: Path, scene: str | Scene, periods: float, wait: float = 0.3, 
     """Record a scene that waits and then plays its drive."""
     loaded = load_scene(scene) if isinstance(scene, str) else scene
     first = round(wait * NS)
-    last = first + round(periods * (loaded.commands.period or 0.0) * NS)
+    last = first + round(periods * (loaded.drive.period or 0.0) * NS)
     return write(folder, messages(loaded, play(loaded, first, last, rate), rate), attachments(loaded, rate))
 
 

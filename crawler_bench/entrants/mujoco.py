@@ -69,7 +69,7 @@ class MujocoRun:
         import mujoco
 
         mujoco.set_mju_user_warning(lambda text: None)  # an unstable trial shows in its error; no log file is wanted
-        mesh, drive = scene.mesh, scene.commands
+        mesh, drive = scene.body, scene.drive
         n, s = mesh.contacts, mesh.springs
         ends = np.rint(np.arange(1, steps + 1) * (1e9 / steps)).astype(np.int64)
         targets = drive.sample(ends)
@@ -111,7 +111,7 @@ class MujocoRun:
 
 
 def _document(scene: Scene, steps: int, tuning: Tuning) -> str:
-    stiffness = scene.mesh.stiffness
+    stiffness = scene.body.stiffness
     mass = tuning.mass * float(stiffness.mean())
     damping = float(tuning.damping * 2.0 * np.sqrt(mass * float(stiffness.mean())))
     soft = f'solreffriction="{tuning.softness / steps!r} 1"' if tuning.softness > 0.0 else ""
@@ -119,7 +119,7 @@ def _document(scene: Scene, steps: int, tuning: Tuning) -> str:
     joint = f'type="slide" axis="1 0 0" frictionloss="1" damping="{damping!r}" {soft} {hard}'
     bodies = "".join(
         f'<body><joint name="c{i}" {joint}/><geom size="0.01" mass="{mass!r}" contype="0" conaffinity="0"/></body>'
-        for i in range(scene.mesh.contacts)
+        for i in range(scene.body.contacts)
     )
     tendons = "".join(
         f'<fixed stiffness="{k!r}" springlength="1"><joint joint="c{i}" coef="-1"/><joint joint="c{i + 1}" coef="1"/>'
@@ -198,7 +198,7 @@ def why_not(case: Case) -> str | None:
     Returns:
         The reason; None if it can.
     """
-    mesh, drive = case.scene.mesh, case.scene.commands
+    mesh, drive = case.scene.body, case.scene.drive
     if mesh.dimension == 2:
         return "friction in the plane is a disc; MuJoCo's friction loss acts on each axis by itself"
     if (drive.forward != drive.backward).any():

@@ -68,15 +68,15 @@ class OdeRun:
         from scipy.integrate import odeint
 
         self.solver = odeint
-        drive = scene.commands
-        s = scene.mesh.springs
+        drive = scene.drive
+        s = scene.body.springs
         length = drive.targets[:, :s]
         fastest = float((np.abs(np.diff(length, axis=0)) / np.diff(drive.times)[:, None]).max())
         self.times = np.array(drive.times)
         self.tolerance = 0.1 * smoothing
         self.size = fastest
-        constants = (self.times, drive.targets, scene.mesh.stiffness, smoothing * fastest, smoothing / fastest)
-        v = np.empty(scene.mesh.contacts)
+        constants = (self.times, drive.targets, scene.body.stiffness, smoothing * fastest, smoothing / fastest)
+        v = np.empty(scene.body.contacts)
 
         def rates(x: np.ndarray, t: float) -> np.ndarray:
             _rates(x, t, *constants, v)

@@ -35,10 +35,10 @@ class ConeRun(TickByTick):
         """
         import clarabel
 
-        mesh = scene.mesh
+        mesh = scene.body
         n = mesh.contacts
         self.mesh, self.quarters = mesh, quarters
-        friction = scene.commands.targets[0, 2 * mesh.springs :]
+        friction = scene.drive.targets[0, 2 * mesh.springs :]
         laplacian = laplacian_of(mesh.ends, mesh.stiffness, n)
         self.force, stiffness = float(friction.max()), float(laplacian.max())
         self.length = self.force / stiffness

@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from crawler_model import Scene
-from crawler_model.theory.uniqueness import choose_translation
+from crawler_model.motion.translation import choose_translation
 
 from ..cases import Case
 from .entrant import Entrant, TickByTick
@@ -262,7 +262,7 @@ class QpRun(TickByTick):
             backend: the solver.
             tolerance: that it is asked for.
         """
-        mesh, drive = scene.mesh, scene.commands
+        mesh, drive = scene.body, scene.drive
         n, s = mesh.contacts, mesh.springs
         self.tail, self.head = mesh.ends.T.copy()
         self.is_chain, self.elements, self.share = mesh.is_chain, mesh.element_ends, mesh.share

@@ -24,6 +24,7 @@ class Segment:
         elements: how many elements it is cut into; its contacts are first .. first + elements.
         first_spring: the spring of its first element; those of the others follow.
         length: [m].
+        shown: how many of its contacts are listed where all would be too many; None for all.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Segment:
     elements: int
     first_spring: int
     length: float
+    shown: int | None = None
 
     @property
     def element(self) -> float:

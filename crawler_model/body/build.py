@@ -23,11 +23,13 @@ class Interval:
         name: as in the scene.
         nodes: reference positions of its contacts, increasing, shape (elements + 1,) [m].
         stiffness: of its elements, shape (elements,) [N/m].
+        shown: how many of its contacts are listed; None for all.
     """
 
     name: str
     nodes: np.ndarray
     stiffness: np.ndarray
+    shown: int | None = None
 
     @property
     def element(self) -> float:
@@ -99,7 +101,7 @@ def build_body(
     for segment in segments:
         elements = segment.stiffness.size
         length = float(segment.nodes[-1] - segment.nodes[0])
-        built.append(Segment(segment.name, place[segment.name], elements, int(springs[0]), length))
+        built.append(Segment(segment.name, place[segment.name], elements, int(springs[0]), length, segment.shown))
         springs = springs[elements:]
     body = Body(
         position=frozen(np.concatenate(position)),

@@ -37,6 +37,11 @@ class Drive:
         return frozen(self.columns.target(self.rows))
 
     @property
+    def holds(self) -> bool:
+        """Whether the command never changes: there is a single waypoint."""
+        return self.times.size == 1
+
+    @property
     def actuation(self) -> np.ndarray:
         """L of each spring, shape (W, S); in the plane x and y of each in turn, shape (W, 2 S) [m]."""
         return self.targets[:, : self._springs]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,25 +10,11 @@ from numpy.typing import ArrayLike
 
 from ..arrays import frozen
 from ..body.body import Body
+from ..body.directions import check_directions
+from ..body.plan import Plan, check_plan
 from ..errors import LARGEST, CommandError, SceneError
-from ..motion import follow as integrate
-from ..motion.state import (
-    ACCOUNT_SIZE,
-    ACTUATION,
-    BACKWARD,
-    FORWARD,
-    GAINED,
-    PLANAR_ACTUATION,
-    PLANAR_GAINED,
-    PLANAR_TENSION,
-    SHAPE,
-    TENSION,
-    VISITED,
-    X,
-)
-from ..scene.file import take_scene
-from ..scene.scene import Scene
-from ..theory.uniqueness import visited_margin
+from ..motion.follow import State, build_motion
+from ..motion.state import ACCOUNT_SIZE, VISITED
 from .step import Step
 
 Method = Literal["exact", "catch_up"]
@@ -39,12 +24,11 @@ METHODS: tuple[Method, ...] = ("exact", "catch_up")
 class Crawler:
     """A crawler at one instant: what is commanded, where its contacts stand, the tension of its links."""
 
-    def __init__(self, scene: Scene | str | Path, method: Method | None = None, budget: int | None = None) -> None:
+    def __init__(self, scene: Plan, method: Method | None = None, budget: int | None = None) -> None:
         """Put the crawler at the scene's start.
 
         Args:
-            scene: body, friction, start, and the command in force at the start; a path or a name of the gallery is
-                loaded.
+            scene: body, friction, start, and the command in force at the start.
             method: "exact" follows every event, "catch_up" takes one implicit step a ramp; by default exact on a line.
                 In the plane only "catch_up": steps refined to the scene's tolerance.
             budget: most work in one ramp of `exact`: contacts solved (at an event those of the sliding block that
@@ -54,74 +38,62 @@ class Crawler:
 
         Raises:
             CommandError: when the method is another, or `exact` is asked for in the plane.
-            SceneError: when there is no such scene.
+            SceneError: when it is no scene.
         """
-        self.scene = scene = take_scene(scene, "Crawler")
+        check_plan(scene, "Crawler")
+        self.scene = scene
         self.method = choose_method(scene, method)
-        n = scene.mesh.contacts
-        self.budget = 10_000 * (n + 1000) if budget is None else budget
-        self._planar = scene.mesh.dimension == 2
-        self._state = integrate.start_state(scene)
-        self._scratch = integrate.build_scratch(scene)
-        self._no_records = np.empty((0, 2 * self._state.contacts[X].size + self._tension.size))
+        self.budget = 10_000 * (scene.body.contacts + 1000) if budget is None else budget
+        self._motion = build_motion(scene)
+        self._state: State = self._motion.start(scene.start_displacement, scene.drive.targets[0])
+        self._scratch = self._motion.scratch()
+        self._no_records = np.empty((0, 2 * self._state.displacement.size + self._state.tension.size))
 
     @property
     def body(self) -> Body:
         """The body."""
-        return self.scene.mesh
-
-    @property
-    def _tension(self) -> np.ndarray:
-        return self._state.links[PLANAR_TENSION if self._planar else TENSION]
-
-    @property
-    def _actuation(self) -> np.ndarray:
-        return self._state.links[PLANAR_ACTUATION if self._planar else ACTUATION]
+        return self.scene.body
 
     @property
     def displacement(self) -> np.ndarray:
         """x, shape (N,), in the plane (N, 2) [m]."""
-        return frozen(self._state.contacts[X])
+        return frozen(self._state.displacement)
 
     @property
     def shape(self) -> np.ndarray:
         """z, elongation of each spring against the reference shape, shape (S,), in the plane (S, 2) [m]."""
-        if self._planar:
-            return frozen(self._tension / self.body.stiffness[:, None] + self._actuation)
-        return frozen(self._state.links[SHAPE])
+        return frozen(self._state.shape)
 
     @property
     def tension(self) -> np.ndarray:
         """T, shape (S,), in the plane (S, 2) [N]."""
-        return frozen(self._tension)
+        return frozen(self._state.tension)
 
     @property
     def actuation(self) -> np.ndarray:
         """L in force of each spring, shape (S,), in the plane (S, 2) [m]."""
-        return frozen(self._actuation)
+        return frozen(self._state.actuation)
 
     @property
     def forward(self) -> np.ndarray:
         """mu_plus in force, shape (N,) [N]; for bodies on a line."""
-        return frozen(self._state.contacts[FORWARD])
+        return frozen(self._state.friction[: self.body.contacts])
 
     @property
     def backward(self) -> np.ndarray:
         """mu_minus in force, shape (N,) [N]; for bodies on a line."""
-        return frozen(self._state.contacts[BACKWARD])
+        return frozen(self._state.friction[self.body.contacts :])
 
     @property
     def friction(self) -> np.ndarray:
         """Friction in force as in a target: forward then backward; in the plane contact by contact, shape (F,) [N]."""
-        if self._planar:
-            return frozen(self._state.friction.ravel())
-        return frozen(self._state.contacts[[FORWARD, BACKWARD]].ravel())
+        return frozen(self._state.friction)
 
     @property
     def net_translation(self) -> float | np.ndarray:
         """y, the mean of x, every isolated contact and every segment counting once [m]; in the plane shape (2,)."""
-        y = self.body.share @ self._state.contacts[X]
-        return frozen(y) if self._planar else float(y)
+        y = self.body.share @ self._state.displacement
+        return frozen(y) if y.ndim else float(y)
 
     @property
     def contact_state(self) -> np.ndarray:
@@ -129,48 +101,34 @@ class Crawler:
 
         In the plane 1 slid, 0 stuck.
         """
-        gained = self._gained
-        state = (np.abs(gained).max(axis=1) > 0.0 if self._planar else np.sign(gained)).astype(np.int8)
+        state = self._state.contact_state
         state.flags.writeable = False
         return state
 
     @property
     def gained(self) -> np.ndarray:
         """Displacement gained on the last command, shape (N,), in the plane (N, 2) [m]."""
-        return frozen(self._gained)
-
-    @property
-    def _gained(self) -> np.ndarray:
-        return self._state.contacts[PLANAR_GAINED if self._planar else GAINED]
+        return frozen(self._state.gained)
 
     @property
     def spring_force(self) -> np.ndarray:
         """g, force of the springs on each contact, shape (N,), in the plane (N, 2) [N]."""
-        return frozen(self.body.spring_force(self._tension))
+        return frozen(self.body.spring_force(self._state.tension))
 
     @property
     def margins(self) -> np.ndarray:
         """Distance of each contact's spring force from its nearest bound, shape (N,) [N]."""
-        if self._planar:
-            force, normals, friction = self.spring_force, self.scene.directions, self._state.friction
-            if normals.size == 0:
-                return frozen(friction[:, 0] - np.linalg.norm(force, axis=1))
-            return frozen((friction - force @ normals.T).min(axis=1))
-        force = self.spring_force
-        return frozen(np.minimum(self._state.contacts[FORWARD] - force, force + self._state.contacts[BACKWARD]))
+        return frozen(self._state.margins(self.spring_force))
 
     @property
     def visited_margin(self) -> float:
         """How near all contacts are to sliding at once, now [1]."""
-        if self._planar:
-            total = 2.0 * float(self._state.friction.mean(axis=1).sum())
-            return float(np.maximum(self.margins, 0.0).sum()) / total if total > 0.0 else 0.0
-        return visited_margin(self.spring_force, self._state.contacts[FORWARD], self._state.contacts[BACKWARD])
+        return self._state.visited_margin(self.spring_force)
 
     @property
     def visited_margin_sampled(self) -> bool:
         """Whether a `Step` sees its visited margin at the ends of ramps only, or of steps in the plane."""
-        return self.method != "exact" or integrate.samples_margin(self.body)
+        return self.method != "exact" or self._motion.samples_margin
 
     @property
     def joint_elongation(self) -> np.ndarray:
@@ -180,7 +138,7 @@ class Crawler:
     @property
     def joint_tension(self) -> np.ndarray:
         """Tension of each link, then mean tension of each segment, shape (J,), in the plane (J, 2) [N]."""
-        return self.body.joint_mean(self._tension)
+        return self.body.joint_mean(self._state.tension)
 
     def copy(self) -> Crawler:
         """Fork the state.
@@ -190,7 +148,7 @@ class Crawler:
         """
         other = copy.copy(self)
         other._state = self._state.copy()
-        other._scratch = integrate.build_scratch(self.scene)
+        other._scratch = self._motion.scratch()
         return other
 
     def placed(self, displacement: np.ndarray, target: np.ndarray) -> Crawler:
@@ -204,7 +162,7 @@ class Crawler:
             The crawler. Beside the one that went there it differs by rounding.
         """
         other = self.copy()
-        other._state = integrate.state_at(self.scene, displacement, target)
+        other._state = self._motion.start(displacement, target)
         return other
 
     def __eq__(self, other: object) -> bool:
@@ -235,9 +193,10 @@ class Crawler:
             CommandError: naming the first value that cannot be followed.
         """
         columns = self.scene.columns
+        planar = columns.planar is not None
         row = np.full(columns.count, np.nan)
         half = columns.lengths + int(columns.friction_sizes.sum())
-        if self._planar and backward is not None:
+        if planar and backward is not None:
             raise CommandError("backward: in the plane `forward` alone is the friction of each contact")
         given = (
             ("actuation", actuation, columns.actuation_sizes, 0),
@@ -247,34 +206,27 @@ class Crawler:
         for name, values, sizes, first in given:
             if values is None and name != "actuation":
                 continue
-            each = int(sizes[0]) if self._planar and sizes.size else 1
+            each = int(sizes[0]) if planar and sizes.size else 1
             array = _checked(name, values, (sizes.size,) if each == 1 else (sizes.size, each)).ravel()
             if name != "actuation" and not (array >= 0.0).all():
                 i = int(np.flatnonzero(array < 0.0)[0])
                 raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
             if columns.planar and name == "forward":
-                self._check_convex(array.reshape(sizes.size, each))
+                try:
+                    check_directions(self.scene.angles, array.reshape(sizes.size, each))
+                except SceneError as error:
+                    raise CommandError(f"forward: {error}") from None
             row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
         target = columns.target(row)
         held = np.isnan(target)
-        target[held] = np.concatenate((self._actuation.ravel(), self.friction))[held]
+        target[held] = np.concatenate((self._state.actuation.ravel(), self.friction))[held]
         return target
-
-    def _check_convex(self, friction: np.ndarray) -> None:
-        """Check friction given by directions, shape (N, m)."""
-        from ..motion.plane.friction import check_directions
-
-        assert self.scene.friction is not None
-        try:
-            check_directions(np.array(self.scene.friction.directions), friction)
-        except SceneError as error:
-            raise CommandError(f"forward: {error}") from None
 
     @property
     def row(self) -> np.ndarray:
         """The command row in force, as in `Columns`, shape (C,)."""
         columns = self.scene.columns
-        target = np.concatenate((self._actuation.ravel(), self.friction))
+        target = np.concatenate((self._state.actuation.ravel(), self.friction))
         _, first = np.unique(columns.index, return_index=True)
         return target[first] / columns.factor[first]
 
@@ -313,8 +265,7 @@ class Crawler:
             targets = np.array(targets, dtype=np.float64)
         account = np.zeros(ACCOUNT_SIZE)
         account[VISITED] = np.inf
-        integrate.follow(
-            self.scene,
+        self._motion.follow(
             self._state,
             self._scratch,
             targets,
@@ -323,14 +274,12 @@ class Crawler:
             account,
             self._no_records if records is None else records,
         )
-        if self._planar and account[VISITED] == np.inf:  # nothing but holding
-            account[VISITED] = self.visited_margin
-        velocity = self._gained.copy()
+        velocity = self._state.gained.copy()
         velocity.flags.writeable = account.flags.writeable = False
         return Step(velocity, account, self.body.share)
 
 
-def choose_method(scene: Scene, method: str | None) -> Method:
+def choose_method(scene: Plan, method: str | None) -> Method:
     """Check a method against a scene.
 
     Args:
@@ -343,12 +292,12 @@ def choose_method(scene: Scene, method: str | None) -> Method:
     Raises:
         CommandError: when there is no such method, or not for this body.
     """
-    planar = scene.mesh.dimension == 2
+    offered = build_motion(scene).methods
     if method is None:
-        return "catch_up" if planar else "exact"
+        return offered[0]  # type: ignore[return-value]
     if method not in METHODS:
         raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
-    if planar and method == "exact":
+    if method not in offered:
         raise CommandError(
             "method: exact is for bodies on a line, where paths are straight from event to event; in the plane "
             "they are curved: take catch_up, whose steps are refined to the scene's tolerance"
@@ -374,7 +323,7 @@ def _checked(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.
     return array
 
 
-def prepare(scene: Scene) -> None:
+def prepare(scene: Plan) -> None:
     """Load the kernels that a scene needs, or compile them on their first use on this machine.
 
     Args:

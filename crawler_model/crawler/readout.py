@@ -5,6 +5,8 @@ A node asks for them at every tick; on a line one compiled call reads all of the
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..body.body import Body
@@ -48,7 +50,7 @@ class Readout:
         if body.dimension == 2:
             self._read_planar(crawler, seconds, of_joints, of_contacts)
             return
-        state = crawler._state
+        state: Any = crawler._state
         read_line(
             state.contacts,
             state.links,
@@ -67,7 +69,7 @@ class Readout:
             of_joints[2, 1 + links :] = crawler.joint_tension[links:]
 
     def _read_planar(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
-        x, force, velocity = crawler.displacement, crawler.spring_force, crawler._gained / seconds
+        x, force, velocity = crawler.displacement, crawler.spring_force, crawler.gained / seconds
         root, (first, second), shown = slice(self._root, self._root + 1), self._pairs.T, self._shown
         of_joints[0] = np.concatenate((x[root], crawler.joint_elongation)).ravel()
         of_joints[1] = np.concatenate((velocity[root], velocity[second] - velocity[first])).ravel()

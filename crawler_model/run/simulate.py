@@ -6,16 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..body.drive import NS, Drive
+from ..body.plan import Plan, check_plan
 from ..crawler.crawler import Crawler, Method, choose_method
 from ..errors import CommandError
-from ..scene.file import take_scene
-from ..scene.scene import Scene
 from ..theory.uniqueness import commanded_margin
 from .account import Energy, Total, average_displacement, stored_energy
 
@@ -57,7 +55,7 @@ class Trajectory:
         wall_s: how long the run took [s].
     """
 
-    scene: Scene
+    scene: Plan
     method: Method
     rate: float
     time: np.ndarray
@@ -168,7 +166,7 @@ def default_duration(drive: Drive) -> float:
 
 
 def simulate(
-    scene: Scene | str | Path,
+    scene: Plan,
     duration: float | None = None,
     rate: float = 100.0,
     method: Method | None = None,
@@ -194,16 +192,16 @@ def simulate(
         SceneError: when there is no such scene.
     """
     began = time.perf_counter()
-    scene = take_scene(scene, "simulate")
+    check_plan(scene, "simulate")
     method = choose_method(scene, method)
-    drive = scene.commands
+    drive = scene.drive
     seconds = default_duration(drive) if duration is None else float(duration)
     if not 0.0 <= seconds < 9e9:
         raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
     ratio = rational_rate(rate)
     end_ns = round(seconds * NS)
     ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))  # the last one may be cut short
-    n = scene.mesh.contacts * scene.mesh.dimension
+    n = scene.body.contacts * scene.body.dimension
     for what, count in (("ticks", ticks), ("waypoints", _waypoints(drive, seconds))):
         if count * n > _MOST_SAMPLES:
             raise CommandError(
@@ -287,7 +285,7 @@ class _Run:
 
     def finish(self, rate: float, began: float) -> Trajectory:
         """Close the account and freeze the tables."""
-        scene, drive = self.crawler.scene, self.crawler.scene.commands
+        scene, drive = self.crawler.scene, self.crawler.scene.drive
         body = self.crawler.body
         way_x, way_rest = np.array(self.waypoint_x), np.array(self.waypoint_rest)
         per_period = np.zeros((0, *way_x.shape[2:]))
@@ -297,7 +295,7 @@ class _Run:
             per_period = average_displacement(body, gain)
         else:
             way_time = drive.times[self.waypoint_row]
-        if scene.drive is None and self.ticks > 0:
+        if drive.holds and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
         start, end = stored_energy(body, np.array([self.start.tension, self.crawler.tension]))
@@ -323,7 +321,7 @@ class _Run:
             energy=Energy(total.work, total.dissipation, float(end - start), total.residual, self.peak),
             violation=max(total.violation, 0.0),
             unique=total.unique,
-            uniqueness_margin=commanded_margin(scene),
+            uniqueness_margin=commanded_margin(body, drive),
             visited_margin=total.visited,
             visited_margin_sampled=self.crawler.visited_margin_sampled,
             events=total.events,

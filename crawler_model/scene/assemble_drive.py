@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..arrays import frozen, spread
-from ..body import drive as drives
-from ..body.drive import Drive
+from ..body.body import Body
+from ..body.columns import Columns
+from ..body.drive import Drive, build_waypoints, merge_times, strategy_waypoints, wave
 from ..errors import SceneError
-from .assemble import friction_row
-from .scene import DrivePart, FrictionRowsPart, Scene, WavePart
-
-if TYPE_CHECKING:
-    pass
+from .parts import DrivePart, FrictionRowsPart, SceneParts, WavePart
 
 
-def build_drive(scene: Scene) -> Drive:
-    """Make waypoints of a scene's drive.
+def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np.ndarray) -> Drive:
+    """Build the waypoints of the drive of a scene.
 
     Args:
-        scene: the scene.
+        parts: the parts of the scene.
+        body: its body.
+        columns: the layout of its commands.
+        friction: the scene's own friction, the last columns of a row, shape (C - lengths,) [N, N/m].
 
     Returns:
         The drive, with the scene's friction where it commands none.
@@ -29,28 +29,27 @@ def build_drive(scene: Scene) -> Drive:
     Raises:
         SceneError: naming the row or value that does not fit.
     """
-    columns, part = scene.columns, scene.drive
-    friction = friction_row(scene)
+    part = parts.drive
     if part is None:
         row = np.concatenate((np.zeros(columns.lengths), friction))
         return Drive(frozen([0.0]), None, frozen(row[None]), columns)
     if part.strategy is not None:
-        return _build_strategy(scene, part)
+        return _build_strategy(body, columns, part)
     if part.times is None:
-        return _build_waves(scene, part, friction)
+        return _build_waves(body, columns, part, friction)
     times = np.array(part.times)
     rows = np.zeros((times.size, columns.count))
     rows[:, columns.lengths :] = friction
-    if scene.dimension == 2:
-        rows[:, : columns.lengths] = _planar_rows(part.actuation, times.size, scene.mesh.springs)
+    if parts.dimension == 2:
+        rows[:, : columns.lengths] = _planar_rows(part.actuation, times.size, body.springs)
     else:
-        item = "link(s) and segment" if scene.mesh.segments else "link"
+        item = "link(s) and segment" if body.segments else "link"
         given = _rows(part.actuation, times.size, columns.actuation_sizes.size, "drive.actuation", item)
         rows[:, : columns.lengths] = np.repeat(given, columns.actuation_sizes, axis=1)
     if isinstance(part.friction, FrictionRowsPart):
         if columns.planar:
             raise SceneError("drive.friction: friction given by directions is constant; leave it out")
-        item = "contact(s) and segment" if scene.mesh.segments else "contact"
+        item = "contact(s) and segment" if body.segments else "contact"
         names = ("isotropic", "isotropic") if part.friction.isotropic is not None else ("forward", "backward")
         both = [
             np.repeat(
@@ -61,7 +60,7 @@ def build_drive(scene: Scene) -> Drive:
             for name, table in zip(names, part.friction.sides, strict=True)
         ]
         rows[:, columns.lengths :] = np.hstack(both[: columns.sides])
-    return drives.build_waypoints(times, part.period, rows, columns)
+    return build_waypoints(times, part.period, rows, columns)
 
 
 def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndarray:
@@ -90,32 +89,29 @@ def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
     return np.array(table).reshape(rows, 2 * links)
 
 
-def _build_strategy(scene: Scene, part: DrivePart) -> Drive:
-    columns = scene.columns
-    mesh = scene.mesh
-    if (mesh.isolated.size, mesh.springs, len(mesh.segments)) != (2, 1, 0):
-        raise SceneError(f"drive.strategy: strategies drive 2 contacts on 1 link, this body has {mesh.describe()}")
+def _build_strategy(body: Body, columns: Columns, part: DrivePart) -> Drive:
+    if (body.isolated.size, body.springs, len(body.segments)) != (2, 1, 0):
+        raise SceneError(f"drive.strategy: strategies drive 2 contacts on 1 link, this body has {body.describe()}")
     assert part.strategy is not None
     assert part.length is not None
     assert isinstance(part.friction, float)
     period = 1.0 if part.period is None else part.period
-    times, actuation, mu = drives.strategy_waypoints(part.strategy, part.length, part.friction, period)
-    return drives.build_waypoints(times, period, np.hstack((actuation, mu, mu)), columns)
+    times, actuation, mu = strategy_waypoints(part.strategy, part.length, part.friction, period)
+    return build_waypoints(times, period, np.hstack((actuation, mu, mu)), columns)
 
 
-def _build_waves(scene: Scene, part: DrivePart, friction: np.ndarray) -> Drive:
-    mesh, columns = scene.mesh, scene.columns
+def _build_waves(body: Body, columns: Columns, part: DrivePart, friction: np.ndarray) -> Drive:
     waves = [w for w in (part.wave, part.friction_wave) if w is not None]
     period = waves[0].period
     if any(w.period != period for w in waves):
         raise SceneError("drive.friction_wave.period: it must be that of drive.wave")
-    times = drives.merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
+    times = merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
     times[-1] = period
     rows = np.zeros((times.size, columns.count))
     rows[:, columns.lengths :] = friction
     if part.wave is not None:
-        middle = 0.5 * (mesh.position[mesh.ends[:, 0]] + mesh.position[mesh.ends[:, 1]])
-        places = np.concatenate([middle[mesh.link_springs], *(middle[s.springs] for s in mesh.segments)])
+        middle = 0.5 * (body.position[body.ends[:, 0]] + body.position[body.ends[:, 1]])
+        places = np.concatenate([middle[body.link_springs], *(middle[s.springs] for s in body.segments)])
         rows[:, : columns.lengths] = _sampled(part.wave, times, places)
     if part.friction_wave is not None:
         w = part.friction_wave
@@ -124,16 +120,16 @@ def _build_waves(scene: Scene, part: DrivePart, friction: np.ndarray) -> Drive:
                 f"drive.friction_wave: mean {w.mean:g} N is less than the amplitude {abs(w.amplitude):g} N; "
                 "friction must be >= 0 all the time"
             )
-        places = np.concatenate([mesh.position[mesh.isolated], *(mesh.position[s.contacts] for s in mesh.segments)])
+        places = np.concatenate([body.position[body.isolated], *(body.position[s.contacts] for s in body.segments)])
         mu = np.maximum(_sampled(w, times, places), 0.0)
         rows[:, columns.lengths :] = np.hstack((mu, mu))
-    return drives.build_waypoints(times, period, rows, columns)
+    return build_waypoints(times, period, rows, columns)
 
 
 def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Read a wave, straight between its own samples, at the waypoints, shape (W, places)."""
     phase = np.arange(part.samples + 1) / part.samples
-    values = drives.wave(part.mean, part.amplitude, part.wavelength, phase, places)
+    values = wave(part.mean, part.amplitude, part.wavelength, phase, places)
     at = times / part.period * part.samples
     before = np.minimum(np.floor(at + 1e-9).astype(np.int64), part.samples)
     after = np.minimum(before + 1, part.samples)

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..arrays import spread
+from ..body.body import Body
+from ..body.drive import Drive
 from ..errors import SceneError
-from .scene import Scene
-
-if TYPE_CHECKING:
-    pass
-
+from .assembly import Assembly
+from .parts import SceneParts
 
 _ROUNDING = 1e3 * 32.0 * np.finfo(np.float64).eps
 
 
-def build_start(scene: Scene) -> np.ndarray:
+def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
     """Place the contacts at the start.
 
     Args:
-        scene: the scene.
+        parts: the parts of the scene.
+        body: its body.
+        drive: its drive; the first row is in force at the start.
 
     Returns:
         Displacement, shape (N,), in the plane (N, 2) [m]. A scene gives it for the isolated contacts and both ends of
@@ -30,69 +29,68 @@ def build_start(scene: Scene) -> np.ndarray:
     Raises:
         SceneError: on a wrong length.
     """
-    mesh = scene.mesh
-    if scene.start is None:
-        return np.zeros(mesh.position.shape)
-    if scene.start == "relaxed":
-        return mesh.relaxed(scene.commands.actuation[0])
-    given = scene.start.displacement
-    if mesh.dimension == 2:
-        rows = given if isinstance(given, tuple) else (given,) * mesh.contacts
-        if len(rows) != mesh.contacts or any(isinstance(r, tuple) and len(r) != 2 for r in rows):
-            raise SceneError(f"start.displacement: a planar scene gives [x, y] for each of {mesh.contacts} contacts")
+    if parts.start is None:
+        return np.zeros(body.position.shape)
+    if parts.start == "relaxed":
+        return body.relaxed(drive.actuation[0])
+    given = parts.start.displacement
+    if body.dimension == 2:
+        rows = given if isinstance(given, tuple) else (given,) * body.contacts
+        if len(rows) != body.contacts or any(isinstance(r, tuple) and len(r) != 2 for r in rows):
+            raise SceneError(f"start.displacement: a planar scene gives [x, y] for each of {body.contacts} contacts")
         return np.array([spread(row, 2, "start.displacement", "coordinate") for row in rows])
     if isinstance(given, tuple) and any(isinstance(v, tuple) for v in given):
         raise SceneError("start.displacement: on a line each entry is a number (or dimension: 2)")
-    stations = mesh.stations
-    item = "contact(s) and segment end" if mesh.segments else "contact"
+    stations = body.stations
+    item = "contact(s) and segment end" if body.segments else "contact"
     values = spread(given, stations.size, "start.displacement", item)
-    x = np.empty(mesh.contacts)
+    x = np.empty(body.contacts)
     x[stations] = values
-    for k, segment in enumerate(mesh.segments):
-        first, last = values[mesh.isolated.size + 2 * k :][:2]
+    for k, segment in enumerate(body.segments):
+        first, last = values[body.isolated.size + 2 * k :][:2]
         x[segment.contacts] = np.linspace(first, last, segment.elements + 1)
     return x
 
 
-def check_start(scene: Scene) -> None:
+def check_start(assembly: Assembly) -> None:
     """Check that the springs' forces at the start are within the friction at the start.
 
     Args:
-        scene: the scene; its parts are built and so checked on the way.
+        assembly: the assembly.
 
     Raises:
         SceneError: naming the contact and by how much its bound is exceeded.
     """
-    mesh, drive, x = scene.mesh, scene.commands, scene.start_displacement
-    if mesh.dimension == 2:
-        _check_planar_start(scene)
+    body, drive, x = assembly.body, assembly.drive, assembly.start_displacement
+    if body.dimension == 2:
+        _check_planar_start(assembly)
         return
-    tension = mesh.stiffness * (mesh.elongation(x) - drive.actuation[0])
-    force, forward, backward = mesh.spring_force(tension), drive.forward[0], drive.backward[0]
+    tension = body.stiffness * (body.elongation(x) - drive.actuation[0])
+    force, forward, backward = body.spring_force(tension), drive.forward[0], drive.backward[0]
     margins = np.minimum(forward - force, force + backward)
-    excess = margins + _ROUNDING * (mesh.force_size(tension) + forward + backward)
+    excess = margins + _ROUNDING * (body.force_size(tension) + forward + backward)
     worst = int(np.argmin(excess))
     if excess[worst] >= 0.0:
         return
     g = force[worst]
     bound, side = (forward[worst], "forward") if g > 0.0 else (backward[worst], "backward")
     proposal = "write `start: relaxed`"
-    if not mesh.segments:
-        relaxed = x[0] + mesh.relaxed(drive.actuation[0])
+    if not body.segments:
+        relaxed = x[0] + body.relaxed(drive.actuation[0])
         text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
         proposal = f"a start without tension is [{text}], or {proposal}"
     raise SceneError(
-        f"start.displacement: {mesh.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than its "
+        f"start.displacement: {body.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than its "
         f"{side} friction {bound:g} N; {proposal}"
     )
 
 
-def _check_planar_start(scene: Scene) -> None:
-    mesh, drive, x = scene.mesh, scene.commands, scene.start_displacement
-    tension = mesh.stiffness[:, None] * (mesh.elongation(x) - drive.actuation[0].reshape(-1, 2))
-    force = mesh.spring_force(tension)
-    friction = drive.targets[0, 2 * mesh.springs :].reshape(mesh.contacts, -1)
-    normals = scene.directions
+def _check_planar_start(assembly: Assembly) -> None:
+    body, drive, x = assembly.body, assembly.drive, assembly.start_displacement
+    tension = body.stiffness[:, None] * (body.elongation(x) - drive.actuation[0].reshape(-1, 2))
+    force = body.spring_force(tension)
+    friction = drive.targets[0, 2 * body.springs :].reshape(body.contacts, -1)
+    normals = assembly.directions
     load = np.linalg.norm(force, axis=1)[:, None] if normals.size == 0 else force @ normals.T
     excess = (load - friction).max(axis=1) - _ROUNDING * (np.abs(tension).sum() + friction.max(axis=1))
     worst = int(np.argmax(excess))

@@ -36,27 +36,6 @@ _PER_WAVE = 4
 MOST_WAVES_MEASURED = 13.0
 """Wavelengths in a segment up to which the error is measured; with more the grids would take seconds."""
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-
-
-def average(field: Callable[[np.ndarray], np.ndarray], edges: np.ndarray, breaks: np.ndarray) -> np.ndarray:
-    """Compute the mean of a field over each interval between edges, by Gauss' rule between its breaks.
-
-    Args:
-        field: value at positions.
-        edges: shape (M + 1,), increasing [m].
-        breaks: where the field is not smooth, shape (B,) [m].
-
-    Returns:
-        Shape (M,).
-    """
-    inner = breaks[(breaks > edges[0]) & (breaks < edges[-1])]
-    cuts = np.union1d(edges, inner)
-    half, middle = 0.5 * np.diff(cuts), 0.5 * (cuts[:-1] + cuts[1:])
-    values = field(middle[:, None] + half[:, None] * _POINTS) @ (0.5 * _WEIGHTS)
-    weighted = np.concatenate(([0.0], np.cumsum(values * 2.0 * half)))
-    return np.diff(weighted[np.searchsorted(cuts, edges)]) / np.diff(edges)
-
 
 def count_elements(
     gains: Callable[[int], np.ndarray],

@@ -156,26 +156,8 @@ def parse_scene(text: str, source: str = "scene") -> Scene:
         raise SceneError(f"{source}: not plain YAML{where}: {error.problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:  # a date or an integer may be none
         raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
-    if not isinstance(data, dict):
-        raise SceneError(f"{source}: a scene is a mapping with the keys {', '.join(Scene.model_fields)}")
-    return build_scene(data, source)
-
-
-def build_scene(document: Any, source: str) -> Scene:
-    """Make a scene of plain data that has a name, as `Scene.document` lays it out.
-
-    Args:
-        document: what a scene file holds.
-        source: what to call it in errors.
-
-    Returns:
-        The scene.
-
-    Raises:
-        SceneError: one line that names the source, the field, the value and what would be right.
-    """
     try:
-        return Scene.model_validate(document)
+        return Scene.model_validate(data)
     except SceneError as error:
         raise SceneError(f"{source}: {error}") from None
 

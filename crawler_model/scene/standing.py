@@ -1,6 +1,6 @@
-"""Where a segment stands while everything else slides, and what a mesh of equal elements costs there.
+"""Where a segment stands while everything else slides, and what a body of equal elements costs there.
 
-Under an even strain one point of the body stands, and both sides slide away from it. A mesh lets a contact stand in
+Under an even strain one point of the body stands, and both sides slide away from it. A body lets a contact stand in
 its place, the one in whose cell the point lies: all other contacts are then off by the strain times the distance
 between the two. The point itself follows from the force on that contact, which divides its cell in two.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crawler.crawler import Crawler
-from .scene import Scene
+from .assembly import Assembly
 
 _TICKS = 32
 """Parts of a drive's path, at least."""
@@ -43,7 +43,7 @@ class Standing:
     adds: bool
 
     def error(self, elements: np.ndarray) -> np.ndarray:
-        """Predict the error of the net translation in meshes, as far as it comes from contacts that stand.
+        """Predict the error of the net translation in bodyes, as far as it comes from contacts that stand.
 
         Args:
             elements: numbers of elements, shape (M,).
@@ -54,7 +54,7 @@ class Standing:
         if self.point.size == 0:
             return np.zeros(elements.size)
         place = self.point / self.length * elements[:, None]
-        between = np.abs(place - np.floor(place) - 0.5) < _TIE  # the mesh takes the middle of both contacts
+        between = np.abs(place - np.floor(place) - 0.5) < _TIE  # the body takes the middle of both contacts
         off = np.where(between, 0.0, np.clip(np.rint(place), 0, elements[:, None]) - place) / elements[:, None]
         errors = np.zeros((elements.size, self.moments))
         for moment in range(self.moments):
@@ -64,41 +64,41 @@ class Standing:
         return np.asarray(np.abs(errors).max(axis=1, initial=0.0))
 
 
-def find_standing(scene: Scene, place: int) -> tuple[np.ndarray, Standing]:
+def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]:
     """Run a scene's drive and find where a segment stands.
 
     The friction of the segment must not vary in time along it.
 
     Args:
-        scene: the scene; its drive has times.
+        assembly: of a scene whose drive has times.
         place: which segment.
 
     Returns:
         The net translation gained in each period after the first (without a period: at each waypoint), as if the body
         stood on points instead of contacts, which is right to second order; and where it stands.
     """
-    mesh, drive = scene.mesh, scene.commands
+    body, drive = assembly.body, assembly.drive
     rows = np.arange(drive.times.size)
     if drive.period is not None:
         rows = np.append(np.tile(np.flatnonzero(drive.times < drive.period), 3), 0)
     ramps = rows.size - 1
     parts = max(1, -(-_TICKS // ramps))
-    count = mesh.contacts
-    crawler = Crawler(scene)
-    last = np.concatenate((scene.start_displacement, np.zeros(count)))
-    friction = drive.targets[rows[0], mesh.springs :]
+    count = body.contacts
+    crawler = Crawler(assembly)
+    last = np.concatenate((assembly.start_displacement, np.zeros(count)))
+    friction = drive.targets[rows[0], body.springs :]
     gained, points, strains, ticks = [], [], [], []
     for first in range(0, ramps * parts, _BLOCK):
         tick = np.arange(first, min(first + _BLOCK, ramps * parts))
         begin, end = drive.targets[rows[tick // parts]], drive.targets[rows[tick // parts + 1]]
         targets = begin + ((tick % parts + 1) / parts)[:, None] * (end - begin)
-        records = np.empty((tick.size, 2 * count + mesh.springs))
+        records = np.empty((tick.size, 2 * count + body.springs))
         crawler.follow(targets, records)
         x = np.vstack((last, records[:, : 2 * count]))
         moved = np.diff(x[:, :count], axis=0) + np.diff(x[:, count:], axis=0)
-        held = np.vstack((friction, targets[:, mesh.springs :]))
-        point, strain, correction = _stand(scene, place, moved, records[:, 2 * count :], held)
-        gained.append(moved @ mesh.share + correction)
+        held = np.vstack((friction, targets[:, body.springs :]))
+        point, strain, correction = _stand(assembly, place, moved, records[:, 2 * count :], held)
+        gained.append(moved @ body.share + correction)
         points.append(point)
         strains.append(strain)
         ticks.append(tick)
@@ -108,14 +108,14 @@ def find_standing(scene: Scene, place: int) -> tuple[np.ndarray, Standing]:
     strain = np.concatenate(strains)
     found = strain != 0.0
     if drive.period is None:
-        total = mesh.share @ scene.start_displacement + np.concatenate(([0.0], np.cumsum(ramp_gained)))
+        total = body.share @ assembly.start_displacement + np.concatenate(([0.0], np.cumsum(ramp_gained)))
         moments, moment = ramps, ramp
     else:
         total = ramp_gained.reshape(3, -1).sum(axis=1)[1:]
         moments, moment = 2, ramp // (ramps // 3) - 1  # the first period is not compared
         found &= moment >= 0
     standing = Standing(
-        mesh.segments[place].length,
+        body.segments[place].length,
         np.concatenate(points)[found],
         strain[found],
         moment[found],
@@ -126,12 +126,12 @@ def find_standing(scene: Scene, place: int) -> tuple[np.ndarray, Standing]:
 
 
 def _stand(
-    scene: Scene, place: int, moved: np.ndarray, tension: np.ndarray, friction: np.ndarray
+    assembly: Assembly, place: int, moved: np.ndarray, tension: np.ndarray, friction: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find where a segment stood in each part of a path.
 
     Args:
-        scene: the scene.
+        assembly: of the scene.
         place: which segment.
         moved: displacement gained in each part, shape (V, N) [m].
         tension: at each part's end, shape (V, S) [N].
@@ -141,8 +141,8 @@ def _stand(
         The point [m], the strain about it (0 where the segment does not stand alone), and by how much the body would
         have moved farther if it had stood on the point [m], each of shape (V,).
     """
-    mesh = scene.mesh
-    segment = mesh.segments[place]
+    body = assembly.body
+    segment = body.segments[place]
     n, h = segment.elements, segment.element
     part = moved[:, segment.contacts]
     point, strain, correction = np.zeros((3, moved.shape[0]))
@@ -154,9 +154,9 @@ def _stand(
     opposite = part[at, left] * part[at, right] <= 0.0
     at, j, left, right = at[opposite], j[opposite], left[opposite], right[opposite]
     strain[at] = (part[at, right] - part[at, left]) / ((right - left) * h)
-    force = mesh.spring_force(tension[at])[np.arange(at.size), segment.first + j]
+    force = body.spring_force(tension[at])[np.arange(at.size), segment.first + j]
     forward = friction[at + 1, segment.first + j]
-    backward = friction[at + 1, mesh.contacts + segment.first + j]
+    backward = friction[at + 1, body.contacts + segment.first + j]
     ahead = np.where(strain[at] > 0.0, forward - force, force + backward)
     share = np.clip(ahead / (forward + backward), 0.0, 1.0)
     cell_start, cell_end = np.maximum(j - 0.5, 0.0) * h, np.minimum(j + 0.5, n) * h

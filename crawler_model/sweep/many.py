@@ -251,7 +251,7 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
     marks = np.zeros((1, 2 * width))  # displacement and its rest at the start and at the last ends of periods
     marks[0, :width] = x.ravel()
     last = marks[0]
-    start = stored = peak = float(stored_energy(scene.mesh, tension[None])[0])
+    start = stored = peak = float(stored_energy(scene.body, tension[None])[0])
     total, periods = Total(crawler.visited_margin), 0
     for targets, ends in _ramps(crawler, settings):
         if stop is not None and stop():
@@ -261,14 +261,14 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
         step = crawler.follow(targets, records)
         kernel_s += time.perf_counter() - began
         total.add(step)
-        energy = stored_energy(scene.mesh, records[:, 2 * width :].reshape(-1, *tension.shape))
+        energy = stored_energy(scene.body, records[:, 2 * width :].reshape(-1, *tension.shape))
         stored, peak = float(energy[-1]), max(peak, float(energy.max()))
         last = records[-1, : 2 * width]
         periods += ends.size
         if ends.size:
             marks = np.concatenate((marks, records[ends[-3:], : 2 * width]))[-3:]
     account = Energy(total.work, total.dissipation, stored - start, total.residual, peak)
-    lengths = _lengths(scene.mesh, marks.reshape(-1, 2, *x.shape), last[:width].reshape(x.shape), x)
+    lengths = _lengths(scene.body, marks.reshape(-1, 2, *x.shape), last[:width].reshape(x.shape), x)
     forces = (account.work, account.dissipation, account.stored, account.relative_residual)
     margins = (total.violation, total.visited)
     counts = (kernel_s, total.events, total.overspent, total.unsolved, periods)
@@ -293,7 +293,7 @@ def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, n
     Yields:
         Targets, shape (V, S + 2 N), and which of them end a period.
     """
-    drive = crawler.scene.commands
+    drive = crawler.scene.drive
     seconds = default_duration(drive) if settings.duration is None else settings.duration
     for after_ns, tick_ns in _blocks(crawler, round(seconds * NS), settings.rate):
         until = int(tick_ns[-1])
@@ -321,7 +321,7 @@ def _blocks(crawler: Crawler, end_ns: int, rate: float) -> Iterator[tuple[int, n
     Yields:
         When each starts [ns], and the ends of its ticks [ns].
     """
-    drive, mesh = crawler.scene.commands, crawler.body
+    drive, mesh = crawler.scene.drive, crawler.body
     most = min(_BLOCK, max(_NUMBERS // (mesh.dimension * (2 * mesh.contacts + mesh.springs)), 1))
     first = 0
     if crawler.method == "exact":  # ramps from waypoint to waypoint: a block is one tick

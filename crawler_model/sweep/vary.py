@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,10 +16,10 @@ from pydantic import TypeAdapter
 
 from ..arrays import frozen
 from ..errors import SceneError
-from ..scene.assemble import check_scene
 from ..scene.file import take_scene
-from ..scene.mistakes import known_keys, propose_key
+from ..scene.parts import SceneParts
 from ..scene.scene import Scene
+from ..scene.validate import known_keys, propose_key
 
 MOST_VARIATIONS = 10_000_000
 """Most variations at once: their results are about a gigabyte."""
@@ -95,7 +96,7 @@ class Variations(Sequence[Scene]):
     @functools.cached_property
     def _pinned(self) -> Scene:
         """The base with its segments' elements written down."""
-        return Scene.model_validate(self._template) if self.base.body.segments else self.base
+        return Scene.model_validate(self._template) if self.base.parts.body.segments else self.base
 
     @functools.cached_property
     def _changed(self) -> tuple[str, ...]:
@@ -104,25 +105,14 @@ class Variations(Sequence[Scene]):
     def _scene(self, at: int) -> Scene:
         document = self.document(at)
         if set(self._changed) <= set(_APART):
-            try:
+            with contextlib.suppress(ValueError):  # as a whole it is checked again, for a message that names the field
                 return self._scene_on_the_same_mesh(document)
-            except ValueError:
-                pass  # as a whole it is checked again, for a message that names the field in full
         return Scene.model_validate(document)
 
     def _scene_on_the_same_mesh(self, document: dict[str, Any]) -> Scene:
         """Check what changed, and everything against each other; the mesh is half of the work."""
-        base = self._pinned
-        parts = {name: getattr(base, name) for name in Scene.model_fields}
-        for name in self._changed:
-            parts[name] = _part(name).validate_python(document[name])
-        scene = Scene.model_construct(base.model_fields_set | set(self._changed), **parts)
-        shared = {"mesh": base.mesh, "columns": base.columns}
-        if base.dimension == 1 and not base.mesh.is_chain:
-            shared["network"] = base.network
-        scene.__dict__.update(shared)
-        check_scene(scene)
-        return scene
+        changed = {name: _part(name).validate_python(document[name]) for name in self._changed}
+        return Scene.from_parts(self._pinned.parts.model_copy(update=changed), like=self._pinned)
 
 
 def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool = True) -> Variations:
@@ -182,7 +172,7 @@ def _numbers(key: str, given: ArrayLike) -> np.ndarray:
 
 @functools.cache
 def _part(name: str) -> TypeAdapter[Any]:
-    kind: Any = Scene.model_fields[name].annotation
+    kind: Any = SceneParts.model_fields[name].annotation
     return TypeAdapter(kind)
 
 
@@ -207,7 +197,7 @@ def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
             elif side == "isotropic" and side not in node and "forward" in node:
                 node["isotropic"] = node.pop("forward")
                 del node["backward"]
-    if path[-1] == "accuracy" and scene.body.segments[int(path[2])].elements is None:
+    if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is None:
         node.pop("elements", None)
 
 
@@ -271,9 +261,9 @@ def _unknown(scene: Scene, key: str) -> SceneError:
 
 def _check_effect(scene: Scene, path: _Path, key: str) -> None:
     """Refuse to vary friction that the drive replaces, and an accuracy where the elements are given."""
-    if path[-1] == "accuracy" and scene.body.segments[int(path[2])].elements is not None:
+    if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is not None:
         raise SceneError(f"vary: {key}: without effect, the segment's elements are given; vary elements instead")
-    drive = scene.drive
+    drive = scene.parts.drive
     commands = drive is not None and (drive.friction is not None or drive.friction_wave is not None)
     own = path[0] == "friction" or (path[0] == "body" and "friction" in path)
     if commands and own:

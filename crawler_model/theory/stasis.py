@@ -16,15 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .uniqueness import CRITICAL
-
-if TYPE_CHECKING:
-    from ..body.drive import Drive
+from ..body.drive import Drive
+from ..motion.translation import CRITICAL
 
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 

@@ -78,9 +78,9 @@ class GaitPlayer(QuietNode):
             floating_point_range=[FloatingPointRange(from_value=0.0, to_value=1e9)],
         )
         self.patience_s = float(self.declare_parameter("patience", _PATIENCE_S, descriptor).value) or float("inf")
-        if scene.drive is None:
+        if scene.drive.holds:
             raise CrawlerError(f"scene: {scene.name} has no drive to play")
-        self.drive = scene.commands
+        self.drive = scene.drive
         names, self._rows = list_commands(self.drive)
         self._message = TrajectoryMessage(names)
         topic = interface.topics()["joint_trajectory"]
@@ -100,7 +100,7 @@ class GaitPlayer(QuietNode):
         self._diagnostics = interface.open_publisher(self, interface.topics()["/diagnostics"])
         self._rivals = ""
         self.drive_name = scene.name
-        self._joints = joint_state_names(scene.mesh)
+        self._joints = joint_state_names(scene.body)
         self._met = False
         self.problem = ""
         self._start_ns: int | None = None

@@ -32,7 +32,7 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     Returns:
         The XML text.
     """
-    mesh = scene.mesh
+    mesh = scene.body
     planar = mesh.dimension == 2
     place = np.zeros((mesh.stations.size, 3))
     place[:, : mesh.dimension] = mesh.position[mesh.stations].reshape(mesh.stations.size, -1)

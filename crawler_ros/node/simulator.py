@@ -86,8 +86,8 @@ class Simulator(QuietNode):
         self.reported = (0, 0, 0, 0)
         self.reported_commands = (0, 0, 0)
         self._warned: set[str] = set()
-        self.margin = commanded_margin(self.scene)
-        self.regularity = check_regularity(self.scene.commands)
+        self.margin = commanded_margin(self.scene.body, self.scene.drive)
+        self.regularity = check_regularity(self.scene.drive)
         self.lock = threading.Lock()
         self.stopping = threading.Event()
 
@@ -117,21 +117,21 @@ class Simulator(QuietNode):
         self._next_diagnostics_ns = self._last_ns = 0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
-            f"{self.scene.name}: {self.scene.mesh.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
+            f"{self.scene.name}: {self.scene.body.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
             f"for commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
             f"{name}/pause, {name}/step, {name}/reset"
         )
 
     def _prepare_messages(self) -> None:
         """Lay out what is sent at every tick."""
-        mesh = self.scene.mesh
+        mesh = self.scene.body
         self._hold = np.empty((0, self.columns.index.size))
         frame = self.values["frame_id"]
         self._ledger = TrajectoryMessage(list(self.columns.names))
         shown = self.values["publish.contact_states"]
         self._joints = JointStateMessage(joint_state_names(mesh))
-        self._contacts = JointStateMessage(contact_names(self.scene) if shown else [], frame)
-        self._readout = Readout(mesh, shown_contacts(self.scene) if shown else np.zeros(0, np.int64))
+        self._contacts = JointStateMessage(contact_names(self.scene.body) if shown else [], frame)
+        self._readout = Readout(mesh, shown_contacts(self.scene.body) if shown else np.zeros(0, np.int64))
         self._pose = PoseMessage(frame)
         self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
 
@@ -393,8 +393,8 @@ def _make() -> Simulator:
 
         check_parent(Path(interface.in_home(values["record"])))
     prepare(scene)
-    joints, contacts = JointStateMessage(joint_state_names(scene.mesh)), JointStateMessage([])
-    Readout(scene.mesh, np.zeros(0, np.int64)).read(Crawler(scene), np.inf, joints.numbers, contacts.numbers)
+    joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
+    Readout(scene.body, np.zeros(0, np.int64)).read(Crawler(scene), np.inf, joints.numbers, contacts.numbers)
     return Simulator(scene)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 
-from crawler_model import CrawlerError
+from crawler_model import CrawlerError, Scene, SceneError
 
 _LARGEST_RECORD = 1 << 28
 _RECORD = struct.Struct("<BQ")
@@ -27,6 +27,27 @@ _BLOCK_BYTES = 1 << 20
 
 class BagError(CrawlerError):
     """A recording that cannot be read."""
+
+
+def recorded_scene(path: Path, attachments: Mapping[str, Any]) -> Scene | None:
+    """Build the scene that a recording holds.
+
+    Args:
+        path: the recording, for errors.
+        attachments: of the recording, by name.
+
+    Returns:
+        The scene; None where there is none.
+
+    Raises:
+        BagError: when it is not a scene of this version.
+    """
+    if "scene" not in attachments:
+        return None
+    try:
+        return Scene.model_validate(attachments["scene"])
+    except SceneError as error:
+        raise BagError(f"{path}: the scene that it holds: {error}") from None
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
-from crawler_model.scene.file import build_scene
 
-from ..recording.bag import BagError
+from ..recording.bag import BagError, recorded_scene
 from ..recording.recorded_robot import Robot
 from ..recording.versions import versions
 from ..wire.states import contact_names, station_names
@@ -167,7 +166,7 @@ def analyse(
     survey = survey_recording(path, lambda part: tell(_SURVEYED * part))
     robot = choose_robot(survey, namespace)
     rate = find_rate(survey, robot)
-    recorded = _recorded_scene(survey)
+    recorded = recorded_scene(survey.path, survey.attachments)
     given, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and _is_planar(survey, robot))
@@ -185,7 +184,7 @@ def analyse(
     else:
         assert scene is not None
         table.finish()
-        shown, stations = tuple(contact_names(scene)[:: scene.dimension]), tuple(station_names(scene.mesh))
+        shown, stations = tuple(contact_names(scene.body)[:: scene.dimension]), tuple(station_names(scene.body))
     known = said is not None
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
@@ -226,18 +225,13 @@ def simulate_again(path: Path) -> Comparison:
     """
     survey = survey_recording(path)
     robot = choose_robot(survey, None)
-    scene = _recorded_scene(survey)
+    scene = recorded_scene(survey.path, survey.attachments)
     if scene is None:
         raise BagError(f"{path}: it does not hold its scene, so it cannot be simulated again")
     said, why, _, _ = _follow(survey, robot, scene, find_rate(survey, robot), [], None)
     if said is None:
         raise BagError(why)
     return said
-
-
-def _recorded_scene(survey: Survey) -> Scene | None:
-    document = survey.attachments.get("scene")
-    return None if document is None else build_scene(document, f"{survey.path}: the scene that it holds")
 
 
 def _is_planar(survey: Survey, robot: Robot) -> bool:

@@ -114,7 +114,7 @@ def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle,
     if table.run.size == 0:
         return (), "none"
     count = 0 if scene is None else scene.columns.count
-    drive = None if scene is None or scene.drive is None else scene.commands
+    drive = None if scene is None or scene.drive.holds else scene.drive
     cycles: list[Cycle] = []
     sources = []
     for run in np.unique(table.run).tolist():

@@ -65,7 +65,7 @@ def find_margins(table: RampTable, scene: Scene) -> Margins:
     return Margins(
         least=float(table.margin[row]),
         least_at=float(table.end_ns[row]) / NS,
-        least_contact=scene.mesh.name_of(int(table.nearest[row])),
+        least_contact=scene.body.name_of(int(table.nearest[row])),
         visited=visited if np.isfinite(visited) else None,
         unique=bool(table.unique.all()),
         ambiguous=tuple((a / NS, b / NS) for a, b in pairs)[:_MOST_LISTED],

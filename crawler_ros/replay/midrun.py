@@ -34,7 +34,7 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
         BagError: saying what is missing.
     """
     mesh = crawler.body
-    whole = np.unique(shown_contacts(crawler.scene)).size == mesh.contacts
+    whole = np.unique(shown_contacts(crawler.scene.body)).size == mesh.contacts
     source = "contact_states" if whole and robot.recorded("contact_states") in survey.topics else "joint_states"
     begins = f"{survey.path}: it begins in mid-run"
     if robot.recorded(source) not in survey.topics or (source == "joint_states" and mesh.segments):
@@ -70,7 +70,7 @@ def _place(crawler: Crawler, source: str, numbers: np.ndarray, row: np.ndarray) 
     mesh, scene = crawler.body, crawler.scene
     x = np.zeros(mesh.position.shape)
     if source == "contact_states":
-        shown = shown_contacts(scene)
+        shown = shown_contacts(scene.body)
         x[shown] = numbers.reshape(-1, *mesh.position.shape[1:]) - mesh.position[shown]
     else:
         x[mesh.stations] = StationReader(mesh).read(numbers)

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from crawler_model import Crawler, Scene
+from crawler_model import Crawler
 from crawler_model.body.body import Body
+from crawler_model.body.plan import Plan
 from crawler_model.crawler.readout import Readout
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, VISITED, WORK
 from crawler_model.run.account import average_displacement
@@ -23,14 +24,14 @@ _NOISE = 1e-14
 class RampRows:
     """Ramps as they are computed, one after another, and then a piece of them."""
 
-    def __init__(self, scene: Scene, widths: tuple[int, int]) -> None:
+    def __init__(self, scene: Plan, widths: tuple[int, int]) -> None:
         """Begin empty.
 
         Args:
             scene: what runs.
             widths: entries of joint_states and of contact_states.
         """
-        self._scene, self._widths, self._parts = scene, widths, parts_of(scene.mesh)
+        self._scene, self._widths, self._parts = scene, widths, parts_of(scene.body)
         self.run: list[int] = []
         self.start_ns: list[int] = []
         self.end_ns: list[int] = []
@@ -121,7 +122,7 @@ class RampRows:
         Returns:
             The piece.
         """
-        mesh = self._scene.mesh
+        mesh = self._scene.body
         x, tension, gained = np.array(self._x), np.array(self._tension), np.array(self._gained)
         shape, target, account = np.array(self._shape), np.array(self._targets), np.array(self._accounts)
         force = spring_forces(mesh, tension)
@@ -161,7 +162,7 @@ class RampRows:
 
     def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""
-        mesh, scene = self._scene.mesh, self._scene
+        mesh, scene = self._scene.body, self._scene
         n, lengths = mesh.contacts, mesh.springs * mesh.dimension
         if mesh.dimension == 1:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n :]
@@ -173,7 +174,7 @@ class RampRows:
 
     def _bounds(self, tension: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute between which tensions each link may be; NaN where the body is no chain of links."""
-        mesh = self._scene.mesh
+        mesh = self._scene.body
         if mesh.dimension == 2 or not mesh.is_chain or mesh.segments:
             nothing = np.full((tension.shape[0], mesh.joints.shape[0]), np.nan)
             return nothing, nothing

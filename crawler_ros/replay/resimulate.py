@@ -97,10 +97,10 @@ class Resimulation:
         self._survey, self._robot, self._rate, self._sinks = survey, robot, rate, sinks
         self._start, self._crawler, self._begin_ns = start, start.copy(), begin_ns
         scene = start.scene
-        self._scene, self._mesh = scene, scene.mesh
-        self._shown = shown_contacts(scene)
-        self._readout = Readout(scene.mesh, self._shown)
-        self._widths = len(joint_state_names(scene.mesh)), len(contact_names(scene))
+        self._scene, self._mesh = scene, scene.body
+        self._shown = shown_contacts(scene.body)
+        self._readout = Readout(scene.body, self._shown)
+        self._widths = len(joint_state_names(scene.body)), len(contact_names(scene.body))
         self._row = start.row
         self._target = np.concatenate((start.actuation.ravel(), start.friction))
         self._run, self._last_ns, self._ticked = 0, begin_ns - 1, False
@@ -154,7 +154,7 @@ class Resimulation:
         wanted = {
             _LEDGER: self._scene.columns.names,
             _JOINTS: tuple(joint_state_names(self._mesh)),
-            "contact_states": tuple(contact_names(self._scene)),
+            "contact_states": tuple(contact_names(self._scene.body)),
             "pose": (),
         }
         for name, decoder in self._decoders.items():

@@ -14,7 +14,6 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
-from crawler_model.scene.file import build_scene
 
 from ..recording.recorded_robot import Robot, noted_robot
 from ..wire.states import StationReader
@@ -125,9 +124,9 @@ def frames_of_recording(
         waiting.append(record)
         break
     if scene is None:
-        if "scene" not in head.attachments:
+        scene = bag.recorded_scene(path, head.attachments)
+        if scene is None:
             raise bag.BagError(f"{path}: it does not hold its scene; give one with --scene")
-        scene = build_scene(head.attachments["scene"], f"{path}: the scene that it holds")
 
     drawn = robot or noted_robot(head.attachments)
     return scene, in_sequence(_frames(itertools.chain(waiting, records), scene, drawn))
@@ -147,10 +146,10 @@ def _frames(records: Iterable[Any], scene: Scene, robot: Robot | None) -> Iterat
     from rosbags.typesys import Stores, get_typestore
 
     decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-    mesh, columns = scene.mesh, scene.columns
+    mesh, columns = scene.body, scene.columns
     bounded = has_stasis_bounds(mesh)
     n = mesh.contacts if bounded else 0
-    forward, backward = scene.commands.forward[0][:n], scene.commands.backward[0][:n]
+    forward, backward = scene.drive.forward[0][:n], scene.drive.backward[0][:n]
     stations = StationReader(mesh)
     for record in records:
         name = record.topic.rsplit("/", 1)[-1] if robot is None else robot.meant(record.topic)

@@ -61,7 +61,7 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     tension = np.array([f.tension for f in frames])
     state = np.array([f.state for f in frames])
     friction = [np.array([getattr(f, side) for f in frames]) for side in ("forward", "backward")]
-    mesh = scene.mesh
+    mesh = scene.body
     bounded = has_stasis_bounds(mesh)
     least, most = stasis_bounds(tension, *friction) if bounded else (tension, tension)
     contacts, plots = state.shape[1], min(tension.shape[1], _MOST_LINKS)

@@ -52,7 +52,7 @@ class Drawing:
 
         self._rr = rr
         self._scene = scene
-        mesh = scene.mesh
+        mesh = scene.body
         self._mesh = mesh
         self._xi = mesh.position[mesh.stations]
         self._joints = mesh.joints
@@ -118,7 +118,7 @@ class Drawing:
     def _polygon_bounds(self) -> Any:
         import rerun.blueprint as rrb
 
-        drive = self._scene.commands
+        drive = self._scene.drive
         reach = 1.3 * float(max(drive.forward.max(), drive.backward.max()))
         return rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach])
 
@@ -140,7 +140,7 @@ class Drawing:
             configuration = rr.StateConfiguration(values=names, labels=names, colors=colors)
             stream.log(f"contacts/{name}", configuration, static=True)
         if self._polygon:
-            reach = 10.0 * float(max(self._scene.commands.forward.max(), self._scene.commands.backward.max()))
+            reach = 10.0 * float(max(self._scene.drive.forward.max(), self._scene.drive.backward.max()))
             cross = [[[-reach, 0], [reach, 0]], [[0, -reach], [0, reach]]]
             axes = rr.LineStrips2D(cross, colors=[(200, 200, 200)], radii=rr.Radius.ui_points(0.5))
             stream.log("stasis/axes", axes, static=True)
@@ -303,7 +303,7 @@ def main() -> int:
     except Exception as error:  # a port in use, a folder that cannot be written: rerun's errors have no common type
         print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
         return 1
-    mesh = scene.mesh
+    mesh = scene.body
     size = 8 + 8 * sum(frame_sizes(mesh))
     for frame in in_sequence(
         Frame.unpack(data, mesh) for data in iter(lambda: source.read(size), b"") if len(data) == size

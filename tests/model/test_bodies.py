@@ -9,7 +9,8 @@ import pytest
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
 from crawler_model.scene.assemble import _largest_change
-from crawler_model.scene.elements import average, count_elements
+from crawler_model.scene.elements import count_elements
+from crawler_model.scene.fields import average
 from crawler_model.theory.regularity import check_regularity
 
 from .chains import coarse
@@ -51,7 +52,7 @@ def test_a_segment_is_as_accurate_as_asked_and_no_finer_than_four_times_needed(p
         return np.abs(simulate(scene, duration=3, rate=1.0).per_period[1:] - exact).max() / (length * stroke)
 
     scene = segment(stroke, accuracy=accuracy, **given)
-    elements = scene.mesh.segments[0].elements
+    elements = scene.body.segments[0].elements
     assert error(scene) <= accuracy
     errors = np.array([error(segment(stroke, elements=n, **given)) for n in range(1, 161)])
     needed = 1 + int(np.flatnonzero(errors > accuracy).max(initial=-1)) + 1
@@ -66,7 +67,7 @@ def test_a_heterogeneous_segment_is_as_accurate_as_asked():
     document["body"]["segments"][0] |= {"elements": 1201}
     fine = simulate(Scene.model_validate(document), duration=3, rate=1.0).per_period[1:]
     gained = simulate(scene, duration=3, rate=1.0).per_period[1:]
-    assert np.abs(gained - fine).max() <= scene.body.segments[0].accuracy * 0.4
+    assert np.abs(gained - fine).max() <= scene.parts.body.segments[0].accuracy * 0.4
 
 
 @pytest.mark.parametrize("name", ["peristaltic_segment", "friction_wave_segment"])
@@ -76,7 +77,7 @@ def test_waves_along_a_segment_are_as_accurate_as_asked(name):
     document["body"]["segments"][0] |= {"elements": 401}
     fine = simulate(Scene.model_validate(document), duration=3, rate=1.0).per_period[1:]
     gained = simulate(scene, duration=3, rate=1.0).per_period[1:]
-    assert np.abs(gained - fine).max() <= scene.body.segments[0].accuracy * 0.6
+    assert np.abs(gained - fine).max() <= scene.parts.body.segments[0].accuracy * 0.6
     assert np.abs(gained).min() > 0.1  # it does travel
 
 
@@ -133,7 +134,7 @@ def unequal(seed):
 def gains(document, **cut):
     (part,) = document["body"]["segments"]
     scene = Scene.model_validate(document | {"body": document["body"] | {"segments": [part | cut]}})
-    if scene.commands.period is None:
+    if scene.drive.period is None:
         return scene, simulate(scene, rate=1.0).waypoint_net_translation
     return scene, simulate(scene, duration=3.0, rate=1.0).per_period[1:]
 
@@ -159,7 +160,7 @@ def test_where_the_body_stands_in_the_first_cell_of_coarse_meshes(share, accurac
     scene = segment(stroke, accuracy=accuracy, to=length, stiffness=modulus, friction=friction)
     gained = simulate(scene, duration=3, rate=1.0).per_period[1:]
     assert np.abs(gained - closed_form(*parameters)).max() <= accuracy * length * stroke
-    assert scene.mesh.segments[0].elements <= 4 / accuracy
+    assert scene.body.segments[0].elements <= 4 / accuracy
 
 
 def test_short_waves_are_resolved():
@@ -167,7 +168,7 @@ def test_short_waves_are_resolved():
     part = {"name": "foot", "from": 0, "to": 1, "stiffness": 1, "friction": {"isotropic": 0.2}, "accuracy": 0.01}
     drive = {"friction_wave": friction, "wave": friction | {"wavelength": 0.8, "amplitude": 0.6, "mean": 0.0}}
     scene = Scene.model_validate({"name": "x", "body": {"segments": [part]}, "drive": drive, "start": "relaxed"})
-    assert 4 * 293.5 <= scene.mesh.segments[0].elements <= 4 * 294
+    assert 4 * 293.5 <= scene.body.segments[0].elements <= 4 * 294
 
 
 def test_fields_are_averaged_exactly_between_their_breaks():
@@ -178,15 +179,15 @@ def test_fields_are_averaged_exactly_between_their_breaks():
 
 def test_elements_override_accuracy_and_are_kept_in_the_document():
     scene = segment(0.2, accuracy=0.01)
-    assert scene.document()["body"]["segments"][0]["elements"] == scene.mesh.segments[0].elements
-    assert segment(0.2, accuracy=0.01, elements=7).mesh.segments[0].elements == 7
+    assert scene.document()["body"]["segments"][0]["elements"] == scene.body.segments[0].elements
+    assert segment(0.2, accuracy=0.01, elements=7).body.segments[0].elements == 7
 
 
 def test_without_a_drive_an_accuracy_is_the_size_of_an_element():
     document = segment(0.2, elements=1).document()
     del document["drive"], document["body"]["segments"][0]["elements"]
     document["body"]["segments"][0]["accuracy"] = 0.03
-    assert Scene.model_validate(document).mesh.segments[0].elements == 34
+    assert Scene.model_validate(document).body.segments[0].elements == 34
 
 
 def test_a_mesh_that_is_critical_is_judged_as_the_continuum():
@@ -211,15 +212,15 @@ def test_a_segment_between_contacts_is_a_chain_and_in_a_ring_it_is_not():
         "links": {"stiffness": 1.0},
     }
     scene = Scene.model_validate({"name": "x", "body": body, "friction": {"isotropic": 1.0}})
-    assert scene.mesh.is_chain
-    assert scene.mesh.isolated.tolist() == [0, 5]
-    assert scene.mesh.share == pytest.approx([1 / 3, 1 / 18, 1 / 9, 1 / 9, 1 / 18, 1 / 3])
-    assert scene.mesh.joints.tolist() == [[0, 2], [3, 1], [2, 3]]
+    assert scene.body.is_chain
+    assert scene.body.isolated.tolist() == [0, 5]
+    assert scene.body.share == pytest.approx([1 / 3, 1 / 18, 1 / 9, 1 / 9, 1 / 18, 1 / 3])
+    assert scene.body.joints.tolist() == [[0, 2], [3, 1], [2, 3]]
     body["links"] |= {"between": [[0, "a.from"], ["a.to", 1], [0, 1]]}
     ring = Scene.model_validate({"name": "x", "body": body, "friction": {"isotropic": 1.0}})
-    assert not ring.mesh.is_chain
-    assert ring.mesh.link_springs.tolist() == [1, 5, 0]
-    assert ring.mesh.ends[ring.mesh.segments[0].springs].tolist() == [[1, 2], [2, 3], [3, 4]]
+    assert not ring.body.is_chain
+    assert ring.body.link_springs.tolist() == [1, 5, 0]
+    assert ring.body.ends[ring.body.segments[0].springs].tolist() == [[1, 2], [2, 3], [3, 4]]
 
 
 def test_a_chain_written_as_a_graph_moves_the_same():
@@ -240,7 +241,7 @@ def test_a_chain_written_as_a_graph_moves_the_same():
     }
     data["drive"]["actuation"] = np.array(data["drive"]["actuation"])[:, order].tolist()
     graph = simulate(Scene.model_validate(data))
-    assert not graph.scene.mesh.is_chain
+    assert not graph.scene.body.is_chain
     assert graph.displacement == pytest.approx(chain.displacement, abs=1e-13)
     assert graph.tension == pytest.approx(chain.tension[:, order], abs=1e-12)
     assert graph.events == chain.events
@@ -266,7 +267,7 @@ def test_three_springs_travel_as_rational_arithmetic_says():
 
 def test_a_hybrid_counts_every_part_once():
     run = simulate(coarse("hybrid_body"), duration=2.0)
-    mesh = run.scene.mesh
+    mesh = run.scene.body
     x = run.displacement[-1]
     trunk = x[mesh.segments[0].contacts]
     mean = (trunk[:-1] + trunk[1:]).sum() / 2 / mesh.segments[0].elements
@@ -324,23 +325,23 @@ def test_commands_in_the_plane_have_a_name_for_each_axis():
 
 def test_a_segment_is_as_compliant_as_its_table():
     scene = segment(0.2, elements=3, stiffness={"at": [0.0, 1.0], "value": [1.0, 3.0]})
-    assert (1.0 / scene.mesh.stiffness).sum() == pytest.approx(np.log(3.0) / 2.0, rel=1e-6)  # of 1 / (1 + 2 xi)
+    assert (1.0 / scene.body.stiffness).sum() == pytest.approx(np.log(3.0) / 2.0, rel=1e-6)  # of 1 / (1 + 2 xi)
 
 
 def test_regularity_of_friction():
-    regular = check_regularity(load_scene("two_anchor_a").commands)
+    regular = check_regularity(load_scene("two_anchor_a").drive)
     assert (regular.least, regular.greatest, regular.rate) == (0.5, 1.5, 2.0)
     assert regular.is_regular
-    wave = check_regularity(coarse("friction_wave_segment", 20).commands)
+    wave = check_regularity(coarse("friction_wave_segment", 20).drive)
     assert wave.least == pytest.approx(0.05, abs=1e-3)
     assert wave.rate == pytest.approx(2 * np.pi * 0.15, rel=0.01)  # c |mu'|, of a polygon inscribed in the sine
     document = load_scene("two_contacts_anisotropic").document()
     document["drive"] = {"times": [0, 1], "period": 1.25, "actuation": [0, 0], "friction": {"isotropic": [1, 2]}}
-    back = check_regularity(Scene.model_validate(document).commands)
+    back = check_regularity(Scene.model_validate(document).drive)
     assert back.rate == pytest.approx(4.0)  # from 2 N back to 1 N in a quarter of a second
     document = load_scene("two_contacts_anisotropic").document()
     document["friction"] = {"forward": [0.2, 0.0], "backward": 0.5}
-    none = check_regularity(Scene.model_validate(document).commands)
+    none = check_regularity(Scene.model_validate(document).drive)
     assert not none.is_regular
     assert none.where == "contact_1/forward"
 
@@ -433,7 +434,7 @@ def test_a_wave_keeps_its_own_samples_beside_another():
         document = load_scene("ten_contact_wave").document()
         document["drive"]["wave"] |= {"samples": 4}
         document["drive"] |= friction
-        return Scene.model_validate(document | {"start": "relaxed"}).commands
+        return Scene.model_validate(document | {"start": "relaxed"}).drive
 
     alone = drive()
     period = alone.period
@@ -501,7 +502,7 @@ def test_two_segments_in_one_body_are_together_as_accurate_as_asked():
         },
     }
     rough = Scene.model_validate(scene)
-    assert all(1 < s.elements < 400 for s in rough.mesh.segments)
+    assert all(1 < s.elements < 400 for s in rough.body.segments)
     fine = Scene.model_validate(
         {**scene, "body": {**scene["body"], "segments": [p | {"elements": 401} for p in parts]}}
     )

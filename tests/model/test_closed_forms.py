@@ -59,7 +59,7 @@ def test_strategy_a_moves_from_t1_at_two_speeds():
     case = strategy("A", 4.0)
     times = np.array([0, 0.1, 0.2, 0.225, 0.25, 0.4, 0.5])
     crawler = Crawler(case)
-    speed = rates(crawler, case.commands.sample(np.rint(times * 1e9).astype(np.int64))) / np.diff(times)
+    speed = rates(crawler, case.drive.sample(np.rint(times * 1e9).astype(np.int64))) / np.diff(times)
     assert speed == pytest.approx([0, 0, 10, 10, 6, 6], abs=1e-11)
 
 
@@ -69,7 +69,7 @@ def test_strategy_c_moves_back_from_t7():
     case = strategy("C", length)
     times = np.array([0.0, 0.25, 0.5, t7, 0.75, 1.0])
     run = Crawler(case)
-    rows = case.commands.targets
+    rows = case.drive.targets
     middle = rows[2] + (t7 - 0.5) / 0.25 * (rows[3] - rows[2])
     targets = [rows[0], rows[1], rows[2], middle, rows[3], rows[4]]
     speed = rates(run, targets) / np.diff(times)
@@ -112,7 +112,7 @@ def test_the_gallery_moves_as_its_comments_say(name):
 
 def test_two_ways_played_backwards_walks_back():
     there = load_scene("three_contacts_two_ways")
-    data = there.model_dump()
+    data = there.document()
     data["drive"]["actuation"] = data["drive"]["actuation"][::-1]
     data["drive"]["times"] = [0.0, 0.25, 0.75, 1.0]
     back = simulate(type(there).model_validate(data))

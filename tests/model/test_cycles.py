@@ -19,12 +19,12 @@ def path(rows, start: int = 0) -> CommandPath:
 def drive_rows(name: str, periods: float, rate: int = 100):
     scene = load_scene(name)
     ns = np.arange(round(periods * rate) + 1) * (10**9 // rate)
-    return scene, scene.commands.sample(ns)
+    return scene, scene.drive.sample(ns)
 
 
 def find(made: CommandPath, scene=None):
     columns = 0 if scene is None else scene.columns.count
-    return find_cycles(made, None if scene is None else scene.commands, signature_weights(columns))
+    return find_cycles(made, None if scene is None else scene.drive, signature_weights(columns))
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -95,7 +95,7 @@ def test_one_period_of_a_known_drive_is_a_cycle_and_of_an_unknown_one_is_not():
 def test_a_dropped_waypoint_is_not_the_drive():
     scene, _ = drive_rows("two_anchor_a", 1)
     ns = np.arange(0, 3 * 10**9 + 1, 10**9 // 3 + 1)
-    rows = scene.commands.sample(ns)
+    rows = scene.drive.sample(ns)
     assert find(CommandPath(ns, rows @ signature_weights(rows.shape[1])), scene) == []
 
 

@@ -15,7 +15,7 @@ CASES = json.loads((Path(__file__).parent / "exact_cases.json").read_text())["ca
 
 
 def test_there_are_chains_and_graphs_to_check():
-    chains = [Scene.model_validate(case["scene"]).mesh.is_chain for case in CASES]
+    chains = [Scene.model_validate(case["scene"]).body.is_chain for case in CASES]
     assert (chains.count(True), chains.count(False)) == (18, 6)
 
 

@@ -254,7 +254,7 @@ def test_a_link_from_the_near_end_of_a_segment_stays_a_link():
         for n, a in (("near", 0.0), ("far", 2.0))
     ]
     links = {"stiffness": 1.0, "between": [["near.from", "far.to"], ["near.to", "far.from"]]}
-    mesh = Scene.model_validate({"name": "t", "body": {"segments": parts, "links": links}}).mesh
+    mesh = Scene.model_validate({"name": "t", "body": {"segments": parts, "links": links}}).body
     for segment in mesh.segments:
         first = np.arange(segment.first, segment.last)
         assert mesh.ends[segment.springs].tolist() == np.column_stack((first, first + 1)).tolist()

@@ -147,4 +147,4 @@ def test_a_hold_changes_nothing(driven):
 
 def test_a_scene_of_the_oracle_survives_a_round_trip():
     scene = from_rows(*(np.ones(2), np.zeros((2, 2)), np.ones((2, 3)), np.ones((2, 3))))
-    assert Scene.model_validate(scene.model_dump(mode="json", exclude_none=True)) == scene
+    assert Scene.model_validate(scene.document()) == scene

@@ -64,7 +64,7 @@ def alone(run: Any) -> dict[str, Any]:
 @pytest.mark.parametrize("name", [n for n in gallery() if not n.startswith("planar")])
 def test_a_row_is_what_simulate_finds_in_one_tick_to_the_bit(name):
     one = load_scene(name)
-    drive = one.commands
+    drive = one.drive
     seconds = 3.0 * drive.period if drive.period is not None else float(drive.times[-1])
     runs = simulate_many([one], duration=seconds)
     assert runs.status[0] == "done"
@@ -76,7 +76,7 @@ def test_a_row_is_what_simulate_finds_in_one_tick_to_the_bit(name):
 @pytest.mark.parametrize("name", ["peristaltic_segment", "hybrid_body"])
 def test_a_row_of_a_segment_has_the_gain_of_simulate_to_the_bit(name, elements):
     one = coarse(name, elements)
-    seconds = 7.0 * one.commands.period
+    seconds = 7.0 * one.drive.period
     run = simulate(one, seconds, rate=1.0 / seconds)
     runs = simulate_many([one], duration=seconds)
     assert runs.per_period[0] == run.per_period[-1]
@@ -374,12 +374,12 @@ def test_friction_both_ways_is_varied_on_one_side_of_a_segment():
 
 def test_elements_stay_unless_the_accuracy_is_varied():
     base = load_scene("hybrid_body")
-    elements = [s.mesh.segments[0].elements for s in vary(base, {"body.links.stiffness": [1.0, 9.0]})]
-    assert elements == [base.mesh.segments[0].elements] * 2
+    elements = [s.body.segments[0].elements for s in vary(base, {"body.links.stiffness": [1.0, 9.0]})]
+    assert elements == [base.body.segments[0].elements] * 2
     variations = vary(base, {"body.segments.trunk.accuracy": [0.2, 0.003]})
-    counts = [s.mesh.segments[0].elements for s in variations]
+    counts = [s.body.segments[0].elements for s in variations]
     assert counts[0] < counts[1]
-    assert [s.mesh.segments[0].elements for s in pickle.loads(pickle.dumps(variations))] == counts
+    assert [s.body.segments[0].elements for s in pickle.loads(pickle.dumps(variations))] == counts
 
 
 @pytest.mark.parametrize(

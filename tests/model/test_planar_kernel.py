@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from crawler_model.body.directions import check_directions
 from crawler_model.errors import SceneError
 from crawler_model.motion.chain.projection import project, workspace
 from crawler_model.motion.plane import implicit_step as planar_kernel
 from crawler_model.motion.plane.cone import solve_with_clarabel
-from crawler_model.motion.plane.friction import check_directions
 from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, laplacian_of, project_planar
 from crawler_model.motion.plane.ramp import ACTUATION, GAINED, TENSION, X
 from crawler_model.motion.plane.ramp import follow as follow_planar

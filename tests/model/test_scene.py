@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate
 from crawler_model.scene.file import LARGEST_FILE
+from crawler_model.scene.parts import SceneParts
 
 GOOD: dict[str, Any] = {
     "name": "good",
@@ -224,14 +225,14 @@ def test_numbers_spread_over_all_entries():
 
 def test_yaml_numbers_without_a_point_are_numbers():
     scene = parse_scene("{name: x, body: {contacts: [0, 1], links: {stiffness: 1e3}}, friction: {isotropic: 1e-3}}")
-    assert scene.mesh.stiffness == [1000.0]
+    assert scene.body.stiffness == [1000.0]
 
 
 def test_a_scene_is_frozen_and_its_arrays_too():
     scene = Scene.model_validate(GOOD)
     with pytest.raises(ValidationError):
         scene.name = "other"
-    for array in (scene.mesh.position, scene.commands.forward, scene.commands.actuation):
+    for array in (scene.body.position, scene.drive.forward, scene.drive.actuation):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 
@@ -268,7 +269,7 @@ def test_every_gallery_scene_loads_and_says_what_to_look_for(name):
 
 def test_the_schema_on_disk_is_that_of_the_code():
     text = (resources.files("msgs_config") / "scene.schema.json").read_text()
-    assert json.loads(text) == Scene.model_json_schema()
+    assert json.loads(text) == SceneParts.model_json_schema()
 
 
 LINE = {"name": "x", "body": {"contacts": [0, 1], "links": {"stiffness": 1}}, "friction": {"isotropic": 1}}
@@ -313,7 +314,7 @@ def put(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
 
 
 def bounds() -> dict[tuple[str, str], dict[str, float]]:
-    root = Scene.model_json_schema()
+    root = SceneParts.model_json_schema()
     found = {}
     for name, part in {**root["$defs"], "Scene": root}.items():
         for key, value in part["properties"].items():
@@ -371,7 +372,7 @@ def test_an_unknown_method_is_refused():
 def test_a_wave_travels_towards_plus_x():
     data = change("drive", {"wave": {"amplitude": 0.1, "mean": 0.2, "wavelength": 2.0, "period": 3.0}})
     data["start"] = {"displacement": [0.0, 0.1, 0.4]}
-    drive = Scene.model_validate(data).commands
+    drive = Scene.model_validate(data).drive
     t, m = drive.times[:, None], np.array([0.5, 1.5])
     assert drive.actuation == pytest.approx(0.2 + 0.1 * np.sin(2 * np.pi * (t / 3.0 - m / 2.0)))
     assert drive.times.size == 65
@@ -382,7 +383,7 @@ def test_a_friction_wave_goes_with_a_wave():
     wave = {"amplitude": 0.1, "wavelength": 2.0, "period": 1.0, "samples": 8}
     data = change("drive", {"wave": wave, "friction_wave": {**wave, "mean": 0.5, "samples": 12}})
     data["start"] = {"displacement": [0.0, -0.1, 0.0]}
-    drive = Scene.model_validate(data).commands
+    drive = Scene.model_validate(data).drive
     assert drive.times.size == 17  # 8 and 12 share the quarters
     x = np.array([0.0, 1.0, 2.0])
     own = np.isclose(drive.times * 12 % 1.0, 0.0) | np.isclose(drive.times * 12 % 1.0, 1.0)
@@ -395,7 +396,7 @@ def test_a_friction_wave_goes_with_a_wave():
 
 def test_friction_of_a_drive_replaces_the_scenes():
     rows = {"forward": [[3, 3, 3], [1, 1, 1]], "backward": [[4, 4, 4], [1, 1, 1]]}
-    drive = Scene.model_validate(change("drive/friction", rows)).commands
+    drive = Scene.model_validate(change("drive/friction", rows)).drive
     assert drive.forward[0].tolist() == [3, 3, 3]
     assert drive.backward[0].tolist() == [4, 4, 4]
 

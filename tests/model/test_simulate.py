@@ -162,14 +162,14 @@ def test_what_is_shown_of_a_run_a_step_and_many_runs():
 
 
 def test_no_times_no_samples():
-    drive = load_scene("two_anchor_a").commands
+    drive = load_scene("two_anchor_a").drive
     assert drive.sample(np.zeros(0, np.int64)).shape == (0, 5)
 
 
 @pytest.mark.parametrize("name", ["two_anchor_a", "three_springs", "planar_three_points"])
 def test_a_crawler_that_is_placed_goes_on_like_the_one_that_went_there(name):
     crawler = Crawler(load_scene(name))
-    first, second = crawler.scene.commands.targets[1:3]
+    first, second = crawler.scene.drive.targets[1:3]
     crawler.follow(first[None])
     placed = Crawler(crawler.scene).placed(crawler.displacement, first)
     assert crawler != "a crawler"

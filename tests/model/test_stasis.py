@@ -298,7 +298,7 @@ def test_a_domain_answers_what_it_cannot_do():
     ],
 )
 def test_the_domains_of_the_friction_strategies(name, ends, directions):
-    times, evolution = domain_evolution(load_scene(name).commands)
+    times, evolution = domain_evolution(load_scene(name).drive)
     assert times.tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert [domain.vertices()[:, 0].tolist() for domain in evolution] == [[-end, end] for end in ends]
     for domain, (*expected,) in zip(evolution, directions, strict=True):
@@ -324,8 +324,8 @@ def test_section_forces_stay_in_the_domain_whatever_graph_the_springs_make():
         "drive": {"times": list(range(8)), "actuation": rows.tolist()},
     }
     run = simulate(Scene.model_validate(graph))
-    section = section_forces(run.scene.mesh.spring_force(run.tension))
-    times, (domain, *_) = domain_evolution(run.scene.commands)
+    section = section_forces(run.scene.body.spring_force(run.tension))
+    times, (domain, *_) = domain_evolution(run.scene.drive)
     margins = domain.margins(section)
     assert times.size == 8
     assert margins.min() > -1e-9

@@ -43,8 +43,8 @@ def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
         assert simulator.end() == 0
         states = wait_until(lambda: ros.heard["contact_states"])
         assert list(ros.heard["joint_states"][0].name)[: len(FIRST_NAMES[name])] == FIRST_NAMES[name]
-        assert list(states[0].name) == contact_names(scene)
-        first = (scene.mesh.position + scene.start_displacement)[shown_contacts(scene)]
+        assert list(states[0].name) == contact_names(scene.body)
+        first = (scene.body.position + scene.start_displacement)[shown_contacts(scene.body)]
         assert list(states[0].position) == first.ravel().tolist()
     (path,) = (tmp_path / "bags").iterdir()
     poses = [DECODE(r.data, r.type).pose.position for r in bag.read(path) if r.topic == "/pose"]
@@ -63,18 +63,18 @@ def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
 @pytest.mark.parametrize("name", [*BODIES, "three_contacts_one_way", "continuous_segment"])
 def test_stations_are_found_again_from_the_joints(name):
     scene = load_scene(name)
-    mesh = scene.mesh
+    mesh = scene.body
     crawler = Crawler(scene)
-    step = crawler.follow(scene.commands.targets[1:3].copy())
-    joints, contacts = np.zeros((3, len(joint_state_names(mesh)))), np.zeros((3, len(contact_names(scene))))
-    Readout(mesh, shown_contacts(scene)).read(crawler, 0.5, joints, contacts)
+    step = crawler.follow(scene.drive.targets[1:3].copy())
+    joints, contacts = np.zeros((3, len(joint_state_names(mesh)))), np.zeros((3, len(contact_names(scene.body))))
+    Readout(mesh, shown_contacts(scene.body)).read(crawler, 0.5, joints, contacts)
     position, speed, effort = joints
     assert StationReader(mesh).read(position) == pytest.approx(crawler.displacement[mesh.stations], abs=1e-14)
     assert StationReader(mesh).read(speed) == pytest.approx(2.0 * step.velocity[mesh.stations], abs=1e-13)
     each = mesh.dimension
     assert position[each:].tolist() == crawler.joint_elongation.ravel().tolist()
     assert effort[each:].tolist() == crawler.joint_tension.ravel().tolist()
-    shown = shown_contacts(scene)
+    shown = shown_contacts(scene.body)
     assert contacts[0].tolist() == (mesh.position + crawler.displacement)[shown].ravel().tolist()
     assert contacts[1].tolist() == (step.velocity / 0.5)[shown].ravel().tolist()
     assert contacts[2].tolist() == (-crawler.spring_force[shown]).ravel().tolist()

@@ -98,7 +98,7 @@ def _read(data):
 
 def queue(lock_step=False, **limits):
     scene = load_scene("three_contacts_one_way")
-    return CommandQueue(scene.columns, scene.commands.rows[0], lock_step, command_limits(scene, **limits))
+    return CommandQueue(scene.columns, scene.drive.rows[0], lock_step, command_limits(scene, **limits))
 
 
 @pytest.mark.parametrize("lock_step", [False, True])
@@ -306,4 +306,4 @@ def test_limits_are_a_thousand_bodies_and_as_told(name):
 @pytest.mark.parametrize("name", ["two_anchor_a", "three_contacts_two_ways"])
 def test_no_scene_of_the_gallery_is_beyond_its_own_limits(name):
     scene = load_scene(name)
-    assert (np.abs(scene.commands.rows) <= command_limits(scene).largest).all()
+    assert (np.abs(scene.drive.rows) <= command_limits(scene).largest).all()

@@ -14,7 +14,7 @@ def queue(contacts=3) -> CommandQueue:
     links = {"stiffness": 1.0}
     body = {"contacts": list(range(contacts)), "links": links}
     scene = Scene.model_validate({"name": "q", "body": body, "friction": {"forward": 1.0, "backward": 2.0}})
-    return CommandQueue(scene.columns, scene.commands.rows[0])
+    return CommandQueue(scene.columns, scene.drive.rows[0])
 
 
 def take(commands, tick=0):
@@ -60,7 +60,7 @@ def test_pairing_makes_strategy_a_come_out_right():
     """Four ticks a period: paired 2 m a period; actuation alone first 2.5 m, friction alone first 0.5 m."""
     gains = {}
     scene = load_scene("two_anchor_a")
-    rows = scene.commands.rows
+    rows = scene.drive.rows
     for order in ("paired", "actuation first", "friction first"):
         crawler = Crawler(scene)
         commands = CommandQueue(scene.columns, rows[0])

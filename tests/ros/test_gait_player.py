@@ -46,13 +46,13 @@ def last_words(process: Process) -> str:
 @pytest.mark.parametrize("name", [n for n in gallery() if load_scene(n).drive is not None])
 def test_what_is_sent_can_be_commanded(name):
     scene = load_scene(name)
-    names, rows = list_commands(scene.commands)
+    names, rows = list_commands(scene.drive)
     assert names
-    queue = CommandQueue(scene.columns, scene.commands.rows[0])
+    queue = CommandQueue(scene.columns, scene.drive.rows[0])
     queue.accept_trajectory(names, [0] * len(rows), rows, 0)
     (*_, last) = queue.take(0, 10**9) or [None]
     if last is not None:
-        assert last.row.tolist() == scene.commands.rows[-1].tolist()
+        assert last.row.tolist() == scene.drive.rows[-1].tolist()
 
 
 @pytest.mark.parametrize("scene", ["planar_rectilinear", None], ids=["gallery", "own"])

@@ -115,7 +115,7 @@ def test_paused_it_steps_on_request_and_pairs_arrays_by_count(ros):
     """Strategy A with four ticks a period: 2 m a period, as if both arrays were one message."""
     ros.simulator("scene:=two_anchor_a", hear=("pose", "joint_states"))
     assert pause(ros).success
-    rows = load_scene("two_anchor_a").commands
+    rows = load_scene("two_anchor_a").drive
     y = []
     for tick in range(12):
         k = tick % 4 + 1

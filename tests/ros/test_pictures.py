@@ -38,7 +38,7 @@ def frames(name: str, seconds: float = 2.0) -> list[Frame]:
     crawler = Crawler(scene)
     made = []
     for ns in range(0, int(seconds * 1e9) + 1, 10_000_000):
-        crawler.follow(scene.commands.sample(np.array([ns])))
+        crawler.follow(scene.drive.sample(np.array([ns])))
         made.append(frame_of(crawler, ns, crawler.contact_state))
     return made
 
@@ -65,7 +65,7 @@ def entities(rrd: Path) -> dict[str, int]:
 
 def test_frames_survive_the_pipe():
     frame = frames("three_contacts_two_ways")[77]
-    same = Frame.unpack(frame.pack(), load_scene("three_contacts_two_ways").mesh)
+    same = Frame.unpack(frame.pack(), load_scene("three_contacts_two_ways").body)
     for name in ("time_ns", "displacement", "tension", "state", "forward", "backward"):
         assert np.array_equal(getattr(frame, name), getattr(same, name))
 
@@ -81,7 +81,7 @@ def test_thinning_keeps_short_slips():
 @pytest.mark.parametrize("name", ["two_anchor_a", "three_contacts_two_ways", "ten_contact_wave"])
 def test_the_rrd_has_body_tensions_states_and_translation(name, tmp_path):
     rows = entities(draw(name, tmp_path / "x.rrd"))
-    n = load_scene(name).mesh.contacts
+    n = load_scene(name).body.contacts
     assert rows["/world/contacts"] == rows["/world/links"] == rows["/net_translation"] - 1 == 101
     for i in range(min(n - 1, 4)):
         assert rows[f"/tension/link_{i}"] == 102

@@ -73,7 +73,7 @@ def test_a_real_run_gains_in_each_cycle_what_the_model_says(real, name):
     assert found.comparison.identical
     assert found.comparison.ticks > 100
     assert found.cycle_source == "drive"
-    offline = simulate(load_scene(name), duration=PERIODS * load_scene(name).commands.period)
+    offline = simulate(load_scene(name), duration=PERIODS * load_scene(name).drive.period)
     assert [c.translation for c in found.cycles] == pytest.approx(offline.per_period.tolist(), abs=1e-12)
     if name in CLOSED_FORMS:
         assert found.cycles[-1].translation == pytest.approx(CLOSED_FORMS[name], abs=1e-12)

@@ -45,15 +45,15 @@ def where_frames_are(robot: URDF, joint_positions: dict[str, float]) -> dict[str
 @pytest.mark.parametrize("name", gallery())
 def test_the_description_puts_every_station_where_it_stands(name):
     scene = load_scene(name)
-    mesh = scene.mesh
+    mesh = scene.body
     robot = URDF.from_xml_string(describe_robot(scene))
     assert robot.name == name
     assert all(joint.type == "prismatic" and joint.limit.upper > 0.0 for joint in robot.joints)
     assert {joint.name for joint in robot.joints} <= set(joint_state_names(mesh))
     crawler = Crawler(scene)
     for _ in range(3):
-        half = scene.commands.waypoints_between(0, int(0.4e9))[1]
-        crawler.follow(np.ascontiguousarray(scene.commands.targets[half]))
+        half = scene.drive.waypoints_between(0, int(0.4e9))[1]
+        crawler.follow(np.ascontiguousarray(scene.drive.targets[half]))
     x = crawler.displacement
     root = int(mesh.stations[0])
     values = np.concatenate((x[root : root + 1], crawler.joint_elongation)).ravel()

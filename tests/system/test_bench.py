@@ -136,7 +136,7 @@ def test_multipliers_are_the_displacements_of_a_catch_up_step(name, contacts, co
     if not commanded:
         forward[:], backward[:] = forward[0], backward[0]
     scene = from_rows(rng.uniform(0.5, 2.0, contacts - 1), actuation, forward, backward)
-    targets = scene.commands.targets[1:]
+    targets = scene.drive.targets[1:]
     backend = BACKENDS[name]
     for tolerance in backend.tolerances:
         run, exact = QpRun(scene, (targets,) * 4, backend, tolerance), Crawler(scene, "catch_up")

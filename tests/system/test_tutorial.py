@@ -145,7 +145,7 @@ def test_the_body_stands_where_the_run_has_it_and_has_walked_70_mm(page):
     for axis in page.figures["body.png"].axes:
         found = [line.get_xdata()[0] for line in axis.lines if np.array_equal(line.get_ydata(), [0.0, 1.0])]
         legs.append(found[:3])  # the dotted lines reach over the axis from 0 to 1, too
-    run, place = page.names["run"], page.names["run"].scene.mesh.position
+    run, place = page.names["run"], page.names["run"].scene.body.position
     np.testing.assert_allclose(legs, place + run.displacement[[200, 225, 275, 300]], atol=1e-15)
     np.testing.assert_allclose(np.subtract(legs[3], legs[0]), 0.1 - 2 * 0.3 / 20, atol=1e-15)
     titles = [axis.get_title(loc="left") for axis in page.figures["body.png"].axes]
@@ -364,4 +364,4 @@ def test_only_chains_are_drawn_as_bodies():
     for name in ("three_springs", "continuous_segment", "planar_three_points"):
         scene = load_scene(name)
         with pytest.raises(ValueError, match="only chains of isolated contacts"):
-            draw_body(axis, scene, np.zeros(scene.mesh.position.shape), np.zeros(scene.mesh.springs))
+            draw_body(axis, scene, np.zeros(scene.body.position.shape), np.zeros(scene.body.springs))

@@ -13,7 +13,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import CRITICAL, choose_translation, is_wide
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -27,6 +26,7 @@ from ..state import (
     TENSION,
     VISITED,
 )
+from ..translation import CRITICAL, choose_translation, is_wide
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import CRITICAL
+from ..translation import CRITICAL
 from .breakpoints import JUMP, POSITION, REACH, SLOPE, project_balanced
 
 EPS = float(np.finfo(np.float64).eps)

@@ -22,7 +22,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import CRITICAL, choose_translation, is_wide, nearness
 from ..state import (
     ACTUATION,
     ACTUATION_REF,
@@ -53,6 +52,7 @@ from ..state import (
     add_ramp,
     shift,
 )
+from ..translation import CRITICAL, choose_translation, is_wide, nearness
 from .events import follow_events
 from .memory import ROW_BACKWARD, ROW_FORWARD, ROW_MOVED, ROW_RATE, ROW_SIDE, ROW_TRIAL, ROW_V, ROW_ZEROS
 from .projection import EPS, chain_velocities, project, shape_gain

@@ -26,7 +26,7 @@ import numpy as np
 from ...body.body import Body
 from ...compiled import compiled
 from ...errors import SceneError
-from ...theory.uniqueness import NOISE
+from ..translation import NOISE
 
 EPS = float(np.finfo(np.float64).eps)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import choose_translation, is_wide
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -24,6 +23,7 @@ from ..state import (
     WORK,
     shift,
 )
+from ..translation import choose_translation, is_wide
 from .margin import put_off, slides_at_once
 from .memory import (
     ROW_D_BACKWARD,

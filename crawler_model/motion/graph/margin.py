@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import CRITICAL
+from ..translation import CRITICAL
 from ..state import ACTUATION, AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, RELATIVE, TENSION
 from .active_set import EPS
 from .memory import ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE, ROW_GRAIN, ROW_ROUNDING

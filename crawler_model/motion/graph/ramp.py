@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import choose_translation, is_wide
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -38,6 +37,7 @@ from ..state import (
     add_ramp,
     shift,
 )
+from ..translation import choose_translation, is_wide
 from .active_set import EPS, eliminate
 from .events import INSTANT, follow_events
 from .margin import distance_to_sliding, nearness_of, slides_at_once

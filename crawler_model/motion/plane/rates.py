@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import CRITICAL
+from ..translation import CRITICAL
 from .friction import EPS, resistance
 from .implicit_step import solve_in_place
 

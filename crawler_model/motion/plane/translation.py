@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled
-from ...theory.uniqueness import CRITICAL
+from ..translation import CRITICAL
 from .friction import CLOSE_ENOUGH, EPS, STUCK
 
 

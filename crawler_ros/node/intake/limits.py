@@ -76,7 +76,7 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     Returns:
         The limits.
     """
-    columns, body, rows = scene.columns, scene.mesh, np.abs(scene.commands.rows)
+    columns, body, rows = scene.columns, scene.body, np.abs(scene.drive.rows)
     extent = body_length(body)
     spans = [body.position[s.last] - body.position[s.first] for s in body.segments]
     lengths_of = np.concatenate(([1.0] * columns.links, spans))

@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crawler_command.check import write_length
 from crawler_model import Scene
 from crawler_model.body.drive import NS
 from crawler_pictures.colors import BACK, FORWARD
+from crawler_pictures.numbers import write_length
 
 from ...recording.bag import BagError
 from ..analysis import Replay, analyse, size_of

@@ -177,7 +177,7 @@ def _draw_cycles(axes: Any, replay: Replay) -> None:
     words = ["forward", "back", "translation"]
     values = [last.slip_forward, -last.slip_backward, float(gained[-1])]
     if replay.scene is not None:
-        mesh = replay.scene.mesh
+        mesh = replay.scene.body
         words[2] = f"sum / {mesh.isolated.size + len(mesh.segments)}\n= translation"
     bars = split.bar(words, values, color=[FORWARD, BACK, "#46688f"], width=0.6)
     split.bar_label(bars, labels=[f"{v + 0.0:.4g}" for v in values], fontsize=8, padding=2)

@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crawler_command.check import write_length
 from crawler_model.body.drive import NS
+from crawler_pictures.numbers import write_length
 
 from ..analysis import Replay
 from ..cycle_table import Cycle

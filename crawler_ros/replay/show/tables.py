@@ -126,8 +126,8 @@ class TableWriter:
             self._names = {"contacts": [f"contact_{i}" for i in range(contacts)]}
             self._names["links"] = [f"link_{i}" for i in range(joints)]
         else:
-            names = contact_names(self._scene)[:: self._scene.dimension]
-            self._names = {"contacts": [n.removesuffix("/x") for n in names], "links": joint_names(self._scene.mesh)}
+            names = contact_names(self._scene.body)[:: self._scene.dimension]
+            self._names = {"contacts": [n.removesuffix("/x") for n in names], "links": joint_names(self._scene.body)}
         for name in ("ticks", "contacts", "links"):
             self._open_one(name)
 

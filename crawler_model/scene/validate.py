@@ -1,21 +1,23 @@
-"""What is wrong with the data of a scene, in one line."""
+"""From plain data to the parts of a scene; every mistake becomes one line."""
 
 from __future__ import annotations
 
 import difflib
 import re
 from collections.abc import Iterable
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from .scene import (
+from ..errors import SceneError
+from .parts import (
     BodyPart,
     DrivePart,
     FrictionPart,
     FrictionRowsPart,
     LinksPart,
-    Scene,
+    SceneParts,
     SegmentPart,
     StartPart,
     WavePart,
@@ -24,16 +26,35 @@ from .scene import (
 _LONGEST = 500  # of an error, in characters
 _MOST_LISTED = 20  # keys in an error
 _NEAR = 0.6  # least likeness of a key to one that is proposed
-
 _INNER = re.compile(r"function-|literal\[|(\w+Part|float|int|str)$")
 """What the validator adds to a path where a value may be of several kinds."""
+
+
+def validate_parts(document: Any) -> SceneParts:
+    """Check plain data against what a scene may hold.
+
+    Args:
+        document: the content of a scene file, or `Scene.document()`.
+
+    Returns:
+        The parts of the scene.
+
+    Raises:
+        SceneError: one line that names the field, the value and what would be right.
+    """
+    if not isinstance(document, dict):
+        raise SceneError(f"a scene is a mapping with the keys {', '.join(SceneParts.model_fields)}")
+    try:
+        return SceneParts.model_validate(document)
+    except ValidationError as error:
+        raise SceneError(describe(error)) from None
 
 
 def describe(error: ValidationError) -> str:
     """Say in one line what is wrong with a scene.
 
     Args:
-        error: what `Scene.model_validate` raised.
+        error: what pydantic raised.
 
     Returns:
         The first mistake, unknown keys before all others, and how many more there are.
@@ -64,10 +85,6 @@ def _describe_one(mistake: ErrorDetails) -> str:
     if mistake["type"] in ("model_type", "dict_type"):
         return f"{where or 'scene'}: {mistake['input']!r}; it must be a mapping with {', '.join(known_keys(path))}"
     text = mistake["msg"].removeprefix("Value error, ")
-    if text.startswith(
-        ("body.", "body:", "friction.", "friction:", "start.", "drive.", "drive:", "dimension", "tolerance:")
-    ):
-        return text
     return f"{where}: {text}" if where else text
 
 
@@ -80,7 +97,7 @@ def known_keys(path: list[str]) -> Iterable[str]:
     Returns:
         Its keys, as files write them.
     """
-    model: type[BaseModel] = Scene
+    model: type[BaseModel] = SceneParts
     parts: dict[str, type[BaseModel]] = {
         "body": BodyPart,
         "links": LinksPart,
@@ -93,7 +110,7 @@ def known_keys(path: list[str]) -> Iterable[str]:
     }
     path = [p for p in path if not p.isdigit()]
     if path:
-        model = parts.get(path[-1], Scene)
+        model = parts.get(path[-1], SceneParts)
     return [field.alias or name for name, field in model.model_fields.items()]
 
 

@@ -1,0 +1,67 @@
+"""Directions in which friction in the plane is given."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import SceneError
+
+EPS = float(np.finfo(np.float64).eps)
+
+
+def unit_directions(angles: ArrayLike) -> np.ndarray:
+    """Compute the unit vectors of directions.
+
+    Args:
+        angles: shape (m,) [rad].
+
+    Returns:
+        Shape (m, 2); along an axis to the bit.
+    """
+    angle = np.asarray(angles, dtype=np.float64)
+    directions = np.column_stack((np.cos(angle), np.sin(angle)))
+    directions[np.abs(directions) < 4e-16] = 0.0
+    return directions
+
+
+def check_directions(angles: ArrayLike, values: ArrayLike) -> None:
+    """Check that direction-dependent friction is a convex dissipation.
+
+    Args:
+        angles: angles of the directions, shape (m,) [rad], strictly increasing within one turn.
+        values: mu of each direction, shape (m,) or one row per contact (n, m) [N].
+
+    Raises:
+        SceneError: naming the direction that is out of order, too far from the next, negative or not convex.
+    """
+    angle = np.asarray(angles, dtype=np.float64)
+    mu = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    m = angle.size
+    if angle.ndim != 1 or m < 3:
+        raise SceneError(f"friction.directions: {m} given; it takes at least 3 to span the plane")
+    if mu.ndim != 2 or mu.shape[1] != m:
+        raise SceneError(f"friction.directions: {mu.shape[-1]} value(s) for {m} directions; give one for each")
+    for k in np.flatnonzero(~np.isfinite(angle)):
+        raise SceneError(f"friction.directions: the angle of direction {k} is {angle[k]}; it must be finite")
+    gaps = np.diff(np.append(angle, angle[0] + 2.0 * np.pi))
+    for k in np.flatnonzero(gaps <= 0.0):
+        raise SceneError(
+            f"friction.directions: direction {(k + 1) % m} at {angle[(k + 1) % m]:g} rad follows {angle[k]:g} rad; "
+            "angles must increase strictly, within one turn" + (" (they are in rad)" if angle.max() > 7.0 else "")
+        )
+    for k in np.flatnonzero(gaps >= np.pi * (1.0 - 4.0 * EPS)):
+        raise SceneError(
+            f"friction.directions: {gaps[k]:g} rad from direction {k} to the next; it must be less than half a turn"
+        )
+    for i, k in np.argwhere(~((mu >= 0.0) & np.isfinite(mu))):
+        raise SceneError(f"friction.directions: contact {i} has {mu[i, k]:g} N in direction {k}; it must be >= 0")
+    before, after = np.roll(gaps, 1), gaps
+    # d_k is a combination of its neighbours; R is convex if it is nowhere above the same combination of their values
+    most = np.roll(mu, 1, axis=1) * np.sin(after) + np.roll(mu, -1, axis=1) * np.sin(before)
+    bend = most - mu * np.sin(before + after)
+    for i, k in np.argwhere(bend < -16.0 * EPS * np.maximum(mu.max(axis=1, keepdims=True), 0.0)):
+        raise SceneError(
+            f"friction.directions: not convex: contact {i} has {mu[i, k]:g} N in direction {k} at {angle[k]:g} rad; "
+            f"its neighbours allow at most {most[i, k] / np.sin(before[k] + after[k]):g} N"
+        )

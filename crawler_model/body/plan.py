@@ -1,0 +1,64 @@
+"""What is simulated, as arrays: all that a crawler, a run and the theory need of a scene."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..errors import SceneError
+from .body import Body
+from .columns import Columns
+from .drive import Drive
+
+
+class Plan(Protocol):
+    """A body, what can be commanded of it, where it starts and what drives it.
+
+    Attributes:
+        name: of the scene.
+        body: contacts and springs.
+        columns: the layout of its commands.
+        drive: the open-loop commands; one waypoint where nothing drives the body.
+        angles: in the plane, the directions in which friction is given, shape (m,) [rad]; m = 0 where it is isotropic.
+        directions: the same as unit vectors, shape (m, 2).
+        start_displacement: x at the start, shape (N,), in the plane (N, 2) [m].
+        tolerance: in the plane, the largest error of a ramp relative to the largest change commanded [1]; None for the
+            default.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def body(self) -> Body: ...  # noqa: D102
+    @property
+    def columns(self) -> Columns: ...  # noqa: D102
+    @property
+    def drive(self) -> Drive: ...  # noqa: D102
+    @property
+    def angles(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def directions(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def start_displacement(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def tolerance(self) -> float | None: ...  # noqa: D102
+
+
+def check_plan(scene: Any, call: str) -> None:
+    """Refuse what is no scene.
+
+    Args:
+        scene: what was given as one.
+        call: the receiver, for the error.
+
+    Raises:
+        SceneError: when it is a name, a path, a mapping or anything else that has no arrays.
+    """
+    if hasattr(scene, "start_displacement"):
+        return
+    given = " ".join(repr(scene).split())
+    raise SceneError(
+        f"{call}: {given if len(given) <= 60 else given[:60] + ' ...'} is no Scene; load_scene builds one from a path or "
+        "a name of the gallery, Scene.model_validate from a mapping"
+    )

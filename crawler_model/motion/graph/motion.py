@@ -1,0 +1,82 @@
+"""The motion of a graph of springs on a line."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...body.body import Body
+from ..line_state import LineState, build_line_state
+from . import active_set, memory, ramp
+from .active_set import Network
+
+
+@functools.lru_cache(maxsize=4)
+def build_network_of(body: Body) -> Network:
+    """Order the contacts of a body for elimination; crawlers of one body share the result.
+
+    Args:
+        body: the body.
+
+    Returns:
+        The network.
+    """
+    return active_set.build_network(body)
+
+
+@dataclass(frozen=True, eq=False)
+class GraphMotion:
+    """A graph of springs followed from event to event, or by catch-up steps.
+
+    Attributes:
+        body: the body.
+        network: the order in which its contacts are eliminated.
+    """
+
+    methods: ClassVar[tuple[str, ...]] = ("exact", "catch_up")
+    samples_margin: ClassVar[bool] = False
+    body: Body
+    network: Network
+
+    def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
+        """Build the state at rest, see `Motion`."""
+        return build_line_state(self.body, x, target)
+
+    def scratch(self) -> tuple[Any, ...]:
+        """Allocate the memory of a ramp, see `Motion`."""
+        return active_set.workspace(self.network), memory.scratch(self.body.contacts, self.body.springs)
+
+    def follow(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+    ) -> None:
+        """Follow straight ramps to each of the targets in turn, see `Motion`."""
+        body = self.body
+        work, of_the_ramp = scratch
+        ramp.follow(
+            body.ends,
+            body.stiffness,
+            (self.network.order, self.network.band),
+            work,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            exact,
+            budget,
+            body.element_ends,
+            body.share,
+            active_set.most_rounds(body.contacts),
+            *of_the_ramp,
+            account,
+            records,
+        )

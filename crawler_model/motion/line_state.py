@@ -1,0 +1,147 @@
+"""The state of a body on a line, a chain or any other graph of springs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Body
+from .state import (
+    ACTUATION,
+    ACTUATION_REF,
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    CONTACT_ROWS,
+    FORWARD,
+    GAINED,
+    LINK_ROWS,
+    RELATIVE,
+    SHAPE,
+    TENSION,
+    TENSION_REF,
+    X,
+)
+from .translation import visited_margin
+
+
+@dataclass(eq=False)
+class LineState:
+    """What changes: rows of the contacts and of the springs, and which bounds contacts are at.
+
+    Attributes:
+        contacts: rows X .. RELATIVE, shape (6, N).
+        links: rows SHAPE .. ACTUATION_REF, shape (5, S).
+        status: bits AT_FORWARD and AT_BACKWARD, shape (N,).
+    """
+
+    contacts: np.ndarray
+    links: np.ndarray
+    status: np.ndarray
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """X, shape (N,) [m]."""
+        return self.contacts[X]
+
+    @property
+    def gained(self) -> np.ndarray:
+        """Displacement gained on the last command, shape (N,) [m]."""
+        return self.contacts[GAINED]
+
+    @property
+    def shape(self) -> np.ndarray:
+        """Elongations z, shape (S,) [m]."""
+        return self.links[SHAPE]
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Tensions T, shape (S,) [N]."""
+        return self.links[TENSION]
+
+    @property
+    def actuation(self) -> np.ndarray:
+        """Rest-length changes L in force, shape (S,) [m]."""
+        return self.links[ACTUATION]
+
+    @property
+    def friction(self) -> np.ndarray:
+        """Friction in force as in a target, forward then backward, shape (2 N,) [N]."""
+        return self.contacts[[FORWARD, BACKWARD]].ravel()
+
+    @property
+    def contact_state(self) -> np.ndarray:
+        """1 where a contact slid forward on the last command, -1 backward, 0 stuck; int8, shape (N,)."""
+        return np.sign(self.gained).astype(np.int8)
+
+    def margins(self, force: np.ndarray) -> np.ndarray:
+        """Compute the distance of the spring forces from their nearest bounds.
+
+        Args:
+            force: g, shape (N,) [N].
+
+        Returns:
+            Shape (N,) [N].
+        """
+        return np.minimum(self.contacts[FORWARD] - force, force + self.contacts[BACKWARD])
+
+    def visited_margin(self, force: np.ndarray) -> float:
+        """Compute how near all contacts are to sliding at once.
+
+        Args:
+            force: g, shape (N,) [N].
+
+        Returns:
+            The margin [1].
+        """
+        return visited_margin(force, self.contacts[FORWARD], self.contacts[BACKWARD])
+
+    def copy(self) -> LineState:
+        """Fork the state.
+
+        Returns:
+            Another state of the same numbers, in arrays of its own.
+        """
+        return LineState(self.contacts.copy(), self.links.copy(), self.status.copy())
+
+    def bits(self) -> bytes:
+        """Lay all numbers out for comparison.
+
+        Returns:
+            The bytes of all arrays, one after another.
+        """
+        return b"".join(a.tobytes() for a in (self.contacts, self.links, self.status))
+
+
+def build_line_state(body: Body, x: np.ndarray, target: np.ndarray) -> LineState:
+    """Build the state of a body on a line that stands somewhere under some command.
+
+    Args:
+        body: the body.
+        x: displacement, shape (N,) [m].
+        target: the command in force, shape (S + 2 N,).
+
+    Returns:
+        The state, at rest. Contacts at a bound, but for rounding, are taken to be there.
+    """
+    contacts = np.zeros((CONTACT_ROWS, body.contacts))
+    links = np.zeros((LINK_ROWS, body.springs))
+    contacts[X] = contacts[RELATIVE] = x
+    contacts[FORWARD], contacts[BACKWARD] = target[body.springs :].reshape(2, -1)
+    links[ACTUATION] = links[ACTUATION_REF] = target[: body.springs]
+    links[SHAPE] = body.elongation(x)
+    links[TENSION] = links[TENSION_REF] = body.stiffness * (links[SHAPE] - target[: body.springs])
+    return LineState(contacts, links, _status_at_rest(body, links[TENSION], contacts))
+
+
+def _status_at_rest(body: Body, tension: np.ndarray, contacts: np.ndarray) -> np.ndarray:
+    """Find the bounds that contacts are at, but for rounding; both only where there is no friction."""
+    g = body.spring_force(tension)
+    friction = contacts[FORWARD] + contacts[BACKWARD]
+    near = 32.0 * np.finfo(np.float64).eps * (body.force_size(tension) + friction)
+    above, below = contacts[FORWARD] - g, g + contacts[BACKWARD]
+    none = friction == 0.0
+    at_forward = none | ((above <= near) & (above <= below))
+    at_backward = none | ((below <= near) & (below < above))
+    return (AT_FORWARD * at_forward + AT_BACKWARD * at_backward).astype(np.int8)

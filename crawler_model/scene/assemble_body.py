@@ -1,0 +1,96 @@
+"""From the body of a scene to contacts and springs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..body.body import Body
+from ..body.build import End, Interval, build_body
+from ..body.columns import Columns, build_columns, build_planar_columns
+from ..errors import SceneError
+from .fields import average, breaks_of, check_field, field_of
+from .parts import SceneParts, SegmentPart, TablePart
+
+
+def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
+    field = f"body.segments.{place}"
+    check_field(part.stiffness, f"{field}.stiffness", "N", "> 0")
+    for side, value in zip(("forward", "backward"), part.friction.sides, strict=True):
+        check_field(value, f"{field}.friction.{side}", "N/m", ">= 0")
+    for name, value in (("stiffness", part.stiffness), *zip(("forward", "backward"), part.friction.sides, strict=True)):
+        if isinstance(value, TablePart) and not (value.at[0] <= part.stop and value.at[-1] >= part.start):
+            raise SceneError(
+                f"{field}: the table of {name} is given at {value.at[0]:g} .. {value.at[-1]:g} m, outside the "
+                f"segment's {part.start:g} .. {part.stop:g} m"
+            )
+    nodes = np.linspace(part.start, part.stop, elements + 1)
+    modulus = field_of(part.stiffness)
+    if isinstance(part.stiffness, TablePart):
+        compliance = average(lambda x: 1.0 / modulus(x), nodes, breaks_of(part.stiffness))
+    else:
+        compliance = np.full(elements, 1.0 / part.stiffness)
+    return Interval(part.name, nodes, 1.0 / (compliance * (part.stop - part.start) / elements), part.shown)
+
+
+def _end(value: int | str, link: int) -> End:
+    if isinstance(value, int):
+        return value
+    name, _, end = value.rpartition(".")
+    if end == "from":
+        return name, "from"
+    if end == "to":
+        return name, "to"
+    raise SceneError(f"body.links.between: link {link} joins {value!r}; an end is a number, `name.from` or `name.to`")
+
+
+def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
+    """Build the body of a scene.
+
+    Args:
+        parts: the parts of the scene.
+        elements: how many elements each segment is cut into.
+
+    Returns:
+        The body.
+
+    Raises:
+        SceneError: naming the contact, segment or link that does not fit.
+    """
+    given = parts.body
+    for i, contact in enumerate(given.contacts):
+        if isinstance(contact, tuple) and parts.dimension == 1:
+            raise SceneError(
+                f"body.contacts: contact {i} is {list(contact)}; on a line it is a number (or dimension: 2)"
+            )
+    segments = [_interval(s, i, n) for i, (s, n) in enumerate(zip(given.segments, elements, strict=True))]
+    links = given.links
+    between = None
+    if links is not None and links.between is not None:
+        between = [(_end(a, i), _end(b, i)) for i, (a, b) in enumerate(links.between)]
+    contacts = np.array(given.contacts, dtype=np.float64)
+    if parts.dimension == 2:
+        contacts = contacts.reshape(-1, 2)
+    return build_body(contacts, 1.0 if links is None else links.stiffness, between, segments)
+
+
+def assemble_columns(parts: SceneParts, body: Body) -> Columns:
+    """Lay out what can be commanded of a scene's body.
+
+    Args:
+        parts: the parts of the scene.
+        body: its body.
+
+    Returns:
+        The columns. A segment has one for its strain unless a wave runs along it, and one a side for its friction
+        unless that varies along it.
+    """
+    if parts.dimension == 2:
+        friction = parts.friction
+        return build_planar_columns(body, len(friction.directions or ()) if friction is not None else 0)
+    drive = parts.drive
+    strain = drive is not None and drive.wave is not None
+    wave = drive is not None and drive.friction_wave is not None
+    fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
+    return build_columns(body, fields)

@@ -1,0 +1,81 @@
+"""From the friction of a scene to the last columns of a command row."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import spread
+from ..body.body import Body
+from ..body.columns import Columns
+from ..errors import SceneError
+from .fields import average, breaks_of, field_of
+from .parts import SceneParts
+
+
+def planar_friction(parts: SceneParts) -> np.ndarray:
+    """Read the friction of a planar scene.
+
+    Args:
+        parts: the parts of the scene.
+
+    Returns:
+        Shape (N, max(m, 1)) [N].
+
+    Raises:
+        SceneError: naming the contact whose friction is negative, or the wrong length.
+    """
+    friction, n = parts.friction, len(parts.body.contacts)
+    assert friction is not None
+    if friction.directions is None:
+        return _not_negative(spread(friction.isotropic or 0.0, n, "friction.isotropic", "contact"), "isotropic")[
+            :, None
+        ]
+    m = len(friction.directions)
+    value = friction.value if isinstance(friction.value, tuple) else (friction.value,) * m
+    if value and isinstance(value[0], tuple):
+        if len(value) != n:
+            raise SceneError(
+                f"friction.value: {len(value)} row(s) for {n} contact(s); give one row, or one per contact"
+            )
+        return np.array([spread(row, m, f"friction.value: row {i}", "direction") for i, row in enumerate(value)])
+    return np.tile(spread(value, m, "friction.value", "direction"), (n, 1))
+
+
+def _not_negative(mu: np.ndarray, side: str) -> np.ndarray:
+    for i in np.flatnonzero(~(mu >= 0.0)):
+        raise SceneError(f"friction.{side}: contact {i} has {mu[i]:g} N; friction must be >= 0")
+    return mu
+
+
+def assemble_friction(parts: SceneParts, body: Body, columns: Columns) -> np.ndarray:
+    """Lay out a scene's own friction as the last columns of a command row.
+
+    Args:
+        parts: the parts of the scene.
+        body: its body.
+        columns: the layout of its commands.
+
+    Returns:
+        Shape (C - lengths,) [N, N/m].
+
+    Raises:
+        SceneError: naming the contact whose friction is negative, or the wrong length.
+    """
+    if parts.dimension == 2:
+        return planar_friction(parts).ravel()
+    sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
+    if parts.friction is not None and parts.friction.directions is not None:
+        raise SceneError("friction.directions: for planar scenes; on a line give `forward` and `backward`")
+    values = []
+    for side, name in enumerate(("forward", "backward")):
+        values.append(_not_negative(spread(sides[side], body.isolated.size, f"friction.{name}", "contact"), name))
+        for part, segment, (_, _, size) in zip(parts.body.segments, body.segments, columns.segments, strict=True):
+            varies = size == segment.elements + 1
+            field = part.friction.sides[side]
+            if not varies:
+                values.append(np.array([field]))
+                continue
+            nodes = body.position[segment.contacts]
+            edges = np.concatenate((nodes[:1], 0.5 * (nodes[:-1] + nodes[1:]), nodes[-1:]))
+            values.append(average(field_of(field), edges, breaks_of(field)))
+    return np.concatenate(values)
