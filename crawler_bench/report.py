@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from .node.node import Row
+from .ratios import compute_ratios
 from .result import BenchResult
 
 
