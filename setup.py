@@ -1,7 +1,7 @@
 # For colcon alone; pip and uv build from pyproject.toml.
 from glob import glob
 
-from setuptools import Distribution, setup
+from setuptools import Distribution, find_packages, setup
 
 
 class WithoutPyproject(Distribution):
@@ -15,14 +15,7 @@ setup(
     distclass=WithoutPyproject,
     name="crawler_ros",
     version="0.1.0",
-    packages=[
-        "crawler_model",
-        "crawler_ros",
-        "crawler_ros.examples",
-        "crawler_ros.replay",
-        "crawler_bench",
-        "msgs_config",
-    ],
+    packages=find_packages(include=["crawler_*", "msgs_config"]),
     package_data={"crawler_model": ["py.typed"], "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/crawler_ros"]),

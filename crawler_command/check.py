@@ -1,202 +1,31 @@
-"""What `crawler check` says of a scene: its stasis domain, where that lets the body go, and what is doubtful."""
+"""The verb `check`: whether a scene is sound, and whether it moves."""
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import Annotated
 
-import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+import typer
 
-from crawler_model import Scene, Trajectory
-from crawler_model.body.body import Body
-from crawler_model.theory.regularity import check_regularity
-from crawler_model.theory.stasis import directions_of, domain_evolution
-from crawler_pictures.numbers import write_length
+from crawler_model import load_scene
 
-_MOST_ROWS = 20
-_TOO_STIFF = 1e9
-_TOO_LONG = 10.0  # lengths of the body
+from .scene_report import print_report
+from .screen import SceneArgument, check_picture, screen
+from .simulate import run_scene
 
 
-def print_report(run: Trajectory, screen: Console) -> None:
-    """Print the report.
+def check(
+    scene: SceneArgument,
+    png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
+) -> None:
+    """Validate a scene; print its stasis domain, where it lets the body go, its margins and what does not move."""
+    check_picture(png)
 
-    Args:
-        run: the scene, run along its drive.
-        screen: where to.
-    """
-    scene, mesh = run.scene, run.scene.body
-    screen.print(f"{scene.name}: {mesh.describe()}; valid")
-    screen.print(_contacts(run))
-    if mesh.dimension == 1:
-        screen.print(_way(run))
-    _print_conditions(run, screen)
-    _print_units(run.scene, screen)
-    if scene.drive.holds:
-        screen.print("no drive: the crawler waits for commands")
-    else:
-        _print_motion(run, screen)
+    loaded = load_scene(scene)
+    run = run_scene(loaded, None if not loaded.drive.holds else 0.0, 100.0, None)
+    print_report(run, screen)
+    if png is not None:
+        from crawler_pictures.domain import draw_domain
 
-
-def _contacts(run: Trajectory) -> Table:
-    """List the contacts, their friction and what they do."""
-    scene, mesh = run.scene, run.scene.body
-    planar = mesh.dimension == 2
-    table = Table(
-        title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
-    )
-    friction = ("friction [N]",) if planar else ("-backward [N]", "forward [N]")
-    for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
-        table.add_column(escape(column), justify="right")
-    force = mesh.spring_force(run.tension[0])
-    drive = scene.drive
-    size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))
-    last = -1
-    for i in _shown(mesh):
-        if i != last + 1:
-            table.add_row(f"({i - last - 1} more)", *[""] * (len(table.columns) - 1))
-        last = i
-        ways = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
-        if planar:
-            per_contact = drive.targets[:, 2 * mesh.springs :].reshape(-1, mesh.contacts, max(len(scene.directions), 1))
-            bounds = [_span(per_contact[:, i])]
-            ways = ["yes"] if ways else []
-        else:
-            bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
-        name = mesh.name_of(i).removeprefix("contact ")
-        table.add_row(
-            name, _numbers(mesh.position[i]), *bounds, write_length(force[i], size), " and ".join(ways) or "never"
-        )
-    return table
-
-
-def _shown(mesh: Body) -> list[int]:
-    """Choose the contacts that have a row: isolated ones and a few of each segment, both ends among them."""
-    if mesh.contacts <= _MOST_ROWS:
-        return list(range(mesh.contacts))
-    isolated = mesh.isolated.tolist()
-    if len(isolated) > _MOST_ROWS:
-        isolated = isolated[: _MOST_ROWS // 2] + isolated[-_MOST_ROWS // 2 :]
-    inner = [np.linspace(s.first, s.last, 5).round().astype(int).tolist() for s in mesh.segments]
-    return sorted({*isolated, *(i for part in inner for i in part)})
-
-
-def _way(run: Trajectory) -> str:
-    """Say in which directions the stasis domain lets the body go."""
-    _, domains = domain_evolution(run.scene.drive)
-    ways = directions_of(domains)
-    names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "either way"}
-    if not ways:
-        return "no side of the stasis domain moves one contact alone: where the body can go is open"
-    text = names[frozenset(ways)]
-    same = all(np.array_equal(d.forward, domains[0].forward) for d in domains)
-    same = same and all(np.array_equal(d.backward, domains[0].backward) for d in domains)
-    when = "" if same else ", at one time or another"
-    return f"sides of the stasis domain let the body go {text}{when}"
-
-
-def _print_conditions(run: Trajectory, screen: Console) -> None:
-    """Say what the theory asks of the scene: regular friction, a determined translation, stiffnesses of one order."""
-    scene = run.scene
-    regularity = check_regularity(scene.drive)
-    if not regularity.is_regular:
-        screen.print(
-            f"friction: {regularity.where} goes down to 0; existence and uniqueness are proved only between positive "
-            "bounds"
-        )
-    elif regularity.rate > 0.0:
-        screen.print(
-            f"friction: between {regularity.least:g} and {regularity.greatest:g}, changing by at most "
-            f"{regularity.rate:g} a second; regular"
-        )
-    margin = run.uniqueness_margin
-    if scene.body.dimension == 2:
-        screen.print("uniqueness margin: not decided in the plane; the run says whether it was unique")
-    elif margin is None:
-        screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment without friction)")
-    elif margin == 0.0:
-        screen.print(
-            "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
-            "backward friction of the others (it matters only while all of them slide)"
-        )
-    else:
-        screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
-    k = scene.body.stiffness
-    if k.max() > _TOO_STIFF * k.min():
-        screen.print(
-            f"too stiff: spring {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than spring "
-            f"{int(k.argmin())}"
-            + ("" if scene.body.is_chain else "; its tension has few digits, a chain would keep them all")
-        )
-
-
-def _print_units(scene: Scene, screen: Console) -> None:
-    """Warn of lengths far beyond the body's own: mostly millimetres for metres, or other units of force."""
-    mesh, drive = scene.body, scene.drive
-    length = float(np.linalg.norm(np.ptp(mesh.position, axis=0)))
-    commanded = mesh.joint_sum(np.abs(drive.actuation).T.reshape(mesh.springs, -1)).max(axis=1)
-    longest = int(commanded.argmax())
-    if commanded[longest] >= _TOO_LONG * length:
-        names = [f"link {i}" for i in range(mesh.link_springs.size)] + [f"segment {s.name}" for s in mesh.segments]
-        screen.print(
-            f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
-            f"{commanded[longest]:g} m, the body is {length:g} m long; lengths are in metres, strains are ratios"
-        )
-    friction = drive.targets[:, drive.actuation.shape[1] :].max(axis=0)
-    most = (
-        friction.reshape(mesh.contacts, -1).max(axis=1) if scene.dimension == 2 else friction.reshape(2, -1).max(axis=0)
-    )
-    stiffest = np.zeros(mesh.contacts)
-    np.maximum.at(stiffest, mesh.ends, mesh.stiffness[:, None])
-    reach = most / stiffest
-    stickiest = int(reach.argmax())
-    if reach[stickiest] >= _TOO_LONG * length:
-        screen.print(
-            f"[yellow]too soft or too rough:[/] a spring must change by {reach[stickiest]:g} m before "
-            f"{mesh.name_of(stickiest)} slides, the body is {length:g} m long; stiffness is in N/m, friction in N"
-        )
-
-
-def _print_motion(run: Trajectory, screen: Console) -> None:
-    """Say what moves along the drive."""
-    scene, mesh = run.scene, run.scene.body
-    of = " (of its elements, which come nearer than the whole)" if mesh.segments else ""
-    unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 for instants only)"
-    screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
-    _print_crossings(run, screen)
-    still = [i for i in range(mesh.contacts) if not run.contact_state[:, i].any()]
-    if len(still) == mesh.contacts:
-        screen.print("too weak: the drive never leaves the stasis domain, nothing moves")
-    elif still:
-        names = ", ".join(mesh.name_of(i).removeprefix("contact ") for i in still[:10])
-        screen.print(f"contacts that never slide: {names}{' ...' if len(still) > 10 else ''}")
-    if run.per_period.shape[0]:
-        size = float(abs(run.displacement).max()) + float(abs(scene.drive.actuation).max())
-        gained = write_length(run.per_period[-1], size)
-        travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
-        screen.print(f"net translation per period, at the end: {gained} m{'' if travels else ' (it does not travel)'}")
-
-
-def _print_crossings(run: Trajectory, screen: Console) -> None:
-    """Warn where contacts pass through each other, which the model does not forbid."""
-    mesh = run.scene.body
-    if mesh.dimension == 2:
-        return
-    gaps = np.diff(mesh.position + run.displacement, axis=1).min(axis=0)
-    nearest = int(gaps.argmin())
-    if gaps[nearest] <= 0.0:
-        screen.print(
-            f"[yellow]impossible in silicone:[/] {mesh.name_of(nearest + 1)} gets {-gaps[nearest]:.3g} m past "
-            f"{mesh.name_of(nearest)}; the model lets contacts pass through each other"
-        )
-
-
-def _numbers(value: Any) -> str:
-    return ", ".join(f"{v:g}" for v in np.atleast_1d(value))
-
-
-def _span(values: np.ndarray) -> str:
-    low, high = float(values.min()), float(values.max())
-    return f"{low:g}" if low == high else f"{low:g} .. {high:g}"
+        draw_domain(run.scene, png)
+        screen.print(f"drawn: {png}")

@@ -1,6 +1,6 @@
 """The front door of every executable: from the first import on, Ctrl-C and a missing package are one line.
 
-Nothing but the standard library is imported here; what an executable needs is imported behind the door.
+Nothing beyond the standard library is loaded here; what an executable needs is imported behind the door.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import signal
 import sys
 from typing import Any
 
-STOPPED = 130
-"""The exit status of what Ctrl-C stopped."""
+from crawler_ros.node.life.leave import STOPPED, leave_at_once
 
 _EXTRA_OF = {
     "mcap": "ros",
@@ -38,7 +37,8 @@ def crawler() -> int:
 
 def replay() -> int:
     """Run `crawler replay` as an executable of its own: `ros2 run crawler_ros replay BAG`."""
-    return _run("crawler", "crawler_command.replay")
+    sys.argv.insert(1, "replay")
+    return _run("crawler", "crawler_command.app")
 
 
 def simulator() -> int:
@@ -79,23 +79,6 @@ def describe_missing(error: ModuleNotFoundError) -> str:
     if extra is None:
         return f"{module} is not installed"
     return f"{module} is not installed; it comes with: pip install 'crawler-ros[{extra}]'"
-
-
-def leave_at_once(name: str) -> None:
-    """Let Ctrl-C end the process with one line while there is nothing to tidy up.
-
-    An exception would not do: extension modules that are being imported and callbacks of the compiler swallow it or
-    print it.
-
-    Args:
-        name: the executable's.
-    """
-
-    def leave(*_: Any) -> None:
-        os.write(2, f"{name}: stopped\n".encode())
-        os._exit(STOPPED)
-
-    signal.signal(signal.SIGINT, leave)
 
 
 def _run(name: str, module: str) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crawler_model import CrawlerError, Scene, load_scene, prepare
+
+from .screen import check_picture, progress_bar, screen
 
 if TYPE_CHECKING:
     from crawler_ros.replay.health import Survey
@@ -48,9 +49,7 @@ def replay(
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay import analyse
 
-    from .app import _check_picture, progress_bar, screen
-
-    _check_picture(png)
+    check_picture(png)
     _check_outputs(rrd, parquet)
     recording = newest(recording)
     if show:
@@ -172,9 +171,7 @@ def compare(
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
 
-    from .app import _check_picture, progress_bar, screen
-
-    _check_picture(png)
+    check_picture(png)
     loaded = None if scene is None else load_scene(scene)
     with progress_bar("comparing") as progress:
         found = compare_recordings(newest(first), newest(second), loaded, namespace, progress)
@@ -186,10 +183,3 @@ def compare(
     print_comparison(found, screen)
     if png is not None:
         screen.print(f"drawn: {png}")
-
-
-def main() -> None:
-    """Run `crawler replay` as an executable of its own: `ros2 run crawler_ros replay BAG`."""
-    from .app import main as crawler
-
-    crawler(["replay", *sys.argv[1:]])

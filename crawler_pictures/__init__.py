@@ -1,1 +1,1 @@
-"""Room."""
+"""What is drawn on paper: bodies, stasis domains, sweeps."""

@@ -1,1 +1,1 @@
-"""Room."""
+"""What the node and replay cost, measured with real processes."""

@@ -1,1 +1,1 @@
-"""Room."""
+"""What is simulated, as arrays: the body, what can be commanded of it, and what drives it."""

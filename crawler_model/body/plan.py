@@ -58,7 +58,8 @@ def check_plan(scene: Any, call: str) -> None:
     if hasattr(scene, "start_displacement"):
         return
     given = " ".join(repr(scene).split())
+    given = given if len(given) <= 60 else f"{given[:60]} ..."
     raise SceneError(
-        f"{call}: {given if len(given) <= 60 else given[:60] + ' ...'} is no Scene; load_scene builds one from a path or "
-        "a name of the gallery, Scene.model_validate from a mapping"
+        f"{call}: {given} is no Scene; load_scene builds one from a path or a name of the gallery, "
+        "Scene.model_validate from a mapping"
     )

@@ -1,1 +1,1 @@
-"""Room."""
+"""How a body follows its commands: one contract, three kinds."""

@@ -1,1 +1,1 @@
-"""Room."""
+"""From a scene file to arrays: parts, checks, assembly."""

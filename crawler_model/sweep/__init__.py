@@ -1,1 +1,1 @@
-"""Room."""
+"""Many scenes at once: variations, runs, workers."""

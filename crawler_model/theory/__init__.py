@@ -1,1 +1,1 @@
-"""Room."""
+"""What holds before anything moves: stasis domains, uniqueness, regularity."""

@@ -1,1 +1,1 @@
-"""Room."""
+"""The nodes `simulator` and `gait_player`."""

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
+from crawler_model import Crawler
 from crawler_model.body.drive import NS
+from crawler_model.body.plan import Plan
+from crawler_model.theory.regularity import Regularity
 
-from .intake.intake import LENGTH_TOPICS
+from ..viewer.feed import ViewerFeed
+from .certificates import Certificates
+from .intake.commands import CommandQueue
+from .intake.intake import LENGTH_TOPICS, Intake
 from .intake.peers import publishers_of, rivals_on_commands, rivals_on_states
-
-if TYPE_CHECKING:
-    from ..viewer.feed import ViewerFeed
-    from .simulator import Simulator
+from .stepper import Stepper
 
 OK, WARN, ERROR = 0, 1, 2
 Status = tuple[int, str, str, str, list[tuple[str, str]]]
@@ -19,7 +23,38 @@ Part = tuple[int, str, list[tuple[str, str]]]
 """Level, message and key-value pairs of one part of the node."""
 
 
-def diagnose(node: Simulator) -> list[Status]:
+class Diagnosed(Protocol):
+    """What is looked at: a simulator, its counts, and what was reported before."""
+
+    ambiguous: int
+    overspent: int
+    unsolved: int
+    reported: tuple[int, int, int, int]
+    reported_commands: tuple[int, int, int]
+    certificates: Certificates
+    commands: CommandQueue
+    crawler: Crawler
+    feed: ViewerFeed | None
+    intake: Intake
+    lock: AbstractContextManager[Any]
+    lock_step: bool
+    margin: float | None
+    recorder: Any
+    regularity: Regularity
+    scene: Plan
+    states: list[str]
+    stepper: Stepper
+
+    def get_fully_qualified_name(self) -> str:
+        """Name the node, namespace and all."""
+        ...
+
+    def warn_once(self, text: str) -> None:
+        """Log a warning unless the same one was logged before."""
+        ...
+
+
+def diagnose(node: Diagnosed) -> list[Status]:
     """Describe how the simulation, the commands, the recording and the viewer fare since this was last asked.
 
     Warnings are of what happened since then; counts are of the whole run.
@@ -49,7 +84,7 @@ def diagnose(node: Simulator) -> list[Status]:
     return [(level, f"{me}: {part}", text, hardware, entries) for part, (level, text, entries) in parts.items()]
 
 
-def _simulation(node: Simulator, rival: str) -> Part:
+def _simulation(node: Diagnosed, rival: str) -> Part:
     late = node.stepper.late
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
     before, node.reported = node.reported, (node.ambiguous, node.overspent, node.unsolved, late)
@@ -89,7 +124,7 @@ def _simulation(node: Simulator, rival: str) -> Part:
     )
 
 
-def _commands(node: Simulator, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
+def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
     intake, refused = node.intake, node.intake.refusals.total
     now = refused, intake.lost, node.commands.full
     before, node.reported_commands = node.reported_commands, now

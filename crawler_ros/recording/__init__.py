@@ -1,1 +1,1 @@
-"""Room."""
+"""Recordings: writing them beside a node, and reading them."""

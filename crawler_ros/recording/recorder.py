@@ -1,4 +1,7 @@
-"""The recording process and the simulator's end of the pipe to it: `python -m crawler_ros.recording.recorder` writes the file."""
+"""The recording process, and the simulator's end of the pipe to it.
+
+`python -m crawler_ros.recording.recorder` writes the file.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Room."""
+"""The crawler in rerun, live and from recordings."""

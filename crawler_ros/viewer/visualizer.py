@@ -1,7 +1,7 @@
 """The crawler in rerun: body on its track, tensions in their bounds, stick and slip, path in the stasis polygon.
 
-Drawing happens in a process of its own (`python -m crawler_ros.viewer.visualizer`), fed through a pipe that never blocks: a
-slow or stopped viewer costs frames, never a tick. A recording is drawn by the same code from the same frames.
+Drawing happens in a process of its own (`python -m crawler_ros.viewer.visualizer`), fed through a pipe that never
+blocks: a slow or stopped viewer costs frames, never a tick. A recording is drawn by the same code from the same frames.
 """
 
 from __future__ import annotations

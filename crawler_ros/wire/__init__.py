@@ -1,1 +1,1 @@
-"""Room."""
+"""What goes over the wire: topics and types, bytes, names."""

@@ -121,7 +121,7 @@ def test_tables_and_text_speak_of_the_segment(refined, tmp_path):
 
 
 def test_parts_are_those_of_the_body():
-    mesh = body("hybrid", 10).mesh
+    mesh = body("hybrid", 10).body
     parts = parts_of(mesh)
     assert parts.station_names == ("contact_0", "trunk.from", "trunk.to")
     assert mesh.position[parts.stations].tolist() == [1.5, 0.0, 1.0]

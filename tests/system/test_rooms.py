@@ -14,7 +14,17 @@ PACKAGES = ("crawler_command", "crawler_bench", "crawler_ros", "crawler_pictures
 """From the top down; a package imports from those below it."""
 ROOMS = {
     "crawler_bench": ("entrants", "node"),
-    "crawler_ros": ("replay.show", "node", "replay", "viewer", "recording", "wire", "examples"),
+    "crawler_ros": (
+        "replay.show",
+        "node",
+        "node.life",
+        "node.intake",
+        "replay",
+        "viewer",
+        "recording",
+        "wire",
+        "examples",
+    ),
     "crawler_model": (
         "sweep",
         "scene",

@@ -1,1 +1,1 @@
-"""Room."""
+"""Chains: exact from event to event, or by a projection in O(N)."""

@@ -26,7 +26,7 @@ class ChainMotion:
 
     @property
     def samples_margin(self) -> bool:
-        """Whether an exact ramp sees its visited margin at its ends only: long chains are not looked at after events."""
+        """Whether an exact ramp sees its visited margin at its ends only, as in long chains."""
         return self.body.contacts > FEW_CONTACTS
 
     def start(self, x: np.ndarray, target: np.ndarray) -> LineState:

@@ -1,1 +1,1 @@
-"""Room."""
+"""Any connected graph of springs on a line."""

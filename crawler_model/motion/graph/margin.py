@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ..translation import CRITICAL
 from ..state import ACTUATION, AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, RELATIVE, TENSION
+from ..translation import CRITICAL
 from .active_set import EPS
 from .memory import ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE, ROW_GRAIN, ROW_ROUNDING
 

@@ -1,1 +1,1 @@
-"""Room."""
+"""Bodies in the plane, to a tolerance."""

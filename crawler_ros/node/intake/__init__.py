@@ -1,1 +1,1 @@
-"""Room."""
+"""How commands come in: received, checked, bounded, queued, or refused."""

@@ -11,9 +11,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from crawler_command.executables import leave_at_once
-
 from ...wire.interface import find_ament_prefix
+from .leave import leave_at_once
 from .log_pipe import unblocked_log
 from .shared_memory import remove_orphans
 

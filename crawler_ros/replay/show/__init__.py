@@ -1,1 +1,1 @@
-"""Room."""
+"""How a replay is shown: text, tables, pages, comparisons."""

@@ -1,0 +1,88 @@
+"""The verb `bench`: time against error, and what the node and replay cost."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from crawler_model import CrawlerError
+
+from .screen import progress_bar, screen
+
+
+def bench(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer ticks, rounds and sizes: under a minute.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the JSON file and a picture of each case.")] = Path("bench"),
+    case: Annotated[list[str] | None, typer.Option(help="Only this case; may be given several times.")] = None,
+    node: Annotated[
+        bool, typer.Option("--node", help="Instead: what the ROS 2 node costs; throughput, latency, each feature.")
+    ] = False,
+    replay: Annotated[
+        bool, typer.Option("--replay", help="Instead: reading, analysing and exporting recordings, up to three hours.")
+    ] = False,
+) -> None:
+    """Measure time against error of our methods and of their peers, side by side, on this machine."""
+    if node or replay:
+        if case:
+            raise CrawlerError("--case goes with the methods; --node and --replay measure something else")
+        if node and replay:
+            raise CrawlerError("--node and --replay: one at a time")
+        _bench_processes("node" if node else "replay", quick, as_json, out)
+        return
+    import matplotlib as _needed_at_the_end  # noqa: F401
+
+    from crawler_bench.bench import choose_cases, missing_peers, run_bench
+    from crawler_bench.figure import draw_case
+    from crawler_bench.report import print_report
+
+    names = choose_cases(case or (), quick)
+    absent = missing_peers()
+    if absent:
+        text = f"{', '.join(absent)} not installed, left out; they come with: pip install 'crawler-ros[bench]'"
+        print(f"crawler: {text}", file=sys.stderr)
+    out.mkdir(parents=True, exist_ok=True)
+    with progress_bar("measuring") as progress:
+        measured = run_bench(names, quick, progress)
+    text = json.dumps(measured.document(), allow_nan=False)
+    (out / "speed_against_error.json").write_text(text.replace('}, {"case"', '},\n{"case"') + "\n", encoding="utf-8")
+    for name in names:
+        draw_case(measured, name, out / f"{name}.png")
+    if as_json:
+        print(text)
+        return
+    print_report(measured, screen)
+    screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
+
+
+def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
+    """Measure what runs in processes of its own: the node, or replays."""
+    import rclpy as _needed  # noqa: F401
+
+    from crawler_bench.bench import describe_machine
+    from crawler_bench.node import node, replay
+    from crawler_bench.report import print_rows
+
+    out.mkdir(parents=True, exist_ok=True)
+    console = Console(stderr=True)
+    document = {"schema": 1, "machine": describe_machine(quick)}
+    with console.status("starting") if console.is_terminal else nullcontext() as status:
+        progress = status.update if status else None
+        if name == "node":
+            rows = node.measure_node(**(node.QUICK if quick else {}), progress=progress)
+        else:
+            rows = replay.measure_replay(**(replay.QUICK if quick else {}), progress=progress)
+    text = json.dumps({**document, "rows": rows}, allow_nan=False, indent=1)
+    file = out / f"{name}.json"
+    file.write_text(text + "\n", encoding="utf-8")
+    if as_json:
+        print(text)
+        return
+    print_rows(rows, screen)
+    screen.print(f"written: {file}")

@@ -1,0 +1,70 @@
+"""What the verbs share: the screen, progress, common options and checks."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from crawler_model import CrawlerError
+
+screen = Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
+SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a name that `crawler scenes` lists.")]
+
+
+class MethodName(str, Enum):
+    """How a tick is integrated."""
+
+    auto = "auto"
+    exact = "exact"
+    catch_up = "catch_up"
+
+
+DurationOption = Annotated[
+    float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
+]
+MethodOption = Annotated[
+    MethodName, typer.Option(help="How a tick is integrated; auto is exact on a line, catch_up in the plane.")
+]
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """Show a progress bar on a terminal and nothing in a pipe.
+
+    Args:
+        what: the bar's label.
+
+    Yields:
+        A function that takes the part done, in [0, 1].
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda part: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda part: bar.update(task, completed=part)
+
+
+def check_picture(png: Path | None) -> None:
+    """Check that a picture can be written.
+
+    Args:
+        png: the file; None for none.
+
+    Raises:
+        CrawlerError: when it is no .png, or its folder does not exist.
+    """
+    if png is not None and png.suffix != ".png":
+        raise CrawlerError(f"--png: {png} must end in .png")
+    if png is not None and not png.absolute().parent.is_dir():
+        raise CrawlerError(f"--png: the folder {png.absolute().parent} does not exist")

@@ -1,0 +1,59 @@
+"""The verb `view`: rerun on a recording, or a rendered picture of it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crawler_model import CrawlerError
+
+from .screen import check_picture, screen
+
+
+def view(
+    recording: Annotated[
+        Path, typer.Argument(help="A bag folder, .mcap or .rrd file; of a folder of bags the newest.")
+    ],
+    png: Annotated[Path | None, typer.Option(help="Render into this file instead of opening a window.")] = None,
+    at: Annotated[
+        float | None, typer.Option(help="With --png: the simulated time to show, s; by default the end.")
+    ] = None,
+) -> None:
+    """Open rerun on a recording with our blueprint, or render that view without a screen.
+
+    --png needs a Vulkan driver: on Debian and Ubuntu, apt install mesa-vulkan-drivers.
+    """
+    from crawler_ros.viewer.page import screenshot, viewer_binary
+
+    if not recording.exists():
+        raise CrawlerError(f"{recording}: no such file or folder")
+    if recording.is_dir():
+        from crawler_ros.recording.bag import newest
+
+        recording = newest(recording)
+    if recording.suffix == ".rrd" and recording.read_bytes()[:3] != b"RRF":
+        raise CrawlerError(f"{recording}: not a rerun recording")
+    if at is not None and png is None:
+        raise CrawlerError("--at goes with --png: it is the time that is rendered")
+    check_picture(png)
+    if png is None and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise CrawlerError(
+            "there is no display here; render the view with --png FILE, or copy the .rrd to your desktop"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        rrd = recording
+        if recording.suffix != ".rrd":
+            from crawler_ros.viewer.visualizer import draw_recording
+
+            rrd = Path(folder) / "recording.rrd"
+            draw_recording(recording, rrd)
+        if png is not None:
+            screenshot(rrd, png, at)
+            screen.print(f"rendered: {png}")
+            return
+        raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
