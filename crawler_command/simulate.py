@@ -18,6 +18,17 @@ _MISSED = 1e-6
 
 
 def run_scene(scene: Scene, duration: float | None, rate: float, method: str | None) -> Trajectory:
+    """Run a scene with a progress bar.
+
+    Args:
+        scene: the scene.
+        duration: [s]; None for ten periods, or up to the last waypoint.
+        rate: ticks per second [Hz].
+        method: "exact", "catch_up", or None for the best that there is.
+
+    Returns:
+        The run.
+    """
     prepare(scene)
     with progress_bar("simulating") as progress:
         return simulate(scene, duration, rate, method, progress)  # type: ignore[arg-type]

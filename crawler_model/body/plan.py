@@ -13,36 +13,47 @@ from .drive import Drive
 
 
 class Plan(Protocol):
-    """A body, what can be commanded of it, where it starts and what drives it.
-
-    Attributes:
-        name: of the scene.
-        body: contacts and springs.
-        columns: the layout of its commands.
-        drive: the open-loop commands; one waypoint where nothing drives the body.
-        angles: in the plane, the directions in which friction is given, shape (m,) [rad]; m = 0 where it is isotropic.
-        directions: the same as unit vectors, shape (m, 2).
-        start_displacement: x at the start, shape (N,), in the plane (N, 2) [m].
-        tolerance: in the plane, the largest error of a ramp relative to the largest change commanded [1]; None for the
-            default.
-    """
+    """A body, what can be commanded of it, where it starts and what drives it."""
 
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def name(self) -> str:
+        """Of the scene."""
+        ...
+
     @property
-    def body(self) -> Body: ...  # noqa: D102
+    def body(self) -> Body:
+        """Contacts and springs."""
+        ...
+
     @property
-    def columns(self) -> Columns: ...  # noqa: D102
+    def columns(self) -> Columns:
+        """The layout of its commands."""
+        ...
+
     @property
-    def drive(self) -> Drive: ...  # noqa: D102
+    def drive(self) -> Drive:
+        """The open-loop commands; one waypoint where nothing drives the body."""
+        ...
+
     @property
-    def angles(self) -> np.ndarray: ...  # noqa: D102
+    def angles(self) -> np.ndarray:
+        """In the plane, the directions in which friction is given, shape (m,) [rad]; m = 0 where it is isotropic."""
+        ...
+
     @property
-    def directions(self) -> np.ndarray: ...  # noqa: D102
+    def directions(self) -> np.ndarray:
+        """The same as unit vectors, shape (m, 2)."""
+        ...
+
     @property
-    def start_displacement(self) -> np.ndarray: ...  # noqa: D102
+    def start_displacement(self) -> np.ndarray:
+        """X at the start, shape (N,), in the plane (N, 2) [m]."""
+        ...
+
     @property
-    def tolerance(self) -> float | None: ...  # noqa: D102
+    def tolerance(self) -> float | None:
+        """In the plane, the largest error of a ramp relative to the largest change commanded [1]; None: the default."""
+        ...
 
 
 def check_plan(scene: Any, call: str) -> None:

@@ -13,40 +13,63 @@ from ..body.plan import Plan
 
 
 class State(Protocol):
-    """What changes while a body moves.
-
-    Attributes:
-        displacement: x, shape (N,), in the plane (N, 2) [m].
-        gained: displacement gained on the last command, likewise.
-        shape: z, shape (S,), in the plane (S, 2) [m].
-        tension: T, likewise [N].
-        actuation: L in force, likewise [m].
-        friction: in force, as in a target, shape (F,) [N].
-        contact_state: 1 where a contact slid forward (in the plane: slid) on the last command, -1 backward, 0 stuck,
-            int8, shape (N,).
-    """
+    """What changes while a body moves."""
 
     @property
-    def displacement(self) -> np.ndarray: ...  # noqa: D102
+    def displacement(self) -> np.ndarray:
+        """X, shape (N,), in the plane (N, 2) [m]."""
+        ...
+
     @property
-    def gained(self) -> np.ndarray: ...  # noqa: D102
+    def gained(self) -> np.ndarray:
+        """Displacement gained on the last command, likewise."""
+        ...
+
     @property
-    def shape(self) -> np.ndarray: ...  # noqa: D102
+    def shape(self) -> np.ndarray:
+        """Z, shape (S,), in the plane (S, 2) [m]."""
+        ...
+
     @property
-    def tension(self) -> np.ndarray: ...  # noqa: D102
+    def tension(self) -> np.ndarray:
+        """T, likewise [N]."""
+        ...
+
     @property
-    def actuation(self) -> np.ndarray: ...  # noqa: D102
+    def actuation(self) -> np.ndarray:
+        """L in force, likewise [m]."""
+        ...
+
     @property
-    def friction(self) -> np.ndarray: ...  # noqa: D102
+    def friction(self) -> np.ndarray:
+        """In force, as in a target, shape (F,) [N]."""
+        ...
+
     @property
-    def contact_state(self) -> np.ndarray: ...  # noqa: D102
+    def contact_state(self) -> np.ndarray:
+        """1 where a contact slid forward (in the plane: slid) on the last command, -1 backward, 0 stuck, shape (N,)."""
+        ...
 
     def margins(self, force: np.ndarray) -> np.ndarray:
-        """Compute the distance of the spring forces, shape as x [N], from their nearest bounds, shape (N,) [N]."""
+        """Compute the distance of the spring forces from their nearest bounds.
+
+        Args:
+            force: g, shape (N,), in the plane (N, 2) [N].
+
+        Returns:
+            Shape (N,) [N].
+        """
         ...
 
     def visited_margin(self, force: np.ndarray) -> float:
-        """Compute how near all contacts are to sliding at once under the spring forces, shape as x [N]."""
+        """Compute how near all contacts are to sliding at once.
+
+        Args:
+            force: g, shape (N,), in the plane (N, 2) [N].
+
+        Returns:
+            The margin [1].
+        """
         ...
 
     def copy(self) -> State:
@@ -59,17 +82,17 @@ class State(Protocol):
 
 
 class Motion(Protocol):
-    """How one kind of body follows its commands.
-
-    Attributes:
-        methods: the methods that it knows, the best one first.
-        samples_margin: whether a ramp sees its visited margin at its ends only, even if it is exact.
-    """
+    """How one kind of body follows its commands."""
 
     @property
-    def methods(self) -> tuple[str, ...]: ...  # noqa: D102
+    def methods(self) -> tuple[str, ...]:
+        """The methods that it knows, the best one first."""
+        ...
+
     @property
-    def samples_margin(self) -> bool: ...  # noqa: D102
+    def samples_margin(self) -> bool:
+        """Whether a ramp sees its visited margin at its ends only, even if it is exact."""
+        ...
 
     def start(self, x: np.ndarray, target: np.ndarray) -> Any:
         """Build the state at rest.

@@ -53,7 +53,7 @@ def count_elements(
         predict: error of `gains` that standing contacts cause, of numbers of elements, both of shape (M,) [m].
         scale: largest change of length commanded [m].
         accuracy: error allowed, relative to `scale` [1].
-        waves: wavelengths in the segment's length, 0 without a wave; a mesh resolves each of them.
+        waves: wavelengths in the segment's length, 0 without a wave [1]; a mesh resolves each of them.
 
     Returns:
         The number: more than the least number from which on every grid is accurate enough, at most a few times more.
@@ -88,7 +88,7 @@ def count_elements_of_waves(waves: float, accuracy: float) -> int:
     is of second order in the elements a wavelength, and the smaller the shorter the waves are.
 
     Args:
-        waves: wavelengths in the segment's length.
+        waves: wavelengths in the segment's length [1].
         accuracy: error allowed [1].
 
     Returns:

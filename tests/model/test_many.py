@@ -317,9 +317,9 @@ def test_a_grid_has_the_last_key_fastest():
     grid = vary(load_scene("two_anchor_a"), {"drive.length": [1, 2], "drive.friction": [1, 3, 5]})
     assert grid.shape == (2, 3)
     assert len(grid) == 6
-    assert [(s.drive.length, s.drive.friction) for s in grid] == [(a, b) for a in (1, 2) for b in (1, 3, 5)]
+    assert [(s.parts.drive.length, s.parts.drive.friction) for s in grid] == [(a, b) for a in (1, 2) for b in (1, 3, 5)]
     beside = vary(load_scene("two_anchor_a"), {"drive.length": [1, 2], "drive.friction": [1, 3]}, grid=False)
-    assert [(s.drive.length, s.drive.friction) for s in beside] == [(1, 1), (2, 3)]
+    assert [(s.parts.drive.length, s.parts.drive.friction) for s in beside] == [(1, 1), (2, 3)]
     assert "2 x 3 of drive.length, drive.friction" in repr(grid)
 
 
@@ -360,14 +360,14 @@ def test_friction_both_ways_is_varied_on_one_side():
     assert runs.per_period[1:] == pytest.approx(1.0)
     variations = vary(load_scene("two_contacts_anisotropic"), {"friction.isotropic": [0.3]})
     for (other,) in (variations, pickle.loads(pickle.dumps(variations))):  # other processes get them so
-        assert other.friction.sides == (0.3, 0.3)
+        assert other.parts.friction.sides == (0.3, 0.3)
 
 
 def test_friction_both_ways_is_varied_on_one_side_of_a_segment():
     document = coarse("hybrid_body").document()
     document["body"]["segments"][0]["friction"] = {"isotropic": 0.2}
     (other,) = vary(Scene.model_validate(document), {"body.segments.trunk.friction.forward": [0.1]})
-    assert other.body.segments[0].friction.sides == (0.1, 0.2)
+    assert other.parts.body.segments[0].friction.sides == (0.1, 0.2)
     (by_place,) = vary(Scene.model_validate(document), {"body.segments.0.friction.forward": [0.1]})
     assert by_place == other
 

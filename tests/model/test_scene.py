@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
 import re
 from importlib import resources
@@ -9,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate
 from crawler_model.scene.file import LARGEST_FILE
@@ -195,11 +195,10 @@ def test_a_scene_from_data_or_by_name_is_refused_in_the_same_words():
         Scene.model_validate(change("frictoin", {}))
     with pytest.raises(SceneError, match=r"^zzz: unknown key; known keys are name, dimension, body"):
         Scene.model_validate(change("zzz", {}))
-    with pytest.raises(SceneError, match=r"simulate: .*; it takes a Scene, a path or a name"):
+    with pytest.raises(SceneError, match=r"simulate: {'name': 'good', .* is no Scene; load_scene builds one"):
         simulate(GOOD)
-    with pytest.raises(SceneError, match="Crawler: 3; it takes a Scene"):
-        Crawler(3)
-    assert Crawler("two_anchor_a") == Crawler(load_scene("two_anchor_a"))
+    with pytest.raises(SceneError, match="Crawler: 'two_anchor_a' is no Scene"):
+        Crawler("two_anchor_a")
 
 
 def test_several_mistakes_are_counted():
@@ -230,8 +229,10 @@ def test_yaml_numbers_without_a_point_are_numbers():
 
 def test_a_scene_is_frozen_and_its_arrays_too():
     scene = Scene.model_validate(GOOD)
-    with pytest.raises(ValidationError):
+    with pytest.raises(AttributeError):
         scene.name = "other"
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scene.body = None
     for array in (scene.body.position, scene.drive.forward, scene.drive.actuation):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0

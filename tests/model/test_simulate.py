@@ -111,7 +111,7 @@ def test_a_tick_of_many_periods():
 
 
 def test_ticks_a_billionth_of_a_period():
-    data = load_scene("two_anchor_a").model_dump()
+    data = load_scene("two_anchor_a").document()
     data["drive"]["period"] = 1000.0
     slow = type(load_scene("two_anchor_a")).model_validate(data)
     run = simulate(slow, duration=2e-3, rate=1e6)  # 2000 ticks of 1e-9 periods

@@ -168,11 +168,15 @@ def test_nothing_resists_and_nothing_is_chosen_but_rest():
 def test_too_many_different_frictions_are_not_decided():
     rows = np.linspace(1.0, 2.0, 65)[:, None] * np.linspace(1.0, 1.5, 17)
     drive = {"times": list(range(65)), "actuation": [[0] * 16] * 65, "friction": {"isotropic": rows.tolist()}}
-    assert commanded_margin(scene(17, drive=drive)) is None
+    assert margin(scene(17, drive=drive)) is None
     few = {"times": [0, 1], "actuation": [[0] * 16] * 2, "friction": {"isotropic": rows[:2].tolist()}}
-    assert commanded_margin(scene(17, drive=few)) == pytest.approx(uniqueness_margin(rows[0], rows[0]), abs=1e-12)
+    assert margin(scene(17, drive=few)) == pytest.approx(uniqueness_margin(rows[0], rows[0]), abs=1e-12)
 
 
 def test_the_interval_wants_one_number_for_each_contact():
     with pytest.raises(ValueError, match=r"shapes \(2,\), \(3,\), \(2,\); one per contact"):
         translation_interval([0, 1], [1, 1, 1], [1, 1])
+
+
+def margin(scene):
+    return commanded_margin(scene.body, scene.drive)

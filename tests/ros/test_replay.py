@@ -344,7 +344,7 @@ def test_two_robots_are_told_apart(tmp_path):
 
 def stopping(length: float, periods: float, rest: float, folder: Path) -> Standstill | None:
     """Strategy B from rest, and then nothing for a while."""
-    plain = load_scene("two_anchor_b").model_dump(exclude_unset=True)
+    plain = load_scene("two_anchor_b").document()
     plain["drive"]["length"], plain["start"] = length, {"displacement": [0.0, 0.0]}
     scene = Scene.model_validate(plain)
     sent = itertools.chain(play(scene, 0, round(periods * NS)), hold(round(periods * 100), round(rest * 100)))

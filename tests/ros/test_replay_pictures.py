@@ -23,7 +23,7 @@ TOLERANCE = 8.0
 
 
 def strategy_b(name: str, length: float) -> Scene:
-    plain = load_scene("two_anchor_b").model_dump(exclude_unset=True)
+    plain = load_scene("two_anchor_b").document()
     plain["name"], plain["drive"]["length"] = name, length
     return Scene.model_validate(plain)
 
