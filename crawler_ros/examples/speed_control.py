@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import signal
 import sys
+import threading
 from collections.abc import Generator
 
 import rclpy
@@ -18,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -135,13 +137,6 @@ class SpeedControl(Node):
                 integral += self.ki * error
 
 
-def stop(*_: object) -> None:
-    """End in order; launch and a process group send the signal twice, and the second one must not disturb."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
 def main(args: list[str] | None = None) -> None:
     """Run the controller until its periods are over, or until a signal.
 
@@ -151,14 +146,16 @@ def main(args: list[str] | None = None) -> None:
     if {"-h", "--help"} & set(sys.argv[1:] if args is None else args):
         print(__doc__)
         return
+    stopping = threading.Event()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
+    for number in (signal.SIGINT, signal.SIGTERM):  # no exception: one that is raised in a callback of C is lost
+        signal.signal(number, lambda *_: stopping.set())
     try:
         node = SpeedControl()
-        rclpy.spin_until_future_complete(node, node.done)
-    except KeyboardInterrupt:
-        pass
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not (stopping.is_set() or node.done.done()):
+            executor.spin_once(timeout_sec=0.1)
     except InvalidParameterTypeException as error:
         sys.exit(f"speed_control: {error}")
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def test_they_are_plain_rclpy_with_standard_messages(module):
             imported.add(node.module.split(".")[0])
         elif isinstance(node, ast.Import):
             imported |= {alias.name.split(".")[0] for alias in node.names}
-    assert imported <= standard | {"__future__", "re", "sys", "signal", "collections"}
+    assert imported <= standard | set(sys.stdlib_module_names)
 
 
 def play(folder, scene: str, controller: str, *parameters: str, simulator: tuple[str, ...] = ("lock_step:=true",)):

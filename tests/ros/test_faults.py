@@ -207,7 +207,7 @@ def test_behind_a_stopped_viewer_frames_are_dropped_and_counted(ros):
 
 LISTENER = """
 import rclpy
-from crawler_ros import interface
+from crawler_ros.wire import interface
 rclpy.init()
 node = rclpy.create_node("slow")
 for name, topic in interface.topics().items():
