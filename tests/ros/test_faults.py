@@ -90,7 +90,7 @@ def test_a_controller_that_is_killed_and_comes_back(ros):
     assert process.end() == 0
     path = only(bags)
     assert_whole(path)
-    drive = load_scene("three_contacts_two_ways").commands
+    drive = load_scene("three_contacts_two_ways").drive
     crawler = Crawler(load_scene("three_contacts_two_ways"))
     for message in recorded(path, "/applied_commands"):
         if stamp_ns(message) > stamp_ns(ros.heard["applied_commands"][held - 1]):

@@ -147,7 +147,7 @@ def test_every_executable_is_installed_in_each_way():
     assert shared["launch"] == "share/crawler_ros/launch"
     setup = (ROOT / "setup.py").read_text()
     assert '("share/crawler_ros/launch", sorted(glob("launch/*")))' in setup
-    assert '"crawler_ros.examples"' in setup
+    assert 'find_packages(include=["crawler_*", "msgs_config"])' in setup
     for name in {p.executable for _, p in every_start() if p.package == PACKAGE}:
         shim = ROOT / "resource" / "lib" / name
         assert os.access(shim, os.X_OK)

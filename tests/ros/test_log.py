@@ -17,8 +17,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from .graph import environment, graph, wait_until
-from .machine import Sender, children, encode_array, simulator, status, value
+from crawler_bench.node.processes import children, wait_until
+
+from .graph import environment, graph
+from .machine import Sender, encode_array, simulator, status, value
 
 TALKER = """
 import os, sys
@@ -108,7 +110,7 @@ def test_with_its_log_in_a_full_pipe_the_simulator_runs_serves_and_ends(ros, tur
     process = subprocess.Popen(simulator(), env=environment(ros.domain), stderr=writer, start_new_session=True)
     os.close(writer)
     try:
-        wait_until(lambda: ros.heard["joint_states"], 60.0, "the first state")
+        wait_until(lambda: ros.heard["joint_states"], what="the first state")
         for k in range(30):
             ros.publish("actuation_controller/commands", Float64MultiArray(data=[float("nan")] * (k + 3)))
         wait_until(lambda: status(ros, "commands") and value(ros, "commands", "refused") == "30", what="30 refused")
@@ -155,7 +157,7 @@ def test_torn_messages_are_refused_before_the_middleware_decodes_them(ros):
 def test_its_log_is_emptied_by_one_process_that_ends_with_it(ros):
     process = subprocess.Popen(simulator(), env=environment(ros.domain), stderr=subprocess.PIPE)
     ros.hear("joint_states")
-    wait_until(lambda: ros.heard["joint_states"], 60.0, "the first state")
+    wait_until(lambda: ros.heard["joint_states"], what="the first state")
     (drain,) = children(process.pid)
     process.send_signal(signal.SIGINT)
     said = process.stderr.read().decode()

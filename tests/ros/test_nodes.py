@@ -140,7 +140,9 @@ def test_pause_step_and_reset(ros):
     assert all(answer.success for answer in answers)
     times = [float(re.fullmatch(r"at simulated time (\S+) s", answer.message)[1]) for answer in answers]
     assert np.rint(np.diff(times) * 1000).tolist() == [1] * 19
-    wait_until(lambda: seconds(ros.heard["joint_states"][-1]) == times[-1], what="the last step's state")
+    wait_until(
+        lambda: round(1e9 * (seconds(ros.heard["joint_states"][-1]) - times[-1])) == 0, what="the last step's state"
+    )
     heard = len(ros.heard["joint_states"])
     assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
     first = wait_until(lambda: list(ros.heard["joint_states"][heard:]))[0]

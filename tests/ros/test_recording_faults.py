@@ -13,11 +13,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from crawler_bench.node.processes import wait_until
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
-from .graph import environment, graph, wait_until
-from .machine import Command, simulator, status
+from .graph import environment, graph
+from .machine import simulator, status
 
 
 @pytest.fixture
@@ -114,7 +115,7 @@ def test_a_folder_that_is_locked_keeps_its_messages_and_is_reported(ros):
 def test_message_definitions_are_found_beside_an_unrelated_prefix(ros):
     ros.hear("joint_states")
     bags = ros.folder / "bags"
-    process = Command(ros, simulator(f"record:={bags}"), AMENT_PREFIX_PATH=str(ros.folder))
+    process = ros.run(simulator(f"record:={bags}"), AMENT_PREFIX_PATH=str(ros.folder))
     wait_until(lambda: ros.heard["joint_states"] or process.process.poll() is not None, what="a state")
     wait_for_more(ros)
     assert process.end() == 0, process.said
@@ -131,7 +132,7 @@ sys.exit(main())
 
 def test_a_package_without_definitions_is_named_with_the_variable(tmp_path):
     """A ROS installation elsewhere, of which the environment knows nothing."""
-    given = environment(1) | {"AMENT_PREFIX_PATH": str(tmp_path)}
+    given = environment() | {"AMENT_PREFIX_PATH": str(tmp_path)}
     words = ["--ros-args", "-p", f"record:={tmp_path / 'bags'}"]
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_PACKAGES, *words], env=given, capture_output=True, text=True, timeout=120

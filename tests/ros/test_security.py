@@ -225,7 +225,7 @@ def test_what_a_scene_file_must_not_do_is_one_line(tmp_path, name):
 
 def test_aliases_that_stand_for_little_are_taken():
     text = "name: a\nbody: {contacts: [0, 1, 2], links: {stiffness: &k [1, 2]}}\nfriction: {forward: &f [1, 1, 1], backward: *f}"
-    assert parse_scene(text).friction.backward == (1.0, 1.0, 1.0)
+    assert parse_scene(text).parts.friction.backward == (1.0, 1.0, 1.0)
 
 
 def strange_paths(folder: Path) -> list[tuple[str, str]]:
