@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import SHORTEST_STRETCH
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -24,16 +25,17 @@ from ..state import (
     shift,
 )
 from ..translation import choose_translation, is_wide
-from .margin import put_off, slides_at_once
+from .margin import defer_arrivals, slides_at_once
 from .memory import (
+    ROW_ARRIVAL,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
     ROW_FORCE_RATE,
-    ROW_GRAIN,
     ROW_GUESS,
     ROW_LOAD,
     ROW_LOWER,
+    ROW_MAGNITUDE,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
     ROW_UPPER,
@@ -43,10 +45,8 @@ from .memory import (
     displace,
 )
 
-_STRETCH = 1e-6
-"""A piece shorter than this part of its ramp is an isolated instant, see `chain_tick`."""
 INSTANT = 1e-12
-"""At the end of a ramp on which all friction vanishes there may be no rate, but there is no time left either."""
+"""A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
 
 
 @compiled
@@ -72,24 +72,24 @@ def follow_events(
 
     Args:
         ends: the two contacts of each spring, shape (S, 2).
-        stiffness: of the springs, shape (S,) [N/m].
-        network: order and band of `graph_kernel`.
-        work: memory of `graph_kernel`.
+        stiffness: stiffness of the springs, shape (S,) [N/m].
+        network: order and band of the `Network`.
+        work: memory from `active_set.workspace`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (S + 2 N,) [m, N].
-        floats: memory of the ramp, from `graph_memory`, as are the next two.
-        changes: of the rest lengths and tensions.
+        floats: memory of the ramp, from `memory.scratch`, like the next two.
+        changes: changes of the rest lengths and tensions.
         bytes_: sides of the contacts.
-        account: of the ramp, shape (13,), added to.
-        budget: most contacts solved, each round of the active set counting.
-        rounds: most rounds of the active set.
+        account: account of the ramp, shape (13,), added to.
+        budget: upper limit of contacts solved, counted in every round of the active set.
+        rounds: upper limit of rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
 
     Returns:
-        How far it came, 1 for all the way; False when the active set gave up there, True when at most the budget did.
+        The place reached, 1 for the end; False if the active set did not converge there, else True.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
@@ -116,9 +116,9 @@ def follow_events(
             floats[ROW_UPPER, i] = upper
             floats[ROW_LOWER, i] = lower
             changing = floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0
-            floats[ROW_GRAIN, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+            floats[ROW_MAGNITUDE, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
             floats[ROW_LOAD, i] = 0.0
-        add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_GRAIN])
+        add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_MAGNITUDE])
         verdict, turns = displace(network, work, floats, bytes_, min(rounds, 1 + (budget - spent) // n))
         spent += turns * n
         if verdict < 0:
@@ -136,21 +136,21 @@ def follow_events(
                 bytes_[2, i] = AT_FORWARD | AT_BACKWARD
             else:
                 bytes_[2, i] = AT_FORWARD if bytes_[0, i] == 1 else (AT_BACKWARD if bytes_[0, i] == -1 else 0)
-            floats[ROW_GRAIN, i] = np.inf  # from here on: when the contact reaches a bound
+            floats[ROW_ARRIVAL, i] = np.inf
             closing = g_rate - floats[ROW_D_FORWARD, i]
             if closing > 0.0 and not status[i] & AT_FORWARD:
                 above = contacts[FORWARD, i] + at * floats[ROW_D_FORWARD, i] - g
-                floats[ROW_GRAIN, i] = at + max(above, 0.0) / closing
+                floats[ROW_ARRIVAL, i] = at + max(above, 0.0) / closing
                 bytes_[1, i] = AT_FORWARD
             closing = -g_rate - floats[ROW_D_BACKWARD, i]
             if closing > 0.0 and not status[i] & AT_BACKWARD:
                 below = contacts[BACKWARD, i] + at * floats[ROW_D_BACKWARD, i] + g
                 other = at + max(below, 0.0) / closing
-                if other < floats[ROW_GRAIN, i]:
-                    floats[ROW_GRAIN, i] = other
+                if other < floats[ROW_ARRIVAL, i]:
+                    floats[ROW_ARRIVAL, i] = other
                     bytes_[1, i] = AT_BACKWARD
-            when = min(when, floats[ROW_GRAIN, i])
-        when = put_off(ends, stiffness, contacts, links, change, bytes_[1], floats, when)
+            when = min(when, floats[ROW_ARRIVAL, i])
+        when = defer_arrivals(ends, stiffness, contacts, links, change, bytes_[1], floats, when)
         ending = not when < 1.0
         until = 1.0 if ending else when
         ds = until - at
@@ -165,7 +165,7 @@ def follow_events(
                 floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
                 floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
-            if ds > _STRETCH and is_wide(least, most, v):
+            if ds > SHORTEST_STRETCH and is_wide(least, most, v):
                 account[AMBIGUOUS] = 1.0
                 account[GAIN_LEAST] += least * ds
                 account[GAIN_MOST] += most * ds
@@ -199,6 +199,6 @@ def follow_events(
         if ending:
             return 1.0, True
         for i in range(n):
-            if floats[ROW_GRAIN, i] <= at:
+            if floats[ROW_ARRIVAL, i] <= at:
                 status[i] |= bytes_[1, i]
             floats[ROW_GUESS, i] = v[i]
