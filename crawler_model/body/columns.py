@@ -71,8 +71,8 @@ class Columns:
         """Names of the columns, shape (C,)."""
         if self.planar is not None:
             links = [f"link_{i}/{axis}" for i in range(self.links) for axis in "xy"]
-            ways = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
-            return (*links, *(f"contact_{i}/{way}" for i in range(self.contacts) for way in ways))
+            suffixes = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
+            return (*links, *(f"contact_{i}/{suffix}" for i in range(self.contacts) for suffix in suffixes))
         names = [f"link_{i}" for i in range(self.links)]
         for name, strain, _ in self.segments:
             names += [name] if strain == 1 else [f"{name}/element_{j}" for j in range(strain)]

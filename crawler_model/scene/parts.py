@@ -356,7 +356,7 @@ class SceneParts(_Part):
 
     name: Annotated[str, _key("Name in tables and recordings.")]
     dimension: Annotated[Literal[1, 2], _key("1 on a line, 2 in the plane.")] = 1
-    body: Annotated[BodyPart, _key("Contacts, segments and links.")]
+    body: Annotated[BodyPart, _key("The parts of the crawler.")]
     friction: Annotated[
         Annotated[FrictionPart, BeforeValidator(_explain_friction)] | None,
         _key("Friction of the isolated contacts; required if there are any."),

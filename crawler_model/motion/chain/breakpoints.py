@@ -122,14 +122,14 @@ def _join(floats, children, path, low, high):
 
 
 @compiled
-def _cut(floats, children, path, root, way, here, height, flat):
-    """Search outwards from `here` until the curve has fallen (way -1) or risen (way 1) by `height`; cut the tree there.
+def _cut(floats, children, path, root, direction, here, height, flat):
+    """Find where the curve has fallen (direction -1) or risen (1) by `height`, outwards from `here`; cut the tree there.
 
     Returns the trees below and above, the zero, the heights left before and beyond it, the slopes there,
     and the number of nodes visited. A breakpoint at the zero is in neither tree: its jump is split.
     """
-    near, inner = (_RIGHT, _LAST) if way < 0.0 else (_LEFT, _FIRST)
-    outer = _FIRST if way < 0.0 else _LAST
+    near, inner = (_RIGHT, _LAST) if direction < 0.0 else (_LEFT, _FIRST)
+    outer = _FIRST if direction < 0.0 else _LAST
     slope = flat
     depth = 0
     node = root
@@ -142,41 +142,41 @@ def _cut(floats, children, path, root, way, here, height, flat):
         left_over = height
         steep = slope
         if beside >= 0:
-            left_over -= steep * way * (floats[beside, inner] - start)
+            left_over -= steep * direction * (floats[beside, inner] - start)
             turn = floats[beside, _TURN]
-            at_left = max(steep - turn, flat) if way < 0.0 else steep
+            at_left = max(steep - turn, flat) if direction < 0.0 else steep
             left_over -= at_left * (floats[beside, _LAST] - floats[beside, _FIRST]) + floats[beside, _RISE]
             start = floats[beside, outer]
-            steep = max(steep + way * turn, flat)
-        beyond = left_over - steep * way * (floats[node, POSITION] - start)
+            steep = max(steep + direction * turn, flat)
+        beyond = left_over - steep * direction * (floats[node, POSITION] - start)
         if left_over <= 0.0 and beside >= 0:  # before the last breakpoint on this side
-            path[depth] = 2 * node + (way < 0.0)
+            path[depth] = 2 * node + (direction < 0.0)
             depth += 1
             node = beside
             continue
         if beyond <= 0.0:  # between the subtree and the node
-            zero = start + way * left_over / steep
-            path[depth] = 2 * node + (way < 0.0)
+            zero = start + direction * left_over / steep
+            path[depth] = 2 * node + (direction < 0.0)
             depth += 1
-            if way < 0.0:
+            if direction < 0.0:
                 high = beside
             else:
                 low = beside
             low, high = _climb(floats, children, path, depth, low, high)
             return low, high, zero, 0.0, 0.0, steep, steep, depth
         here = floats[node, POSITION]
-        after = max(steep + way * floats[node, SLOPE], flat)
+        after = max(steep + direction * floats[node, SLOPE], flat)
         if floats[node, JUMP] >= beyond:  # at the node
             low, high = children[node, _LEFT], children[node, _RIGHT]
             low, high = _climb(floats, children, path, depth, low, high)
             return low, high, here, beyond, floats[node, JUMP] - beyond, steep, after, depth + 1
         height = beyond - floats[node, JUMP]
         slope = after
-        path[depth] = 2 * node + (way > 0.0)
+        path[depth] = 2 * node + (direction > 0.0)
         depth += 1
         node = children[node, 1 - near]
     low, high = _climb(floats, children, path, depth, low, high)
-    return low, high, here + way * height / slope, 0.0, 0.0, slope, slope, depth
+    return low, high, here + direction * height / slope, 0.0, 0.0, slope, slope, depth
 
 
 @compiled

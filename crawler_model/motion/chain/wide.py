@@ -96,13 +96,13 @@ def _read(stack, row, place):
 
 
 @compiled
-def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, way, zero, flat):
+def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, direction, zero, flat):
     """Move the zero outwards past breakpoints of the stack `near`, which move to the stack `far`.
 
     Returns the lengths of both stacks, the zero, the heights of the curve before and beyond it, and the slopes there.
     """
     here = _add(_read(near, _POSITION, n_near - 1), shift_near)
-    distance = _subtract(here, zero) if way < 0.0 else _subtract(zero, here)
+    distance = _subtract(here, zero) if direction < 0.0 else _subtract(zero, here)
     slope = (flat, 0.0)
     height = _multiply(distance, slope)
     while True:
@@ -121,11 +121,11 @@ def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, way, zero, flat)
         n_far += 1
         slope = outer
         step = _divide(height, slope)
-        zero = _subtract(here, step) if way < 0.0 else _add(here, step)
+        zero = _subtract(here, step) if direction < 0.0 else _add(here, step)
         if n_near == 0:
             return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope
         further = _add(_read(near, _POSITION, n_near - 1), shift_near)
-        distance = _subtract(here, further) if way < 0.0 else _subtract(further, here)
+        distance = _subtract(here, further) if direction < 0.0 else _subtract(further, here)
         height = _subtract(height, _multiply(slope, distance))
         if height[0] <= 0.0:
             return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope

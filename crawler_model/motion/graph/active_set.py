@@ -230,17 +230,17 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
             scale += abs(load[p]) + magnitude[p] + (abs(load[p] - total[p]))
         if free and abs(mean) > 64.0 * EPS * scale:
             # no contact holds the body: it moves in the direction of the mean force until a contact sticks
-            way = 1.0 if mean > 0.0 else -1.0
+            direction = 1.0 if mean > 0.0 else -1.0
             first = -1
             far = np.inf
             for p in range(n):
-                if side[p] * way < 0.0 and abs(velocity[p]) < far:
+                if side[p] * direction < 0.0 and abs(velocity[p]) < far:
                     far = abs(velocity[p])
                     first = p
             if first < 0:
                 return -1, turn + 1
             for p in range(n):
-                velocity[p] += way * far
+                velocity[p] += direction * far
             side[first] = 0
             velocity[first] = 0.0
             continue

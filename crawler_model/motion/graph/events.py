@@ -28,16 +28,19 @@ from ..translation import choose_translation, is_wide
 from .margin import defer_arrivals, slides_at_once
 from .memory import (
     ROW_ARRIVAL,
+    ROW_COMING,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
     ROW_FORCE_RATE,
     ROW_GUESS,
+    ROW_HELD,
     ROW_LOAD,
     ROW_LOWER,
     ROW_MAGNITUDE,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
+    ROW_SIDE,
     ROW_UPPER,
     ROW_V,
     add_load,
@@ -130,34 +133,36 @@ def follow_events(
         contact_forces(ends, rate, floats[ROW_FORCE_RATE])
         when = np.inf
         for i in range(n):
-            bytes_[1, i] = 0
+            bytes_[ROW_COMING, i] = 0
             g, g_rate = floats[ROW_FORCE, i], floats[ROW_FORCE_RATE, i]
-            if bytes_[0, i] != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
-                bytes_[2, i] = AT_FORWARD | AT_BACKWARD
+            if bytes_[ROW_SIDE, i] != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
+                bytes_[ROW_HELD, i] = AT_FORWARD | AT_BACKWARD
             else:
-                bytes_[2, i] = AT_FORWARD if bytes_[0, i] == 1 else (AT_BACKWARD if bytes_[0, i] == -1 else 0)
+                bytes_[ROW_HELD, i] = (
+                    AT_FORWARD if bytes_[ROW_SIDE, i] == 1 else (AT_BACKWARD if bytes_[ROW_SIDE, i] == -1 else 0)
+                )
             floats[ROW_ARRIVAL, i] = np.inf
             closing = g_rate - floats[ROW_D_FORWARD, i]
             if closing > 0.0 and not status[i] & AT_FORWARD:
                 above = contacts[FORWARD, i] + at * floats[ROW_D_FORWARD, i] - g
                 floats[ROW_ARRIVAL, i] = at + max(above, 0.0) / closing
-                bytes_[1, i] = AT_FORWARD
+                bytes_[ROW_COMING, i] = AT_FORWARD
             closing = -g_rate - floats[ROW_D_BACKWARD, i]
             if closing > 0.0 and not status[i] & AT_BACKWARD:
                 below = contacts[BACKWARD, i] + at * floats[ROW_D_BACKWARD, i] + g
                 other = at + max(below, 0.0) / closing
                 if other < floats[ROW_ARRIVAL, i]:
                     floats[ROW_ARRIVAL, i] = other
-                    bytes_[1, i] = AT_BACKWARD
+                    bytes_[ROW_COMING, i] = AT_BACKWARD
             when = min(when, floats[ROW_ARRIVAL, i])
-        when = defer_arrivals(ends, stiffness, contacts, links, change, bytes_[1], floats, when)
+        when = defer_arrivals(ends, stiffness, contacts, links, change, bytes_[ROW_COMING], floats, when)
         ending = not when < 1.0
         until = 1.0 if ending else when
         ds = until - at
         middle = 0.5 * (at + until)
 
         critical, margin = slides_at_once(
-            ends, stiffness, contacts, links, change, status, bytes_[0], floats, at, whole
+            ends, stiffness, contacts, links, change, status, bytes_[ROW_SIDE], floats, at, whole
         )
         account[VISITED] = min(account[VISITED], margin)
         if critical or verdict == 1:
@@ -194,11 +199,11 @@ def follow_events(
                     account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
                     shift(contacts, v[i], ds, i)
                     contacts[RELATIVE, i] += v[i] * ds
-                status[i] &= bytes_[2, i]
+                status[i] &= bytes_[ROW_HELD, i]
         at = until
         if ending:
             return 1.0, True
         for i in range(n):
             if floats[ROW_ARRIVAL, i] <= at:
-                status[i] |= bytes_[1, i]
+                status[i] |= bytes_[ROW_COMING, i]
             floats[ROW_GUESS, i] = v[i]

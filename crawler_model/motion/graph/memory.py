@@ -25,6 +25,9 @@ from .active_set import move
     ROW_ARRIVAL,
 ) = range(14)
 _FLOAT_ROWS = 14
+# Rows of the scratch bytes: side of a contact, bound that it approaches, bounds at which it stays; zeros, never written.
+ROW_SIDE, ROW_COMING, ROW_HELD, ROW_NO_STATUS = range(4)
+_BYTE_ROWS = 4
 
 
 def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -37,7 +40,7 @@ def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.nda
     Returns:
         Floats of the contacts, floats of the springs, and flags of the contacts, for `follow`.
     """
-    return np.zeros((_FLOAT_ROWS, contacts)), np.zeros((2, springs)), np.zeros((3, contacts), np.int8)
+    return np.zeros((_FLOAT_ROWS, contacts)), np.zeros((2, springs)), np.zeros((_BYTE_ROWS, contacts), np.int8)
 
 
 @compiled
@@ -83,7 +86,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds):
         network: order and band of the `Network`.
         stiffness_work: memory from `active_set.workspace`.
         floats: rows of this module, shape (14, N); velocities are written.
-        bytes_: sides of the contacts, int8, shape (1, N), written.
+        bytes_: flags of the contacts, int8, shape (4, N); sides are written.
         rounds: upper limit of rounds of the active set.
 
     Returns:
@@ -101,5 +104,5 @@ def displace(network, stiffness_work, floats, bytes_, rounds):
     verdict, turns = move(band, load, lower, upper, magnitude, rounds, work, kernel_floats, sliding, v, side)
     for p in range(n):
         floats[ROW_V, order[p]] = v[p]
-        bytes_[0, order[p]] = side[p]
+        bytes_[ROW_SIDE, order[p]] = side[p]
     return verdict, turns

@@ -52,6 +52,8 @@ from .memory import (
     ROW_MAGNITUDE,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
+    ROW_NO_STATUS,
+    ROW_SIDE,
     ROW_UPPER,
     ROW_V,
     contact_forces,
@@ -140,10 +142,12 @@ def _catch_up(
         whole += floats[ROW_UPPER, i] - floats[ROW_LOWER, i]
         floats[ROW_D_FORWARD, i] = floats[ROW_UPPER, i] - contacts[FORWARD, i]
         floats[ROW_D_BACKWARD, i] = -floats[ROW_LOWER, i] - contacts[BACKWARD, i]
-        bytes_[1, i] = 0  # no status: distances of contacts with side 0 come from their forces
         floats[ROW_MIDDLE, i] = 0.5 * (contacts[FORWARD, i] + target[springs + i])
         floats[ROW_MIDDLE_B, i] = 0.5 * (contacts[BACKWARD, i] + target[springs + n + i])
-    critical, _ = slides_at_once(ends, stiffness, contacts, links, change, bytes_[1], bytes_[0], floats, 1.0, whole)
+    # without status, the distances of contacts with side 0 are computed from their forces
+    critical, _ = slides_at_once(
+        ends, stiffness, contacts, links, change, bytes_[ROW_NO_STATUS], bytes_[ROW_SIDE], floats, 1.0, whole
+    )
     if critical or verdict == 1:
         least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
         if is_wide(least, most, v):
@@ -161,7 +165,7 @@ def _catch_up(
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
         shift(contacts, v[i], 1.0, i)
         contacts[RELATIVE, i] += v[i]
-        side = bytes_[0, i]
+        side = bytes_[ROW_SIDE, i]
         status[i] = AT_FORWARD if side == 1 else (AT_BACKWARD if side == -1 else 0)
         if side != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
             status[i] = AT_FORWARD | AT_BACKWARD

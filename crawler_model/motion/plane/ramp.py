@@ -56,9 +56,9 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
             change = moved[i, c] + contacts[X_REST, i, c]
             before = contacts[X, i, c]
             after = before + change
-            kept = after - before
+            applied = after - before
             contacts[X, i, c] = after
-            contacts[X_REST, i, c] = (before - (after - kept)) + (change - kept)
+            contacts[X_REST, i, c] = (before - (after - applied)) + (change - applied)
     gained = 0.0
     for s in range(ends.shape[0]):
         a = ends[s, 0]
@@ -254,7 +254,7 @@ def follow(
         ends: the contacts a, b of each link, int, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
-        contacts: rows X, X_REST (what rounding took from X) and GAINED (since the call), shape (3, n, 2) [m],
+        contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call), shape (3, n, 2) [m],
             changed in place.
         links: rows TENSION [N] and ACTUATION [m], shape (2, S, 2), changed in place; the tension must be
             k (x_b - x_a - L), and is recomputed from displacements and their rests after every substep.
