@@ -1,4 +1,4 @@
-"""Arrays that nobody writes to."""
+"""Checks of array lengths, and read-only copies."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ def spread(values: Any, size: int, field: str, item: str) -> np.ndarray:
 
     Args:
         values: one number or `size` of them.
-        size: how many entries there are.
-        field: where the values come from, for the error.
-        item: what one entry belongs to, for the error.
+        size: number of entries.
+        field: name of the field that holds the values, for error messages.
+        item: noun for what one entry belongs to, for error messages.
 
     Returns:
         A new array of shape (size,).
 
     Raises:
-        SceneError: when there is neither one number nor one per entry.
+        SceneError: if there is neither one number nor one per entry.
     """
     given = np.asarray(values, dtype=np.float64)
     if given.ndim == 0:
@@ -34,11 +34,11 @@ def spread(values: Any, size: int, field: str, item: str) -> np.ndarray:
 
 
 def frozen(array: ArrayLike, dtype: type[np.generic] = np.float64) -> np.ndarray:
-    """Copy an array and forbid writing to the copy.
+    """Copy an array and make the copy read-only.
 
     Args:
         array: any shape.
-        dtype: of the copy.
+        dtype: data type of the copy.
 
     Returns:
         A read-only copy.

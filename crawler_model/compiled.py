@@ -1,4 +1,4 @@
-"""The one way in which this package compiles a function, and where its compiled functions are kept."""
+"""Compilation of kernels with numba, and the cache of compiled kernels on disk."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from numba.core import event
 
 _DAY = 86_400.0
 _KEPT = 8
-"""Versions of the sources whose kernels are kept; of more, those go that nobody has used for a day."""
+"""Number of source versions whose kernels stay in the cache; older ones are deleted when unused for a day."""
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function with numba, without the interpreter's lock, cached on disk where a place is writable.
+    """Compile a function with numba: it runs without the interpreter's lock and is cached on disk if possible.
 
-    numba takes a cached function as fresh while its own file is unchanged, even if a function or a constant of another
-    file that was compiled into it has changed since; and it compiles anew for each copy of the sources. Here the cache
-    belongs to the contents of all files of this package, so it is never stale and equal copies share it.
+    numba reuses a cached function as long as its own file is unchanged, even if a function or a constant from another
+    file that was compiled into it has changed; and it compiles again for each copy of the sources. Here the cache is
+    keyed by the contents of all files of this package, so it is never stale, and equal copies share it.
 
     Args:
         function: the function to compile.
@@ -50,7 +50,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @functools.cache
 def _sources_hash() -> str:
-    """Hash names and contents of all files of this package."""
+    """Hash the names and contents of all files of this package."""
     root = Path(__file__).parent
     digest = hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
@@ -62,15 +62,15 @@ def _sources_hash() -> str:
 
 @functools.cache
 def _kernel_folder(module: str) -> Path | None:
-    """Make the folder of a module's kernels in the user's cache; None where that cannot be written to."""
+    """Create the folder for a module's kernels in the user's cache; None if it is not writable."""
     try:
         base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         kernels = Path(base) / "crawler" / "kernels"
         folder = kernels / _sources_hash() / module
         folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder.parent)  # in use
+        os.utime(folder.parent)  # marks it as used
         _drop_old(kernels)
-    except (OSError, RuntimeError):  # RuntimeError: there is no home
+    except (OSError, RuntimeError):  # RuntimeError: no home directory
         return None
     return folder if os.access(folder, os.W_OK) else None
 
@@ -83,15 +83,15 @@ def _drop_old(kernels: Path) -> None:
 
 
 class _Announcer(event.Listener):
-    """Tells once a process on standard error that kernels of this package are compiled; loading them is no event."""
+    """Print one line per process on standard error when kernels of this package are compiled (not when loaded)."""
 
     def __init__(self) -> None:
-        self.told = False
+        self.announced = False
 
     def on_start(self, event: Any) -> None:
         function = getattr(event.data.get("dispatcher"), "py_func", None)
-        if not self.told and getattr(function, "__module__", "").startswith(f"{__package__}."):
-            self.told = True
+        if not self.announced and getattr(function, "__module__", "").startswith(f"{__package__}."):
+            self.announced = True
             text = "crawler: compiling the kernels, once on this machine (about half a minute) ..."
             print(text, file=sys.stderr, flush=True)
 

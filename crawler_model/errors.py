@@ -1,13 +1,13 @@
-"""What can go wrong with a value that someone handed in."""
+"""Errors for invalid input."""
 
 from __future__ import annotations
 
 LARGEST = 1e100
-"""Greatest size of any length, force or stiffness that is taken: products of two must not overflow."""
+"""Largest absolute value accepted for a length, force or stiffness, so that products of two do not overflow."""
 
 
 class CrawlerError(ValueError):
-    """The root of every error that this package raises on purpose: one line that names field, value and bound."""
+    """Base class of all deliberate errors of this package: one line that names the field, the value and the bound."""
 
 
 class SceneError(CrawlerError):
@@ -15,4 +15,4 @@ class SceneError(CrawlerError):
 
 
 class CommandError(CrawlerError):
-    """A command that cannot be followed: wrong length, not finite, negative friction. The state is untouched."""
+    """A command that cannot be followed: wrong length, not finite, negative friction. The state does not change."""

@@ -1,1 +1,1 @@
-"""What is simulated, as arrays: the body, what can be commanded of it, and what drives it."""
+"""The simulated model as arrays: the body, the layout of its commands, and its drive."""

@@ -1,8 +1,8 @@
 """The body: contacts on the ground, joined by springs whose rest lengths are commanded.
 
-A body is built of isolated contacts, of segments (intervals that touch the ground all along, cut into elements) and of
-links between them. What is left after building is one graph of springs between contacts; a body whose springs join
-each contact to the next is a chain.
+A body consists of isolated contacts, segments (intervals that touch the ground along their whole length, divided into
+elements) and links between them. All of these become one graph of springs between contacts; a body whose springs join
+each contact to the next one is a chain.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from numpy.typing import ArrayLike
 
 @dataclass(frozen=True)
 class Segment:
-    """Where a segment lies in the arrays of a body.
+    """Position of a segment in the arrays of a body.
 
     Attributes:
-        name: as in the scene.
-        first: its first contact.
-        elements: how many elements it is cut into; its contacts are first .. first + elements.
-        first_spring: the spring of its first element; those of the others follow.
-        length: [m].
-        shown: how many of its contacts are listed where all would be too many; None for all.
+        name: name in the scene.
+        first: index of its first contact.
+        elements: number of elements; its contacts are first .. first + elements.
+        first_spring: spring of its first element; the springs of the other elements follow.
+        length: length of the segment [m].
+        shown: number of contacts that are listed; None for all.
     """
 
     name: str
@@ -41,17 +41,17 @@ class Segment:
 
     @property
     def last(self) -> int:
-        """Its last contact."""
+        """Index of the last contact."""
         return self.first + self.elements
 
     @property
     def contacts(self) -> slice:
-        """Its contacts."""
+        """Slice of its contacts."""
         return slice(self.first, self.last + 1)
 
     @property
     def springs(self) -> slice:
-        """Its springs."""
+        """Slice of its springs."""
         return slice(self.first_spring, self.first_spring + self.elements)
 
 
@@ -63,12 +63,12 @@ class Body:
         position: reference positions xi, shape (N,), increasing; shape (N, 2) in the plane [m].
         ends: the two contacts of each spring, shape (S, 2); on a line the first lies before the second.
         stiffness: k, shape (S,) [N/m].
-        share: weight of each contact in the net translation, shape (N,); their sum is 1. Every isolated contact
-            and every segment counts once, a segment with the mean over its length.
-        ground: length of ground that each contact stands for, 1 for an isolated one, shape (N,) [m].
-        isolated: the isolated contacts, in the scene's order, shape (I,).
-        link_springs: the spring of each link, in the scene's order, shape (links,).
-        segments: where the segments are.
+        share: weight of each contact in the net translation, shape (N,), summing to 1. Every isolated contact and
+            every segment has the same weight; a segment contributes the mean over its length.
+        ground: length of ground that each contact represents, 1 for an isolated contact, shape (N,) [m].
+        isolated: indices of the isolated contacts, in the order of the scene, shape (I,).
+        link_springs: index of the spring of each link, in the order of the scene, shape (links,).
+        segments: positions of the segments in these arrays.
     """
 
     position: np.ndarray
@@ -82,12 +82,12 @@ class Body:
 
     @property
     def contacts(self) -> int:
-        """Number of contacts N, those of segments included."""
+        """Number of contacts N, including those of segments."""
         return int(self.position.shape[0])
 
     @property
     def springs(self) -> int:
-        """Number of springs S, those of segments included."""
+        """Number of springs S, including those of segments."""
         return int(self.stiffness.size)
 
     @property
@@ -110,25 +110,25 @@ class Body:
 
     @functools.cached_property
     def stations(self) -> np.ndarray:
-        """The contacts that stand for the body: the isolated ones, then both ends of each segment."""
+        """Indices of the isolated contacts, then of both ends of each segment."""
         ends = [i for s in self.segments for i in (s.first, s.last)]
         return np.concatenate((self.isolated, np.array(ends, dtype=np.int64))).astype(np.int64)
 
     @functools.cached_property
     def element_ends(self) -> np.ndarray:
-        """Both contacts of each element of a segment, shape (P, 2)."""
+        """Indices of the two contacts of each element of all segments, shape (P, 2)."""
         first = [np.arange(s.first, s.last) for s in self.segments]
         left = np.concatenate([np.zeros(0, np.int64), *first])
         return np.column_stack((left, left + 1))
 
     @property
     def station_share(self) -> np.ndarray:
-        """Weight of each station when the net translation is estimated from stations alone; exact without segments."""
+        """Weight of each station in an estimate of the net translation from stations alone; exact without segments."""
         parts = self.isolated.size + len(self.segments)
         return np.array([1.0] * self.isolated.size + [0.5] * 2 * len(self.segments)) / parts
 
     def elongation(self, x: np.ndarray) -> np.ndarray:
-        """Compute how much longer each spring is than in the reference shape.
+        """Compute the elongation of each spring relative to the reference shape.
 
         Args:
             x: displacement, shape (..., N), in the plane (..., N, 2) [m].
@@ -169,14 +169,14 @@ class Body:
         return force.T.reshape(*t.shape[:-1], self.contacts)
 
     def describe(self) -> str:
-        """Say in a few words what the body consists of.
+        """Describe the components of the body in a few words.
 
         Returns:
-            As in "2 contacts, 1 segment (120 elements), 2 links, a chain".
+            For example "2 contacts, segment trunk (120 elements), 2 links".
         """
 
-        def count(number: int, what: str) -> str:
-            return f"{number} {what}{'' if number == 1 else 's'}"
+        def count(number: int, noun: str) -> str:
+            return f"{number} {noun}{'' if number == 1 else 's'}"
 
         parts = [count(int(self.isolated.size), "contact")] if self.isolated.size else []
         parts += [f"segment {s.name} ({count(s.elements, 'element')})" for s in self.segments]
@@ -185,14 +185,14 @@ class Body:
 
     @functools.cached_property
     def joints(self) -> np.ndarray:
-        """The stations between which each link, then each segment, lies: places in `stations`, shape (J, 2)."""
+        """End stations of each link, then of each segment: indices into `stations`, shape (J, 2)."""
         place = {int(contact): i for i, contact in enumerate(self.stations)}
         pairs = [tuple(self.ends[spring]) for spring in self.link_springs]
         pairs += [(s.first, s.last) for s in self.segments]
         return np.array([[place[int(a)], place[int(b)]] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
 
     def joint_sum(self, values: np.ndarray) -> np.ndarray:
-        """Sum values of springs over each joint: of a link its own, of a segment those of all its elements.
+        """Sum values of springs over each joint; a link has one spring, a segment one per element.
 
         Args:
             values: one per spring, shape (S, ...).
@@ -220,7 +220,7 @@ class Body:
         return self.joint_sum(values) / counts.reshape(-1, *(1,) * (values.ndim - 1))
 
     def force_size(self, tension: np.ndarray) -> np.ndarray:
-        """Compute the sum of the sizes of the tensions that meet at each contact, for what rounding can do.
+        """Compute the sum of the absolute tensions at each contact, which bounds the rounding error of its force.
 
         Args:
             tension: T, shape (S,) [N].
@@ -234,10 +234,10 @@ class Body:
         return size
 
     def name_of(self, contact: int) -> str:
-        """Name a contact as a person would.
+        """Return a readable name of a contact.
 
         Args:
-            contact: its number in the arrays.
+            contact: its index in the arrays.
 
         Returns:
             "contact 2", or "segment trunk at 0.4 m".
@@ -248,7 +248,7 @@ class Body:
         return f"contact {int(np.flatnonzero(self.isolated == contact)[0])}"
 
     def relaxed(self, actuation: np.ndarray) -> np.ndarray:
-        """Compute displacements at which the springs pull no contact, the first contact in place.
+        """Compute displacements at which no spring exerts a force; the first contact is not displaced.
 
         Args:
             actuation: L, shape (S,), in the plane (2 S,), x and y of each in turn [m].

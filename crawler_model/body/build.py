@@ -1,4 +1,4 @@
-"""From isolated contacts, segments and links to a body, each checked against the others."""
+"""Build a body from isolated contacts, segments and links, and check them against each other."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Interval:
     """A segment before it is built into a body.
 
     Attributes:
-        name: as in the scene.
+        name: name in the scene.
         nodes: reference positions of its contacts, increasing, shape (elements + 1,) [m].
-        stiffness: of its elements, shape (elements,) [N/m].
-        shown: how many of its contacts are listed; None for all.
+        stiffness: stiffness of its elements, shape (elements,) [N/m].
+        shown: number of contacts that are listed; None for all.
     """
 
     name: str
@@ -38,14 +38,14 @@ class Interval:
 
     @property
     def cells(self) -> np.ndarray:
-        """Length that each contact stands for: half of each element beside it, shape (elements + 1,) [m]."""
+        """Length that each contact represents: half of each adjacent element, shape (elements + 1,) [m]."""
         cells = np.full(self.nodes.size, self.element)
         cells[0] = cells[-1] = 0.5 * self.element
         return cells
 
 
 End: TypeAlias = int | tuple[str, Literal["from", "to"]]
-"""What a link joins: a contact by its number, or an end of a segment by its name."""
+"""An end of a link: a contact by its number, or an end of a segment by the segment's name."""
 
 
 def build_body(
@@ -54,19 +54,19 @@ def build_body(
     between: Sequence[tuple[End, End]] | None = None,
     segments: Sequence[Interval] = (),
 ) -> Body:
-    """Build a body from what a scene says of it.
+    """Build a body from its contacts, links and segments.
 
     Args:
         contacts: reference positions of the isolated contacts, increasing, shape (I,), or (I, 2) in the plane [m].
-        stiffness: of the links, one number or one per link, > 0 [N/m].
-        between: the pairs of ends that links join; None for the chain of neighbours.
+        stiffness: stiffness of the links, one number or one per link, > 0 [N/m].
+        between: the pair of ends that each link joins; None links each part to the next.
         segments: the segments.
 
     Returns:
         The body, its arrays read-only.
 
     Raises:
-        SceneError: naming the contact, segment or link that does not fit.
+        SceneError: if a contact, segment or link is invalid; the message names it.
     """
     isolated = np.array(contacts, dtype=np.float64)
     _check_contacts(isolated, segments)
@@ -93,7 +93,7 @@ def build_body(
     pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)
     if isolated.ndim == 1:
         pairs.sort(axis=1)
-    # a link from the near end of a segment to far away comes before the segment, whose springs follow each other
+    # a link that starts at a segment's near end sorts before the segment's springs, which stay consecutive
     order = np.lexsort((-pairs[:, 1], pairs[:, 0])) if segments else np.arange(len(pairs))
     found = np.argsort(order)
     springs = found[count:]
@@ -140,7 +140,7 @@ def _point(position: np.ndarray) -> str:
 
 
 def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[int | Interval]:
-    """Sort contacts (by number) and segments along the body; they must not overlap."""
+    """Sort contacts (by index) and segments along the body; they must not overlap."""
     if isolated.ndim == 2 or not segments:
         return list(range(isolated.shape[0]))
     spans: list[tuple[float, float, int | Interval]] = [(float(v), float(v), i) for i, v in enumerate(isolated)]
@@ -208,5 +208,5 @@ def _check_connected(body: Body, parts: list[int | Interval], first: np.ndarray)
     for part, i in zip(parts, first, strict=False):
         if label[i] != label[0]:
             raise SceneError(
-                f"body.links.between: no links lead from {_name(parts[0])} to {_name(part)}; a body must hang together"
+                f"body.links.between: no links lead from {_name(parts[0])} to {_name(part)}; the body must be connected"
             )

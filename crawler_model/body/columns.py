@@ -1,11 +1,11 @@
-"""What is commanded of a body: the columns of a command row, their names, and what each does.
+"""The layout of command rows: the columns, their names, and how they map to springs and contacts.
 
-A command row holds, in this order: the rest length of each link (m), the strain of each segment, the friction against
-sliding forward of each isolated contact (N) and of each segment (N/m), and the same backward. A segment whose strain or
-friction varies along it has a column per element or contact instead of one. In the plane each link has two columns (x,
-y), and each contact one friction, or one per direction.
+A command row holds, in this order, the rest length of each link (m), the strain of each segment, the friction against
+sliding forward of each isolated contact (N) and of each segment (N/m), and the same for sliding backward. A segment
+whose strain or friction varies along it has one column per element or contact instead of a single one. In the plane
+each link has two columns (x, y), and each contact has one friction, or one per direction.
 
-A target is what the kernels follow: one rest length per spring, then mu_plus and mu_minus of every contact.
+A target is the input of the kernels: one rest length per spring, then mu_plus and mu_minus of every contact.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from .body import Body
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The layout of a command row and its way to the target.
+    """The layout of a command row and its conversion to a target.
 
     Attributes:
         links: number of links.
         contacts: number of isolated contacts.
-        segments: name of each segment, columns of its strain, and columns of its friction on one side.
-        planar: in the plane, in how many directions friction is given, 0 for isotropic; None on a line.
-        index: for each number of the target, the column that it is read from, shape (S + 2 N,).
-        factor: what it is multiplied by, shape (S + 2 N,).
+        segments: for each segment its name, number of strain columns and number of friction columns per side.
+        planar: in the plane, the number of friction directions, 0 for isotropic friction; None on a line.
+        index: for each entry of the target, the column from which it is read, shape (S + 2 N,).
+        factor: factor by which that column is multiplied, shape (S + 2 N,).
     """
 
     links: int
@@ -41,19 +41,19 @@ class Columns:
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
-        """Columns of each link, then of each segment's strain; they follow each other, shape (links + segments,)."""
+        """Number of columns of each link, then of each segment's strain, shape (links + segments,)."""
         each = 1 if self.planar is None else 2
         return np.array([each] * self.links + [strain for _, strain, _ in self.segments], dtype=np.int64)
 
     @functools.cached_property
     def friction_sizes(self) -> np.ndarray:
-        """Columns of each isolated contact, then of each segment, on one side, shape (contacts + segments,)."""
+        """Number of columns per side of each isolated contact, then of each segment, shape (contacts + segments,)."""
         each = max(self.planar or 0, 1)
         return np.array([each] * self.contacts + [friction for _, _, friction in self.segments], dtype=np.int64)
 
     @functools.cached_property
     def lengths(self) -> int:
-        """How many columns are rest lengths and strains; the others are frictions."""
+        """Number of columns with rest lengths and strains; the other columns hold friction."""
         return int(self.actuation_sizes.sum())
 
     @functools.cached_property
@@ -68,11 +68,11 @@ class Columns:
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
-        """What each column is called, shape (C,)."""
+        """Names of the columns, shape (C,)."""
         if self.planar is not None:
             links = [f"link_{i}/{axis}" for i in range(self.links) for axis in "xy"]
-            ways = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
-            return (*links, *(f"contact_{i}/{way}" for i in range(self.contacts) for way in ways))
+            suffixes = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
+            return (*links, *(f"contact_{i}/{suffix}" for i in range(self.contacts) for suffix in suffixes))
         names = [f"link_{i}" for i in range(self.links)]
         for name, strain, _ in self.segments:
             names += [name] if strain == 1 else [f"{name}/element_{j}" for j in range(strain)]
@@ -85,8 +85,8 @@ class Columns:
 
     @functools.cached_property
     def aliases(self) -> dict[str, np.ndarray]:
-        """The columns that each name sets: a column's own, and those of a whole segment or of both sides."""
-        # friction by directions must stay convex: it is not commanded
+        """Columns set by each name: names of single columns, of whole segments, and of both sides together."""
+        # direction-dependent friction cannot be commanded, as it has to stay convex
         aliases = {name: np.array([i]) for i, name in enumerate(self.names) if "/direction_" not in name}
         if self.planar is not None:
             return aliases
@@ -104,40 +104,40 @@ class Columns:
         return aliases
 
     def items(self, item: str) -> str:
-        """Name what commands are for.
+        """Return the noun for what a command addresses.
 
         Args:
             item: "link" or "contact".
 
         Returns:
-            The same, "and segment" where there are segments.
+            The same noun, with "and segment" appended if there are segments.
         """
         return f"{item} and segment" if self.segments else item
 
     def target(self, rows: np.ndarray) -> np.ndarray:
-        """Turn command rows into targets.
+        """Convert command rows to targets.
 
         Args:
             rows: shape (..., C).
 
         Returns:
-            Shape (..., S + 2 N) [m, N]; `rows` itself where nothing is to be done.
+            Shape (..., S + 2 N) [m, N]; `rows` itself if no conversion is needed.
         """
         return rows if self._is_plain else np.take(rows, self.index, axis=-1) * self.factor
 
     @functools.cached_property
     def _is_plain(self) -> bool:
-        """Whether a row is its own target, as where there is no segment."""
+        """Whether a row equals its target, as for bodies without segments."""
         same = self.count == self.index.size and (self.index == np.arange(self.count)).all()
         return bool(same and (self.factor == 1.0).all())
 
 
 def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
-    """Lay out the commands of a body on a line.
+    """Build the command layout of a body on a line.
 
     Args:
         body: the body.
-        fields: for each segment, whether its strain and its friction vary along it.
+        fields: for each segment, whether its strain and whether its friction vary along it.
 
     Returns:
         The layout.
@@ -167,14 +167,14 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
 
 
 def build_planar_columns(body: Body, directions: int) -> Columns:
-    """Lay out the commands of a body in the plane.
+    """Build the command layout of a body in the plane.
 
     Args:
         body: the body.
-        directions: in how many directions friction is given; 0 where it is isotropic.
+        directions: number of friction directions; 0 for isotropic friction.
 
     Returns:
-        The layout; a row is a target as it is.
+        The layout; a row equals its target.
     """
     size = 2 * body.springs + body.contacts * max(directions, 1)
     return Columns(body.springs, body.contacts, (), directions, np.arange(size), np.ones(size))

@@ -1,4 +1,4 @@
-"""Directions in which friction in the plane is given."""
+"""Directions of anisotropic friction in the plane."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import SceneError
-
-EPS = float(np.finfo(np.float64).eps)
+from ..rounding import EPS
 
 
 def unit_directions(angles: ArrayLike) -> np.ndarray:
-    """Compute the unit vectors of directions.
+    """Compute the unit vectors of directions given by angles.
 
     Args:
         angles: shape (m,) [rad].
 
     Returns:
-        Shape (m, 2); along an axis to the bit.
+        Shape (m, 2); directions along an axis are exact.
     """
     angle = np.asarray(angles, dtype=np.float64)
     directions = np.column_stack((np.cos(angle), np.sin(angle)))
@@ -26,20 +25,20 @@ def unit_directions(angles: ArrayLike) -> np.ndarray:
 
 
 def check_directions(angles: ArrayLike, values: ArrayLike) -> None:
-    """Check that direction-dependent friction is a convex dissipation.
+    """Check that direction-dependent friction is a convex dissipation function.
 
     Args:
         angles: angles of the directions, shape (m,) [rad], strictly increasing within one turn.
-        values: mu of each direction, shape (m,) or one row per contact (n, m) [N].
+        values: mu in each direction, shape (m,) or one row per contact (n, m) [N].
 
     Raises:
-        SceneError: naming the direction that is out of order, too far from the next, negative or not convex.
+        SceneError: if a direction is out of order, too far from the next one, negative or not convex.
     """
     angle = np.asarray(angles, dtype=np.float64)
     mu = np.atleast_2d(np.asarray(values, dtype=np.float64))
     m = angle.size
     if angle.ndim != 1 or m < 3:
-        raise SceneError(f"friction.directions: {m} given; it takes at least 3 to span the plane")
+        raise SceneError(f"friction.directions: {m} direction(s); at least 3 are needed to span the plane")
     if mu.ndim != 2 or mu.shape[1] != m:
         raise SceneError(f"friction.directions: {mu.shape[-1]} value(s) for {m} directions; give one for each")
     for k in np.flatnonzero(~np.isfinite(angle)):
@@ -57,7 +56,7 @@ def check_directions(angles: ArrayLike, values: ArrayLike) -> None:
     for i, k in np.argwhere(~((mu >= 0.0) & np.isfinite(mu))):
         raise SceneError(f"friction.directions: contact {i} has {mu[i, k]:g} N in direction {k}; it must be >= 0")
     before, after = np.roll(gaps, 1), gaps
-    # d_k is a combination of its neighbours; R is convex if it is nowhere above the same combination of their values
+    # d_k is a combination of its neighbours; R is convex if mu_k never exceeds the same combination of their mu
     most = np.roll(mu, 1, axis=1) * np.sin(after) + np.roll(mu, -1, axis=1) * np.sin(before)
     bend = most - mu * np.sin(before + after)
     for i, k in np.argwhere(bend < -16.0 * EPS * np.maximum(mu.max(axis=1, keepdims=True), 0.0)):

@@ -1,4 +1,4 @@
-"""Open-loop commands: waypoints with straight lines between, waves, the strategies of [G] section 5.2."""
+"""Open-loop commands: waypoints with linear interpolation, waves, and the strategies of [G] section 5.2."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ..errors import SceneError
 from .columns import Columns
 
 NS = 1_000_000_000
-"""Nanoseconds in a second. Waypoints fall on whole nanoseconds; what is commanded there is not rounded."""
+"""Nanoseconds in a second. Waypoint times are whole nanoseconds; the commands there are not rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A polygonal path of commands.
+    """A piecewise linear path of commands.
 
     Attributes:
         times: waypoint times, increasing from 0, shape (W,) [s].
-        period: after it the waypoints repeat [s]; None: once, then hold.
+        period: the waypoints repeat after it [s]; None plays them once and then holds the last one.
         rows: command rows, shape (W, C).
-        columns: what the columns of a row are.
+        columns: layout of a row.
     """
 
     times: np.ndarray
@@ -33,17 +33,17 @@ class Drive:
 
     @functools.cached_property
     def targets(self) -> np.ndarray:
-        """Where the ramps to the waypoints end, shape (W, S + 2 N)."""
+        """Targets at the waypoints, shape (W, S + 2 N)."""
         return frozen(self.columns.target(self.rows))
 
     @property
     def holds(self) -> bool:
-        """Whether the command never changes: there is a single waypoint."""
+        """Whether the command never changes, because there is a single waypoint."""
         return self.times.size == 1
 
     @property
     def actuation(self) -> np.ndarray:
-        """L of each spring, shape (W, S); in the plane x and y of each in turn, shape (W, 2 S) [m]."""
+        """L of each spring, shape (W, S); in the plane x and y of each spring in turn, shape (W, 2 S) [m]."""
         return self.targets[:, : self._springs]
 
     @property
@@ -65,20 +65,20 @@ class Drive:
         return (self.columns.index.size - self._springs) // 2
 
     def waypoints_between(self, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Find the waypoints in a stretch of time.
+        """Find the waypoints in a time interval.
 
         Args:
-            after_ns: the stretch's open start [ns], >= -1.
-            until_ns: its closed end [ns].
+            after_ns: open start of the interval [ns], >= -1.
+            until_ns: closed end of the interval [ns].
 
         Returns:
-            Their times [ns], int64, and their rows, each of shape (K,). With a period, its end and the next
-            one's start are the same waypoint, the first row.
+            Their times [ns], int64, and their row indices, each of shape (K,). The end of a period and the start of
+            the next one are the same waypoint, the first row.
         """
         return find_waypoints(self.times, self.period, after_ns, until_ns)
 
     def sample(self, times_ns: np.ndarray) -> np.ndarray:
-        """Read the commands at any times.
+        """Interpolate the commands at given times.
 
         Args:
             times_ns: shape (K,), int64, >= 0 and increasing [ns].
@@ -105,16 +105,16 @@ class Drive:
 def find_waypoints(
     times: np.ndarray, period: float | None, after_ns: int, until_ns: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the waypoints in a stretch of time, as `Drive.waypoints_between` does.
+    """Find the waypoints in a time interval, as `Drive.waypoints_between` does.
 
     Args:
         times: waypoint times, increasing from 0, shape (W,) [s].
-        period: after it they repeat [s], or None.
-        after_ns: the stretch's open start [ns], >= -1.
-        until_ns: its closed end [ns].
+        period: the waypoints repeat after it [s], or None.
+        after_ns: open start of the interval [ns], >= -1.
+        until_ns: closed end of the interval [ns].
 
     Returns:
-        Their times [ns], int64, and their rows, each of shape (K,).
+        Their times [ns], int64, and their row indices, each of shape (K,).
     """
     if period is None:
         found = np.rint(times * NS).astype(np.int64)
@@ -132,19 +132,19 @@ def find_waypoints(
 
 
 def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, columns: Columns) -> Drive:
-    """Build a drive from waypoints and check that they make a path.
+    """Build a drive from waypoints and check them.
 
     Args:
         times: shape (W,), increasing from 0 [s].
         period: >= the last time [s], or None.
         rows: command rows, shape (W, C).
-        columns: what the columns of a row are.
+        columns: layout of a row.
 
     Returns:
-        The drive, its arrays read-only.
+        The drive, with read-only arrays.
 
     Raises:
-        SceneError: naming the first time, row or column that does not fit.
+        SceneError: if a time, row or column is invalid; the message names the first one.
     """
     if times.size == 0 or times[0] != 0.0:
         raise SceneError("drive.times: the first time must be 0")
@@ -175,33 +175,33 @@ def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, c
 
 
 def wave(mean: float, amplitude: float, wavelength: float, phase: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Compute a wave that travels towards +x, mean + amplitude sin 2 pi (phase - position / wavelength).
+    """Compute a travelling wave, mean + amplitude sin 2 pi (phase - position / wavelength).
 
     Args:
-        mean: about which it swings [any unit].
-        amplitude: how far [the same unit].
-        wavelength: not 0 [m]; negative for a wave towards -x.
-        phase: time over period, shape (W,).
+        mean: mean value [any unit].
+        amplitude: amplitude [the same unit].
+        wavelength: not 0 [m]; positive for a wave towards +x, negative towards -x.
+        phase: time divided by the period, shape (W,).
         position: shape (M,) [m].
 
     Returns:
-        Its values, shape (W, M). Whole periods give the same bits as phase 0.
+        Values, shape (W, M). After whole periods they are bitwise equal to those at phase 0.
     """
     angle = 2.0 * np.pi * (np.mod(phase, 1.0)[:, None] - position[None, :] / wavelength)
     return mean + amplitude * np.sin(angle)
 
 
 def strategy_waypoints(strategy: str, length: float, friction: float, period: float) -> tuple[np.ndarray, ...]:
-    """Make the waypoints of strategies A, B and C.
+    """Compute the waypoints of strategies A, B and C.
 
     Args:
         strategy: "A", "B" or "C".
-        length: Lmax, the greatest actuation [m].
-        friction: mu, around which the friction of both contacts goes up and down [N].
-        period: [s].
+        length: Lmax, the largest actuation [m].
+        friction: mu, the mean friction of both contacts [N].
+        period: duration of a period [s].
 
     Returns:
-        times (5,) [s], actuation (5, 1) [m] and isotropic friction (5, 2) [N], a row each quarter of a period.
+        times (5,) [s], actuation (5, 1) [m] and isotropic friction (5, 2) [N], one row per quarter of a period.
 
     Source: [G] section 5.2, Examples "Strategy A", "Strategy B", "Strategy C".
     """
@@ -213,13 +213,13 @@ def strategy_waypoints(strategy: str, length: float, friction: float, period: fl
 
 
 def merge_times(*grids: np.ndarray) -> np.ndarray:
-    """Merge waypoint times of several waves of one period.
+    """Merge the waypoint times of several waves with the same period.
 
     Args:
-        grids: times of each, shape (W_i,) [s].
+        grids: times of each wave, shape (W_i,) [s].
 
     Returns:
-        All of them, those within a nanosecond taken as one, shape (W,) [s].
+        All times; times less than a nanosecond apart are merged, shape (W,) [s].
     """
     times = np.unique(np.concatenate(grids))
     return times[np.concatenate(([True], np.diff(times) * NS >= 1.0))]

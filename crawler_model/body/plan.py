@@ -1,4 +1,4 @@
-"""What is simulated, as arrays: all that a crawler, a run and the theory need of a scene."""
+"""The interface of a scene for the crawler, runs and theory: arrays only."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .drive import Drive
 
 
 class Plan(Protocol):
-    """A body, what can be commanded of it, where it starts and what drives it."""
+    """A body, the layout of its commands, its start and its drive."""
 
     @property
     def name(self) -> str:
-        """Of the scene."""
+        """Name of the scene."""
         ...
 
     @property
@@ -27,22 +27,22 @@ class Plan(Protocol):
 
     @property
     def columns(self) -> Columns:
-        """The layout of its commands."""
+        """Layout of the commands."""
         ...
 
     @property
     def drive(self) -> Drive:
-        """The open-loop commands; one waypoint where nothing drives the body."""
+        """Open-loop commands; a single waypoint if the scene has no drive."""
         ...
 
     @property
     def angles(self) -> np.ndarray:
-        """In the plane, the directions in which friction is given, shape (m,) [rad]; m = 0 where it is isotropic."""
+        """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
         ...
 
     @property
     def directions(self) -> np.ndarray:
-        """The same as unit vectors, shape (m, 2)."""
+        """The same directions as unit vectors, shape (m, 2)."""
         ...
 
     @property
@@ -52,25 +52,25 @@ class Plan(Protocol):
 
     @property
     def tolerance(self) -> float | None:
-        """In the plane, the largest error of a ramp relative to the largest change commanded [1]; None: the default."""
+        """Largest error of a planar ramp, relative to the largest commanded change [1]; None for the default."""
         ...
 
 
 def check_plan(scene: Any, call: str) -> None:
-    """Refuse what is no scene.
+    """Raise an error for anything that is not a scene.
 
     Args:
-        scene: what was given as one.
-        call: the receiver, for the error.
+        scene: the argument.
+        call: name of the caller, for the error message.
 
     Raises:
-        SceneError: when it is a name, a path, a mapping or anything else that has no arrays.
+        SceneError: if it is a name, a path, a mapping or anything else without arrays.
     """
     if hasattr(scene, "start_displacement"):
         return
     given = " ".join(repr(scene).split())
     given = given if len(given) <= 60 else f"{given[:60]} ..."
     raise SceneError(
-        f"{call}: {given} is no Scene; load_scene builds one from a path or a name of the gallery, "
+        f"{call}: {given} is not a Scene; load_scene builds one from a path or a gallery name, "
         "Scene.model_validate from a mapping"
     )

@@ -1,1 +1,1 @@
-"""The crawler at one instant, what it answers to a command, and what its sensors read."""
+"""The crawler: its state at one instant, its response to a command, and its sensor readings."""

@@ -1,4 +1,4 @@
-"""The crawler: its state, and how it answers a command."""
+"""The crawler: its state and its response to commands."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ METHODS: tuple[Method, ...] = ("exact", "catch_up")
 
 
 class Crawler:
-    """A crawler at one instant: what is commanded, where its contacts stand, the tension of its links."""
+    """A crawler at one instant: the command in force, the positions of its contacts, the tensions of its links."""
 
     def __init__(self, scene: Plan, method: Method | None = None, budget: int | None = None) -> None:
-        """Put the crawler at the scene's start.
+        """Create a crawler in the start state of a scene.
 
         Args:
             scene: body, friction, start, and the command in force at the start.
-            method: "exact" follows every event, "catch_up" takes one implicit step a ramp; by default exact on a line.
-                In the plane only "catch_up": steps refined to the scene's tolerance.
-            budget: most work in one ramp of `exact`: contacts solved (at an event those of the sliding block that
-                changes; in a graph all, in every round of its active set) and breakpoints passed in projections; by
-                default 10 000 (N + 1 000). When it is spent, a catch-up step does the rest of the ramp, and
-                `Step.overspent` counts it.
+            method: "exact" follows every event, "catch_up" takes one implicit step per ramp; by default exact on a
+                line. In the plane only "catch_up", with steps refined to the scene's tolerance.
+            budget: upper limit of work in one ramp of `exact`: contacts solved (at an event those of the sliding block
+                that changes; in a graph all of them, in every round of its active set) plus breakpoints passed in
+                projections; by default 10 000 (N + 1 000). When it is exceeded, a catch-up step completes the ramp,
+                and `Step.overspent` counts it.
 
         Raises:
-            CommandError: when the method is another, or `exact` is asked for in the plane.
-            SceneError: when it is no scene.
+            CommandError: if the method is unknown, or is `exact` in the plane.
+            SceneError: if `scene` is not a scene.
         """
         check_plan(scene, "Crawler")
         self.scene = scene
@@ -61,7 +61,7 @@ class Crawler:
 
     @property
     def shape(self) -> np.ndarray:
-        """z, elongation of each spring against the reference shape, shape (S,), in the plane (S, 2) [m]."""
+        """z, elongation of each spring relative to the reference shape, shape (S,), in the plane (S, 2) [m]."""
         return frozen(self._state.shape)
 
     @property
@@ -86,18 +86,18 @@ class Crawler:
 
     @property
     def friction(self) -> np.ndarray:
-        """Friction in force as in a target: forward then backward; in the plane contact by contact, shape (F,) [N]."""
+        """Friction in force, as in a target: forward, then backward; in the plane by contact, shape (F,) [N]."""
         return frozen(self._state.friction)
 
     @property
     def net_translation(self) -> float | np.ndarray:
-        """y, the mean of x, every isolated contact and every segment counting once [m]; in the plane shape (2,)."""
+        """y, the mean of x over all isolated contacts and segments, equally weighted [m]; in the plane shape (2,)."""
         y = self.body.share @ self._state.displacement
         return frozen(y) if y.ndim else float(y)
 
     @property
     def contact_state(self) -> np.ndarray:
-        """What each contact did on the last command: 1 slid forward, -1 slid backward, 0 stuck; int8, shape (N,).
+        """State of each contact in the last command: 1 slid forward, -1 slid backward, 0 stuck; int8, shape (N,).
 
         In the plane 1 slid, 0 stuck.
         """
@@ -107,7 +107,7 @@ class Crawler:
 
     @property
     def gained(self) -> np.ndarray:
-        """Displacement gained on the last command, shape (N,), in the plane (N, 2) [m]."""
+        """Displacement during the last command, shape (N,), in the plane (N, 2) [m]."""
         return frozen(self._state.gained)
 
     @property
@@ -122,12 +122,12 @@ class Crawler:
 
     @property
     def visited_margin(self) -> float:
-        """How near all contacts are to sliding at once, now [1]."""
+        """How close all contacts are to sliding at once, in the present state [1]."""
         return self._state.visited_margin(self.spring_force)
 
     @property
     def visited_margin_sampled(self) -> bool:
-        """Whether a `Step` sees its visited margin at the ends of ramps only, or of steps in the plane."""
+        """Whether a `Step` samples its visited margin only at the ends of ramps (in the plane, of steps)."""
         return self.method != "exact" or self._motion.samples_margin
 
     @property
@@ -141,10 +141,10 @@ class Crawler:
         return self.body.joint_mean(self._state.tension)
 
     def copy(self) -> Crawler:
-        """Fork the state.
+        """Copy the crawler.
 
         Returns:
-            A crawler that goes its own way from here.
+            An independent crawler in the same state.
         """
         other = copy.copy(self)
         other._state = self._state.copy()
@@ -152,21 +152,21 @@ class Crawler:
         return other
 
     def placed(self, displacement: np.ndarray, target: np.ndarray) -> Crawler:
-        """Make a crawler that stands somewhere else, at rest, as one that is met in mid-run.
+        """Build a crawler at rest at other positions, for example to continue a recorded run.
 
         Args:
             displacement: x, shape (N,), in the plane (N, 2) [m].
             target: the command in force, as from `target`, shape (S + 2 N,).
 
         Returns:
-            The crawler. Beside the one that went there it differs by rounding.
+            The crawler. It differs by rounding from one that moved to this state.
         """
         other = self.copy()
         other._state = self._motion.start(displacement, target)
         return other
 
     def __eq__(self, other: object) -> bool:
-        """Compare scenes, methods, budgets and states, bit for bit."""
+        """Compare scenes, methods, budgets and states bitwise."""
         if not isinstance(other, Crawler):
             return NotImplemented
         settings = (self.scene, self.method, self.budget) == (other.scene, other.method, other.budget)
@@ -177,12 +177,12 @@ class Crawler:
     def target(
         self, actuation: ArrayLike, forward: ArrayLike | None = None, backward: ArrayLike | None = None
     ) -> np.ndarray:
-        """Check a command and lay it out for `follow`.
+        """Check a command and convert it to a target for `follow`.
 
         Args:
-            actuation: L of each link, then strain of each segment, shape (links + segments,) [m]; in the plane
+            actuation: L of each link [m], then strain of each segment [1], shape (links + segments,); in the plane
                 shape (links, 2).
-            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None keeps what is in force. In
+            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
 
@@ -190,14 +190,14 @@ class Crawler:
             L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
 
         Raises:
-            CommandError: naming the first value that cannot be followed.
+            CommandError: if a value is invalid; the message names the first one.
         """
         columns = self.scene.columns
         planar = columns.planar is not None
         row = np.full(columns.count, np.nan)
         half = columns.lengths + int(columns.friction_sizes.sum())
         if planar and backward is not None:
-            raise CommandError("backward: in the plane `forward` alone is the friction of each contact")
+            raise CommandError("backward: in the plane `forward` holds the friction of each contact; omit `backward`")
         given = (
             ("actuation", actuation, columns.actuation_sizes, 0),
             ("forward", forward, columns.friction_sizes, columns.lengths),
@@ -236,17 +236,17 @@ class Crawler:
         """Ramp in a straight line from the command in force to a new one.
 
         Args:
-            actuation: L of each link, then strain of each segment, shape (links + segments,) [m]; in the plane
+            actuation: L of each link [m], then strain of each segment [1], shape (links + segments,); in the plane
                 shape (links, 2).
-            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None keeps what is in force. In
+            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
 
         Returns:
-            What happened on the way.
+            The account of the ramp.
 
         Raises:
-            CommandError: when the command cannot be followed; the state is untouched.
+            CommandError: if the command is invalid; the state does not change.
         """
         return self.follow(self.target(actuation, forward, backward)[None])
 
@@ -254,14 +254,14 @@ class Crawler:
         """Ramp to several checked commands in turn.
 
         Args:
-            targets: rows as from `target`, shape (V, S + 2 N).
-            records: memory for displacement, its rounding rest and tension after each ramp, shape (V, 2 N + S).
+            targets: rows as returned by `target`, shape (V, S + 2 N).
+            records: output: displacement, its rounding rest and tension after each ramp, shape (V, 2 N + S).
 
         Returns:
-            What happened on the way, all ramps together.
+            The account of all ramps together.
         """
         flags = targets.flags
-        if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one compiled kernel is enough
+        if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one signature
             targets = np.array(targets, dtype=np.float64)
         account = np.zeros(ACCOUNT_SIZE)
         account[VISITED] = np.inf
@@ -284,13 +284,13 @@ def choose_method(scene: Plan, method: str | None) -> Method:
 
     Args:
         scene: the scene.
-        method: "exact", "catch_up", or None for the best that there is.
+        method: "exact", "catch_up", or None for the best one available.
 
     Returns:
         The method.
 
     Raises:
-        CommandError: when there is no such method, or not for this body.
+        CommandError: if the method is unknown or not available for this body.
     """
     offered = build_motion(scene).methods
     if method is None:
@@ -300,7 +300,7 @@ def choose_method(scene: Plan, method: str | None) -> Method:
     if method not in offered:
         raise CommandError(
             "method: exact is for bodies on a line, where paths are straight from event to event; in the plane "
-            "they are curved: take catch_up, whose steps are refined to the scene's tolerance"
+            "they are curved: use catch_up, whose steps are refined to the scene's tolerance"
         )
     return method  # type: ignore[return-value]
 
@@ -324,7 +324,7 @@ def _checked(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.
 
 
 def prepare(scene: Plan) -> None:
-    """Load the kernels that a scene needs, or compile them on their first use on this machine.
+    """Load the kernels for a scene, or compile them when they are first used on this machine.
 
     Args:
         scene: the scene.

@@ -1,6 +1,6 @@
-"""What can be measured at a crawler's joints and contacts: positions, velocities and forces, as a robot's sensors say.
+"""Sensor readings of a crawler: positions, velocities and forces at its joints and contacts.
 
-A node asks for them at every tick; on a line one compiled call reads all of them.
+A node reads them at every tick; on a line a single compiled call reads all of them.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from .crawler import Crawler
 
 
 class Readout:
-    """Reads the root (the first station), the joints and some contacts of crawlers with one body."""
+    """Readings of the root (the first station), the joints and some contacts of crawlers that share a body."""
 
     def __init__(self, body: Body, shown: np.ndarray) -> None:
         """Find the contacts and springs of each joint.
 
         Args:
             body: the body.
-            shown: the contacts that are read, shape (M,).
+            shown: the contacts to read, shape (M,).
         """
         self._body = body
         self._shown = shown
@@ -40,10 +40,10 @@ class Readout:
 
         Args:
             crawler: the crawler.
-            seconds: what its last command took [s]; infinite where nothing was commanded yet.
-            of_joints: filled with displacement of the root and elongations [m]; their velocities [m/s]; force of the
+            seconds: duration of its last command [s]; infinite before the first command.
+            of_joints: output: displacement of the root and elongations [m]; their velocities [m/s]; force of the
                 ground on the root and tensions [N]; shape (3, 1 + J), in the plane (3, 2 + 2 J).
-            of_contacts: filled with positions [m], velocities [m/s] and forces of the ground [N], shape (3, M), in the
+            of_contacts: output: positions [m], velocities [m/s] and forces of the ground [N], shape (3, M), in the
                 plane (3, 2 M).
         """
         body = self._body
@@ -63,7 +63,7 @@ class Readout:
             of_joints,
             of_contacts,
         )
-        if body.segments:  # sums as Body.joint_sum makes them, to the last bit
+        if body.segments:  # bitwise the sums of Body.joint_sum
             links = body.link_springs.size
             of_joints[0, 1 + links :] = crawler.joint_elongation[links:]
             of_joints[2, 1 + links :] = crawler.joint_tension[links:]
@@ -81,24 +81,24 @@ class Readout:
 
 @compiled
 def read_line(contacts, links, ends, joints, shown, position, pull, seconds, of_joints, of_contacts):
-    """Read the root, the joints (a segment's sums are not made here) and some contacts of a body on a line.
+    """Read the root, the joints (without the sums over segments) and some contacts of a body on a line.
 
     Args:
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
         ends: the two contacts of each spring, shape (S, 2).
-        joints: the two contacts of each joint and its spring, behind a row for the root that begins with its contact,
+        joints: the two contacts of each joint and its spring, after a first row that starts with the root contact,
             shape (1 + J, 3).
-        shown: the contacts that are read, shape (M,).
+        shown: the contacts to read, shape (M,).
         position: reference positions of the contacts, shape (N,) [m].
-        pull: memory, shape (2, N) [N].
-        seconds: what the displacement gained was gained in [s].
-        of_joints: filled with displacement of the root and elongations [m]; their mean velocities [m/s]; the force of
+        pull: scratch memory, shape (2, N) [N].
+        seconds: time in which the displacement was gained [s].
+        of_joints: output: displacement of the root and elongations [m]; their mean velocities [m/s]; the force of
             the ground on the root and tensions [N]; shape (3, 1 + J).
-        of_contacts: filled with positions [m], mean velocities [m/s] and forces of the ground [N], shape (3, M).
+        of_contacts: output: positions [m], mean velocities [m/s] and forces of the ground [N], shape (3, M).
     """
     pull[:] = 0.0
-    for spring in range(ends.shape[0]):  # as Body.spring_force: what pulls forward less what pulls backward
+    for spring in range(ends.shape[0]):  # as in Body.spring_force: forward pull minus backward pull
         pull[0, ends[spring, 0]] += links[TENSION, spring]
         pull[1, ends[spring, 1]] += links[TENSION, spring]
     root = joints[0, 0]

@@ -1,4 +1,4 @@
-"""What a crawler answers to a command."""
+"""The response of a crawler to a command."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from ..motion.state import (
 
 @dataclass(frozen=True)
 class Certificate:
-    """Numbers that certify a ramp; the first three are rounding for `exact`, and the error of `catch_up`.
+    """Residuals that certify a ramp: for `exact` the first three are rounding errors, for `catch_up` its error.
 
     Attributes:
         energy_residual: dE + dissipation - work [J].
-        violation: largest excess of a spring force over its bound [N].
-        complementarity: largest |dx_i| times the distance of g_i from the bound it should be at [J].
-        rounding: how far rounding may have moved a contact where the first three cannot show it, because soft links
-            store next to no energy: on chains whose stiffness spans more than four decades, else 0 [m].
+        violation: largest amount by which a spring force exceeds its bound [N].
+        complementarity: largest product of |dx_i| and the distance of g_i from the bound of its sliding direction [J].
+        rounding: largest displacement error due to rounding that the first three cannot show because soft links store
+            almost no energy: for chains whose stiffness spans more than four decades, else 0 [m].
     """
 
     energy_residual: float
@@ -42,21 +42,21 @@ class Certificate:
 
 
 class Step:
-    """What happened on the way to a command.
+    """The account of one or more ramps.
 
     Attributes:
-        velocity: displacement gained, per ramp, shape (N,), in the plane (N, 2) [m].
-        account: the numbers behind the properties, in the order of `state`'s entries, shape (13,).
+        velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
+        account: the entries behind the properties, in the order defined in `motion.state`, shape (13,).
     """
 
     __slots__ = ("_share", "account", "velocity")
 
     def __init__(self, velocity: np.ndarray, account: np.ndarray, share: np.ndarray) -> None:
-        """Keep what the kernel returned; everything else is read from it when asked for.
+        """Store the output of the kernel; the properties read from it.
 
         Args:
             velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-            account: shape (13,).
+            account: account of the ramps, shape (13,).
             share: weight of each contact in the net translation, shape (N,).
         """
         self.velocity = velocity
@@ -65,7 +65,7 @@ class Step:
 
     @property
     def events(self) -> int:
-        """Linear pieces of the solution."""
+        """Number of linear pieces of the solution."""
         return int(self.account[EVENTS])
 
     @property
@@ -80,12 +80,12 @@ class Step:
 
     @property
     def unique(self) -> bool:
-        """False when on some stretch the translation was not determined."""
+        """False if the translation was not determined on some stretch."""
         return bool(self.account[AMBIGUOUS] == 0.0)
 
     @property
     def translation_interval(self) -> tuple[float, float] | None:
-        """Least and greatest net translation that the ramp could have gained [m]; None in the plane."""
+        """Smallest and largest admissible net translation of the ramp [m]; None in the plane."""
         if self.velocity.ndim == 2:
             return None
         gain = float(self._share @ self.velocity)
@@ -93,22 +93,22 @@ class Step:
 
     @property
     def certificate(self) -> Certificate:
-        """How well the answer solves the model."""
+        """How well the result satisfies the model."""
         return Certificate(*self.account[[RESIDUAL, VIOLATION, COMPLEMENTARITY, ROUNDING]].tolist())
 
     @property
     def visited_margin(self) -> float:
-        """How near all contacts came to sliding at once [1]."""
+        """How close all contacts came to sliding at once [1]."""
         return float(self.account[VISITED])
 
     @property
     def overspent(self) -> int:
-        """Ramps in which the budget of work was spent and a catch-up step did the rest."""
+        """Number of ramps in which the budget of work was exceeded and a catch-up step completed the ramp."""
         return int(self.account[OVERSPENT])
 
     @property
     def unsolved(self) -> int:
-        """Ramps in which the active set of a graph gave up; the certificate shows what the rest of them is worth."""
+        """Number of ramps in which the active set of a graph did not converge; the certificate shows the error."""
         return int(self.account[UNSOLVED])
 
     def __repr__(self) -> str:

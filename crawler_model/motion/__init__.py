@@ -1,1 +1,1 @@
-"""How a body follows its commands: one contract, three kinds."""
+"""How a body follows its commands: one contract, three implementations."""

@@ -1,6 +1,6 @@
-"""The one door to all bodies: what every kind of motion can do, and which kind a body moves by.
+"""The contract of all motions, and the choice of the motion of a body.
 
-Behind it are `chain` for chains, `graph` for any other springs on a line and `plane` for the plane.
+The implementations are `chain` for chains, `graph` for any other springs on a line and `plane` for the plane.
 """
 
 from __future__ import annotations
@@ -13,41 +13,41 @@ from ..body.plan import Plan
 
 
 class State(Protocol):
-    """What changes while a body moves."""
+    """The state of a moving body."""
 
     @property
     def displacement(self) -> np.ndarray:
-        """X, shape (N,), in the plane (N, 2) [m]."""
+        """Displacement x, shape (N,), in the plane (N, 2) [m]."""
         ...
 
     @property
     def gained(self) -> np.ndarray:
-        """Displacement gained on the last command, likewise."""
+        """Displacement gained in the last command, same shape [m]."""
         ...
 
     @property
     def shape(self) -> np.ndarray:
-        """Z, shape (S,), in the plane (S, 2) [m]."""
+        """Elongations z, shape (S,), in the plane (S, 2) [m]."""
         ...
 
     @property
     def tension(self) -> np.ndarray:
-        """T, likewise [N]."""
+        """Tensions T, same shape [N]."""
         ...
 
     @property
     def actuation(self) -> np.ndarray:
-        """L in force, likewise [m]."""
+        """Rest-length changes L in force, same shape [m]."""
         ...
 
     @property
     def friction(self) -> np.ndarray:
-        """In force, as in a target, shape (F,) [N]."""
+        """Friction in force, as in a target, shape (F,) [N]."""
         ...
 
     @property
     def contact_state(self) -> np.ndarray:
-        """1 where a contact slid forward (in the plane: slid) on the last command, -1 backward, 0 stuck, shape (N,)."""
+        """1 if a contact slid forward (in the plane: slid) in the last command, -1 backward, 0 stuck, shape (N,)."""
         ...
 
     def margins(self, force: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ class State(Protocol):
         ...
 
     def visited_margin(self, force: np.ndarray) -> float:
-        """Compute how near all contacts are to sliding at once.
+        """Compute how close all contacts are to sliding at once.
 
         Args:
             force: g, shape (N,), in the plane (N, 2) [N].
@@ -73,11 +73,11 @@ class State(Protocol):
         ...
 
     def copy(self) -> State:
-        """Fork the state."""
+        """Copy the state."""
         ...
 
     def bits(self) -> bytes:
-        """Lay all numbers out for comparison."""
+        """Return all numbers as bytes, for comparison."""
         ...
 
 
@@ -86,12 +86,12 @@ class Motion(Protocol):
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The methods that it knows, the best one first."""
+        """The available methods, best first."""
         ...
 
     @property
     def samples_margin(self) -> bool:
-        """Whether a ramp sees its visited margin at its ends only, even if it is exact."""
+        """Whether even an exact ramp samples its visited margin only at its ends."""
         ...
 
     def start(self, x: np.ndarray, target: np.ndarray) -> Any:
@@ -102,12 +102,12 @@ class Motion(Protocol):
             target: the command in force, shape (S + 2 N,).
 
         Returns:
-            The state. Contacts at a bound, but for rounding, are taken to be there.
+            The state. Contacts within rounding of a bound are taken to be at that bound.
         """
         ...
 
     def scratch(self) -> Any:
-        """Allocate the memory that `follow` works in, for one crawler."""
+        """Allocate the working memory of `follow` for one crawler."""
         ...
 
     def follow(
@@ -124,24 +124,24 @@ class Motion(Protocol):
 
         Args:
             state: changed in place.
-            scratch: from `scratch`.
+            scratch: memory from `scratch`.
             targets: rows as in `Columns.target`, shape (V, S + 2 N).
-            exact: True to follow every event, False for one catch-up step a ramp (in the plane, refined steps).
-            budget: most work in one ramp, as for `Crawler`.
-            account: shape (13,), added to.
-            records: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows for none.
+            exact: True to follow every event, False for one catch-up step per ramp (in the plane, refined steps).
+            budget: upper limit of work in one ramp, as for `Crawler`.
+            account: entries as in `motion.state`, shape (13,), added to.
+            records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
         """
         ...
 
 
 def build_motion(plan: Plan) -> Motion:
-    """Choose how a body moves.
+    """Build the motion of a body.
 
     Args:
         plan: the body and its commands.
 
     Returns:
-        The motion of a chain, a graph of springs, or a body in the plane; only its own kernels are loaded.
+        The motion of a chain, a graph of springs, or a body in the plane; only the kernels of that motion are loaded.
     """
     if plan.body.dimension == 2:
         from .plane.motion import build_plane_motion

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Body
+from ..rounding import EPS
 from .state import (
     ACTUATION,
     ACTUATION_REF,
@@ -28,7 +29,7 @@ from .translation import visited_margin
 
 @dataclass(eq=False)
 class LineState:
-    """What changes: rows of the contacts and of the springs, and which bounds contacts are at.
+    """Rows of the contacts and of the springs, and the bounds that contacts are at.
 
     Attributes:
         contacts: rows X .. RELATIVE, shape (6, N).
@@ -42,12 +43,12 @@ class LineState:
 
     @property
     def displacement(self) -> np.ndarray:
-        """X, shape (N,) [m]."""
+        """Displacement x, shape (N,) [m]."""
         return self.contacts[X]
 
     @property
     def gained(self) -> np.ndarray:
-        """Displacement gained on the last command, shape (N,) [m]."""
+        """Displacement gained in the last command, shape (N,) [m]."""
         return self.contacts[GAINED]
 
     @property
@@ -72,7 +73,7 @@ class LineState:
 
     @property
     def contact_state(self) -> np.ndarray:
-        """1 where a contact slid forward on the last command, -1 backward, 0 stuck; int8, shape (N,)."""
+        """1 if a contact slid forward in the last command, -1 backward, 0 stuck; int8, shape (N,)."""
         return np.sign(self.gained).astype(np.int8)
 
     def margins(self, force: np.ndarray) -> np.ndarray:
@@ -87,7 +88,7 @@ class LineState:
         return np.minimum(self.contacts[FORWARD] - force, force + self.contacts[BACKWARD])
 
     def visited_margin(self, force: np.ndarray) -> float:
-        """Compute how near all contacts are to sliding at once.
+        """Compute how close all contacts are to sliding at once.
 
         Args:
             force: g, shape (N,) [N].
@@ -98,15 +99,15 @@ class LineState:
         return visited_margin(force, self.contacts[FORWARD], self.contacts[BACKWARD])
 
     def copy(self) -> LineState:
-        """Fork the state.
+        """Copy the state.
 
         Returns:
-            Another state of the same numbers, in arrays of its own.
+            An independent state with the same numbers.
         """
         return LineState(self.contacts.copy(), self.links.copy(), self.status.copy())
 
     def bits(self) -> bytes:
-        """Lay all numbers out for comparison.
+        """Return all numbers as bytes, for comparison.
 
         Returns:
             The bytes of all arrays, one after another.
@@ -115,7 +116,7 @@ class LineState:
 
 
 def build_line_state(body: Body, x: np.ndarray, target: np.ndarray) -> LineState:
-    """Build the state of a body on a line that stands somewhere under some command.
+    """Build the state of a body at rest on a line.
 
     Args:
         body: the body.
@@ -123,7 +124,7 @@ def build_line_state(body: Body, x: np.ndarray, target: np.ndarray) -> LineState
         target: the command in force, shape (S + 2 N,).
 
     Returns:
-        The state, at rest. Contacts at a bound, but for rounding, are taken to be there.
+        The state. Contacts within rounding of a bound are taken to be at that bound.
     """
     contacts = np.zeros((CONTACT_ROWS, body.contacts))
     links = np.zeros((LINK_ROWS, body.springs))
@@ -136,10 +137,10 @@ def build_line_state(body: Body, x: np.ndarray, target: np.ndarray) -> LineState
 
 
 def _status_at_rest(body: Body, tension: np.ndarray, contacts: np.ndarray) -> np.ndarray:
-    """Find the bounds that contacts are at, but for rounding; both only where there is no friction."""
+    """Find the bounds that contacts are at within rounding; both bounds only without friction."""
     g = body.spring_force(tension)
     friction = contacts[FORWARD] + contacts[BACKWARD]
-    near = 32.0 * np.finfo(np.float64).eps * (body.force_size(tension) + friction)
+    near = 32.0 * EPS * (body.force_size(tension) + friction)
     above, below = contacts[FORWARD] - g, g + contacts[BACKWARD]
     none = friction == 0.0
     at_forward = none | ((above <= near) & (above <= below))

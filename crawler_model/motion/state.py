@@ -1,7 +1,7 @@
-"""What a crawler's state consists of, and the account that every ramp adds to: rows of arrays, shared by all bodies.
+"""Rows of the state arrays and entries of the account of ramps, shared by all bodies.
 
 Forces and lengths are rows of two arrays, one with a column per contact and one with a column per spring, so that a
-compiled call costs little. A target is where a ramp goes: the rest lengths of all springs, then mu_plus of all
+compiled call has little overhead. A target is the end of a ramp: the rest lengths of all springs, then mu_plus of all
 contacts, then mu_minus of all contacts, in one row.
 """
 
@@ -10,16 +10,16 @@ from __future__ import annotations
 from ..compiled import compiled
 
 X, X_REST, FORWARD, BACKWARD, GAINED, RELATIVE = range(6)
-"""Rows of the contacts: displacement and what rounding took from it; mu_plus; mu_minus; displacement gained since
-`follow` was called; displacement relative to a place that travels with the body, small however far it has gone."""
+"""Rows of the contacts: displacement and its rounding rest; mu_plus; mu_minus; displacement gained since `follow` was
+called; displacement relative to a point that travels with the body, which stays small over any distance."""
 CONTACT_ROWS = 6
 
 SHAPE, TENSION, ACTUATION, TENSION_REF, ACTUATION_REF = range(5)
-"""Rows of the springs: z; T; L; T and L when the spring last moved."""
+"""Rows of the springs: z; T; L; T and L when the elongation last changed."""
 LINK_ROWS = 5
 
 STIFFNESS, COMPLIANCE = range(2)
-"""Rows of a body's elasticity: k and 1 / k of each spring."""
+"""Rows of the elasticity of a body: k and 1 / k of each spring."""
 
 PLANAR_X, PLANAR_X_REST, PLANAR_GAINED = range(3)
 PLANAR_TENSION, PLANAR_ACTUATION = range(2)
@@ -40,8 +40,8 @@ PLANAR_TENSION, PLANAR_ACTUATION = range(2)
     ROUNDING,
     UNSOLVED,
 ) = range(13)
-"""Entries of the account: the first three, the gains and the rounding are sums, VISITED is a least, the others are
-greatest values or counts."""
+"""Entries of the account: the first three, the gains and the rounding are sums, VISITED is a minimum, the others are
+maxima or counts."""
 ACCOUNT_SIZE = 13
 
 _RETURNED = 2.0**-50
@@ -52,11 +52,11 @@ AT_FORWARD, AT_BACKWARD = 1, 2
 
 @compiled
 def shift(contacts, velocity, ds, i):
-    """Move contact i, keeping what rounding takes (compensated summation). A way back to within rounding gains nothing.
+    """Move contact i with compensated summation. A gain that cancels to within rounding is set to zero.
 
     Args:
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
-        velocity: of contact i [m per unit of the ramp].
+        velocity: velocity of contact i [m per unit of the ramp].
         ds: part of the ramp.
         i: the contact.
     """
@@ -71,11 +71,11 @@ def shift(contacts, velocity, ds, i):
 
 @compiled
 def add_ramp(account, ramp):
-    """Add the account of one ramp to that of all.
+    """Add the account of one ramp to the total.
 
     Args:
-        account: shape (13,), changed in place.
-        ramp: shape (13,).
+        account: the total, shape (13,), changed in place.
+        ramp: account of the ramp, shape (13,).
     """
     for entry in (WORK, DISSIPATION, RESIDUAL, EVENTS, OVERSPENT, GAIN_LEAST, GAIN_MOST, ROUNDING, UNSOLVED):
         account[entry] += ramp[entry]

@@ -1,9 +1,9 @@
-"""Which translation is chosen, and how near it is to not being determined.
+"""The choice of the translation, and the distance from states in which it is not determined.
 
 The shape of a crawler is always unique. The translation rates v that minimise the dissipation R(chi(w, v)) may fill an
-interval, when friction balances (condition (*), [G] section 2.2). The rule everywhere in this package: of that interval
-take the translation nearest to zero. (An interval that only the cutting of a segment into elements leaves open is none:
-`choose_translation`.)
+interval, when friction balances (condition (*), [G] section 2.2). Everywhere in this package the translation nearest to
+zero is then chosen from that interval. (An interval that exists only because a segment is divided into elements does
+not count; see `choose_translation`.)
 """
 
 from __future__ import annotations
@@ -12,20 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..compiled import compiled
-
-CRITICAL = 1e-12
-"""Below this relative margin a balance of friction forces counts as exact: 0.1 and 0.3 are not 1/10 and 3/10."""
-NOISE = 1e-14
-"""A velocity below this part of the largest is rounding."""
+from ..rounding import CRITICAL, NOISE
 
 
 def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> float:
-    """Compute how near all contacts are to sliding at once in one state.
+    """Compute how close all contacts are to sliding at once in one state.
 
         sum_i min(mu_plus_i - g_i, g_i + mu_minus_i) / sum_i (mu_plus_i + mu_minus_i)
 
-    It is never smaller than `uniqueness_margin` of the same contacts' friction (of a segment's contacts, not of the
-    segment as one block, which `commanded_margin` judges).
+    It is never smaller than `uniqueness_margin` of the friction of the same contacts. (Here the contacts of a segment
+    count individually, while `commanded_margin` treats the segment as one block.)
 
     Args:
         force: spring force g on each contact, shape (N,) [N].
@@ -33,7 +29,7 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        The margin [1]; 0 when all contacts are at a bound and when there is no friction at all.
+        The margin [1]; 0 if all contacts are at a bound or there is no friction.
     """
     g, plus, minus = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (force, forward, backward)))
     return float(nearness(np.array(g), np.array(plus), np.array(minus)))
@@ -41,7 +37,7 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
 
 @compiled
 def nearness(force, forward, backward):
-    """Compute the visited margin of a state, unchecked; see `visited_margin`.
+    """Compute the visited margin of a state without checking the arguments; see `visited_margin`.
 
     Args:
         force: g of the springs on each contact, shape (N,) [N].
@@ -49,7 +45,7 @@ def nearness(force, forward, backward):
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        The distances to the nearest bounds, relative to all friction [1]; 0 without friction.
+        Sum of the distances to the nearest bounds, relative to the total friction [1]; 0 without friction.
     """
     near = 0.0
     total = 0.0
@@ -69,7 +65,7 @@ def find_translations(velocity, forward, backward):
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        The least and the greatest of them.
+        The smallest and the largest of them.
     """
     n = velocity.shape[0]
     total = 0.0
@@ -95,21 +91,21 @@ def find_translations(velocity, forward, backward):
 
 @compiled
 def choose_translation(velocity, forward, backward, elements, share):
-    """Add to the velocities one of the admissible translations: the one whose net translation is nearest to zero.
+    """Add to the velocities the admissible translation whose net translation is nearest to zero.
 
-    Where contacts stand for stretches of ground, an interval may be an artefact of cutting the ground: when, in its
-    middle, the ends of an element that friction holds slide opposite ways, the continuum has a point between them
-    that stands, and so decides. The middle is taken then, and the translation counts as determined.
+    Where contacts represent lengths of ground, an interval may be an artefact of the discretisation: if at its
+    midpoint the two ends of an element with friction slide in opposite directions, the continuum has a point at rest
+    between them, which determines the translation. The midpoint is then chosen, and the translation counts as unique.
 
     Args:
         velocity: velocities up to a translation, shape (N,) [m per unit of the ramp], changed in place.
         forward: mu_plus, shape (N,) [N].
         backward: mu_minus, shape (N,) [N].
-        elements: both contacts of each element of a segment, shape (P, 2); no rows where there is no segment.
+        elements: both contacts of each element of a segment, shape (P, 2); no rows without segments.
         share: weight of each contact in the net translation, shape (N,); their sum is 1.
 
     Returns:
-        How far the least and the greatest admissible translation lie from the chosen one.
+        Distances of the smallest and the largest admissible translation from the chosen one.
     """
     least, most = find_translations(velocity, forward, backward)
     net = 0.0
@@ -138,15 +134,15 @@ def choose_translation(velocity, forward, backward, elements, share):
 
 @compiled
 def is_wide(least, most, velocity):
-    """Tell an interval of translations from rounding.
+    """Check whether an interval of translations is wider than rounding.
 
     Args:
-        least: its lower end [m per unit of the ramp].
-        most: its upper end.
-        velocity: of the contacts, shape (N,).
+        least: lower end of the interval [m per unit of the ramp].
+        most: upper end of the interval.
+        velocity: velocities of the contacts, shape (N,).
 
     Returns:
-        True when its width is more than rounding of the velocities.
+        True if its width exceeds the rounding of the velocities.
     """
     size = 0.0
     for i in range(velocity.shape[0]):

@@ -1,1 +1,1 @@
-"""A drive followed from its start to its end, with the account of its energy."""
+"""Runs of a drive from start to end, and their energy account."""

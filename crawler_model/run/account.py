@@ -1,4 +1,4 @@
-"""What a run costs and gains: work, dissipation, stored energy, certificate, average displacement."""
+"""The account of a run: work, dissipation, stored energy, certificate and average displacement."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class Energy:
     """The energy account of a run: stored + dissipation - work = residual.
 
     Attributes:
-        work: done by the actuators [J].
-        dissipation: lost to friction [J].
-        stored: in the springs at the end, less what was there at the start [J].
-        residual: what does not add up [J].
-        peak: the most ever stored [J].
+        work: work of the actuators [J].
+        dissipation: energy lost to friction [J].
+        stored: change of the energy stored in the springs from start to end [J].
+        residual: error of the balance [J].
+        peak: largest energy stored during the run [J].
     """
 
     work: float
@@ -30,25 +30,25 @@ class Energy:
 
     @property
     def relative_residual(self) -> float:
-        """The residual relative to the work done [1], or to the most ever stored where work was given back."""
+        """The residual relative to the largest of work, dissipation, stored and peak energy [1]."""
         size = max(abs(self.work), abs(self.dissipation), abs(self.stored), self.peak)
         return abs(self.residual) / size if size > 0.0 else 0.0
 
 
 @dataclass
 class Total:
-    """What happened on all ramps of a run together; as in `Step`.
+    """The account of all ramps of a run; entries as in `Step`.
 
     Attributes:
-        visited: the least visited margin [1].
-        work: done by the actuators [J].
-        dissipation: lost to friction [J].
-        residual: of the energy account [J].
-        violation: largest excess over a bound [N].
+        visited: smallest visited margin [1].
+        work: work of the actuators [J].
+        dissipation: energy lost to friction [J].
+        residual: error of the energy balance [J].
+        violation: largest amount by which a spring force exceeds its bound [N].
         unique: whether the translation was determined on every ramp.
-        events: linear pieces.
-        overspent: ramps whose budget of work was spent.
-        unsolved: ramps in which the active set of a graph gave up.
+        events: number of linear pieces.
+        overspent: number of ramps whose budget of work was exceeded.
+        unsolved: number of ramps in which the active set of a graph did not converge.
     """
 
     visited: float
@@ -62,7 +62,7 @@ class Total:
     unsolved: int = 0
 
     def add(self, step: Step) -> None:
-        """Add what happened on some ramps more.
+        """Add the account of further ramps.
 
         Args:
             step: the account of these ramps.
@@ -83,7 +83,7 @@ def stored_energy(body: Body, tension: np.ndarray) -> np.ndarray:
 
     Args:
         body: the body.
-        tension: of its springs, shape (T, S), in the plane (T, S, 2) [N].
+        tension: tensions of its springs, shape (T, S), in the plane (T, S, 2) [N].
 
     Returns:
         Shape (T,) [J].
@@ -93,7 +93,7 @@ def stored_energy(body: Body, tension: np.ndarray) -> np.ndarray:
 
 
 def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:
-    """Average displacements over a body: every isolated contact and every segment counts once.
+    """Average displacements over a body; every isolated contact and every segment has the same weight.
 
     Args:
         body: the body.

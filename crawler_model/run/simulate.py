@@ -1,4 +1,4 @@
-"""A scene run offline: its drive followed at a fixed rate, every waypoint an end of a ramp."""
+"""Offline runs of a scene: its drive at a fixed tick rate, with every waypoint at the end of a ramp."""
 
 from __future__ import annotations
 
@@ -20,39 +20,39 @@ from .account import Energy, Total, average_displacement, stored_energy
 _CHUNK = 4096
 _MOST_SAMPLES = 100_000_000
 _RETURNED = 1e-15
-"""A displacement below this part of the way that a contact went is rounding."""
+"""A net displacement below this part of the path length of a contact is rounding."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A run. Arrays are read-only; T counts the ticks and the start, W the start and the waypoints passed.
+    """The result of a run. Arrays are read-only; T counts the start and all ticks, W the start and waypoints passed.
 
     Attributes:
-        scene: what ran.
+        scene: the scene.
         method: "exact" or "catch_up".
         rate: ticks per second [Hz].
-        time: of the start and each tick's end, shape (T,) [s].
+        time: times of the start and of the end of each tick, shape (T,) [s].
         displacement: x, shape (T, N), in the plane (T, N, 2) [m].
         tension: shape (T, S), in the plane (T, S, 2) [N].
         net_translation: y, shape (T,), in the plane (T, 2) [m].
-        contact_state: what each contact did in the tick: 1 forward, -1 backward, 0 stuck; int8, shape (T, N).
-        waypoint_time: of the start and each waypoint passed, or of each period's end, shape (W,) [s].
-        waypoint_displacement: x there of the isolated contacts, then of both ends of each segment, shape (W, stations),
-            in the plane (W, N, 2) [m].
-        waypoint_net_translation: y there, shape (W,), in the plane (W, 2) [m].
+        contact_state: direction of each contact in the tick: 1 forward, -1 backward, 0 stuck; int8, shape (T, N).
+        waypoint_time: times of the start and of each waypoint passed (with a period, of its end), shape (W,) [s].
+        waypoint_displacement: x at these times of the isolated contacts, then of both ends of each segment, shape
+            (W, stations), in the plane (W, N, 2) [m].
+        waypoint_net_translation: y at these times, shape (W,), in the plane (W, 2) [m].
         per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m].
-        energy: the account of the whole run.
-        violation: largest excess of a spring force over its bound [N].
-        unique: False when on some stretch the translation was not determined.
-        uniqueness_margin: of the friction commanded (its least over the waypoints) [1]; None when not decided.
-        visited_margin: how near all contacts came to sliding at once [1].
-        visited_margin_sampled: True where that was looked at the ends of ramps only, or of steps in the plane, so that
-            the path may have come nearer in between: with catch_up, and in chains of more than 256 contacts.
-        events: linear pieces.
-        overspent: ramps whose budget of work was spent; a catch-up step did the rest of each.
-        unsolved: ramps in which the active set of a graph gave up; the certificate shows what the rest is worth.
+        energy: energy account of the whole run.
+        violation: largest amount by which a spring force exceeds its bound [N].
+        unique: False if the translation was not determined on some stretch.
+        uniqueness_margin: margin of the commanded friction, its minimum over the waypoints [1]; None if undecided.
+        visited_margin: how close all contacts came to sliding at once [1].
+        visited_margin_sampled: True if this was sampled only at the ends of ramps (in the plane, of steps), so that
+            the path may have come closer in between: with catch_up, and for chains of more than 256 contacts.
+        events: number of linear pieces.
+        overspent: number of ramps whose budget of work was exceeded; a catch-up step completed each of them.
+        unsolved: number of ramps in which the active set of a graph did not converge; the certificate shows the error.
         ticks: number of ticks.
-        wall_s: how long the run took [s].
+        wall_s: wall-clock time of the run [s].
     """
 
     scene: Plan
@@ -80,17 +80,17 @@ class Trajectory:
     wall_s: float
 
     def __repr__(self) -> str:
-        """Say in a line what ran and where it ended."""
+        """Describe the run in one line."""
         return (
             f"Trajectory({self.scene.name}, {self.method}, {self.ticks} ticks at {self.rate:g} Hz, "
             f"net_translation {self.net_translation[0]} -> {self.net_translation[-1]} m)"
         )
 
     def summary(self) -> dict[str, Any]:
-        """Lay the run out as `crawler simulate --json` prints it.
+        """Build the summary that `crawler simulate --json` prints.
 
         Returns:
-            Plain numbers, lists and text; schema 1.
+            Plain numbers, lists and strings; schema 1.
         """
         energy = self.energy
         return {
@@ -122,11 +122,11 @@ class Trajectory:
 
 
 def tick_end_ns(tick: int, rate: Fraction) -> int:
-    """Compute when a tick ends: floor(k 10^9 / rate), without drift.
+    """Compute the end of a tick, floor(k 10^9 / rate), without drift.
 
     Args:
-        tick: k, counted from 0 at the start.
-        rate: [Hz].
+        tick: k, 0 for the start.
+        rate: ticks per second [Hz].
 
     Returns:
         Simulated time [ns].
@@ -135,16 +135,16 @@ def tick_end_ns(tick: int, rate: Fraction) -> int:
 
 
 def rational_rate(rate: float) -> Fraction:
-    """Read a rate as the rational number that was meant.
+    """Convert a rate to the rational number that was probably intended.
 
     Args:
-        rate: [Hz], between 1e-9 and 1e9.
+        rate: ticks per second [Hz], between 1e-9 and 1e9.
 
     Returns:
-        The nearest fraction with a denominator of at most 10^6, or the exact one for slow rates.
+        The nearest fraction with a denominator of at most 10^6, or the exact value for low rates.
 
     Raises:
-        CommandError: when it is out of range.
+        CommandError: if it is out of range.
     """
     if not isinstance(rate, (int, float)) or not 1e-9 <= rate <= 1e9:
         given = f"{rate:g}" if isinstance(rate, (int, float)) else repr(rate)
@@ -154,10 +154,10 @@ def rational_rate(rate: float) -> Fraction:
 
 
 def default_duration(drive: Drive) -> float:
-    """Tell how long a run lasts when nobody says so: ten periods, or up to the last waypoint.
+    """Compute the default duration of a run: ten periods, or up to the last waypoint.
 
     Args:
-        drive: the scene's.
+        drive: the drive of the scene.
 
     Returns:
         Duration [s]; 0 for a scene without a drive.
@@ -174,22 +174,22 @@ def simulate(
 ) -> Trajectory:
     """Run a scene's drive.
 
-    A tick goes in straight lines through the waypoints that it contains to the drive's value at its end, so that
-    `exact` is exact at any rate.
+    A tick follows the drive linearly through the waypoints that it contains to its end, so that `exact` is exact at any
+    rate.
 
     Args:
-        scene: what to run; a path or a name of the gallery is loaded.
-        duration: [s]; None for ten periods, or up to the last waypoint.
+        scene: the scene to run.
+        duration: duration [s]; None for ten periods, or up to the last waypoint.
         rate: ticks per second [Hz].
-        method: "exact" or "catch_up"; None for the best that there is: exact on a line.
-        progress: called with the part done, in [0, 1].
+        method: "exact" or "catch_up"; None for the best one available: exact on a line.
+        progress: called with the completed part, in [0, 1].
 
     Returns:
         The run, sampled at every tick and at every waypoint.
 
     Raises:
-        CommandError: when duration, rate or method is out of range.
-        SceneError: when there is no such scene.
+        CommandError: if duration, rate or method is out of range.
+        SceneError: if `scene` is not a scene.
     """
     began = time.perf_counter()
     check_plan(scene, "simulate")
@@ -202,18 +202,18 @@ def simulate(
     end_ns = round(seconds * NS)
     ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))  # the last one may be cut short
     n = scene.body.contacts * scene.body.dimension
-    for what, count in (("ticks", ticks), ("waypoints", _waypoints(drive, seconds))):
+    for name, count in (("ticks", ticks), ("waypoints", _waypoints(drive, seconds))):
         if count * n > _MOST_SAMPLES:
             raise CommandError(
-                f"{count:.0f} {what} of {n} contacts are more than fit in memory; at most {_MOST_SAMPLES // n}: "
-                "take a shorter duration or a lower rate"
+                f"{count:.0f} {name} of {n} contacts do not fit in memory; at most {_MOST_SAMPLES // n}: "
+                "choose a shorter duration or a lower rate"
             )
     crawler = Crawler(scene, method)
     run = _Run(crawler, ticks)
     for first in range(0, ticks, _CHUNK):
         last = min(first + _CHUNK, ticks)
         ends = np.array([min(tick_end_ns(k, ratio), end_ns) for k in range(first + 1, last + 1)], dtype=np.int64)
-        run.go(drive, min(tick_end_ns(first, ratio), end_ns), ends, first)
+        run.follow(drive, min(tick_end_ns(first, ratio), end_ns), ends, first)
         if progress is not None:
             progress(last / ticks)
     return run.finish(rate, began)
@@ -224,14 +224,14 @@ def _waypoints(drive: Drive, seconds: float) -> float:
 
 
 def _directions(moved: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Tell which way contacts went in ticks that begin with the ramps `first`; back where they were, they went none."""
+    """Compute the directions of contacts in ticks that begin with the ramps `first`; 0 for no net displacement."""
     gained = np.add.reduceat(moved, first)
     went = np.abs(gained) > _RETURNED * np.add.reduceat(np.abs(moved), first)
     return np.asarray(went.any(axis=2) if moved.ndim == 3 else np.where(went, np.sign(gained), 0.0))
 
 
 class _Run:
-    """The tables that a run fills."""
+    """The tables of a run in progress."""
 
     def __init__(self, crawler: Crawler, ticks: int) -> None:
         body = crawler.body
@@ -251,8 +251,8 @@ class _Run:
         self.total = Total(crawler.visited_margin)
         self.peak = float(stored_energy(body, self.tension[:1])[0])
 
-    def go(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
-        """Run the ticks that end at `tick_ns`, tick number `first` starting at `after_ns`."""
+    def follow(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
+        """Run the ticks that end at `tick_ns`; the first one, number `first`, starts at `after_ns`."""
         until = int(tick_ns[-1])
         way_ns, way_rows = drive.waypoints_between(after_ns, until)
         vertex_ns = np.union1d(tick_ns, way_ns)
@@ -284,7 +284,7 @@ class _Run:
                 self.waypoint_rest.append(rest[i].copy())
 
     def finish(self, rate: float, began: float) -> Trajectory:
-        """Close the account and freeze the tables."""
+        """Complete the account and build the trajectory."""
         scene, drive = self.crawler.scene, self.crawler.scene.drive
         body = self.crawler.body
         way_x, way_rest = np.array(self.waypoint_x), np.array(self.waypoint_rest)

@@ -1,1 +1,1 @@
-"""From a scene file to arrays: parts, checks, assembly."""
+"""Scenes: from a file to parts, checks and assembled arrays."""

@@ -1,4 +1,4 @@
-"""From the parts of a scene to an assembly of arrays, each part checked against the others."""
+"""Assemble the arrays of a scene from its parts, and check the parts against each other."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .parts import FrictionRowsPart, SceneParts
 from .standing import find_standing
 
 _OTHERS = 31
-"""Elements of the other segments while one is refined."""
+"""Number of elements of the other segments while one segment is refined."""
 _FINE = 587
-"""The reference grid where waves sweep a segment: a prime, so that it shares no contact with the coarse ones."""
+"""Reference grid for segments with waves: a prime, so that it shares no inner contact with the coarse grids."""
 _FINE_STANDING = 293
-"""The reference grid where the error of contacts that stand is known and taken off."""
+"""Reference grid if the error due to standing contacts is known and subtracted."""
 
 
 def assemble(parts: SceneParts, like: Assembly | None = None) -> Assembly:
@@ -32,13 +32,13 @@ def assemble(parts: SceneParts, like: Assembly | None = None) -> Assembly:
 
     Args:
         parts: the parts of the scene.
-        like: an assembly of parts with the same body and the same kind of drive, whose body and columns are shared.
+        like: an assembly with the same body and the same kind of drive; its body and columns are reused.
 
     Returns:
         The assembly.
 
     Raises:
-        SceneError: naming the part, contact, link, segment or row that does not fit.
+        SceneError: if a part, contact, link, segment or row is invalid; the message names it.
     """
     _check_parts(parts)
     elements = [] if like is not None else [s.elements or _count(parts, i) for i, s in enumerate(parts.body.segments)]
@@ -48,7 +48,7 @@ def assemble(parts: SceneParts, like: Assembly | None = None) -> Assembly:
 
 
 def _assemble(parts: SceneParts, elements: Sequence[int], like: Assembly | None = None) -> Assembly:
-    """Build the arrays of a scene whose segments are cut into so many elements; the start is not checked."""
+    """Build the arrays of a scene for given numbers of elements; the start is not checked."""
     body = assemble_body(parts, elements) if like is None else like.body
     columns = assemble_columns(parts, body) if like is None else like.columns
     drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns))
@@ -61,39 +61,39 @@ def _check_parts(parts: SceneParts) -> None:
             raise SceneError(f"tolerance: {parts.tolerance:g}; it must be between 1e-9 and 0.5")
         _check_planar(parts)
     elif parts.tolerance is not None:
-        raise SceneError("tolerance: only planar scenes take one; on a line the answer is exact")
+        raise SceneError("tolerance: only planar scenes have a tolerance; on a line the solution is exact")
     names = [s.name for s in parts.body.segments]
     for name in names:
         if names.count(name) > 1:
-            raise SceneError(f"body.segments: two segments are called {name!r}; names must differ")
+            raise SceneError(f"body.segments: two segments are named {name!r}; names must be unique")
     if parts.body.links is None and (parts.dimension == 2 or len(parts.body.contacts) + len(names) > 1):
-        raise SceneError("body.links: missing; it gives the springs between contacts and segments, {stiffness: ...}")
+        raise SceneError("body.links: missing; the springs between contacts and segments, {stiffness: ...}")
     if parts.friction is None and parts.body.contacts:
-        raise SceneError("friction: missing; it is that of the isolated contacts")
+        raise SceneError("friction: missing; isolated contacts need it")
 
 
 def _check_planar(parts: SceneParts) -> None:
     if parts.body.segments:
-        raise SceneError("body.segments: segments lie on a line; leave them out of a planar scene")
+        raise SceneError("body.segments: segments lie on a line; a planar scene cannot have any")
     for i, contact in enumerate(parts.body.contacts):
         if not isinstance(contact, tuple) or len(contact) != 2:
-            raise SceneError(f"body.contacts: contact {i} is {contact}; a planar scene gives [x, y] of each contact")
+            raise SceneError(f"body.contacts: contact {i} is {contact}; in a planar scene each contact is [x, y]")
     friction, drive = parts.friction, parts.drive
     if friction is not None and friction.isotropic is None and friction.directions is None:
         raise SceneError(
-            "friction: in the plane give `isotropic`, or `directions` and `value`, not forward and backward"
+            "friction: in the plane use `isotropic`, or `directions` and `value`, not forward and backward"
         )
     if drive is not None and drive.times is None:
-        raise SceneError("drive: a planar scene takes `times` and `actuation`; waves and strategies are for a line")
+        raise SceneError("drive: a planar scene needs `times` and `actuation`; waves and strategies need a line")
     if drive is not None and isinstance(drive.friction, FrictionRowsPart) and drive.friction.isotropic is None:
-        raise SceneError("drive.friction: a planar scene takes `isotropic` only")
+        raise SceneError("drive.friction: in a planar scene only `isotropic` is possible")
     if friction is not None and friction.directions is not None:
         for row in planar_friction(parts):
             check_directions(np.array(friction.directions), row)
 
 
 def _count(parts: SceneParts, place: int) -> int:
-    """Find how many elements a segment needs for its accuracy under the scene's drive."""
+    """Find the number of elements that a segment needs for its accuracy under the drive of the scene."""
     segments = parts.body.segments
     accuracy = segments[place].accuracy
     assert accuracy is not None
@@ -127,7 +127,7 @@ def _count(parts: SceneParts, place: int) -> int:
 
 
 def _largest_change(assembly: Assembly) -> float:
-    """Compute the largest change of length that a drive commands of a link, or of a segment's length by its strain."""
+    """Compute the largest change of length that a drive commands for a link, or for a segment through its strain."""
     drive, body = assembly.drive, assembly.body
     change = np.ptp(drive.rows, axis=0)
     sizes = [1.0] * body.link_springs.size + [s.length for s in body.segments]

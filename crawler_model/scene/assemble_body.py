@@ -1,4 +1,4 @@
-"""From the body of a scene to contacts and springs."""
+"""Assemble contacts and springs from the body of a scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
     for name, value in (("stiffness", part.stiffness), *zip(("forward", "backward"), part.friction.sides, strict=True)):
         if isinstance(value, TablePart) and not (value.at[0] <= part.stop and value.at[-1] >= part.start):
             raise SceneError(
-                f"{field}: the table of {name} is given at {value.at[0]:g} .. {value.at[-1]:g} m, outside the "
+                f"{field}: the table of {name} covers {value.at[0]:g} .. {value.at[-1]:g} m, outside the "
                 f"segment's {part.start:g} .. {part.stop:g} m"
             )
     nodes = np.linspace(part.start, part.stop, elements + 1)
@@ -50,13 +50,13 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
 
     Args:
         parts: the parts of the scene.
-        elements: how many elements each segment is cut into.
+        elements: number of elements of each segment.
 
     Returns:
         The body.
 
     Raises:
-        SceneError: naming the contact, segment or link that does not fit.
+        SceneError: if a contact, segment or link is invalid; the message names it.
     """
     given = parts.body
     for i, contact in enumerate(given.contacts):
@@ -76,15 +76,15 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
 
 
 def assemble_columns(parts: SceneParts, body: Body) -> Columns:
-    """Lay out what can be commanded of a scene's body.
+    """Build the command layout of the body of a scene.
 
     Args:
         parts: the parts of the scene.
         body: its body.
 
     Returns:
-        The columns. A segment has one for its strain unless a wave runs along it, and one a side for its friction
-        unless that varies along it.
+        The columns. A segment has one column for its strain unless a wave runs along it, and one per side for its
+        friction unless that varies along it.
     """
     if parts.dimension == 2:
         friction = parts.friction

@@ -1,4 +1,4 @@
-"""From the drive of a scene to its waypoints."""
+"""Assemble waypoints from the drive of a scene."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
     Args:
         parts: the parts of the scene.
         body: its body.
-        columns: the layout of its commands.
-        friction: the scene's own friction, the last columns of a row, shape (C - lengths,) [N, N/m].
+        columns: layout of its commands.
+        friction: friction of the scene, the last columns of a row, shape (C - lengths,) [N, N/m].
 
     Returns:
-        The drive, with the scene's friction where it commands none.
+        The drive, with the friction of the scene unless it commands friction.
 
     Raises:
-        SceneError: naming the row or value that does not fit.
+        SceneError: if a row or value is invalid; the message names it.
     """
     part = parts.drive
     if part is None:
@@ -48,7 +48,7 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
         rows[:, : columns.lengths] = np.repeat(given, columns.actuation_sizes, axis=1)
     if isinstance(part.friction, FrictionRowsPart):
         if columns.planar:
-            raise SceneError("drive.friction: friction given by directions is constant; leave it out")
+            raise SceneError("drive.friction: direction-dependent friction is constant; remove this key")
         item = "contact(s) and segment" if body.segments else "contact"
         names = ("isotropic", "isotropic") if part.friction.isotropic is not None else ("forward", "backward")
         both = [
@@ -84,14 +84,14 @@ def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
         if len(entries) != links or wrong:
             found = f"entry {wrong[0]} is {entries[wrong[0]]}" if wrong else f"{len(entries)} entries"
             raise SceneError(
-                f"drive.actuation: row {i}: {found}; a planar scene gives [x, y] for each of {links} link(s)"
+                f"drive.actuation: row {i}: {found}; in a planar scene a row is [x, y] for each of {links} link(s)"
             )
     return np.array(table).reshape(rows, 2 * links)
 
 
 def _build_strategy(body: Body, columns: Columns, part: DrivePart) -> Drive:
     if (body.isolated.size, body.springs, len(body.segments)) != (2, 1, 0):
-        raise SceneError(f"drive.strategy: strategies drive 2 contacts on 1 link, this body has {body.describe()}")
+        raise SceneError(f"drive.strategy: strategies need 2 contacts and 1 link; this body has {body.describe()}")
     assert part.strategy is not None
     assert part.length is not None
     assert isinstance(part.friction, float)
@@ -104,7 +104,7 @@ def _build_waves(body: Body, columns: Columns, part: DrivePart, friction: np.nda
     waves = [w for w in (part.wave, part.friction_wave) if w is not None]
     period = waves[0].period
     if any(w.period != period for w in waves):
-        raise SceneError("drive.friction_wave.period: it must be that of drive.wave")
+        raise SceneError("drive.friction_wave.period: it must equal that of drive.wave")
     times = merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
     times[-1] = period
     rows = np.zeros((times.size, columns.count))
@@ -118,7 +118,7 @@ def _build_waves(body: Body, columns: Columns, part: DrivePart, friction: np.nda
         if w.mean < abs(w.amplitude):
             raise SceneError(
                 f"drive.friction_wave: mean {w.mean:g} N is less than the amplitude {abs(w.amplitude):g} N; "
-                "friction must be >= 0 all the time"
+                "friction must be >= 0 at all times"
             )
         places = np.concatenate([body.position[body.isolated], *(body.position[s.contacts] for s in body.segments)])
         mu = np.maximum(_sampled(w, times, places), 0.0)
@@ -127,12 +127,12 @@ def _build_waves(body: Body, columns: Columns, part: DrivePart, friction: np.nda
 
 
 def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Read a wave, straight between its own samples, at the waypoints, shape (W, places)."""
+    """Interpolate a wave linearly between its own samples at the waypoints, shape (W, places)."""
     phase = np.arange(part.samples + 1) / part.samples
     values = wave(part.mean, part.amplitude, part.wavelength, phase, places)
     at = times / part.period * part.samples
     before = np.minimum(np.floor(at + 1e-9).astype(np.int64), part.samples)
     after = np.minimum(before + 1, part.samples)
     rest = np.clip(at - before, 0.0, 1.0)
-    rest[rest < 1e-8] = 0.0  # on a sample, to the bit
+    rest[rest < 1e-8] = 0.0  # exactly on a sample
     return values[before] + rest[:, None] * (values[after] - values[before])

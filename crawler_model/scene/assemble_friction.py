@@ -1,4 +1,4 @@
-"""From the friction of a scene to the last columns of a command row."""
+"""Assemble the last columns of a command row from the friction of a scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .parts import SceneParts
 
 
 def planar_friction(parts: SceneParts) -> np.ndarray:
-    """Read the friction of a planar scene.
+    """Build the friction array of a planar scene.
 
     Args:
         parts: the parts of the scene.
@@ -22,7 +22,7 @@ def planar_friction(parts: SceneParts) -> np.ndarray:
         Shape (N, max(m, 1)) [N].
 
     Raises:
-        SceneError: naming the contact whose friction is negative, or the wrong length.
+        SceneError: if a friction is negative or an array has a wrong length.
     """
     friction, n = parts.friction, len(parts.body.contacts)
     assert friction is not None
@@ -48,24 +48,24 @@ def _not_negative(mu: np.ndarray, side: str) -> np.ndarray:
 
 
 def assemble_friction(parts: SceneParts, body: Body, columns: Columns) -> np.ndarray:
-    """Lay out a scene's own friction as the last columns of a command row.
+    """Build the last columns of a command row from the friction of a scene.
 
     Args:
         parts: the parts of the scene.
         body: its body.
-        columns: the layout of its commands.
+        columns: layout of its commands.
 
     Returns:
         Shape (C - lengths,) [N, N/m].
 
     Raises:
-        SceneError: naming the contact whose friction is negative, or the wrong length.
+        SceneError: if a friction is negative or an array has a wrong length.
     """
     if parts.dimension == 2:
         return planar_friction(parts).ravel()
     sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
     if parts.friction is not None and parts.friction.directions is not None:
-        raise SceneError("friction.directions: for planar scenes; on a line give `forward` and `backward`")
+        raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
     values = []
     for side, name in enumerate(("forward", "backward")):
         values.append(_not_negative(spread(sides[side], body.isolated.size, f"friction.{name}", "contact"), name))

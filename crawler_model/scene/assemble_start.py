@@ -1,4 +1,4 @@
-"""From the start of a scene to displacements that its friction admits."""
+"""Assemble the start displacements of a scene, and check that friction admits them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from ..arrays import spread
 from ..body.body import Body
 from ..body.drive import Drive
 from ..errors import SceneError
+from ..rounding import EPS
 from .assembly import Assembly
 from .parts import SceneParts
 
-_ROUNDING = 1e3 * 32.0 * np.finfo(np.float64).eps
+_ROUNDING = 1e3 * 32.0 * EPS
 
 
 def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
-    """Place the contacts at the start.
+    """Compute the displacements at the start.
 
     Args:
         parts: the parts of the scene.
@@ -23,11 +24,11 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
         drive: its drive; the first row is in force at the start.
 
     Returns:
-        Displacement, shape (N,), in the plane (N, 2) [m]. A scene gives it for the isolated contacts and both ends of
-        each segment, straight between; `relaxed` is a start without spring forces.
+        Displacement, shape (N,), in the plane (N, 2) [m]. A scene specifies it for the isolated contacts and both ends
+        of each segment, with linear interpolation between; `relaxed` is a start without spring forces.
 
     Raises:
-        SceneError: on a wrong length.
+        SceneError: if the number of values is wrong.
     """
     if parts.start is None:
         return np.zeros(body.position.shape)
@@ -37,7 +38,7 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
     if body.dimension == 2:
         rows = given if isinstance(given, tuple) else (given,) * body.contacts
         if len(rows) != body.contacts or any(isinstance(r, tuple) and len(r) != 2 for r in rows):
-            raise SceneError(f"start.displacement: a planar scene gives [x, y] for each of {body.contacts} contacts")
+            raise SceneError(f"start.displacement: in a planar scene it is [x, y] for each of {body.contacts} contacts")
         return np.array([spread(row, 2, "start.displacement", "coordinate") for row in rows])
     if isinstance(given, tuple) and any(isinstance(v, tuple) for v in given):
         raise SceneError("start.displacement: on a line each entry is a number (or dimension: 2)")
@@ -53,13 +54,13 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
 
 
 def check_start(assembly: Assembly) -> None:
-    """Check that the springs' forces at the start are within the friction at the start.
+    """Check that the spring forces at the start are within the friction at the start.
 
     Args:
         assembly: the assembly.
 
     Raises:
-        SceneError: naming the contact and by how much its bound is exceeded.
+        SceneError: if a force exceeds its bound; the message names the contact and the excess.
     """
     body, drive, x = assembly.body, assembly.drive, assembly.start_displacement
     if body.dimension == 2:

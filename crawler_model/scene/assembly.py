@@ -1,4 +1,4 @@
-"""What the parts of a scene are assembled to: the arrays that are simulated."""
+"""The assembled arrays of a scene, ready for simulation."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Assembly:
     """The parts of a scene and the arrays built from them; a `Plan`.
 
     Attributes:
-        parts: what the scene file holds.
-        body: contacts and springs, segments cut into elements.
-        columns: the layout of commands.
-        drive: the drive, or for a scene without one L = 0 and the scene's friction for ever.
+        parts: the content of the scene file.
+        body: contacts and springs, with segments divided into elements.
+        columns: layout of the commands.
+        drive: the drive; without one, L = 0 and the constant friction of the scene.
         start_displacement: x at the start, shape (N,), in the plane (N, 2) [m].
     """
 
@@ -35,7 +35,7 @@ class Assembly:
 
     @property
     def name(self) -> str:
-        """What tables and recordings call it."""
+        """Name of the scene in tables and recordings."""
         return self.parts.name
 
     @property
@@ -45,16 +45,16 @@ class Assembly:
 
     @property
     def tolerance(self) -> float | None:
-        """In the plane, the largest error of a ramp relative to the largest change commanded [1]; None: the default."""
+        """Largest error of a planar ramp, relative to the largest commanded change [1]; None for the default."""
         return self.parts.tolerance
 
     @property
     def angles(self) -> np.ndarray:
-        """In the plane, the directions in which friction is given, shape (m,) [rad]; m = 0 where it is isotropic."""
+        """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
         friction = self.parts.friction
         return np.array((friction.directions if friction is not None else None) or (), dtype=np.float64)
 
     @functools.cached_property
     def directions(self) -> np.ndarray:
-        """The same as unit vectors, shape (m, 2)."""
+        """The same directions as unit vectors, shape (m, 2)."""
         return frozen(unit_directions(self.angles))

@@ -1,9 +1,9 @@
-"""Segments cut into elements: how many, and what each element and contact is made of.
+"""The number of elements of a segment for a given accuracy.
 
-An element is a spring, a contact stands for the ground halfway to its neighbours ([G] sections 3.3 and 3.4). The error
-of the net translation is of first order in the length of an element, with a changing sign: the place where the body
-stands still falls on a contact or between two. Where that place is known (`standing`), this error is predicted for
-every mesh; the rest is measured: the drive is run on coarse grids, and what was not predicted is extrapolated.
+An element is a spring, and a contact represents the ground halfway to its neighbours ([G] sections 3.3 and 3.4). The
+error of the net translation is of first order in the length of an element, with a changing sign: the point at which the
+body is at rest falls on a contact or between two contacts. If that point is known (`standing`), this error is predicted
+for every grid. The remaining error is measured by running the drive on coarse grids, and extrapolated.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ import numpy as np
 from ..errors import SceneError
 
 MOST_UNMEASURED = 1000
-"""Elements at most where no drive tells what accuracy takes."""
+"""Upper limit of elements if there is no drive to measure the accuracy with."""
 MOST_ELEMENTS = 1_000_000
-"""More elements than this are refused."""
+"""Upper limit of elements."""
 
 _ALL_TRIED = 24
-"""Up to here every grid is tried."""
+"""All grids up to this number of elements are tried."""
 _TRIED = (*range(1, _ALL_TRIED + 1), 27, 29, 31, 34, 36, 39, 41, 44, 47, 50, 53)
-"""Coarse grids."""
+"""Coarse grids to try."""
 _TRIED_FINER = (61, 71, 83, 97, 113, 137, 163, 197, 239)
-"""Grids tried where the coarse ones do not reach far enough."""
+"""Finer grids, tried if the coarse ones do not suffice."""
 _VERIFIED = 600
-"""Up to here a number that follows from other grids is tried itself."""
+"""Up to this number of elements, a result inferred from other grids is verified by a run."""
 _SAFETY = 0.75
-"""Part of the accuracy that is used up where an error is predicted, not measured."""
+"""Part of the accuracy available for errors that are predicted, not measured."""
 _MARGIN = 1.5
-"""Safety on errors that are extrapolated."""
+"""Safety factor for extrapolated errors."""
 _PER_WAVE = 4
-"""Elements a wavelength at least."""
+"""Minimum number of elements per wavelength."""
 MOST_WAVES_MEASURED = 13.0
-"""Wavelengths in a segment up to which the error is measured; with more the grids would take seconds."""
+"""Number of wavelengths in a segment up to which the error is measured; beyond it, the runs would take seconds."""
 
 
 def count_elements(
@@ -45,21 +45,21 @@ def count_elements(
     accuracy: float,
     waves: float = 0.0,
 ) -> int:
-    """Find a number of elements from which on the net translation is as accurate as asked.
+    """Find a number of elements from which on the net translation has the required accuracy.
 
     Args:
-        gains: what is compared: net translation of each period (or of the whole run) with so many elements [m].
+        gains: net translation of each period (or of the whole run) for a number of elements [m].
         exact: the same without error, or from a fine grid [m].
-        predict: error of `gains` that standing contacts cause, of numbers of elements, both of shape (M,) [m].
-        scale: largest change of length commanded [m].
-        accuracy: error allowed, relative to `scale` [1].
-        waves: wavelengths in the segment's length, 0 without a wave [1]; a mesh resolves each of them.
+        predict: error of `gains` due to standing contacts for numbers of elements, both of shape (M,) [m].
+        scale: largest commanded change of length [m].
+        accuracy: allowed error, relative to `scale` [1].
+        waves: number of wavelengths in the segment, 0 without a wave [1]; a grid resolves each of them.
 
     Returns:
-        The number: more than the least number from which on every grid is accurate enough, at most a few times more.
+        The number: at least the smallest one from which on every grid is accurate enough, at most a few times larger.
 
     Raises:
-        SceneError: when it would be more than a million.
+        SceneError: if it would exceed a million.
     """
     least = max(int(np.ceil(_PER_WAVE * waves)), 1)
     finer = max(1.0, 3.0 * least / _TRIED[-1])
@@ -84,25 +84,25 @@ def count_elements(
 def count_elements_of_waves(waves: float, accuracy: float) -> int:
     """Find a number of elements that resolves short waves.
 
-    A mesh lets the body stand half an element off at most, so 1 / accuracy elements bound that error; what a wave adds
-    is of second order in the elements a wavelength, and the smaller the shorter the waves are.
+    On a grid the standing point of the body is off by half an element at most, so 1 / accuracy elements bound that
+    error; the error of a wave is of second order in the elements per wavelength, and smaller for shorter waves.
 
     Args:
-        waves: wavelengths in the segment's length [1].
-        accuracy: error allowed [1].
+        waves: number of wavelengths in the segment [1].
+        accuracy: allowed error [1].
 
     Returns:
         The number.
 
     Raises:
-        SceneError: when it would be more than a million.
+        SceneError: if it would exceed a million.
     """
     return _checked_count(max(_PER_WAVE * waves, 1.0 / accuracy), accuracy)
 
 
 def _checked_count(wanted: float, accuracy: float) -> int:
     if wanted > MOST_ELEMENTS:
-        raise SceneError(f"accuracy {accuracy:g} would take {wanted:.0f} elements; at most {MOST_ELEMENTS} are allowed")
+        raise SceneError(f"accuracy {accuracy:g} would need {wanted:.0f} elements; at most {MOST_ELEMENTS} are allowed")
     return int(np.ceil(wanted))
 
 
@@ -114,18 +114,18 @@ def _first_good(
     accuracy: float,
     least: int,
 ) -> int:
-    """Find the number of elements from which on no error is too large, beyond what is allowed where there is none.
+    """Find the number of elements from which on no error is too large; above the allowed maximum if there is none.
 
     Args:
         tried: numbers of elements, increasing, shape (M,).
-        measured: the relative error of each, shape (M,).
-        rest: what of it was not predicted, shape (M,).
-        predict: relative error that standing contacts cause, of numbers of elements.
-        accuracy: relative error allowed.
-        least: the least number that is taken.
+        measured: relative error of each, shape (M,).
+        rest: part of the error that was not predicted, shape (M,).
+        predict: relative error due to standing contacts for numbers of elements.
+        accuracy: allowed relative error.
+        least: the smallest admissible number.
 
     Returns:
-        The number; beyond what is allowed where none is good.
+        The number.
     """
     last = int(tried[-1])
     exactly = int((measured > 0.95 * accuracy).nonzero()[0].max(initial=-1))
@@ -140,7 +140,7 @@ def _first_good(
 
 
 def _extrapolate(tried: np.ndarray, errors: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """Extrapolate the envelope of errors to finer grids, with the order that they have; the theory knows 1 and 2."""
+    """Extrapolate the envelope of errors to finer grids, with the observed order, 1 or 2."""
     first, last = int(tried[0]), int(tried[-1])
     spans = ((max(first, last // 20), max(last // 6, 3 * first // 2)), (last // 2, last))
     coarse, fine = (_envelope(tried, errors, *span) for span in spans)
@@ -150,7 +150,7 @@ def _extrapolate(tried: np.ndarray, errors: np.ndarray, elements: np.ndarray) ->
 
 
 def _envelope(tried: np.ndarray, errors: np.ndarray, first: int, last: int) -> tuple[float, float]:
-    """Find the number of elements between two at which the error, grown with it, is largest, and the error there."""
+    """Find the number of elements in a range at which error times number is largest, and the error there."""
     span = (tried >= first) & (tried <= last)
     worst = int((errors * tried)[span].argmax())
     return float(tried[span][worst]), float(errors[span][worst])

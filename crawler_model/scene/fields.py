@@ -1,4 +1,4 @@
-"""Values along a segment: constants and tables as functions of position, and their means over intervals."""
+"""Quantities along a segment: constants and tables as functions of position, and their means over intervals."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 def field_of(part: float | TablePart) -> Callable[[np.ndarray], np.ndarray]:
-    """Build the function of position that a key of a segment stands for.
+    """Build the function of position for a quantity along a segment.
 
     Args:
         part: a constant, or a table.
 
     Returns:
-        The value at positions [m] of any shape.
+        A function of positions [m] of any shape.
     """
     if isinstance(part, TablePart):
         at, value = np.array(part.at), np.array(part.value)
@@ -28,7 +28,7 @@ def field_of(part: float | TablePart) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def breaks_of(part: float | TablePart) -> np.ndarray:
-    """Find where a value along a segment is not smooth.
+    """Find the positions at which a quantity along a segment is not smooth.
 
     Args:
         part: a constant, or a table.
@@ -40,7 +40,7 @@ def breaks_of(part: float | TablePart) -> np.ndarray:
 
 
 def check_field(part: float | TablePart, field: str, unit: str, least: str) -> None:
-    """Check the sign of a value along a segment.
+    """Check the sign of a quantity along a segment.
 
     Args:
         part: a constant, or a table.
@@ -49,7 +49,7 @@ def check_field(part: float | TablePart, field: str, unit: str, least: str) -> N
         least: "> 0" or ">= 0".
 
     Raises:
-        SceneError: naming the value.
+        SceneError: if a value has the wrong sign.
     """
     for value in part.value if isinstance(part, TablePart) else (part,):
         if value < 0.0 or (value == 0.0 and least == "> 0"):
@@ -57,12 +57,12 @@ def check_field(part: float | TablePart, field: str, unit: str, least: str) -> N
 
 
 def average(field: Callable[[np.ndarray], np.ndarray], edges: np.ndarray, breaks: np.ndarray) -> np.ndarray:
-    """Compute the mean of a field over each interval between edges, by Gauss' rule between its breaks.
+    """Compute the mean of a field over each interval between edges, with Gauss quadrature between its breaks.
 
     Args:
-        field: value at positions.
+        field: function of position.
         edges: shape (M + 1,), increasing [m].
-        breaks: where the field is not smooth, shape (B,) [m].
+        breaks: positions at which the field is not smooth, shape (B,) [m].
 
     Returns:
         Shape (M,).

@@ -1,4 +1,4 @@
-"""Scene files and the gallery: YAML to `Scene`, every mistake answered in one line."""
+"""Scene files and the gallery: from YAML to `Scene`, with a one-line error for every mistake."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from ..errors import SceneError
 from .scene import Scene
 
 LARGEST_FILE = 16 << 20
-"""Bytes."""
+"""Maximum size of a scene file, in bytes."""
 _MOST_VALUES = 1_000_000
-"""Numbers and other values in a scene; about a second is spent on them."""
+"""Maximum number of values in a scene; they take about a second to read."""
 _MOST_YAML = 50_000
-"""Values in a file that is YAML and not JSON, which is read fifty times quicker."""
+"""Maximum number of values in YAML; JSON is read fifty times faster."""
 _DEEPEST = 100
-"""Collections in one another."""
+"""Maximum depth of nested lists and mappings."""
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """Plain data only, numbers as in YAML 1.2 (YAML 1.1 takes 1:30 for 90), and no key twice."""
+    """Loader for plain data: numbers as in YAML 1.2 (YAML 1.1 reads 1:30 as 90), no duplicate keys."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, list[Any]]] = {
         first: [(tag, pattern) for tag, pattern in known if not tag.endswith((":int", ":float", ":timestamp"))]
@@ -62,7 +62,7 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _decimal)  # 010 is ten
 
 
 def _pairs_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Make a mapping of JSON, in which no key is given twice."""
+    """Build a mapping from JSON pairs; duplicate keys are an error."""
     mapping = dict(pairs)
     if len(mapping) < len(pairs):
         keys = [key for key, _ in pairs]
@@ -72,11 +72,11 @@ def _pairs_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 _OPENS = re.compile(r"[\[{,\n]|[-?:](?=\s)")
-"""What a further value of YAML or JSON begins with, at least."""
+"""Matches at least once per further value of YAML or JSON."""
 
 
 def _check_size(text: str, most: int) -> None:
-    """Refuse a text before it is read that may hold more values than can be read in about a second."""
+    """Raise an error before parsing if a text may hold more values than can be read in about a second."""
     count = sum(1 for _ in itertools.islice(_OPENS.finditer(text), most + 1))
     if count > most:
         raise SceneError(
@@ -85,16 +85,16 @@ def _check_size(text: str, most: int) -> None:
 
 
 def _check_depth(text: str) -> None:
-    """Refuse collections in one another that would exhaust the stack; nothing is built of them yet."""
+    """Raise an error for nesting that would exhaust the stack; only parser events are read here."""
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
-            raise SceneError(f"more than {_DEEPEST} lists or mappings in one another")
+            raise SceneError(f"more than {_DEEPEST} nested lists or mappings")
 
 
 def _check_aliases(root: yaml.Node, most: int = _MOST_VALUES) -> None:
-    """Refuse aliases that stand for more values than a scene can hold: a few lines can stand for billions."""
+    """Raise an error if aliases expand to more values than a scene can hold; a few lines can expand to billions."""
     sizes: dict[int, int] = {}
     waiting = [root]
     while waiting:
@@ -102,7 +102,7 @@ def _check_aliases(root: yaml.Node, most: int = _MOST_VALUES) -> None:
         inner = node.value if isinstance(node, yaml.CollectionNode) else []
         children = [n for pair in inner for n in pair] if isinstance(node, yaml.MappingNode) else inner
         if id(node) not in sizes:
-            sizes[id(node)] = most  # until it is known: what contains itself is endless
+            sizes[id(node)] = most  # until it is known; a node that contains itself is infinite
             waiting += [child for child in children if id(child) not in sizes]
             continue
         waiting.pop()
@@ -134,17 +134,17 @@ def _load_plain(text: str) -> Any:
 
 
 def parse_scene(text: str, source: str = "scene") -> Scene:
-    """Read a scene from YAML (or JSON, which is YAML).
+    """Read a scene from YAML or JSON text.
 
     Args:
-        text: the file's content.
-        source: what to call it in errors.
+        text: content of a scene file.
+        source: name of the source in error messages.
 
     Returns:
         The scene.
 
     Raises:
-        SceneError: one line that names the field, the value and what would be right.
+        SceneError: with one line that names the field, the value and the valid values.
     """
     try:
         data = _load_plain(text)
@@ -154,7 +154,7 @@ def parse_scene(text: str, source: str = "scene") -> Scene:
         mark = error.problem_mark
         where = f" in line {mark.line + 1}" if mark is not None else ""
         raise SceneError(f"{source}: not plain YAML{where}: {error.problem}") from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:  # a date or an integer may be none
+    except (yaml.YAMLError, RecursionError, ValueError) as error:  # e.g. an impossible date
         raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
     try:
         return Scene.model_validate(data)
@@ -178,7 +178,7 @@ def gallery() -> dict[str, str]:
 
 
 def _read(path: Path) -> str:
-    """Read a regular file of a scene's size; files of /proc and /sys, of which the size is not known, are none."""
+    """Read a regular file of limited size; files of unknown size, as in /proc and /sys, are rejected as empty."""
     size = path.stat().st_size
     if size == 0:
         raise ValueError("it is empty")
@@ -189,16 +189,16 @@ def _read(path: Path) -> str:
 
 
 def load_scene(path_or_name: str | Path) -> Scene:
-    """Load a scene file or a scene of the gallery.
+    """Load a scene from a file or from the gallery.
 
     Args:
-        path_or_name: a path (anything with a suffix or a separator), or a name that `gallery` lists.
+        path_or_name: a path (anything with a suffix or a separator), or a name listed by `gallery`.
 
     Returns:
         The scene.
 
     Raises:
-        SceneError: when there is no such scene, or something in it is wrong.
+        SceneError: if there is no such scene, or if it is invalid.
     """
     text = str(path_or_name)
     path = Path(text)
@@ -220,18 +220,18 @@ def load_scene(path_or_name: str | Path) -> Scene:
     raise SceneError(f"{text}: no such file, nor a scene of the gallery; {hint}")
 
 
-def take_scene(scene: Scene | str | Path, call: str) -> Scene:
-    """Take a scene, or load the one that is named.
+def coerce_scene(scene: Scene | str | Path, call: str) -> Scene:
+    """Return a scene as it is, or load it by path or name.
 
     Args:
-        scene: a scene, a path, or a name that `gallery` lists.
-        call: what to call the receiver in errors.
+        scene: a scene, a path, or a name listed by `gallery`.
+        call: name of the caller, for error messages.
 
     Returns:
         The scene.
 
     Raises:
-        SceneError: when it is something else, or cannot be loaded.
+        SceneError: if it is something else, or cannot be loaded.
     """
     if isinstance(scene, Scene):
         return scene
@@ -239,6 +239,6 @@ def take_scene(scene: Scene | str | Path, call: str) -> Scene:
         return load_scene(scene)
     given = " ".join(repr(scene).split())
     raise SceneError(
-        f"{call}: {given if len(given) <= 60 else given[:60] + ' ...'}; it takes a Scene, a path or a name of the "
-        "gallery; Scene.model_validate makes a Scene of a mapping"
+        f"{call}: {given if len(given) <= 60 else given[:60] + ' ...'}; it must be a Scene, a path or a gallery "
+        "name; Scene.model_validate builds a Scene from a mapping"
     )

@@ -1,4 +1,4 @@
-"""The parts of a scene: what a scene file may hold, key by key, each value checked where it stands."""
+"""The parts of a scene: the keys of a scene file, with the checks of single values."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class _Part(BaseModel):
 
 
 def _key(meaning: str, unit: str = "", **bounds: float) -> Any:
-    """Say of a key what the schema and docs/reference/scenes.md say; bounds by their names in JSON schema."""
+    """Describe a key for the schema and docs/reference/scenes.md; bounds are named as in JSON schema."""
     return Field(description=meaning, json_schema_extra={**({"unit": unit} if unit else {}), **bounds})
 
 
@@ -62,17 +62,17 @@ class LinksPart(_Part):
         tuple[tuple[int | str, int | str], ...] | None,
         _key(
             "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
-            "Left out: the chain of neighbours."
+            "Default: the chain of neighbours."
         ),
     ] = None
 
 
 class TablePart(_Part):
-    """A value along a segment: straight lines between positions, constant beyond them."""
+    """A value along a segment: linear between positions, constant beyond them."""
 
     at: Annotated[tuple[Number, ...], _key("Positions along the body, strictly increasing.", "m")]
     value: Annotated[
-        tuple[Number, ...], _key("The value at each position, in the unit of the key that the table stands for.")
+        tuple[Number, ...], _key("The value at each position, in the unit of the key that holds the table.")
     ]
 
     @model_validator(mode="after")
@@ -105,7 +105,7 @@ class _TwoSided(_Part):
 
     @property
     def sides(self) -> tuple[Any, Any]:
-        """What forward and backward friction are."""
+        """Forward and backward friction."""
         part: Any = self
         return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
 
@@ -115,33 +115,33 @@ class SegmentFrictionPart(_TwoSided):
 
     forward: Annotated[Number | TablePart | None, _key("Against sliding towards +x.", "N/m", minimum=0)] = None
     backward: Annotated[Number | TablePart | None, _key("Against sliding towards -x.", "N/m", minimum=0)] = None
-    isotropic: Annotated[Number | TablePart | None, _key("Both in one.", "N/m", minimum=0)] = None
+    isotropic: Annotated[Number | TablePart | None, _key("The same in both directions.", "N/m", minimum=0)] = None
 
 
 class SegmentPart(_Part):
-    """An interval of the body that touches the ground all along."""
+    """An interval of the body that touches the ground along its whole length."""
 
-    name: Annotated[str, _key("A word of its own; commands and joints carry it.")]
-    start: Annotated[Number, _key("Where it begins in the reference shape.", "m")] = Field(alias="from")
-    stop: Annotated[Number, _key("Where it ends, beyond `from`.", "m")] = Field(alias="to")
-    stiffness: Annotated[Number | TablePart, _key("The modulus along it.", "N", exclusiveMinimum=0)]
+    name: Annotated[str, _key("A unique word; commands and joints use it.")]
+    start: Annotated[Number, _key("Start in the reference shape.", "m")] = Field(alias="from")
+    stop: Annotated[Number, _key("End in the reference shape, beyond `from`.", "m")] = Field(alias="to")
+    stiffness: Annotated[Number | TablePart, _key("The modulus along the segment.", "N", exclusiveMinimum=0)]
     friction: Annotated[SegmentFrictionPart, BeforeValidator(_explain_friction), _key("Friction per length of ground.")]
     accuracy: Annotated[
         Number | None,
         _key(
-            "Largest error of the net translation per period, relative to the largest change of length commanded; "
-            "the number of elements follows from it. Give it or `elements`.",
+            "Largest error of the net translation per period, relative to the largest commanded change of length; "
+            "it determines the number of elements. Give this or `elements`.",
             minimum=1e-6,
             maximum=0.5,
         ),
     ] = None
     elements: Annotated[
         int | None,
-        _key("How many springs the segment is cut into; overrides `accuracy`.", minimum=1, maximum=1_000_000),
+        _key("Number of springs that represent the segment; overrides `accuracy`.", minimum=1, maximum=1_000_000),
     ] = None
     shown: Annotated[
         int | None,
-        _key("How many of its contacts `contact_states` lists, both ends among them. Left out: all.", minimum=2),
+        _key("Number of its contacts in `contact_states`, including both ends. Default: all.", minimum=2),
     ] = None
 
     @model_validator(mode="after")
@@ -169,11 +169,11 @@ class BodyPart(_Part):
         _key("Reference positions of the isolated contacts: strictly increasing, or [x, y] in the plane.", "m"),
     ] = ()
     segments: Annotated[
-        tuple[SegmentPart, ...], _key("Parts that touch the ground all along; they overlap nothing.")
+        tuple[SegmentPart, ...], _key("Parts that touch the ground along their whole length; they must not overlap.")
     ] = ()
     links: Annotated[
         LinksPart | None,
-        _key("Springs that join contacts and ends of segments; needed where there are two parts or more."),
+        _key("Springs that join contacts and ends of segments; required for two or more parts."),
     ] = None
 
 
@@ -187,7 +187,7 @@ class FrictionPart(_Part):
         Numbers | None, _key("Against sliding towards -x: one number, or one per contact.", "N", minimum=0)
     ] = None
     isotropic: Annotated[
-        Numbers | None, _key("Both in one; in the plane the same in every direction.", "N", minimum=0)
+        Numbers | None, _key("The same in both directions; in the plane in every direction.", "N", minimum=0)
     ] = None
     directions: Annotated[
         tuple[Number, ...] | None,
@@ -206,18 +206,18 @@ class FrictionPart(_Part):
     def _one_way(self) -> FrictionPart:
         if self.directions is None and self.value is None:
             _check_one_way(self)
-        elif self.directions is None or self.value is None or self.gives_sides:
+        elif self.directions is None or self.value is None or self.has_sides:
             raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
         return self
 
     @property
-    def gives_sides(self) -> bool:
-        """Whether friction is given other than by directions."""
+    def has_sides(self) -> bool:
+        """Whether friction is specified other than by directions."""
         return not (self.forward is None and self.backward is None and self.isotropic is None)
 
     @property
     def sides(self) -> tuple[Any, Any]:
-        """What forward and backward friction are."""
+        """Forward and backward friction."""
         return (self.forward, self.backward) if self.isotropic is None else (self.isotropic, self.isotropic)
 
 
@@ -234,23 +234,23 @@ class FrictionRowsPart(_TwoSided):
         ),
     ] = None
     backward: Annotated[Table | None, _key("Against sliding towards -x, likewise.", "N, N/m", minimum=0)] = None
-    isotropic: Annotated[Table | None, _key("Both in one, likewise.", "N, N/m", minimum=0)] = None
+    isotropic: Annotated[Table | None, _key("The same in both directions, likewise.", "N, N/m", minimum=0)] = None
 
 
 class StartPart(_Part):
-    """Where the contacts stand at the start."""
+    """Displacements of the contacts at the start."""
 
     displacement: Annotated[
         Table,
         _key(
-            "Of the isolated contacts, then of both ends of each segment, straight between; in the plane [x, y] each.",
+            "Of the isolated contacts, then of both ends of each segment, linear between; in the plane [x, y] each.",
             "m",
         ),
     ]
 
 
 class WavePart(_Part):
-    """A travelling sine, sampled."""
+    """A sampled, travelling sine wave."""
 
     amplitude: Annotated[
         Number,
@@ -263,11 +263,9 @@ class WavePart(_Part):
         Number,
         _key("In the reference shape, not 0; a positive one travels towards +x, a negative one towards -x.", "m"),
     ]
-    period: Annotated[Number, _key("After it the wave repeats.", "s", exclusiveMinimum=0)]
-    mean: Annotated[
-        Number, _key("About which it swings; of a `friction_wave` at least the amplitude.", "m, 1; N, N/m")
-    ] = 0.0
-    samples: Annotated[int, _key("Waypoints in a period, straight lines between.", minimum=3, maximum=1_000_000)] = 64
+    period: Annotated[Number, _key("Period of the wave.", "s", exclusiveMinimum=0)]
+    mean: Annotated[Number, _key("Mean value; of a `friction_wave` at least the amplitude.", "m, 1; N, N/m")] = 0.0
+    samples: Annotated[int, _key("Waypoints per period, with linear interpolation.", minimum=3, maximum=1_000_000)] = 64
 
     @model_validator(mode="after")
     def _sane(self) -> WavePart:
@@ -284,13 +282,13 @@ class DrivePart(_Part):
     """Open-loop commands: times, or wave and friction_wave, or strategy."""
 
     times: Annotated[
-        tuple[Number, ...] | None, _key("Of the waypoints: from 0, strictly increasing; straight lines between.", "s")
+        tuple[Number, ...] | None, _key("Times of the waypoints: from 0, strictly increasing; linear between.", "s")
     ] = None
     period: Annotated[
         Number | None,
         _key(
-            "With `times`: after it the drive repeats; left out, it is played once, then held. With a `strategy`: left "
-            "out, 1 s.",
+            "With `times`: the drive repeats after it; by default it is played once, then held. With a `strategy`: "
+            "default 1 s.",
             "s",
             exclusiveMinimum=0,
         ),
@@ -305,8 +303,8 @@ class DrivePart(_Part):
     friction: Annotated[
         FrictionRowsPart | Number | None,
         _key(
-            "With `times`: commanded friction; left out, the scene's holds. With a `strategy`: mu, about which the "
-            "friction of both contacts swings.",
+            "With `times`: commanded friction; default: that of the scene. With a `strategy`: mu, the mean friction of "
+            "both contacts.",
             "N",
             minimum=0,
         ),
@@ -314,12 +312,12 @@ class DrivePart(_Part):
     wave: Annotated[WavePart | None, _key("A travelling wave of lengths and strains.")] = None
     friction_wave: Annotated[
         WavePart | None,
-        _key("A travelling wave of friction, both ways alike; alone, or beside a `wave` of the same period."),
+        _key("A travelling wave of isotropic friction; alone, or together with a `wave` of the same period."),
     ] = None
     strategy: Annotated[
         Literal["A", "B", "C"] | None, _key("Two contacts on one link, driven as in the paper's section 5.2.")
     ] = None
-    length: Annotated[Number | None, _key("With a `strategy`: Lmax, the greatest actuation.", "m")] = None
+    length: Annotated[Number | None, _key("With a `strategy`: Lmax, the largest actuation.", "m")] = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> DrivePart:
@@ -334,7 +332,9 @@ class DrivePart(_Part):
             allowed = {"strategy", "length", "friction", "period"}
         for key in sorted(self.model_fields_set - allowed):
             if getattr(self, key) is not None:
-                raise ValueError(f"`{key}` does not go with this kind of drive; it takes {', '.join(sorted(allowed))}")
+                raise ValueError(
+                    f"`{key}` does not belong to this kind of drive; its keys are {', '.join(sorted(allowed))}"
+                )
         if self.period is not None and not self.period > 0.0:
             raise ValueError(f"period: {self.period:g} s; it must be > 0")
         if self.times is not None and self.actuation is None:
@@ -354,26 +354,26 @@ class SceneParts(_Part):
 
     model_config = ConfigDict(title="Scene")
 
-    name: Annotated[str, _key("What tables and recordings call it.")]
+    name: Annotated[str, _key("Name in tables and recordings.")]
     dimension: Annotated[Literal[1, 2], _key("1 on a line, 2 in the plane.")] = 1
-    body: Annotated[BodyPart, _key("What the crawler is made of.")]
+    body: Annotated[BodyPart, _key("The parts of the crawler.")]
     friction: Annotated[
         Annotated[FrictionPart, BeforeValidator(_explain_friction)] | None,
-        _key("Friction of the isolated contacts; needed where there are any."),
+        _key("Friction of the isolated contacts; required if there are any."),
     ] = None
     tolerance: Annotated[
         Number | None,
         _key(
-            "In the plane alone: largest error of a ramp, relative to the largest change commanded. Left out: 1e-4.",
+            "Only in the plane: largest error of a ramp, relative to the largest commanded change. Default: 1e-4.",
             minimum=1e-9,
             maximum=0.5,
         ),
     ] = None
     start: Annotated[
         StartPart | Literal["relaxed"] | None,
-        _key("Where the contacts stand at the start; `relaxed`: without forces in the springs. Left out: x = 0."),
+        _key("Displacements at the start; `relaxed`: without spring forces. Default: x = 0."),
     ] = None
     drive: Annotated[
         DrivePart | None,
-        _key("What `crawler simulate` and the gait player play. Left out: the crawler waits for commands."),
+        _key("Drive for `crawler simulate` and the gait player. Default: none, the crawler waits for commands."),
     ] = None

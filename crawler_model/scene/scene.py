@@ -18,16 +18,16 @@ class Scene(Assembly):
 
     @classmethod
     def model_validate(cls, document: Any) -> Scene:
-        """Build a scene of plain data.
+        """Build a scene from plain data.
 
         Args:
             document: a mapping with the keys of a scene file.
 
         Returns:
-            The scene, its arrays built and checked against each other.
+            The scene, with its arrays built and its parts checked against each other.
 
         Raises:
-            SceneError: one line that names the field, the value and what would be right.
+            SceneError: with one line that names the field, the value and the valid values.
         """
         return cls.from_parts(validate_parts(document))
 
@@ -37,22 +37,22 @@ class Scene(Assembly):
 
         Args:
             parts: the parts.
-            like: an assembly with the same body and the same kind of drive, whose arrays are shared.
+            like: an assembly with the same body and the same kind of drive; its body and columns are reused.
 
         Returns:
             The scene.
 
         Raises:
-            SceneError: naming the part that does not fit the others.
+            SceneError: if the parts are inconsistent; the message names the part.
         """
-        made = assemble(parts, like)
-        return cls(made.parts, made.body, made.columns, made.drive, made.start_displacement)
+        assembly = assemble(parts, like)
+        return cls(parts, assembly.body, assembly.columns, assembly.drive, assembly.start_displacement)
 
     def document(self) -> dict[str, Any]:
-        """Lay the scene out as plain data that `Scene.model_validate` reads back.
+        """Build the plain data from which `Scene.model_validate` rebuilds the scene.
 
         Returns:
-            The scene as a mapping; segments with the number of elements that their accuracy asked for.
+            The scene as a mapping; segments include the number of elements derived from their accuracy.
         """
         document = self.parts.model_dump(mode="json", exclude_none=True, by_alias=True, exclude_defaults=True)
         document["name"] = self.name
@@ -61,7 +61,7 @@ class Scene(Assembly):
         return document
 
     def __eq__(self, other: object) -> bool:
-        """Compare the parts; elements that were chosen follow from them."""
+        """Compare the parts, which determine everything else."""
         return self.parts == other.parts if isinstance(other, Scene) else NotImplemented
 
     def __hash__(self) -> int:
@@ -69,9 +69,9 @@ class Scene(Assembly):
         return hash(self.name)
 
     def __repr__(self) -> str:
-        """Name the scene and what its body consists of."""
+        """Return the name of the scene and the components of its body."""
         return f"Scene({self.name}: {self.body.describe()})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel as plain data."""
+        """Pickle as plain data."""
         return Scene.model_validate, (self.document(),)

@@ -1,8 +1,8 @@
-"""Where a segment stands while everything else slides, and what a body of equal elements costs there.
+"""The point of a segment at rest while everything else slides, and the discretisation error that it causes.
 
-Under an even strain one point of the body stands, and both sides slide away from it. A body lets a contact stand in
-its place, the one in whose cell the point lies: all other contacts are then off by the strain times the distance
-between the two. The point itself follows from the force on that contact, which divides its cell in two.
+Under uniform strain one point of the continuous body is at rest, and both sides slide away from it or towards it. In
+the discrete body the contact whose cell contains this point is at rest instead: all other contacts are then off by the
+strain times the distance between the two. The point follows from the force on that contact, which divides its cell.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from ..crawler.crawler import Crawler
 from .assembly import Assembly
 
 _TICKS = 32
-"""Parts of a drive's path, at least."""
+"""Minimum number of parts of the path of a drive."""
 _BLOCK = 256
-"""Parts that are followed in one call."""
+"""Number of parts that are followed in one call."""
 _TIE = 1e-6
-"""Nearer than this part of an element to the border of two cells, a point lies between them."""
+"""A point within this part of an element from the border of two cells lies between them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """How much a segment is strained about which of its points.
+    """Strains of a segment about the points at which it is at rest.
 
     Attributes:
-        length: of the segment [m].
-        point: where the body stands, from the segment's start, shape (K,) [m].
-        strain: by which the segment lengthens meanwhile, shape (K,).
-        moment: after which the translation is off by it: 1 or more, shape (K,).
-        moments: how many there are.
-        adds: whether what is off at a moment stays off at all later ones.
+        length: length of the segment [m].
+        point: point at rest, measured from the start of the segment, shape (K,) [m].
+        strain: strain of the segment during that time, shape (K,).
+        moment: index of the first instant of comparison with this error, shape (K,).
+        moments: number of instants of comparison.
+        adds: whether errors accumulate from each instant to the later ones.
     """
 
     length: float
@@ -43,18 +43,18 @@ class Standing:
     adds: bool
 
     def error(self, elements: np.ndarray) -> np.ndarray:
-        """Predict the error of the net translation in bodyes, as far as it comes from contacts that stand.
+        """Predict the error of the net translation due to standing contacts, for numbers of elements.
 
         Args:
             elements: numbers of elements, shape (M,).
 
         Returns:
-            The largest over all moments, shape (M,) [m].
+            Largest error over all instants of comparison, shape (M,) [m].
         """
         if self.point.size == 0:
             return np.zeros(elements.size)
         place = self.point / self.length * elements[:, None]
-        between = np.abs(place - np.floor(place) - 0.5) < _TIE  # the body takes the middle of both contacts
+        between = np.abs(place - np.floor(place) - 0.5) < _TIE  # the body is at rest midway between both contacts
         off = np.where(between, 0.0, np.clip(np.rint(place), 0, elements[:, None]) - place) / elements[:, None]
         errors = np.zeros((elements.size, self.moments))
         for moment in range(self.moments):
@@ -65,17 +65,17 @@ class Standing:
 
 
 def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]:
-    """Run a scene's drive and find where a segment stands.
+    """Run the drive of a scene and find the points at which a segment is at rest.
 
-    The friction of the segment must not vary in time along it.
+    No friction wave may run along the segment.
 
     Args:
-        assembly: of a scene whose drive has times.
-        place: which segment.
+        assembly: assembly of a scene whose drive has times.
+        place: index of the segment.
 
     Returns:
-        The net translation gained in each period after the first (without a period: at each waypoint), as if the body
-        stood on points instead of contacts, which is right to second order; and where it stands.
+        The net translation gained in each period after the first (without a period: at each waypoint), corrected for
+        the points at rest, which is accurate to second order; and these points.
     """
     body, drive = assembly.body, assembly.drive
     rows = np.arange(drive.times.size)
@@ -128,18 +128,18 @@ def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]
 def _stand(
     assembly: Assembly, place: int, moved: np.ndarray, tension: np.ndarray, friction: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find where a segment stood in each part of a path.
+    """Find the point at which a segment is at rest in each part of a path.
 
     Args:
-        assembly: of the scene.
-        place: which segment.
+        assembly: assembly of the scene.
+        place: index of the segment.
         moved: displacement gained in each part, shape (V, N) [m].
-        tension: at each part's end, shape (V, S) [N].
-        friction: at the start and at each part's end, shape (V + 1, 2 N) [N].
+        tension: tensions at the end of each part, shape (V, S) [N].
+        friction: friction at the start and at the end of each part, shape (V + 1, 2 N) [N].
 
     Returns:
-        The point [m], the strain about it (0 where the segment does not stand alone), and by how much the body would
-        have moved farther if it had stood on the point [m], each of shape (V,).
+        The point [m], the strain about it (0 if other contacts are at rest too), and the additional displacement of the
+        body if the point itself had been at rest [m], each of shape (V,).
     """
     body = assembly.body
     segment = body.segments[place]
@@ -162,7 +162,8 @@ def _stand(
     cell_start, cell_end = np.maximum(j - 0.5, 0.0) * h, np.minimum(j + 0.5, n) * h
     point[at] = cell_start + share * (cell_end - cell_start)
     correction[at] = strain[at] * (j * h - point[at])
-    between = np.flatnonzero(~stuck.any(axis=1))  # from one contact to another, or on the border of two cells
+    # the point moves from one contact to the next, or lies on the border of two cells
+    between = np.flatnonzero(~stuck.any(axis=1))
     turns = part[between, :-1] * part[between, 1:] < 0.0
     once = turns.sum(axis=1) == 1
     at, j = between[once], turns[once].argmax(axis=1)

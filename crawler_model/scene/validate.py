@@ -1,4 +1,4 @@
-"""From plain data to the parts of a scene; every mistake becomes one line."""
+"""Validate plain data as the parts of a scene, with one-line error messages."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .parts import (
     WavePart,
 )
 
-_LONGEST = 500  # of an error, in characters
-_MOST_LISTED = 20  # keys in an error
-_NEAR = 0.6  # least likeness of a key to one that is proposed
+_LONGEST = 500  # length of an error message, in characters
+_MOST_LISTED = 20  # keys listed in an error message
+_NEAR = 0.6  # minimum similarity of a proposed key
 _INNER = re.compile(r"function-|literal\[|(\w+Part|float|int|str)$")
-"""What the validator adds to a path where a value may be of several kinds."""
+"""Entries that pydantic adds to a path for unions of types."""
 
 
 def validate_parts(document: Any) -> SceneParts:
-    """Check plain data against what a scene may hold.
+    """Validate plain data as the parts of a scene.
 
     Args:
         document: the content of a scene file, or `Scene.document()`.
@@ -40,7 +40,7 @@ def validate_parts(document: Any) -> SceneParts:
         The parts of the scene.
 
     Raises:
-        SceneError: one line that names the field, the value and what would be right.
+        SceneError: with one line that names the field, the value and the valid values.
     """
     if not isinstance(document, dict):
         raise SceneError(f"a scene is a mapping with the keys {', '.join(SceneParts.model_fields)}")
@@ -51,24 +51,24 @@ def validate_parts(document: Any) -> SceneParts:
 
 
 def describe(error: ValidationError) -> str:
-    """Say in one line what is wrong with a scene.
+    """Describe the mistakes in a scene in one line.
 
     Args:
-        error: what pydantic raised.
+        error: error raised by pydantic.
 
     Returns:
-        The first mistake, unknown keys before all others, and how many more there are.
+        The first mistake, with unknown keys before all others, and the number of further mistakes.
     """
     mistakes = error.errors(include_url=False)
-    mistakes.sort(key=lambda m: (_of_another_kind(m), m["type"] != "extra_forbidden"))
-    places = {mistake["loc"][:2] for mistake in mistakes}  # a value of several kinds is wrong in several ways
+    mistakes.sort(key=lambda m: (_of_another_type(m), m["type"] != "extra_forbidden"))
+    places = {mistake["loc"][:2] for mistake in mistakes}  # a union reports one mistake per type
     more = f" (and {len(places) - 1} more mistake{'s' * (len(places) > 2)})" if len(places) > 1 else ""
     text = _describe_one(mistakes[0])
     return (text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...") + more
 
 
-def _of_another_kind(mistake: ErrorDetails) -> bool:
-    """Tell mistakes of a kind that was not meant, where a value may be of several kinds."""
+def _of_another_type(mistake: ErrorDetails) -> bool:
+    """Return whether a mistake concerns a type of a union that was not intended."""
     given = mistake["input"]
     if isinstance(given, dict):
         return mistake["type"] in ("value_error", "literal_error") and "is not a number" in mistake["msg"]
@@ -92,10 +92,10 @@ def known_keys(path: list[str]) -> Iterable[str]:
     """List the keys that a part of a scene may have.
 
     Args:
-        path: keys from the scene down to the part; numbers among them count for nothing.
+        path: keys from the scene down to the part; numbers are ignored.
 
     Returns:
-        Its keys, as files write them.
+        Its keys, as written in files.
     """
     model: type[BaseModel] = SceneParts
     parts: dict[str, type[BaseModel]] = {
@@ -115,14 +115,14 @@ def known_keys(path: list[str]) -> Iterable[str]:
 
 
 def propose_key(key: str, known: Iterable[str]) -> str:
-    """Propose the key that was probably meant.
+    """Propose the key that was probably intended.
 
     Args:
         key: the unknown key.
-        known: keys that there are.
+        known: the valid keys.
 
     Returns:
-        The nearest key where one is near; otherwise what there is.
+        A phrase with the most similar key, or with the valid keys if none is similar.
     """
     keys = list(known)
     nearest = difflib.get_close_matches(key, keys, n=1, cutoff=_NEAR)

@@ -1,1 +1,1 @@
-"""Many scenes at once: variations, runs, workers."""
+"""Many scenes at once: variations, runs and workers."""

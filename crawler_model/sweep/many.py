@@ -1,7 +1,7 @@
-"""Many scenes run at once: thousands of variations over all cores, a row of results each.
+"""Runs of many scenes: thousands of variations on all cores, with one row of results each.
 
-A row is what `simulate` finds of the scene alone. `exact` needs no ticks: it goes from waypoint to waypoint, as
-`simulate` does when one tick is the whole run. `catch_up` takes the ticks of the rate.
+A row equals the results of `simulate` for that scene. `exact` needs no ticks: it proceeds from waypoint to waypoint, as
+`simulate` does if one tick covers the whole run. `catch_up` uses the ticks of the rate.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..scene.scene import Scene
 from .workers import Chunk, available_cores, run_chunks
 
 _BLOCK, _NUMBERS = 4096, 4_000_000
-"""Most ramps followed in one call, and most numbers that are kept of them."""
+"""Upper limits of the ramps followed in one call, and of the numbers recorded for them."""
 _NOT_RUN, _DONE, _INVALID = 0, 1, 2
 _STATUS = np.array(["not run", "done", "invalid"])
 _LENGTHS = ("net_translation", "gained", "per_period", "settling")
@@ -41,35 +41,35 @@ ROW = np.dtype(
         ("periods", np.int64),
     ]
 )
-"""What is kept of a run; `kernel_s`, the time [s] that its kernels took, tells how runs are best spread."""
+"""Results of a run; `kernel_s`, the time spent in its kernels [s], determines how runs are distributed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ManyRuns:
-    """What came out of many runs, a row each. Arrays are read-only; NaN, 0 and False where a run is not done.
+    """Results of many runs, one row each. Arrays are read-only; NaN, 0 and False for runs that are not done.
 
     Attributes:
-        status: "done", "invalid", or "not run" when the whole was stopped before, shape (M,).
-        reason: why a run is invalid, "" for the others.
-        net_translation: y at the end, shape (M,), with a scene in the plane among them (M, 2) [m].
-        gained: y at the end less y at the start, likewise [m].
+        status: "done", "invalid", or "not run" after an interrupt, shape (M,).
+        reason: reason why a run is invalid, "" for the others.
+        net_translation: y at the end, shape (M,); (M, 2) if a scene is planar [m].
+        gained: y at the end minus y at the start, likewise [m].
         per_period: y gained in the last whole period, likewise [m]; NaN without a whole period.
-        settling: by how much that differs from the period before, likewise [m]; NaN with fewer than two.
+        settling: difference of the last two periods, likewise [m]; NaN with fewer than two.
         work: work of the actuators, shape (M,) [J].
         dissipation: energy lost to friction, shape (M,) [J].
-        stored: energy of the springs at the end less that at the start, shape (M,) [J].
-        residual: stored + dissipation - work, relative to the greatest of them and to the most ever stored at a
+        stored: change of the energy stored in the springs, shape (M,) [J].
+        residual: stored + dissipation - work, relative to the largest of them and to the largest energy stored at a
             waypoint, shape (M,).
-        violation: largest excess of a spring force over its bound, shape (M,) [N].
-        visited_margin: how near all contacts came to sliding at once, shape (M,); of chains of more than 256 contacts
-            and with catch_up at the ends of ramps only.
-        unique: False when on some stretch the translation was not determined, shape (M,).
-        events: linear pieces, shape (M,).
-        overspent: ramps whose budget of work was spent, shape (M,).
-        unsolved: ramps in which the active set of a graph gave up, shape (M,).
-        periods: whole periods run, shape (M,).
-        interrupted: True when Ctrl-C stopped the whole; what was done by then is kept.
-        wall_s: how long it took [s].
+        violation: largest amount by which a spring force exceeds its bound, shape (M,) [N].
+        visited_margin: how close all contacts came to sliding at once, shape (M,); for chains of more than 256
+            contacts and with catch_up only at the ends of ramps.
+        unique: False if the translation was not determined on some stretch, shape (M,).
+        events: number of linear pieces, shape (M,).
+        overspent: number of ramps whose budget of work was exceeded, shape (M,).
+        unsolved: number of ramps in which the active set of a graph did not converge, shape (M,).
+        periods: number of whole periods, shape (M,).
+        interrupted: True if Ctrl-C stopped the runs; completed runs are included.
+        wall_s: wall-clock time [s].
     """
 
     status: np.ndarray
@@ -97,19 +97,19 @@ class ManyRuns:
         return len(self.reason)
 
     def __repr__(self) -> str:
-        """Say in a line what was done."""
+        """Describe the results in one line."""
         counts = ", ".join(f"{(self.status == s).sum()} {s}" for s in _STATUS[1:])
         return f"ManyRuns({len(self)} runs: {counts}, {self.wall_s:.3g} s)"
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How runs go; as for `simulate`.
+    """Settings of all runs, as for `simulate`.
 
     Attributes:
-        duration: of each run [s]; None: ten periods, or to the last waypoint.
+        duration: duration of each run [s]; None for ten periods, or up to the last waypoint.
         rate: ticks per second [Hz].
-        method: "exact", "catch_up", or None for that of the body.
+        method: "exact", "catch_up", or None for the best one available.
     """
 
     duration: float | None = None
@@ -117,10 +117,10 @@ class Settings:
     method: Method | None = None
 
     def check(self) -> None:
-        """Check what holds for all scenes.
+        """Check the settings.
 
         Raises:
-            CommandError: when duration, rate or method is out of range.
+            CommandError: if duration, rate or method is out of range.
         """
         rational_rate(self.rate)
         if self.duration is not None and not 0.0 <= self.duration < 9e9:
@@ -130,14 +130,14 @@ class Settings:
 
 
 def _check_scenes(scenes: Any) -> None:
-    """Refuse what is no sequence of scenes; variations are not made yet."""
-    right = "a sequence of scenes, as [load_scene('two_anchor_a')] or vary(...)"
+    """Raise an error unless this is a sequence of scenes; variations are not built yet."""
+    expected = "a sequence of scenes, as [load_scene('two_anchor_a')] or vary(...)"
     if not isinstance(scenes, Sequence) or isinstance(scenes, (str, bytes)):
-        raise SceneError(f"simulate_many: {type(scenes).__name__}; it takes {right}")
+        raise SceneError(f"simulate_many: {type(scenes).__name__}; it must be {expected}")
     if isinstance(scenes, (list, tuple)):
         for i, scene in enumerate(scenes):
             if not isinstance(scene, Scene):
-                raise SceneError(f"simulate_many: entry {i} is a {type(scene).__name__}; it takes {right}")
+                raise SceneError(f"simulate_many: entry {i} is a {type(scene).__name__}; it must be {expected}")
 
 
 def simulate_many(
@@ -148,43 +148,43 @@ def simulate_many(
     workers: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> ManyRuns:
-    """Run many scenes at once over the cores.
+    """Run many scenes in parallel.
 
-    A scene that is invalid, which `vary` tells only when it is asked for, does not stop the others. Positions are those
-    of `simulate` to the bit: with `exact` at a rate of one tick for the whole run (at any other rate within rounding),
+    An invalid scene, which `vary` detects only when it builds it, does not stop the others. Positions are bitwise equal
+    to those of `simulate`: with `exact` at a rate of one tick for the whole run (at any other rate within rounding),
     with `catch_up` at the same rate. They do not depend on the number of workers.
 
     Args:
-        scenes: what to run; `vary` makes such a sequence.
-        duration: [s]; None for ten periods of each scene, or up to its last waypoint.
-        rate: ticks per second [Hz]; `exact` needs none.
-        method: "exact" or "catch_up"; None for the best that there is: exact on a line.
-        workers: how many runs go at the same time; None for one a core.
-        progress: called with the part done, in [0, 1].
+        scenes: the scenes to run, for example from `vary`.
+        duration: duration [s]; None for ten periods of each scene, or up to its last waypoint.
+        rate: ticks per second [Hz]; not used by `exact`.
+        method: "exact" or "catch_up"; None for the best one available: exact on a line.
+        workers: number of simultaneous runs; None for one per core.
+        progress: called with the completed part, in [0, 1].
 
     Returns:
-        A row of results for each scene. After Ctrl-C those that were done by then, marked `interrupted`.
+        A row of results for each scene. After Ctrl-C the completed runs, with `interrupted` set.
 
     Raises:
-        CommandError: when duration, rate, method or workers is out of range.
-        SceneError: when `scenes` are no scenes.
+        CommandError: if duration, rate, method or workers is out of range.
+        SceneError: if `scenes` is not a sequence of scenes.
     """
     began = time.perf_counter()
     _check_scenes(scenes)
     settings = Settings(duration, rate, method)
     settings.check()
     if workers is not None and workers < 1:
-        raise CommandError(f"workers: {workers}; at least 1")
+        raise CommandError(f"workers: {workers}; it must be at least 1")
     rows = np.zeros(len(scenes), ROW)
     reasons: dict[int, str] = {}
 
-    def keep(first: int, chunk: Chunk) -> None:
-        done, why = chunk
-        rows[first : first + done.size] = done
-        reasons.update({first + i: text for i, text in why.items()})
+    def store(first: int, chunk: Chunk) -> None:
+        results, invalid = chunk
+        rows[first : first + results.size] = results
+        reasons.update({first + i: text for i, text in invalid.items()})
 
     interrupted = run_chunks(
-        scenes, functools.partial(run_chunk, settings=settings), keep, workers or available_cores(), progress
+        scenes, functools.partial(run_chunk, settings=settings), store, workers or available_cores(), progress
     )
     return gather(rows, reasons, interrupted, time.perf_counter() - began)
 
@@ -193,12 +193,12 @@ def run_chunk(scenes: Sequence[Scene], settings: Settings, stop: Callable[[], bo
     """Run a few scenes one after another.
 
     Args:
-        scenes: what to run.
-        settings: how long, at which rate and by which method.
-        stop: asked before each run and on its way; True to leave the rest.
+        scenes: the scenes to run.
+        settings: duration, rate and method.
+        stop: called before and during each run; True stops the remaining runs.
 
     Returns:
-        Rows of results, shape (M,), and why rows are invalid, by their place.
+        Rows of results, shape (M,), and reasons for invalid rows by index.
     """
     rows = np.zeros(len(scenes), ROW)
     reasons = {}
@@ -216,13 +216,13 @@ def run_chunk(scenes: Sequence[Scene], settings: Settings, stop: Callable[[], bo
 
 
 def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s: float) -> ManyRuns:
-    """Make results of rows.
+    """Build the results from rows.
 
     Args:
-        rows: of dtype ROW, shape (M,).
-        reasons: why rows are invalid, by their place.
-        interrupted: whether it was stopped.
-        wall_s: how long it took [s].
+        rows: rows of dtype ROW, shape (M,).
+        reasons: reasons for invalid rows by index.
+        interrupted: whether the runs were stopped.
+        wall_s: wall-clock time [s].
 
     Returns:
         The results.
@@ -244,11 +244,11 @@ def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s:
 
 
 def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> tuple[object, ...] | None:
-    """Run one scene and give its row, or None when it is stopped on the way."""
+    """Run one scene and return its row, or None if it was stopped."""
     crawler = Crawler(scene, settings.method)
     x, tension = crawler.displacement, crawler.tension
     width, kernel_s = x.size, 0.0
-    marks = np.zeros((1, 2 * width))  # displacement and its rest at the start and at the last ends of periods
+    marks = np.zeros((1, 2 * width))  # displacement and its rest at the start and at the last period ends
     marks[0, :width] = x.ravel()
     last = marks[0]
     start = stored = peak = float(stored_energy(scene.body, tension[None])[0])
@@ -276,7 +276,7 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
 
 
 def _lengths(body: Body, marks: np.ndarray, last: np.ndarray, start: np.ndarray) -> tuple[object, ...]:
-    """Compute how far a run went: net_translation, gained, per_period and settling."""
+    """Compute the lengths of a run: net_translation, gained, per_period and settling."""
     end, begin = average_displacement(body, np.array((last, start)))
     moved = marks[1:] - marks[:-1]
     gains = average_displacement(body, moved[:, 0] + moved[:, 1])
@@ -288,10 +288,10 @@ def _lengths(body: Body, marks: np.ndarray, last: np.ndarray, start: np.ndarray)
 
 
 def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Lay out the ramps of a run, a block at a time.
+    """Generate the ramps of a run in blocks.
 
     Yields:
-        Targets, shape (V, S + 2 N), and which of them end a period.
+        Targets, shape (V, S + 2 N), and indices of those that end a period.
     """
     drive = crawler.scene.drive
     seconds = default_duration(drive) if settings.duration is None else settings.duration
@@ -311,18 +311,18 @@ def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, n
 
 @functools.lru_cache(maxsize=64)
 def _waypoints(times: bytes, period: float | None, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find waypoints; variations mostly have theirs at the same times."""
+    """Find waypoints, cached because most variations have the same times."""
     return find_waypoints(np.frombuffer(times), period, after_ns, until_ns)
 
 
 def _blocks(crawler: Crawler, end_ns: int, rate: float) -> Iterator[tuple[int, np.ndarray]]:
-    """Cut a run into blocks that fit in memory.
+    """Divide a run into blocks that fit in memory.
 
     Yields:
-        When each starts [ns], and the ends of its ticks [ns].
+        The start of a block [ns], and the ends of its ticks [ns].
     """
-    drive, mesh = crawler.scene.drive, crawler.body
-    most = min(_BLOCK, max(_NUMBERS // (mesh.dimension * (2 * mesh.contacts + mesh.springs)), 1))
+    drive, body = crawler.scene.drive, crawler.body
+    most = min(_BLOCK, max(_NUMBERS // (body.dimension * (2 * body.contacts + body.springs)), 1))
     first = 0
     if crawler.method == "exact":  # ramps from waypoint to waypoint: a block is one tick
         periods = max(most // drive.times.size, 1)

@@ -1,4 +1,4 @@
-"""Variations of a scene: numbers of its document set anew by dotted keys, on a grid or side by side."""
+"""Variations of a scene: numbers of its document replaced by dotted keys, on a grid or in parallel lists."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from pydantic import TypeAdapter
 
 from ..arrays import frozen
 from ..errors import SceneError
-from ..scene.file import take_scene
+from ..scene.file import coerce_scene
 from ..scene.parts import SceneParts
 from ..scene.scene import Scene
 from ..scene.validate import known_keys, propose_key
 
 MOST_VARIATIONS = 10_000_000
-"""Most variations at once: their results are about a gigabyte."""
-_APART = ("friction", "start", "drive", "tolerance")
-"""Parts of a scene that leave its mesh as it is."""
-_LEFT_OUT = ("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic")
-"""Numbers that a document may leave out."""
+"""Upper limit of variations; their results take about a gigabyte."""
+_BODY_UNCHANGED = ("friction", "start", "drive", "tolerance")
+"""Parts of a scene that do not affect its body."""
+_OPTIONAL = ("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic")
+"""Numbers that a document may omit."""
 _Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Variations(Sequence[Scene]):
-    """Scenes that differ in a few numbers, each made when it is asked for; an invalid one raises `SceneError` then.
+    """Scenes that differ in a few numbers, built on access; an invalid one then raises `SceneError`.
 
     Attributes:
         base: the scene that is varied.
-        values: of each dotted key, what it is in each variation, shape (M,).
-        shape: of the grid, one axis a key in their order, the last one fastest; (M,) side by side.
+        values: for each dotted key its value in each variation, shape (M,).
+        shape: shape of the grid, one axis per key in order, the last one fastest; (M,) for parallel lists.
     """
 
     base: Scene
@@ -53,28 +53,28 @@ class Variations(Sequence[Scene]):
     @overload
     def __getitem__(self, at: slice) -> Variations: ...
     def __getitem__(self, at: int | slice) -> Scene | Variations:
-        """Make one variation, or take some of them."""
+        """Build one variation, or select several."""
         if isinstance(at, slice):
             values = {key: column[at] for key, column in self.values.items()}
             return Variations(self.base, values, (len(next(iter(values.values()))),))
         return self._scene(at)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel as a document and numbers."""
+        """Pickle as a document and numbers."""
         return _restore, (self._template, dict(self.values), self.shape)
 
     def __repr__(self) -> str:
-        """Say in a line what varies."""
+        """Describe the variations in one line."""
         return f"Variations({self.base.name}, {' x '.join(map(str, self.shape))} of {', '.join(self.values)})"
 
     def document(self, at: int) -> dict[str, Any]:
-        """Lay a variation out as plain data, valid or not.
+        """Build the document of a variation, valid or not.
 
         Args:
-            at: which one.
+            at: index of the variation.
 
         Returns:
-            What `Scene.model_validate` is given.
+            The input of `Scene.model_validate`.
         """
         document = self._template
         for path, column in zip(self._paths, self.values.values(), strict=True):
@@ -87,7 +87,7 @@ class Variations(Sequence[Scene]):
 
     @functools.cached_property
     def _template(self) -> dict[str, Any]:
-        """The base's document, written so that every key has its place."""
+        """The document of the base scene, extended so that every varied key exists."""
         document = self.base.document()
         for path in self._paths:
             _make_room(self.base, document, path)
@@ -95,7 +95,7 @@ class Variations(Sequence[Scene]):
 
     @functools.cached_property
     def _pinned(self) -> Scene:
-        """The base with its segments' elements written down."""
+        """The base scene with fixed numbers of elements."""
         return Scene.model_validate(self._template) if self.base.parts.body.segments else self.base
 
     @functools.cached_property
@@ -104,47 +104,47 @@ class Variations(Sequence[Scene]):
 
     def _scene(self, at: int) -> Scene:
         document = self.document(at)
-        if set(self._changed) <= set(_APART):
-            with contextlib.suppress(ValueError):  # as a whole it is checked again, for a message that names the field
-                return self._scene_on_the_same_mesh(document)
+        if set(self._changed) <= set(_BODY_UNCHANGED):
+            with contextlib.suppress(ValueError):  # validated again as a whole for a message that names the field
+                return self._scene_with_same_body(document)
         return Scene.model_validate(document)
 
-    def _scene_on_the_same_mesh(self, document: dict[str, Any]) -> Scene:
-        """Check what changed, and everything against each other; the mesh is half of the work."""
+    def _scene_with_same_body(self, document: dict[str, Any]) -> Scene:
+        """Build a scene with the body of the base, which saves half of the work."""
         changed = {name: _part(name).validate_python(document[name]) for name in self._changed}
         return Scene.from_parts(self._pinned.parts.model_copy(update=changed), like=self._pinned)
 
 
 def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool = True) -> Variations:
-    """Make variations of a scene.
+    """Build variations of a scene.
 
     Args:
-        scene: what to vary; a path or a name of the gallery is loaded. The elements of its segments stay those of its
-            accuracy, unless that is varied.
-        values: for each dotted key into the scene's document the numbers to take: `friction.forward`, `drive.length`,
+        scene: a scene, a path or a gallery name. The elements of its segments stay those of the base scene, unless the
+            accuracy is varied.
+        values: the values of each dotted key into the document of the scene: `friction.forward`, `drive.length`,
             `drive.wave.amplitude`, `body.links.stiffness` (of all links) or `body.links.stiffness.0` (of the first),
             `body.segments.trunk.stiffness`.
-        grid: True for every combination, False to take the k-th number of every key together.
+        grid: True for all combinations, False to combine the k-th values of all keys.
 
     Returns:
-        The variations, a sequence of scenes made when they are asked for. Numbers are checked by then, keys now.
+        The variations, a sequence of scenes built on access. Keys are checked here, numbers on access.
 
     Raises:
-        SceneError: naming a key that the scene does not have, or one that holds or is given no numbers.
+        SceneError: if a key does not exist in the scene or does not hold a number, or if its values are not numbers.
     """
-    scene = take_scene(scene, "vary")
+    scene = coerce_scene(scene, "vary")
     if not values:
-        raise SceneError("vary: no key; give at least one, as friction.forward")
+        raise SceneError("vary: no key; at least one is needed, for example friction.forward")
     columns = {key: _numbers(key, given) for key, given in values.items()}
     sizes = [column.size for column in columns.values()]
     if grid:
         count = math.prod(sizes)
         if count > MOST_VARIATIONS:
             raise SceneError(f"vary: {' x '.join(map(str, sizes))} = {count} variations; at most {MOST_VARIATIONS}")
-        mesh = np.meshgrid(*columns.values(), indexing="ij")
-        columns = dict(zip(columns, (frozen(column.ravel()) for column in mesh), strict=True))
+        axes = np.meshgrid(*columns.values(), indexing="ij")
+        columns = dict(zip(columns, (frozen(column.ravel()) for column in axes), strict=True))
     elif len(set(sizes)) > 1:
-        raise SceneError(f"vary: {sizes} numbers; side by side every key has as many")
+        raise SceneError(f"vary: {sizes} values; without a grid every key needs as many")
     variations = Variations(scene, columns, tuple(sizes) if grid else (sizes[0],))
     paths = variations._paths
     for path, key in zip(paths, columns, strict=True):
@@ -177,14 +177,14 @@ def _part(name: str) -> TypeAdapter[Any]:
 
 
 def _put(node: Any, path: _Path, value: float) -> Any:
-    """Set a number, copying what holds it and nothing else."""
+    """Set a number in a copy of a document; only the containers on its path are copied."""
     copy = node.copy()
     copy[path[0]] = value if len(path) == 1 else _put(node[path[0]], path[1:], value)
     return copy
 
 
 def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
-    """Write friction the way that a key names it, and let an accuracy that is varied choose the elements."""
+    """Convert friction to the form that a key names, and remove elements derived from a varied accuracy."""
     node: Any = document
     for step in path[:-1]:
         if step in ("forward", "backward", "isotropic"):
@@ -202,7 +202,7 @@ def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
 
 
 def _path(scene: Scene, key: str) -> _Path:
-    """Find a key's place in the scene's document."""
+    """Resolve a dotted key in the document of a scene."""
     node: Any = scene.document()
     path: list[str | int] = []
     steps = key.split(".")
@@ -217,8 +217,8 @@ def _path(scene: Scene, key: str) -> _Path:
                 raise _unknown(scene, key)
         elif isinstance(node, dict):
             isotropic = step in ("forward", "backward") and "isotropic" in node
-            left_out = step in _LEFT_OUT and step in known_keys([str(p) for p in path])
-            if step not in node and not (isotropic or (left_out and depth == len(steps) - 1)):
+            optional = step in _OPTIONAL and step in known_keys([str(p) for p in path])
+            if step not in node and not (isotropic or (optional and depth == len(steps) - 1)):
                 raise _unknown(scene, key)
             path.append(step)
             if isotropic and step not in node:
@@ -227,9 +227,11 @@ def _path(scene: Scene, key: str) -> _Path:
             raise _unknown(scene, key)
         node = node.get(step) if isinstance(node, dict) else node[path[-1]]
     if isinstance(node, (dict, str)) or (isinstance(node, list) and not _is_list_of_numbers(node)):
-        what = repr(node) if isinstance(node, str) else "a part with more keys" if isinstance(node, dict) else "a table"
+        found = (
+            repr(node) if isinstance(node, str) else "a part with more keys" if isinstance(node, dict) else "a table"
+        )
         near = [k for k in _keys(scene.document()) if k.startswith(key + ".")][:4]
-        raise SceneError(f"vary: {key}: {what} is not a number{'; vary ' + ', '.join(near) if near else ''}")
+        raise SceneError(f"vary: {key}: {found} is not a number{'; vary ' + ', '.join(near) if near else ''}")
     return tuple(path)
 
 
@@ -260,12 +262,12 @@ def _unknown(scene: Scene, key: str) -> SceneError:
 
 
 def _check_effect(scene: Scene, path: _Path, key: str) -> None:
-    """Refuse to vary friction that the drive replaces, and an accuracy where the elements are given."""
+    """Raise an error for friction that the drive replaces, and for an accuracy that fixed elements override."""
     if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is not None:
-        raise SceneError(f"vary: {key}: without effect, the segment's elements are given; vary elements instead")
+        raise SceneError(f"vary: {key}: no effect, as the segment has fixed elements; vary elements instead")
     drive = scene.parts.drive
     commands = drive is not None and (drive.friction is not None or drive.friction_wave is not None)
     own = path[0] == "friction" or (path[0] == "body" and "friction" in path)
     if commands and own:
         replaced = "drive.friction" if drive is not None and drive.friction is not None else "drive.friction_wave"
-        raise SceneError(f"vary: {key}: without effect, the scene's drive commands friction; vary {replaced} instead")
+        raise SceneError(f"vary: {key}: no effect, as the drive commands friction; vary {replaced} instead")

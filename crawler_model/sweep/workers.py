@@ -1,8 +1,8 @@
-"""Runs spread over the cores: threads where the kernels take the time, further processes where Python does.
+"""Distribution of runs over cores: threads if kernels dominate the time, additional processes if Python does.
 
-The kernels run without the interpreter's lock, so threads share big bodies well. Of small bodies most of the time goes
-into making the scenes, under the lock: there each thread but the first hands its share to a Python process of its own.
-Those are plain subprocesses: nothing of the caller's program is imported or forked in them.
+The kernels run without the interpreter's lock, so threads scale well for large bodies. For small bodies most of the
+time is spent building the scenes, under the lock: then each thread except the first delegates to a Python process of
+its own. These are plain subprocesses: the program of the caller is neither imported nor forked.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from ..scene.scene import Scene
 from .vary import Variations
 
 Chunk = tuple[np.ndarray, dict[int, str]]
-"""Rows of results, and why some are invalid, by their place."""
+"""Rows of results, and reasons for invalid rows by index."""
 Run = Callable[..., Chunk]
 
 _PROBE, _PROBE_S = 64, 0.2
-"""How many runs, and for how long, are timed before the others are spread."""
+"""Number of runs, and duration, that are timed before the others are distributed."""
 _THREADS_SCALE = 0.8
-"""Part of the time in the kernels from which on threads share the work: below it they wait for each other's lock."""
+"""Part of the time spent in kernels above which threads scale; below it they wait for the interpreter's lock."""
 _WORTH_A_PROCESS_S = 4.0
-"""Work that outweighs the start of a Python process and its kernels, a second or two."""
+"""Remaining work that justifies starting Python processes and loading kernels, which takes a second or two."""
 _CHUNK_S, _MOST_IN_A_CHUNK = 0.25, 2048
 _SERVE = "from crawler_model.sweep.workers import serve; serve()"
 
@@ -42,7 +42,7 @@ def available_cores() -> int:
     """Count the cores that this process may use.
 
     Returns:
-        How many.
+        The number of cores.
     """
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -50,41 +50,41 @@ def available_cores() -> int:
 def run_chunks(
     scenes: Sequence[Scene],
     run: Run,
-    keep: Callable[[int, Chunk], None],
+    store: Callable[[int, Chunk], None],
     workers: int,
     progress: Callable[[float], None] | None = None,
 ) -> bool:
-    """Run scenes chunk by chunk on several cores.
+    """Run scenes in chunks on several cores.
 
     Args:
-        scenes: what to run.
-        run: runs a few of them in turn: `run(scenes, stop=...)`; it can be pickled.
-        keep: called with the first place of each chunk and what came of it, by one thread at a time.
-        workers: how many runs go at the same time.
-        progress: called with the part done, in [0, 1].
+        scenes: the scenes to run.
+        run: function that runs a chunk, `run(scenes, stop=...)`; it must be picklable.
+        store: called with the first index and the result of each chunk, by one thread at a time.
+        workers: number of simultaneous runs.
+        progress: called with the completed part, in [0, 1].
 
     Returns:
-        True when Ctrl-C stopped it; what is done is kept.
+        True if Ctrl-C stopped the runs; completed chunks are stored.
     """
     count = len(scenes)
-    pool = _Pool(scenes, run, keep, progress)
+    pool = _Pool(scenes, run, store, progress)
     try:
         if count:
             _prepare_first(scenes)
         each, inside = pool.probe()
         left = count - pool.next
         pool.size = int(min(max(_CHUNK_S / max(each, 1e-9), 1.0), _MOST_IN_A_CHUNK, max(left / (4 * workers), 1.0)))
-        apart = inside < _THREADS_SCALE
-        if apart and not (isinstance(scenes, Variations) and each * left > _WORTH_A_PROCESS_S):
+        use_processes = inside < _THREADS_SCALE
+        if use_processes and not (isinstance(scenes, Variations) and each * left > _WORTH_A_PROCESS_S):
             workers = 1
-        pool.spread(min(workers, -(-left // pool.size)), apart)
+        pool.spread(min(workers, -(-left // pool.size)), use_processes)
     except KeyboardInterrupt:
         return True
     return False
 
 
 def _prepare_first(scenes: Sequence[Scene]) -> None:
-    """Load or compile the kernels before they are waited for by many."""
+    """Load or compile the kernels for the first valid scene, before the workers need them."""
     for i in range(len(scenes)):
         try:
             scene = scenes[i]
@@ -95,26 +95,26 @@ def _prepare_first(scenes: Sequence[Scene]) -> None:
 
 
 class _Pool:
-    """The work that is left, and the threads at it."""
+    """The remaining chunks and the threads that process them."""
 
     def __init__(
         self,
         scenes: Sequence[Scene],
         run: Run,
-        keep: Callable[[int, Chunk], None],
+        store: Callable[[int, Chunk], None],
         progress: Callable[[float], None] | None,
     ) -> None:
-        self.scenes, self.run, self.keep, self.progress = scenes, run, keep, progress
+        self.scenes, self.run, self.store, self.progress = scenes, run, store, progress
         self.next = self.done = 0
         self.size = 1
         self.stop = threading.Event()
         self.lock = threading.Lock()
 
     def probe(self) -> tuple[float, float]:
-        """Run the first few here.
+        """Run and time the first few scenes in this thread.
 
         Returns:
-            How long one takes [s], and which part of it goes into the kernels.
+            Time per run [s], and the part of it spent in the kernels.
         """
         began, inside = 0.0, 0.0
         while self.next < min(len(self.scenes), _PROBE):
@@ -125,23 +125,23 @@ class _Pool:
             self.next += 1
             chunk = self.run(self.scenes[self.next - 1 : self.next], stop=self.stop.is_set)
             inside += float(chunk[0]["kernel_s"].sum())
-            self._keep(self.next - 1, chunk)
+            self._store(self.next - 1, chunk)
         spent = time.perf_counter() - began
         return spent / max(self.next - 1, 1), inside / max(spent, 1e-9)
 
     def spread(self, workers: int, processes: bool) -> None:
-        """Run the others on as many threads, and wait for them.
+        """Run the other scenes on several threads, and wait for them.
 
         Args:
             workers: number of threads.
-            processes: whether all but the first have a process each.
+            processes: whether each thread except the first uses a process of its own.
         """
         if not workers:
             return
         with ThreadPoolExecutor(workers, "crawler") as pool:
             try:
                 works = [pool.submit(self._work, processes and k > 0) for k in range(workers)]
-                while wait(works, 0.2).not_done:  # not a join: one that Ctrl-C breaks takes a running thread for ended
+                while wait(works, 0.2).not_done:  # not join: after Ctrl-C it treats a running thread as ended
                     pass
             except BaseException:
                 self.stop.set()
@@ -149,29 +149,29 @@ class _Pool:
         for work in works:
             work.result()
 
-    def _take(self) -> tuple[int, int]:
+    def _next_chunk(self) -> tuple[int, int]:
         with self.lock:
             first = self.next
             self.next = min(first + self.size, len(self.scenes))
             return first, self.next
 
-    def _keep(self, first: int, chunk: Chunk) -> None:
+    def _store(self, first: int, chunk: Chunk) -> None:
         with self.lock:
-            self.keep(first, chunk)
+            self.store(first, chunk)
             self.done += chunk[0].size
             if self.progress is not None and not self.stop.is_set():
                 self.progress(self.done / len(self.scenes))
 
-    def _work(self, apart: bool) -> None:
-        helper = _Helper() if apart else None
+    def _work(self, own_process: bool) -> None:
+        helper = _Helper() if own_process else None
         try:
             while not self.stop.is_set():
-                first, last = self._take()
+                first, last = self._next_chunk()
                 if first == last:
                     return
-                some = self.scenes[first:last]
-                chunk = None if helper is None else helper.run(self.run, some, self.stop)
-                self._keep(first, chunk or self.run(some, stop=self.stop.is_set))
+                scenes = self.scenes[first:last]
+                chunk = None if helper is None else helper.run(self.run, scenes, self.stop)
+                self._store(first, chunk or self.run(scenes, stop=self.stop.is_set))
         except BaseException:
             self.stop.set()
             raise
@@ -181,10 +181,10 @@ class _Pool:
 
 
 class _Helper:
-    """A Python process that runs chunks handed to it."""
+    """A Python process that runs chunks."""
 
     def __init__(self) -> None:
-        # in a session of its own: Ctrl-C is for the parent, which tells it to end
+        # in a session of its own: only the parent receives Ctrl-C, and ends this process
         self.process: subprocess.Popen[bytes] | None = subprocess.Popen(
             [sys.executable, "-c", _SERVE],
             stdin=subprocess.PIPE,
@@ -194,15 +194,15 @@ class _Helper:
         )
 
     def run(self, run: Run, scenes: Sequence[Scene], stop: threading.Event) -> Chunk | None:
-        """Have a chunk run.
+        """Run a chunk in the process.
 
         Args:
-            run: as for `run_chunks`.
-            scenes: what to run.
-            stop: ends the process when it is set.
+            run: as in `run_chunks`.
+            scenes: the scenes to run.
+            stop: event that ends the process.
 
         Returns:
-            What came of it; None when the process is gone, or was ended.
+            The result; None if the process has ended.
         """
         if self.process is None:
             return None
@@ -214,7 +214,7 @@ class _Helper:
             pickle.dump((run, scenes), self.process.stdin)
             self.process.stdin.flush()
             answer: Any = pickle.load(self.process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError):  # killed: its chunk is run here, and all that follow
+        except (OSError, EOFError, pickle.UnpicklingError):  # killed: the caller runs this chunk and all later ones
             self.close()
             return None
         finally:
@@ -238,9 +238,9 @@ class _Helper:
 
 
 def serve() -> None:
-    """Answer chunks on standard input with their results on standard output, until it ends."""
+    """Read chunks from standard input and write their results to standard output, until the input ends."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever prints must not come between the answers
+    os.dup2(2, 1)  # prints must not mix with the results
     while True:
         answer: Any
         try:

@@ -1,1 +1,1 @@
-"""What holds before anything moves: stasis domains, uniqueness, regularity."""
+"""Theory of a body and its drive: stasis domains, uniqueness, regularity."""

@@ -1,4 +1,4 @@
-"""Friction that is commanded in time: the conditions under which the crawler's path is one and well defined."""
+"""Regularity of time-dependent friction: conditions under which the path is well defined and unique."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..body.drive import Drive
 
 @dataclass(frozen=True)
 class Regularity:
-    """How regular the friction of a drive is.
+    """Regularity of the friction of a drive.
 
     Attributes:
-        least: smallest coefficient, of any contact at any time [N, on a segment N/m].
+        least: smallest coefficient of any contact at any time [N, on a segment N/m].
         greatest: largest coefficient [N, on a segment N/m].
-        rate: largest rate of change of a coefficient, its Lipschitz constant [N/s, on a segment N/m/s].
+        rate: largest rate of change of a coefficient, the Lipschitz constant [N/s, on a segment N/m/s].
         where: name of the column with the smallest coefficient.
 
     Source: [G] section 5.1, Lemmas on condition (diamond diamond) for discrete and for continuous models.
@@ -34,9 +34,9 @@ class Regularity:
 
 
 def check_regularity(drive: Drive) -> Regularity:
-    """Find the bounds and the rate of a drive's friction.
+    """Compute the bounds and the rate of change of the friction of a drive.
 
-    A drive goes in straight lines between its waypoints, so that bounds and rates are found there.
+    A drive is linear between its waypoints, which therefore determine bounds and rates.
 
     Args:
         drive: the drive.

@@ -1,13 +1,14 @@
-"""The stasis domain: the forces at which nothing moves.
+"""The stasis domain: the set of forces for which the body is at rest.
 
-The force that the springs carry through the section between contacts i and i + 1 is Q_i = sum_{j<=i} g_j. In a chain
+The force that the springs transmit through the section between contacts i and i + 1 is Q_i = sum_{j<=i} g_j. In a chain
 it is the tension T_i of link i; in a general graph of springs it is the sum over all springs that span the section.
-Whatever the springs are, nothing moves strictly inside
+For any springs, the body is at rest strictly inside
 
     C_sh = { Q : -mu_minus_i <= Q_i - Q_{i-1} <= mu_plus_i },   Q_{-1} = Q_{N-1} = 0
 
-and motion starts at its boundary ([G] Remark on stasis domains). Which facet is reached decides which contact slides,
-and so which way the body goes ([G] Remark on stasis domains and direction of motion). [G] draws these sets in -Q.
+and motion starts at its boundary ([G] Remark on stasis domains). The facet that is reached determines which contact
+slides and hence the direction of motion ([G] Remark on stasis domains and direction of motion). [G] draws these sets
+in -Q.
 
 The functions take one state and its friction; `StasisDomain` is the set itself.
 """
@@ -22,18 +23,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..body.drive import Drive
-from ..motion.translation import CRITICAL
+from ..rounding import CRITICAL, EPS
 
-_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
+_ROUNDING = 16.0 * EPS
 
 
 @dataclass(frozen=True)
 class Facet:
-    """A side of a stasis domain: one contact at one of its bounds, the others able to be strictly inside theirs.
+    """A facet of a stasis domain: one contact at one of its bounds, while all others can be strictly inside theirs.
 
     Attributes:
-        contact: the contact that slides there, all others stand.
-        side: which of its frictions is exhausted: "forward" (g = mu_plus) or "backward" (g = -mu_minus).
+        contact: the contact that slides there while all others are at rest.
+        side: the bound that it reaches: "forward" (g = mu_plus) or "backward" (g = -mu_minus).
         contacts: number of contacts N of the domain.
     """
 
@@ -56,7 +57,7 @@ class Facet:
 
 @dataclass(frozen=True, eq=False)
 class StasisDomain:
-    """The section forces at which no contact has to slide, a convex polytope of dimension N - 1 at most.
+    """The section forces at which no contact has to slide: a convex polytope of dimension at most N - 1.
 
     Attributes:
         forward: mu_plus, shape (N,), >= 0 [N].
@@ -74,7 +75,7 @@ class StasisDomain:
         if self.forward.ndim != 1 or self.forward.size < 2 or self.forward.shape != self.backward.shape:
             raise ValueError(
                 f"forward, backward: shapes {self.forward.shape} and {self.backward.shape}; "
-                "a stasis domain needs one number each for at least two contacts"
+                "a stasis domain needs both values for at least two contacts"
             )
         for name, values in (("forward", self.forward), ("backward", self.backward)):
             for i in np.flatnonzero(~((values >= 0.0) & np.isfinite(values))):
@@ -86,7 +87,7 @@ class StasisDomain:
         return int(self.forward.size)
 
     def contains(self, section: ArrayLike) -> bool:
-        """Tell whether section forces belong to the (closed) domain.
+        """Check whether section forces belong to the (closed) domain.
 
         Args:
             section: Q, shape (N - 1,) [N].
@@ -97,13 +98,13 @@ class StasisDomain:
         return is_in_stasis(section, self.forward, self.backward)
 
     def margins(self, section: ArrayLike) -> np.ndarray:
-        """Compute each contact's distance from its nearest bound.
+        """Compute the distance of each contact from its nearest bound.
 
         Args:
             section: Q, shape (..., N - 1) [N].
 
         Returns:
-            min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, negative by the excess outside.
+            min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, minus the excess outside.
         """
         return stasis_margins(section, self.forward, self.backward)
 
@@ -111,29 +112,29 @@ class StasisDomain:
         """Compute the projection onto each section.
 
         Returns:
-            The least and the greatest force of each section, each of shape (N - 1,) [N].
+            The smallest and the largest force of each section, each of shape (N - 1,) [N].
         """
         return tension_ranges(self.forward, self.backward)
 
     def vertices(self) -> np.ndarray:
-        """Compute the corners of a domain that is an interval or a polygon.
+        """Compute the vertices of a domain that is an interval or a polygon.
 
         Returns:
-            For two contacts the two ends, shape (2, 1); for three the corners (Q_0, Q_1), anticlockwise, none twice,
-            shape (V, 2) [N], V = 1 or 2 where friction vanishes, 3 .. 6 else.
+            For two contacts the two ends, shape (2, 1); for three the distinct vertices (Q_0, Q_1), anticlockwise,
+            shape (V, 2) [N]; V = 1 or 2 if friction vanishes, else 3 .. 6.
 
         Raises:
-            ValueError: for four contacts and more.
+            ValueError: for four or more contacts.
         """
         least, most = self.ranges()
         if self.contacts == 2:
             return np.array([least, most])
         if self.contacts > 3:
             raise ValueError(
-                f"{self.contacts} contacts: the domain has dimension {self.contacts - 1}; vertices are listed for two "
-                "and three contacts, projection(first, second) gives a polygon for any number"
+                f"{self.contacts} contacts: the domain has dimension {self.contacts - 1}; vertices are available for "
+                "two and three contacts, projection(first, second) is a polygon for any number"
             )
-        # With every bound as tight as the others make it, neighbouring sides of the hexagon always meet in it.
+        # With every bound as tight as the others imply, neighbouring sides of the hexagon always meet in the domain.
         up = min(self.forward[1], self.backward[0] + self.backward[2])
         down = min(self.backward[1], self.forward[0] + self.forward[2])
         (left, low), (right, high) = least, most
@@ -148,22 +149,22 @@ class StasisDomain:
         return corners[distinct] if distinct.any() else corners[:1]
 
     def projection(self, first: int, second: int) -> np.ndarray:
-        """Compute the projection onto two sections, the domain of the three groups of contacts that they separate.
+        """Compute the projection onto two sections: the domain of the three groups of contacts that they separate.
 
         Args:
             first: a section, 0 .. N - 3.
             second: a section beyond it, at most N - 2.
 
         Returns:
-            The corners (Q_first, Q_second) as of `vertices`, shape (V, 2) [N].
+            The vertices (Q_first, Q_second), as in `vertices`, shape (V, 2) [N].
 
         Raises:
-            ValueError: when there are no two such sections.
+            ValueError: if there are no such sections.
         """
         return self.merged(first, second).vertices()
 
     def merged(self, first: int, second: int) -> StasisDomain:
-        """Merge the contacts before, between and behind two sections into one each, which adds their friction.
+        """Merge the contacts before, between and behind two sections into one contact each, with their total friction.
 
         Args:
             first: a section, 0 .. N - 3.
@@ -173,26 +174,25 @@ class StasisDomain:
             A domain of three contacts.
 
         Raises:
-            ValueError: when there are no two such sections.
+            ValueError: if there are no such sections.
         """
         if not 0 <= first < second <= self.contacts - 2:
             raise ValueError(
-                f"sections {first} and {second}: there are {self.contacts - 1}, counted from 0; the first must come "
-                "before the second"
+                f"sections {first} and {second}: they must be increasing and between 0 and {self.contacts - 2}"
             )
         starts = [0, first + 1, second + 1]
         return StasisDomain(np.add.reduceat(self.forward, starts), np.add.reduceat(self.backward, starts))
 
     def facets(self) -> tuple[Facet, ...]:
-        """Find the facets that exist: with g_i at a bound all others can be strictly inside theirs.
+        """Find the facets: with g_i at a bound, all other contacts can be strictly inside their bounds.
 
         At mu_plus_i the others must carry -mu_plus_i > -sum_{j != i} mu_minus_j, hence the facet exists when
-        mu_plus_i + mu_minus_i < sum_j mu_minus_j; at -mu_minus_i when it is less than sum_j mu_plus_j. A contact
-        without any friction lets none of the others' facets exist: the domain itself is its facet, on both sides.
-        What is balanced to within 1e-12 of all friction, as in `uniqueness_margin`, makes no facet.
+        mu_plus_i + mu_minus_i < sum_j mu_minus_j; at -mu_minus_i when it is less than sum_j mu_plus_j. If a contact
+        has no friction, the other contacts have no facets: the domain itself is the facet of that contact, on both
+        sides. Bounds that balance within 1e-12 of the total friction, as in `uniqueness_margin`, make no facet.
 
         Returns:
-            By contact, forward before backward.
+            The facets, sorted by contact, forward before backward.
         """
         width = self.forward + self.backward
         plus, minus = float(self.forward.sum()), float(self.backward.sum())
@@ -212,15 +212,15 @@ class StasisDomain:
 
     @property
     def one_way(self) -> bool:
-        """True when there are facets and all have the same direction: the body can never be made to go the other way.
+        """Whether all facets (at least one) have the same direction, so that the body cannot move in the other one.
 
-        Three equal contacts go one way when one friction is at least twice the other.
+        Three equal contacts can move in one direction only if one friction is at least twice the other.
         """
         return len(directions_of([self])) == 1
 
 
 def directions_of(domains: Iterable[StasisDomain]) -> set[int]:
-    """Collect the directions in which sides of some domains let the body go.
+    """Collect the directions of the facets of some domains.
 
     Args:
         domains: the domains.
@@ -232,20 +232,20 @@ def directions_of(domains: Iterable[StasisDomain]) -> set[int]:
 
 
 def domain_evolution(drive: Drive) -> tuple[np.ndarray, tuple[StasisDomain, ...]]:
-    """Compute the stasis domain at each waypoint of a drive; between waypoints the friction goes in straight lines.
+    """Compute the stasis domain at each waypoint of a drive; between waypoints friction is linear.
 
     Args:
-        drive: anything with `times` (W,) [s], `forward` and `backward` (W, N) [N].
+        drive: a drive, or any object with `times` (W,) [s], `forward` and `backward` (W, N) [N].
 
     Returns:
-        The waypoints' times, shape (W,) [s], and their domains.
+        The times of the waypoints, shape (W,) [s], and their domains.
     """
     domains = tuple(StasisDomain(plus, minus) for plus, minus in zip(drive.forward, drive.backward, strict=True))
     return np.array(drive.times, dtype=np.float64), domains
 
 
 def section_forces(force: ArrayLike) -> np.ndarray:
-    """Compute the force carried through each section, Q_i = sum_{j<=i} g_j; `spring_force` is its inverse.
+    """Compute the force transmitted through each section, Q_i = sum_{j<=i} g_j; `spring_force` is its inverse.
 
     Args:
         force: g on each contact, summing to zero, shape (..., N) [N].
@@ -271,7 +271,7 @@ def spring_force(tension: ArrayLike) -> np.ndarray:
 
 
 def stasis_margins(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
-    """Compute each contact's distance from its nearest bound.
+    """Compute the distance of each contact from its nearest bound.
 
     Args:
         tension: T, shape (..., N - 1) [N].
@@ -279,14 +279,14 @@ def stasis_margins(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) 
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, negative by the excess outside.
+        min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, minus the excess outside.
     """
     g = spring_force(tension)
     return np.minimum(np.asarray(forward) - g, g + np.asarray(backward))
 
 
 def is_in_stasis(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> bool:
-    """Tell whether the tensions belong to the (closed) stasis domain.
+    """Check whether the tensions belong to the (closed) stasis domain.
 
     Args:
         tension: T, shape (N - 1,) [N].
@@ -300,7 +300,7 @@ def is_in_stasis(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
 
 
 def stasis_bounds(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Compute, for each link, between which tensions it may be while the others keep theirs.
+    """Compute the admissible range of each tension while the other tensions are fixed.
 
     Args:
         tension: T, shape (..., N - 1) [N].
@@ -308,7 +308,7 @@ def stasis_bounds(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) -
         backward: mu_minus, shape (..., N) [N].
 
     Returns:
-        The least and the greatest tension of each link, each of shape (..., N - 1) [N].
+        The smallest and the largest tension of each link, each of shape (..., N - 1) [N].
     """
     t = np.asarray(tension, dtype=np.float64)
     plus, minus = np.asarray(forward), np.asarray(backward)
@@ -331,7 +331,7 @@ def tension_ranges(forward: ArrayLike, backward: ArrayLike) -> tuple[np.ndarray,
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        The least and the greatest tension of each link, each of shape (N - 1,) [N].
+        The smallest and the largest tension of each link, each of shape (N - 1,) [N].
     """
     plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
     behind_plus, behind_minus = np.cumsum(plus)[:-1], np.cumsum(minus)[:-1]
@@ -350,7 +350,7 @@ def stasis_polygon(forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
         Its vertices (T_0, T_1), anticlockwise, shape (V, 2) [N].
 
     Raises:
-        ValueError: when there are not three contacts.
+        ValueError: if there are not three contacts.
     """
     plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
     if plus.shape != (3,) or minus.shape != (3,):

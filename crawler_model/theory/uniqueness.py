@@ -1,13 +1,13 @@
-"""When is the net translation determined, and which translation is chosen when it is not.
+"""Conditions under which the net translation is unique, and the choice if it is not.
 
 The shape of a crawler is always unique. Its translation is unique unless, for some set J of contacts, the
 backward friction of J balances the forward friction of the others (condition (*), [G] section 2.2):
 
     sum_{i in J} mu_minus_i - sum_{i not in J} mu_plus_i = 0.
 
-Then the translation rates v that minimise the dissipation R(chi(w, v)) fill an interval. The rule everywhere in
-this package: of that interval take the one whose net translation is nearest to zero. (An interval that only the
-cutting of a segment into elements leaves open is none: `choose_translation`.)
+Then the translation rates v that minimise the dissipation R(chi(w, v)) fill an interval. Everywhere in this package
+the rate whose net translation is nearest to zero is then chosen. (An interval that exists only because a segment is
+divided into elements does not count; see `choose_translation`.)
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from numpy.typing import ArrayLike
 
 from ..body.body import Body
 from ..body.drive import Drive
-from ..motion.translation import CRITICAL, find_translations
+from ..motion.translation import find_translations
+from ..rounding import CRITICAL
 
 _MOST_DECIDED = 30
 _FEW_CONTACTS, _FEW_ROWS = 16, 64
 
 
 def uniqueness_margin(forward: ArrayLike, backward: ArrayLike) -> float | None:
-    """Compute how far the friction is from violating condition (*).
+    """Compute the distance of the friction from violating condition (*).
 
         margin = min_J |sum_J mu_minus - sum_{not J} mu_plus| / sum_i (mu_plus_i + mu_minus_i)
 
@@ -33,8 +34,8 @@ def uniqueness_margin(forward: ArrayLike, backward: ArrayLike) -> float | None:
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        The margin in [0, 1/2]; 0 when it is below 1e-12, where it counts as critical, and when there is no
-        friction at all; None when it is not decided: unequal contacts, more than 30 of them.
+        The margin in [0, 1/2]; 0 if it is below 1e-12, which counts as critical, or if there is no friction; None if it
+        is undecided, for more than 30 unequal contacts.
 
     Source: [G] Lemma on heterogeneous models, with the sign corrected; meet in the middle.
     """
@@ -69,19 +70,19 @@ def _subset_sums(weight: np.ndarray) -> np.ndarray:
 
 
 def commanded_margin(body: Body, drive: Drive) -> float | None:
-    """Compute the uniqueness margin of the friction that a drive commands.
+    """Compute the uniqueness margin of the friction commanded by a drive.
 
-    A segment counts as one contact with the friction of its whole length: where parts of it slide both ways the
+    A segment counts as one contact with the friction of its whole length: if parts of it slide in both directions, the
     translation is determined as soon as both its coefficients are positive ([G] Lemma on homogeneous continuous
-    models), so that only segments that slide one way all along can leave it open.
+    models). Only segments that slide in one direction as a whole can leave it undetermined.
 
     Args:
         body: the body.
         drive: its drive.
 
     Returns:
-        The least over the drive's waypoints, in [0, 1/2]; None when one of them is not decided, or when there are
-        more than 64 different ones of more than 16 blocks; where a part of a segment has no friction; in the plane.
+        The minimum over the waypoints, in [0, 1/2]; None if one of them is undecided, for more than 64 different rows
+        of more than 16 blocks, if a part of a segment has no friction, and in the plane.
     """
     if body.dimension == 2:
         return None
@@ -92,7 +93,7 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
     rows = np.unique(np.hstack(sides), axis=0)
     n = sides[0].shape[1]
     if n > _FEW_CONTACTS and rows.shape[0] > _FEW_ROWS:
-        return None  # each row is a search over subsets: too long to wait for
+        return None  # each row is a search over subsets, which would take too long
     margins = [uniqueness_margin(row[:n], row[n:]) for row in rows]
     decided = [m for m in margins if m is not None]
     if 0.0 in decided:
@@ -101,13 +102,13 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
 
 
 def _blocks(body: Body, friction: np.ndarray) -> np.ndarray:
-    """Sum friction over what can move rigidly: isolated contacts, and whole segments."""
+    """Sum friction over the blocks that can move rigidly: isolated contacts and whole segments."""
     segments = [friction[:, s.contacts].sum(axis=1, keepdims=True) for s in body.segments]
     return np.hstack((friction[:, body.isolated], *segments))
 
 
 def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> tuple[float, float]:
-    """Find all c that minimise R(velocity + c): what may be added to the velocities, [G] section 2.2.
+    """Find the interval of all c that minimise R(velocity + c), [G] section 2.2.
 
     Args:
         velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
@@ -115,11 +116,11 @@ def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: Arra
         backward: mu_minus, shape (N,) [N].
 
     Returns:
-        The least and the greatest minimiser; they are equal when the translation is determined. Infinite where
-        nothing resists. (`Step.translation_interval` speaks of the net translation itself instead.)
+        The smallest and the largest minimiser, equal if the translation is determined; infinite without friction.
+        (`Step.translation_interval` holds the net translation itself instead.)
 
     Raises:
-        ValueError: when the shapes differ.
+        ValueError: if the shapes differ.
     """
     v, plus, minus = (np.array(a, dtype=np.float64) for a in (velocity, forward, backward))
     if v.ndim != 1 or not v.shape == plus.shape == minus.shape:

@@ -398,11 +398,11 @@ def test_elements_stay_unless_the_accuracy_is_varied():
         ("two_anchor_a", {"drive.strategy": [1]}, "drive.strategy: 'A' is not a number"),
         ("two_anchor_a", {"name.x": [1]}, "name.x: unknown key"),
         ("three_springs", {"drive.actuation": [1]}, "drive.actuation: a table is not a number; vary drive.actuation.0"),
-        ("two_anchor_a", {"friction.forward": [1]}, "without effect, the scene's drive commands friction"),
+        ("two_anchor_a", {"friction.forward": [1]}, "no effect, as the drive commands friction"),
         (
             coarse("hybrid_body"),
             {"body.segments.trunk.accuracy": [0.1]},
-            "without effect, the segment's elements are given; vary elements instead",
+            "no effect, as the segment has fixed elements; vary elements instead",
         ),
         ("two_anchor_a", {"drive.length": []}, "at least one number"),
         ("two_anchor_a", {"drive.length": [np.nan]}, "all finite"),

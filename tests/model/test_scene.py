@@ -68,12 +68,12 @@ WRONG = [
     ("body/links/between", [[0, 1], [1, "2"]], "body.links.between: link 1 joins '2'; an end is a number, `name.from`"),
     ("friction/forward", -1, "friction.forward: contact 0 has -1 N; friction must be >= 0"),
     ("friction/forward", [1, 1], "friction.forward: 2 value(s) for 3 contact(s)"),
-    ("friction", {"directions": [0, 2, 4], "value": 1}, "friction.directions: for planar scenes; on a line give"),
+    ("friction", {"directions": [0, 2, 4], "value": 1}, "friction.directions: only for planar scenes; on a line give"),
     ("friction/forward", None, "friction: give both `forward` and `backward`, or `isotropic` alone"),
     ("friction/isotropic", 1, "friction: give both `forward` and `backward`, or `isotropic` alone"),
     ("friction", None, "friction: missing"),
     ("friction", 0.3, "friction: write {isotropic: 0.3}, or give `forward` and `backward`"),
-    ("body/links", None, "body.links: missing; it gives the springs between contacts and segments"),
+    ("body/links", None, "body.links: missing; the springs between contacts and segments"),
     ("body/links", 3, "body.links: 3; it must be a mapping with stiffness, between"),
     ("body/links/between", [], "body.links.between: no links lead from contact 0 to contact 1"),
     ("body/links/stiffness", 10**400, "too large; at most 1e+100"),
@@ -96,7 +96,7 @@ WRONG = [
     (
         "drive/length",
         2,
-        "drive: `length` does not go with this kind of drive; it takes actuation, friction, period, times",
+        "drive: `length` does not belong to this kind of drive; its keys are actuation, friction, period, times",
     ),
     ("drive/friction", 0.5, "friction: with `times`, give `isotropic`, or `forward` and `backward`, a row per time"),
     ("drive/period", 0, "drive: period: 0 s; it must be > 0"),
@@ -109,14 +109,14 @@ WRONG = [
     (
         "drive",
         {"strategy": "A", "length": 1, "friction": 1},
-        "strategies drive 2 contacts on 1 link, this body has 3 contacts, 2 links",
+        "strategies need 2 contacts and 1 link; this body has 3 contacts, 2 links",
     ),
     ("drive", {"strategy": "D", "length": 1, "friction": 1}, "drive.strategy"),
     ("drive", {"strategy": "A", "length": 1, "friction": -1}, "friction: -1 N; it must be >= 0"),
     (
         "drive",
         {kind: {"amplitude": 0.1, "mean": 1, "wavelength": 1, "period": i + 1} for i, kind in enumerate(WAVES)},
-        "drive.friction_wave.period: it must be that of drive.wave",
+        "drive.friction_wave.period: it must equal that of drive.wave",
     ),
     ("drive", {"strategy": "A"}, "a strategy needs `length` (m) and `friction` (N)"),
     ("drive", {"wave": {"amplitude": 0.1, "wavelength": 0, "period": 1}}, "wavelength: 0 m; it must not be 0"),
@@ -195,9 +195,9 @@ def test_a_scene_from_data_or_by_name_is_refused_in_the_same_words():
         Scene.model_validate(change("frictoin", {}))
     with pytest.raises(SceneError, match=r"^zzz: unknown key; known keys are name, dimension, body"):
         Scene.model_validate(change("zzz", {}))
-    with pytest.raises(SceneError, match=r"simulate: {'name': 'good', .* is no Scene; load_scene builds one"):
+    with pytest.raises(SceneError, match=r"simulate: {'name': 'good', .* is not a Scene; load_scene builds one"):
         simulate(GOOD)
-    with pytest.raises(SceneError, match="Crawler: 'two_anchor_a' is no Scene"):
+    with pytest.raises(SceneError, match="Crawler: 'two_anchor_a' is not a Scene"):
         Crawler("two_anchor_a")
 
 
@@ -438,7 +438,7 @@ WRONG_BODIES = [
     (with_segments({"friction": {"forward": -1, "backward": 1}}), "friction.forward: -1 N/m; it must be >= 0"),
     (
         with_segments({"stiffness": {"at": [2, 3], "value": [1, 1]}}),
-        "body.segments.0: the table of stiffness is given at 2 .. 3 m, outside the segment's 0 .. 1 m",
+        "body.segments.0: the table of stiffness covers 2 .. 3 m, outside the segment's 0 .. 1 m",
     ),
     (with_segments({"friction": 0.3}), "body.segments.0.friction: write {isotropic: 0.3}"),
     (with_segments({"to": -1}), "to: -1 m; it must lie beyond from, 0 m"),
@@ -448,7 +448,7 @@ WRONG_BODIES = [
         with_segments({}, {"name": "b", "from": 0.5, "to": 2}),
         "segment b from 0.5 m meets segment trunk, which reaches to 1",
     ),
-    (with_segments({}, {"from": 2, "to": 3}), "two segments are called 'trunk'"),
+    (with_segments({}, {"from": 2, "to": 3}), "two segments are named 'trunk'"),
     (with_segments({}, contacts=[0.5]), "contact 0 at 0.5 m meets segment trunk, which reaches to 1 m"),
     (with_segments({}, contacts=[1.0]), "segments and contacts must not overlap or touch"),
     (with_segments({}, contacts=[2], links={"between": [["trunk.end", 0]]}), "link 0 joins 'trunk.end'; an end is"),
@@ -467,13 +467,13 @@ WRONG_BODIES = [
     ),
     (
         plane(body={"contacts": [0, 1], "links": {"stiffness": 1.0}}),
-        "body.contacts: contact 0 is 0.0; a planar scene gives [x, y] of each contact",
+        "body.contacts: contact 0 is 0.0; in a planar scene each contact is [x, y]",
     ),
     (plane(dimension=3), "dimension: Input should be 1 or 2"),
     (plane(friction={"forward": 1, "backward": 2}), "in the plane give `isotropic`, or `directions` and `value`"),
     (
         plane(drive={"times": [0, 1], "actuation": [[0], [1]]}),
-        "row 0: entry 0 is 0.0; a planar scene gives [x, y] for each",
+        "row 0: entry 0 is 0.0; in a planar scene a row is [x, y] for each",
     ),
     (
         plane(drive={"times": [0, 1], "actuation": [[[0, 0]]]}),
@@ -481,11 +481,11 @@ WRONG_BODIES = [
     ),
     (
         plane(drive=PUSHED | {"friction": {"forward": [1, 1], "backward": [1, 1]}}),
-        "drive.friction: a planar scene takes `isotropic` only",
+        "drive.friction: in a planar scene only `isotropic` is possible",
     ),
     (
         plane(drive=PUSHED | {"friction": {"isotropic": [1, 1]}}, friction={"directions": [0, 2, 4], "value": 1}),
-        "drive.friction: friction given by directions is constant; leave it out",
+        "drive.friction: direction-dependent friction is constant; remove this key",
     ),
     (plane(friction={"directions": [0, 2, 4]}), "give `directions` (rad) and `value` together and nothing else"),
     (
@@ -493,12 +493,12 @@ WRONG_BODIES = [
         "friction.value: 3 row(s) for 2 contact(s); give one row, or one per contact",
     ),
     (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies are for a line"),
-    (plane(start={"displacement": [[0, 0]]}), "a planar scene gives [x, y] for each of 2 contacts"),
+    (plane(start={"displacement": [[0, 0]]}), "in a planar scene it is [x, y] for each of 2 contacts"),
     (plane(start={"displacement": [[0, 0], [0, 9]]}), "contact 0 is pulled by [0, 9] N"),
     (plane(friction={"directions": [0, 1, 2, 3], "value": 1}), "friction.directions"),
     (plane(friction={"directions": [0, 1.57, 3.14, 4.71], "value": [1, 1, 1]}), "3 value(s) for 4 direction(s)"),
     (plane(tolerance=-1.0), "tolerance: -1"),
-    (change("tolerance", 1e-3), "tolerance: only planar scenes take one"),
+    (change("tolerance", 1e-3), "tolerance: only planar scenes have a tolerance"),
 ]
 
 

@@ -118,7 +118,7 @@ def test_check_says_where_friction_vanishes(tmp_path):
 
 
 MISTAKES = [
-    (["simulate", "planar_rectilinear", "--method", "exact"], "in the plane they are curved: take catch_up"),
+    (["simulate", "planar_rectilinear", "--method", "exact"], "in the plane they are curved: use catch_up"),
     (["simulate", "two_ancor_a"], "nearest is 'two_anchor_a'"),
     (["simulate", "none.yaml"], "none.yaml: no such file"),
     (["simulate", "two_anchor_a", "--rate", "0"], "rate: 0 Hz"),
@@ -134,7 +134,7 @@ MISTAKES = [
     (["view", "text.mcap", "--png", "nodir/x.png"], "does not exist"),
     (["view", "fake.rrd", "--png", "x.png"], "fake.rrd: not a rerun recording"),
     (["check", "two_anchor_a", "--png", "x.foo"], "--png: x.foo must end in .png"),
-    (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "more than fit in memory"),
+    (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "do not fit in memory"),
     (["simulate", "two_anchor_a", "--rate", "fast"], "Invalid value for '--rate'"),
     (["simulate"], "Missing argument"),
     (["replay", "parent"], "parent/one: there is no message in it"),

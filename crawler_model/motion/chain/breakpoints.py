@@ -1,9 +1,9 @@
-"""The breakpoints of a chain's projection in balanced trees, for loads that move many of them at every link.
+"""Breakpoints of the projection of a chain in balanced trees, for loads that move many of them at every link.
 
-`chain_kernel.project` keeps the breakpoints on two stacks that meet at the zero of the curve. A breakpoint that the
+`projection.project` stores the breakpoints on two stacks that meet at the zero of the curve. A breakpoint that the
 zero passes moves from one stack to the other, one at a time. Here each side is a treap ordered by position. A node
-knows by how much the curve rises over its subtree, so the new zero is found, and all that it passes moves to the other
-side, in O(log N). A shift of a whole side is noted at its root and handed down on the way.
+stores the rise of the curve over its subtree, so that finding the new zero and moving all passed breakpoints to the
+other side takes O(log N). A shift of a whole side is stored at its root and pushed down to the children when needed.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 from ...compiled import compiled
 
 POSITION, SLOPE, JUMP, REACH = range(4)
-"""Rows of a stack of breakpoints: position, growth of the slope outwards, jump; REACH has an entry for each link."""
+"""Rows of a stack of breakpoints: position, growth of the slope outwards, jump; REACH has one entry per link."""
 
 _RANK = REACH
 _SHIFT, _FIRST, _LAST, _TURN, _RISE = range(4, 9)
-"""Further columns of a tree, which has a row for each node: who is nearer to the root; what the children have yet to be
-moved by; of the subtree its least and greatest position, the growth of the slope from left to right over it, and the
-rise of the curve over it if its slope is 0 at the left."""
+"""Further columns of a tree, which has one row per node: its priority (highest at the root); the shift not yet applied
+to its children; the smallest and largest position in its subtree, the growth of the slope from left to right over the
+subtree, and the rise of the curve over the subtree if its slope is 0 at the left."""
 _FLOATS = 9
 _LEFT, _RIGHT = range(2)
 _DEPTH = 256
@@ -36,8 +36,8 @@ def _move(floats, root, by):
 
 
 @compiled
-def _hand_down(floats, children, node):
-    """Move a node's children by what the node was moved."""
+def _push_down(floats, children, node):
+    """Apply the pending shift of a node to its children."""
     by = floats[node, _SHIFT]
     if by != 0.0:
         _move(floats, children[node, _LEFT], by)
@@ -47,7 +47,7 @@ def _hand_down(floats, children, node):
 
 @compiled
 def _sum_up(floats, children, node):
-    """Compute what a node knows of its subtree."""
+    """Compute the subtree data of a node from its children."""
     position = floats[node, POSITION]
     first = position
     last = position
@@ -71,12 +71,12 @@ def _sum_up(floats, children, node):
 
 @compiled
 def _plant(floats, children, node, position, slope, jump):
-    """Make a tree of one breakpoint."""
+    """Create a tree with one breakpoint."""
     floats[node, POSITION] = position
     floats[node, SLOPE] = slope
     floats[node, JUMP] = jump
     mixed = (node + 1) * 48271 % 2147483647
-    floats[node, _RANK] = mixed * mixed % 2147483647  # scattered, and the same in every run
+    floats[node, _RANK] = mixed * mixed % 2147483647  # pseudo-random, but the same in every run
     floats[node, _SHIFT] = 0.0
     children[node, _LEFT] = -1
     children[node, _RIGHT] = -1
@@ -85,7 +85,7 @@ def _plant(floats, children, node, position, slope, jump):
 
 @compiled
 def _climb(floats, children, path, depth, low, high):
-    """Hang the lower and the upper part of a tree onto the nodes of the path to where it was cut."""
+    """Reattach the lower and the upper part of a tree to the nodes on the path to the cut."""
     for j in range(depth - 1, -1, -1):
         node = path[j] >> 1
         if path[j] & 1:  # the path went right: the node belongs to the lower part
@@ -104,11 +104,11 @@ def _join(floats, children, path, low, high):
     depth = 0
     while low >= 0 and high >= 0:
         if floats[low, _RANK] > floats[high, _RANK]:
-            _hand_down(floats, children, low)
+            _push_down(floats, children, low)
             path[depth] = 2 * low + 1
             low = children[low, _RIGHT]
         else:
-            _hand_down(floats, children, high)
+            _push_down(floats, children, high)
             path[depth] = 2 * high
             high = children[high, _LEFT]
         depth += 1
@@ -122,61 +122,61 @@ def _join(floats, children, path, low, high):
 
 
 @compiled
-def _cut(floats, children, path, root, way, here, height, flat):
-    """Go outwards from `here` until the curve has fallen (way -1) or risen (way 1) by `height`, and cut the tree there.
+def _cut(floats, children, path, root, direction, here, height, flat):
+    """Find where the curve has fallen (direction -1) or risen (1) by `height`, outwards from `here`; cut the tree there.
 
-    Returns the trees below and above, the zero, the heights that are left before and beyond it, the slopes there,
-    and the number of nodes looked at. A breakpoint at the zero is in neither tree: its jump is split.
+    Returns the trees below and above, the zero, the heights left before and beyond it, the slopes there,
+    and the number of nodes visited. A breakpoint at the zero is in neither tree: its jump is split.
     """
-    near, inner = (_RIGHT, _LAST) if way < 0.0 else (_LEFT, _FIRST)
-    outer = _FIRST if way < 0.0 else _LAST
+    near, inner = (_RIGHT, _LAST) if direction < 0.0 else (_LEFT, _FIRST)
+    outer = _FIRST if direction < 0.0 else _LAST
     slope = flat
     depth = 0
     node = root
     low = -1
     high = -1
     while node >= 0:
-        _hand_down(floats, children, node)
+        _push_down(floats, children, node)
         beside = children[node, near]
         start = here
         left_over = height
         steep = slope
         if beside >= 0:
-            left_over -= steep * way * (floats[beside, inner] - start)
+            left_over -= steep * direction * (floats[beside, inner] - start)
             turn = floats[beside, _TURN]
-            at_left = max(steep - turn, flat) if way < 0.0 else steep
+            at_left = max(steep - turn, flat) if direction < 0.0 else steep
             left_over -= at_left * (floats[beside, _LAST] - floats[beside, _FIRST]) + floats[beside, _RISE]
             start = floats[beside, outer]
-            steep = max(steep + way * turn, flat)
-        beyond = left_over - steep * way * (floats[node, POSITION] - start)
-        if left_over <= 0.0 and beside >= 0:  # before the last of those on this side
-            path[depth] = 2 * node + (way < 0.0)
+            steep = max(steep + direction * turn, flat)
+        beyond = left_over - steep * direction * (floats[node, POSITION] - start)
+        if left_over <= 0.0 and beside >= 0:  # before the last breakpoint on this side
+            path[depth] = 2 * node + (direction < 0.0)
             depth += 1
             node = beside
             continue
-        if beyond <= 0.0:  # between them and the node
-            zero = start + way * left_over / steep
-            path[depth] = 2 * node + (way < 0.0)
+        if beyond <= 0.0:  # between the subtree and the node
+            zero = start + direction * left_over / steep
+            path[depth] = 2 * node + (direction < 0.0)
             depth += 1
-            if way < 0.0:
+            if direction < 0.0:
                 high = beside
             else:
                 low = beside
             low, high = _climb(floats, children, path, depth, low, high)
             return low, high, zero, 0.0, 0.0, steep, steep, depth
         here = floats[node, POSITION]
-        after = max(steep + way * floats[node, SLOPE], flat)
+        after = max(steep + direction * floats[node, SLOPE], flat)
         if floats[node, JUMP] >= beyond:  # at the node
             low, high = children[node, _LEFT], children[node, _RIGHT]
             low, high = _climb(floats, children, path, depth, low, high)
             return low, high, here, beyond, floats[node, JUMP] - beyond, steep, after, depth + 1
         height = beyond - floats[node, JUMP]
         slope = after
-        path[depth] = 2 * node + (way > 0.0)
+        path[depth] = 2 * node + (direction > 0.0)
         depth += 1
         node = children[node, 1 - near]
     low, high = _climb(floats, children, path, depth, low, high)
-    return low, high, here + way * height / slope, 0.0, 0.0, slope, slope, depth
+    return low, high, here + direction * height / slope, 0.0, 0.0, slope, slope, depth
 
 
 @compiled
@@ -185,7 +185,7 @@ def project_balanced(
     compliance,
     backward,
     forward,
-    grain,
+    magnitude,
     tension,
     stacks,
     start,
@@ -195,25 +195,25 @@ def project_balanced(
     shift_right,
     reach,
 ):
-    """Go on with the forward pass of `chain_kernel.project` from a link on, with the breakpoints in trees.
+    """Continue the forward pass of `projection.project` from a given link, with the breakpoints in trees.
 
     Args:
-        target: as for `project`, and so are the next six.
+        target: as in `project`, like the next five.
         compliance: 1 / k.
         backward: the lower bounds.
         forward: the upper bounds.
-        grain: what blurs the bounds.
-        tension: output: the zeros of the links from `start` on.
-        stacks: the breakpoints so far; REACH of the links from `start` on is written.
-        start: the first link that has not been passed.
-        n_left: how many breakpoints are on the left stack.
-        n_right: how many are on the right one.
-        shift_left: what all breakpoints of the left stack have been moved by [N].
-        shift_right: likewise of the right stack.
+        magnitude: magnitude of the numbers whose rounding affects the bounds.
+        tension: output, zeros of the links from `start` on.
+        stacks: present breakpoints; REACH of the links from `start` on is written.
+        start: first link to process.
+        n_left: number of breakpoints on the left stack.
+        n_right: number of breakpoints on the right stack.
+        shift_left: common shift of all breakpoints of the left stack [N].
+        shift_right: the same for the right stack.
         reach: as in `project`.
 
     Returns:
-        The number of breakpoints looked at to find the zeros, each counted as eight: it costs as much as eight moves.
+        The number of breakpoints visited to find the zeros, times eight, as each costs as much as eight moves.
     """
     n = target.shape[0]
     size = n_left + n_right + 2 * (n - start)
@@ -257,7 +257,7 @@ def project_balanced(
         low = -backward[i + 1]
         high = forward[i + 1]
         stacks[0, REACH, i] = reach
-        reach = 0.0 if low == -np.inf and high == np.inf else reach + grain[i + 1]
+        reach = 0.0 if low == -np.inf and high == np.inf else reach + magnitude[i + 1]
         if low > -np.inf:
             _move(floats, left, low)
             _plant(floats, children, used, zero + low, -slope_left, jump_left)

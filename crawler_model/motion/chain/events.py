@@ -1,11 +1,11 @@
 """A ramp of a chain followed from event to event.
 
 Between events every contact is free (strictly inside its bounds, at rest) or at a bound, and the rates of the tensions
-solve the projection of `chain_kernel` with infinite bounds where a contact is free. An event is a free contact that
-reaches a bound. A free contact is a wall: an event changes only the block of neighbouring contacts at their bounds
-around it, so only that block is solved again, and links and contacts elsewhere are brought up to date when their turn
-comes. The status of a contact is data that events change, never a comparison of rounded numbers; a contact that leaves
-its bound counts as free as soon as s has grown.
+solve the problem of `projection.project` with infinite bounds for free contacts. At an event a free contact reaches a
+bound. A free contact is a wall: an event changes only the block of neighbouring contacts at their bounds around it, so
+only that block is solved again; other links and contacts are updated when they are next needed. The status of a contact
+is data that events change, never a comparison of rounded numbers; a contact that leaves its bound counts as free as
+soon as s has increased.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -26,7 +27,7 @@ from ..state import (
     TENSION,
     VISITED,
 )
-from ..translation import CRITICAL, choose_translation, is_wide
+from ..translation import choose_translation, is_wide
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -44,20 +45,16 @@ from .memory import (
     ROW_V,
     ROW_V_BEFORE,
 )
-from .projection import EPS
 from .rates import slack, solve, update
 
 _FEW_FREE, FEW_CONTACTS = 2, 256
-"""All contacts are looked at after an event when at most so many are free, where looking is no dearer than solving, or
-when there are at most so many. For longer chains the visited margin is otherwise sampled at the ends of ramps."""
-_STRETCH = 1e-6
-"""A piece shorter than this part of its ramp is an isolated instant: that all contacts are at their bounds is seen with
-a tolerance, so an instant looks as long as the slowest contact takes to cross it."""
+"""After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
+more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
 
 
 @compiled
 def _sooner(next_event, a, b):
-    """Choose of two contacts (or -1) the one with the earlier event."""
+    """Return the one of two contacts (or -1) with the earlier event."""
     if a < 0:
         return b
     if b < 0:
@@ -66,8 +63,8 @@ def _sooner(next_event, a, b):
 
 
 @compiled
-def _announce(tree, leaves, floats, i):
-    """Restore the tournament where contact i's event changed."""
+def _update_tournament(tree, leaves, floats, i):
+    """Update the tournament after the next event of contact i has changed."""
     if floats[ROW_NEXT, i] == floats[ROW_ENTERED, i]:
         return
     floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
@@ -79,7 +76,7 @@ def _announce(tree, leaves, floats, i):
 
 @compiled
 def _settle(status, floats, bytes_, s, i):
-    """Let contact i go that left its bound before s."""
+    """Mark contact i as free if it left its bound before s."""
     if bytes_[ROW_LEAVING, i] != 0 and floats[ROW_SINCE, i] < s:
         status[i] &= ~bytes_[ROW_LEAVING, i]
         bytes_[ROW_LEAVING, i] = 0
@@ -87,7 +84,7 @@ def _settle(status, floats, bytes_, s, i):
 
 @compiled
 def _visited(contacts, links, floats, side, whole, s):
-    """Compute the sum of all contacts' distances from their nearest bounds, and the sum of all bounds, at s."""
+    """Compute at s the sum of the distances of all contacts from their nearest bounds, and the sum of all bounds."""
     near = 0.0
     for i in range(contacts.shape[1]):
         if side[i] == 0:
@@ -98,11 +95,11 @@ def _visited(contacts, links, floats, side, whole, s):
 
 @compiled
 def _near_criticality(contacts, links, floats, side, account, whole, s):
-    """Note how near all contacts are to sliding at once; tell whether it stays critical up to the ramp's end.
+    """Update the visited margin, and return whether all contacts stay at their bounds up to the end of the ramp.
 
-    A distance from the nearest bound is concave in s and never negative: what vanishes at two instants later on
-    vanishes from here on. The ramp's ends are not among them: friction may be gone there. `whole` is the sum of all
-    bounds at the ramp's beginning and at its end.
+    A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
+    vanishes from here on. The ends of the ramp are not used, as friction may vanish there. `whole` holds the sums of
+    all bounds at the start and at the end of the ramp.
     """
     near, total = _visited(contacts, links, floats, side, whole, s)
     account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
@@ -119,7 +116,7 @@ def _near_criticality(contacts, links, floats, side, account, whole, s):
 
 @compiled
 def _uncertainty(contacts, links, floats, coming, s, i):
-    """Compute by how much the rounding of forces may have moved the event of contact i, as part of the ramp."""
+    """Compute the error of the event of contact i due to the rounding of forces, as part of the ramp."""
     n = contacts.shape[1]
     size = abs(contacts[FORWARD, i]) + abs(s * floats[ROW_D_FORWARD, i])
     closing = floats[ROW_D_FORWARD, i]
@@ -134,7 +131,7 @@ def _uncertainty(contacts, links, floats, coming, s, i):
 
 @compiled
 def _count_free(bytes_):
-    """Count the contacts that are free or leave their bound."""
+    """Count the contacts that are free or are leaving their bound."""
     free = 0
     for i in range(bytes_.shape[1]):
         if bytes_[ROW_SIDE, i] == 0:
@@ -167,18 +164,18 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
-        floats: memory of the ramp, from `chain_memory`, as are the next three.
+        floats: memory of the ramp, from `memory.scratch`, like the next three.
         bytes_: statuses within the ramp.
-        tree: a tournament of the contacts' next events.
-        stacks: for `project`.
-        account: of the ramp, shape (13,), added to.
-        budget: most work: contacts solved, and breakpoints passed in the projection.
+        tree: tournament of the next events of the contacts.
+        stacks: memory for `project`.
+        account: account of the ramp, shape (13,), added to.
+        budget: upper limit of work: contacts solved plus breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        wide: True where the projection takes twice the digits.
+        wide: True to use the projection in double-double arithmetic.
 
     Returns:
-        False when the budget was spent before the end: state and commands are then where it came to.
+        False if the budget was exceeded before the end; state and commands are then those at the last event.
     """
     n = contacts.shape[1]
     leaves = 1
@@ -225,7 +222,7 @@ def follow_events(
         look = free <= _FEW_FREE or n <= FEW_CONTACTS
         critical = look and _near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
         if critical or free_translation:
-            # friction in the middle of the stretch: at its start it may have been zero
+            # friction at the middle of the stretch, as it may be zero at its start
             middle = 0.5 * (s + until)
             update(contacts, links, floats, account, s, 0, n - 1)
             for i in range(n):
@@ -233,7 +230,7 @@ def follow_events(
                 floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
             shifted = True
-        if shifted and until - s > _STRETCH and is_wide(least, most, floats[ROW_V]):
+        if shifted and until - s > SHORTEST_STRETCH and is_wide(least, most, floats[ROW_V]):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least * (until - s)
             account[GAIN_MOST] += most * (until - s)
@@ -249,13 +246,13 @@ def follow_events(
 
         count = 0
         blur = 0.0
-        while floats[ROW_NEXT, first_hit] <= s:  # ties: all that arrive at once, then solve
+        while floats[ROW_NEXT, first_hit] <= s:  # ties: collect all simultaneous arrivals, then solve
             _settle(status, floats, bytes_, s, first_hit)
             if wide:
                 blur += _uncertainty(contacts, links, floats, bytes_[ROW_COMING, first_hit], s, first_hit)
             status[first_hit] |= bytes_[ROW_COMING, first_hit]
             floats[ROW_NEXT, first_hit] = np.inf
-            _announce(tree, leaves, floats, first_hit)
+            _update_tournament(tree, leaves, floats, first_hit)
             hits[count] = first_hit
             count += 1
             first_hit = tree[1]
@@ -301,7 +298,7 @@ def follow_events(
             for i in range(first, last + 1):
                 free += bytes_[ROW_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
-                _announce(tree, leaves, floats, i)
+                _update_tournament(tree, leaves, floats, i)
 
     end = 1.0 if done else s
     update(contacts, links, floats, account, end, 0, n - 1)

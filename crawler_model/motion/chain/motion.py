@@ -26,7 +26,7 @@ class ChainMotion:
 
     @property
     def samples_margin(self) -> bool:
-        """Whether an exact ramp sees its visited margin at its ends only, as in long chains."""
+        """Whether an exact ramp samples its visited margin only at its ends, as in long chains."""
         return self.body.contacts > FEW_CONTACTS
 
     def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
@@ -34,7 +34,7 @@ class ChainMotion:
         return build_line_state(self.body, x, target)
 
     def scratch(self) -> tuple[Any, ...]:
-        """Allocate the memory of a ramp, see `Motion`."""
+        """Allocate the working memory of a ramp, see `Motion`."""
         return tuple(memory.scratch(self.body.contacts))
 
     def follow(

@@ -1,18 +1,18 @@
-"""The projection onto the stasis domain of a chain, exact and in linear time as a rule.
+"""The projection onto the stasis domain of a chain: exact, usually in linear time.
 
     minimise    sum_i (T_i - a_i)^2 / (2 k_i)
     subject to  -backward_i <= T_i - T_{i-1} <= forward_i,    T_{-1} = T_{n} = 0
 
-for n links and n + 1 contacts. It is a catch-up step when the bounds are frictions, and the rates inside an
-exact tick when the bounds are rates of friction, infinite where a contact is free.
+for n links and n + 1 contacts. It is a catch-up step if the bounds are frictions, and the rate problem inside an exact
+ramp if the bounds are rates of friction, infinite where a contact is free.
 
 Dynamic programming from the first link to the last. The derivative of the cost-to-come is a non-decreasing,
 piecewise-linear function of T_i. A link adds the line (T - a_i) / k_i. A contact splits the curve at its zero,
 moves the left part by -backward, the right part by forward and leaves a plateau of zero between. Only the
-breakpoints are kept, on two stacks that meet at the zero, each with a shift common to all its members; a
-breakpoint knows by how much the slope grows outwards, and how high the curve jumps there (the ends of the
+breakpoints are stored, on two stacks that meet at the zero, each with a shift common to all its members; a
+breakpoint stores by how much the slope grows outwards, and how high the curve jumps there (the ends of the
 domain are infinite jumps). The same family as Johnson's algorithm for the fused lasso. Where the zero passes many of
-them at every link, `chain_breakpoints` keeps them in trees: O(N log N) whatever the load.
+them at every link, `breakpoints` stores them in trees: O(N log N) for any load.
 """
 
 from __future__ import annotations
@@ -20,19 +20,18 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from ..translation import CRITICAL
+from ...rounding import CRITICAL, EPS, NOISE
 from .breakpoints import JUMP, POSITION, REACH, SLOPE, project_balanced
 
-EPS = float(np.finfo(np.float64).eps)
 _MANY_MOVES, _ALWAYS_FEW = 32, 1024
-"""When more breakpoints than so many a link, and this number besides, have moved from stack to stack, trees do it."""
+"""Trees replace the stacks once more than `_MANY_MOVES` per link plus `_ALWAYS_FEW` breakpoints have changed stacks."""
 
 
 def workspace(links: int) -> np.ndarray:
-    """Make the scratch memory that `project` wants for a chain.
+    """Allocate the scratch memory of `project`.
 
     Args:
-        links: the largest number of links that will be asked for.
+        links: the largest number of links to be projected.
 
     Returns:
         An array of shape (2, 4, 2 links + 4) for the two stacks of breakpoints.
@@ -41,23 +40,23 @@ def workspace(links: int) -> np.ndarray:
 
 
 @compiled
-def project(target, compliance, backward, forward, grain, tension, side, stacks):
+def project(target, compliance, backward, forward, magnitude, tension, side, stacks):
     """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
 
     Args:
         target: trial tensions a, shape (n,) [N].
         compliance: 1 / k > 0, shape (n,) [m/N].
-        backward: by how much T_i - T_{i-1} may be below zero, shape (n + 1,) [N], inf where there is no bound.
-        forward: by how much it may be above zero, likewise; -backward <= forward.
-        grain: numbers that the bounds are small differences of, shape (n + 1,) [N]; their rounding blurs
-            the bounds. Zeros where the bounds are data.
+        backward: bounds of T_{i-1} - T_i, shape (n + 1,) [N], inf where there is no bound.
+        forward: bounds of T_i - T_{i-1}, likewise; -backward <= forward.
+        magnitude: magnitude of the numbers whose small differences the bounds are, shape (n + 1,) [N]; it sets the
+            rounding error of the bounds. Zeros where the bounds are given exactly.
         tension: output, shape (n,) [N].
         side: output, int8, shape (n + 1,): 1 where `forward` holds with equality, -1 where `backward` does, else 0.
-            What lies within rounding of a bound counts as on it.
+            A value within rounding of a bound counts as on it.
         stacks: scratch from `workspace(n)` or larger.
 
     Returns:
-        The number of breakpoints that the zero of the curve passed.
+        The number of breakpoints passed by the zero of the curve.
     """
     n = target.shape[0]
     left = stacks[0]
@@ -67,7 +66,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
     shift_left = 0.0
     shift_right = 0.0
     moved = 0
-    reach = grain[0]  # how far the curve has been moved since it last began anew: the size of what rounding can do
+    reach = magnitude[0]  # total shift of the curve since it was last restarted: the scale of its rounding error
     if backward[0] < np.inf:
         left[POSITION, 0] = -backward[0]
         left[SLOPE, 0] = 0.0
@@ -88,7 +87,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
                 compliance,
                 backward,
                 forward,
-                grain,
+                magnitude,
                 tension,
                 stacks,
                 i,
@@ -170,7 +169,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
         low = -backward[i + 1]
         high = forward[i + 1]
         stacks[0, REACH, i] = reach
-        reach = 0.0 if low == -np.inf and high == np.inf else reach + grain[i + 1]
+        reach = 0.0 if low == -np.inf and high == np.inf else reach + magnitude[i + 1]
         if low > -np.inf:
             shift_left += low
             left[POSITION, n_left] = zero + low - shift_left
@@ -193,8 +192,8 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
             shift_right = 0.0
 
     after = 0.0
-    behind = 0.0  # the same reach, from the other end
-    slip = 0.0  # how far the tension behind was moved onto a bound: the next contact must not take that for a distance
+    behind = 0.0  # the same from the other end
+    slip = 0.0  # shift of the previous tension onto its bound, not a distance for the next contact
     for i in range(n - 1, -1, -1):
         zero = tension[i]
         least = after - forward[i + 1]
@@ -202,7 +201,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
         if least == -np.inf and most == np.inf:
             behind = 0.0
         else:
-            behind += grain[i + 1] + (abs(forward[i + 1]) if least > -np.inf else abs(backward[i + 1]))
+            behind += magnitude[i + 1] + (abs(forward[i + 1]) if least > -np.inf else abs(backward[i + 1]))
         close = 8.0 * EPS * (stacks[0, REACH, i] + behind + abs(zero) + abs(after)) + slip
         if zero <= least + close:
             tension[i] = least
@@ -216,7 +215,7 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
             side[i + 1] = 0
             slip = 0.0
         after = tension[i]
-    close = 8.0 * EPS * (grain[0] + behind + abs(after)) + slip
+    close = 8.0 * EPS * (magnitude[0] + behind + abs(after)) + slip
     if after >= forward[0] - close:
         side[0] = 1
     elif after <= -backward[0] + close:
@@ -226,18 +225,14 @@ def project(target, compliance, backward, forward, grain, tension, side, stacks)
     return moved
 
 
-NOISE = 1e-14
-"""A velocity below this part of the sum of the shape rates around it is rounding."""
-
-
 @compiled
 def shape_gain(tension, trial, compliance):
-    """Compute by how much a link's shape changes when its tension comes out other than tried; rounding is none.
+    """Compute the change of a link's elongation from its trial and final tension; rounding counts as zero.
 
     Args:
-        tension: of the link, or its rate [N].
-        trial: what it would be if no contact slid [N].
-        compliance: of the link [m/N].
+        tension: tension of the link, or its rate [N].
+        trial: its value if no contact slid [N].
+        compliance: compliance of the link [m/N].
 
     Returns:
         The change of its elongation [m].
@@ -248,17 +243,17 @@ def shape_gain(tension, trial, compliance):
 
 @compiled
 def chain_velocities(shape_rate, side, velocity, first, last):
-    """Integrate v_{i+1} = v_i + w_i over contacts first..last, at rest where `side` is 0 and beyond the range.
+    """Sum v_{i+1} = v_i + w_i over contacts first..last; contacts with `side` 0 and beyond the range are at rest.
 
     Args:
         shape_rate: w, the rate of each link's elongation, shape (N - 1,).
         side: the bound that each contact is at, 1, 0 or -1, int8, shape (N,).
         velocity: output, v of first..last, shape (N,).
         first: the first contact of the range.
-        last: the last one.
+        last: the last contact.
 
     Returns:
-        True where nothing fixes the translation: the range is the whole chain and no contact is at rest.
+        True if nothing fixes the translation: the range is the whole chain and no contact is at rest.
     """
     n = side.shape[0]
     anchor = first

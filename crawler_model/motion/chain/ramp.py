@@ -1,20 +1,14 @@
 """One ramp of the commands, followed exactly or by a catch-up step, with its energy account and certificate.
 
-Along a ramp the rest lengths and the friction go in straight lines from the values in force (s = 0) to the
-commanded ones (s = 1). The solution is then piecewise linear in s.
+Along a ramp the rest lengths and the friction change linearly from the values in force (s = 0) to the commanded
+values (s = 1). The solution is then piecewise linear in s.
 
-`exact` follows it from event to event. Between events every contact is free (strictly inside its bounds, at
-rest) or at a bound, and the rates of the tensions solve the projection of `chain_kernel` with infinite bounds
-where a contact is free. An event is a free contact that reaches a bound. A free contact is a wall: an event
-changes only the block of neighbouring contacts at their bounds around it, so only that block is solved again, and
-links and contacts elsewhere are brought up to date when their turn comes. The status of a contact is data that
-events change, never a comparison of rounded numbers; a contact that leaves its bound counts as free as soon as s
-has grown.
+`exact` follows it from event to event (`events`).
 
 `catch_up` projects once, with the friction of the ramp's end; the translation uses the ramp's mean friction.
 
-Where stiffness spans many decades the projection takes twice the digits (`chain_wide`), and the account says how far
-rounding may have moved a contact all the same.
+Where stiffness spans many decades the projection uses double-double arithmetic (`wide`), and the account includes an
+estimate of the displacement error due to rounding.
 """
 
 from __future__ import annotations
@@ -22,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import CRITICAL, EPS
 from ..state import (
     ACTUATION,
     ACTUATION_REF,
@@ -52,18 +47,18 @@ from ..state import (
     add_ramp,
     shift,
 )
-from ..translation import CRITICAL, choose_translation, is_wide, nearness
+from ..translation import choose_translation, is_wide, nearness
 from .events import follow_events
 from .memory import ROW_BACKWARD, ROW_FORWARD, ROW_MOVED, ROW_RATE, ROW_SIDE, ROW_TRIAL, ROW_V, ROW_ZEROS
-from .projection import EPS, chain_velocities, project, shape_gain
+from .projection import chain_velocities, project, shape_gain
 from .wide import project_wide, spans_decades
 
 
 @compiled
 def _discord(compliance, contacts, links):
-    """Compute by how much elongations from tensions and from displacements differ beyond the rounding of the latter.
+    """Compute the difference between elongations from tensions and from displacements beyond rounding of the latter.
 
-    To this is added what would relieve the contact whose force is beyond its bound.
+    The displacement that would bring the worst force beyond its bound back onto it is added.
     """
     worst = 0.0
     excess = 0.0
@@ -83,9 +78,9 @@ def _discord(compliance, contacts, links):
 
 @compiled
 def _lean_on_softest(compliance, contacts, tension, status, moved, first):
-    """Derive the tensions from `first` to the softest link of its sliding block from that one's.
+    """Compute the tensions from `first` to the softest link of its sliding block from that of the softest link.
 
-    Its elongation would show the rounding of theirs.
+    Otherwise the rounding of stiff links' tensions would show in its elongation.
     """
     softest = first
     end = first
@@ -100,9 +95,9 @@ def _lean_on_softest(compliance, contacts, tension, status, moved, first):
 
 @compiled
 def _finish(elasticity, contacts, links, status, target, bytes_, account, energy, wide):
-    """Put the state onto the ramp's end, tensions of contacts at a bound exactly on it, and close the account.
+    """Set the state to the end of the ramp, with contacts at a bound exactly on it, and complete the account.
 
-    Returns the energy of the springs; `energy` is what it was before the ramp.
+    Returns the energy of the springs; `energy` is their energy before the ramp.
     """
     n = contacts.shape[1]
     stiffness = elasticity[STIFFNESS]
@@ -157,7 +152,7 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
 
 @compiled
 def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, share, wide):
-    """Go from the present state to `target` in one implicit step."""
+    """Take one implicit step from the present state to `target`."""
     n = contacts.shape[1]
     stiffness = elasticity[STIFFNESS]
     tension = links[TENSION]
@@ -229,7 +224,7 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
 
 @compiled
 def _is_in_force(contacts, links, target):
-    """Tell whether `target` is where the crawler is."""
+    """Return whether `target` equals the command in force."""
     n = contacts.shape[1]
     for i in range(n - 1):
         if target[i] != links[ACTUATION, i]:
@@ -266,16 +261,16 @@ def follow(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         targets: L, mu_plus and mu_minus at each ramp's end, shape (V, 3 N - 1).
-        exact: True to follow every event, False for one catch-up step a ramp.
-        budget: most work in one ramp, see `follow_events`; beyond it the rest of that ramp is a catch-up step.
+        exact: True to follow every event, False for one catch-up step per ramp.
+        budget: upper limit of work in one ramp, see `follow_events`; beyond it a catch-up step completes the ramp.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        floats: from `scratch(N)`, as are the next three.
+        floats: memory from `scratch(N)`, like the next three.
         bytes_: statuses within a ramp.
-        tree: a tournament of the contacts' next events.
-        stacks: for `project`.
-        account: shape (13,), added to.
-        records: displacement, its rest and tension after each ramp, shape (V, 3 N - 1) or (0, 3 N - 1) for none.
+        tree: tournament of the next events of the contacts.
+        stacks: memory for `project`.
+        account: total account, shape (13,), added to.
+        records: output: displacement, its rest and tension after each ramp, shape (V, 3 N - 1), or no rows.
     """
     n = contacts.shape[1]
     ramp = np.zeros(account.shape[0])
@@ -323,7 +318,7 @@ def follow(
                 records[v, n + i] = contacts[X_REST, i]
             for i in range(n - 1):
                 records[v, 2 * n + i] = links[TENSION, i]
-    if account[VISITED] == np.inf:  # nothing but holding
+    if account[VISITED] == np.inf:  # no command changed
         force = floats[ROW_TRIAL]
         for i in range(n):
             force[i] = (links[TENSION, i] if i < n - 1 else 0.0) - (links[TENSION, i - 1] if i > 0 else 0.0)

@@ -1,10 +1,11 @@
-"""The rates of a block of sliding contacts of a chain, and the next event of each."""
+"""The rates of a block of contacts of a chain, and the next event of each contact."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import EPS, LATE, NOISE
 from ..state import (
     AT_BACKWARD,
     AT_FORWARD,
@@ -26,9 +27,10 @@ from .memory import (
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORWARD,
-    ROW_GRAIN,
+    ROW_GAIN,
     ROW_LEAVING,
     ROW_LINK_SINCE,
+    ROW_MAGNITUDE,
     ROW_MOVED,
     ROW_NEXT,
     ROW_RATE,
@@ -37,11 +39,8 @@ from .memory import (
     ROW_TRIAL,
     ROW_V,
 )
-from .projection import EPS, NOISE, chain_velocities, project, shape_gain
+from .projection import chain_velocities, project, shape_gain
 from .wide import project_wide
-
-_LATE = 0.999
-"""Where on a ramp an arrival may be one at its end, but for rounding."""
 
 
 @compiled
@@ -49,14 +48,14 @@ def slack(contacts, links, floats, s, i):
     """Compute the distances of a contact's force from its bounds.
 
     Args:
-        contacts: as for `follow_events`, and so are the next two.
-        links: elongations and tensions where they last changed.
-        floats: rates, and since when they hold.
-        s: where on the ramp, 0 .. 1.
+        contacts: as in `follow_events`, like the next two.
+        links: elongations and tensions at their last change.
+        floats: rates, and the places since which they hold.
+        s: place on the ramp, 0 .. 1.
         i: the contact.
 
     Returns:
-        Distance from the upper and from the lower bound [N].
+        Distances from the upper and from the lower bound [N].
     """
     n = contacts.shape[1]
     g = 0.0
@@ -71,16 +70,16 @@ def slack(contacts, links, floats, s, i):
 
 @compiled
 def update(contacts, links, floats, account, s, first, last):
-    """Bring contacts first..last and the links between and beside them from their last change up to s.
+    """Update contacts first..last and the links between and beside them from their last change to s.
 
     Args:
-        contacts: as for `follow_events`, and so are the next three; changed in place.
+        contacts: as in `follow_events`, like the next three; changed in place.
         links: elongations and tensions.
-        floats: rates, and since when they hold.
-        account: of the ramp, added to.
-        s: where on the ramp, 0 .. 1.
+        floats: rates, and the places since which they hold.
+        account: account of the ramp, added to.
+        s: place on the ramp, 0 .. 1.
         first: the first contact.
-        last: the last one.
+        last: the last contact.
     """
     n = contacts.shape[1]
     tension = links[TENSION]
@@ -121,15 +120,15 @@ def update(contacts, links, floats, account, s, first, last):
 
 @compiled
 def _slide_together(compliance, status, floats, side, first, last):
-    """Try whether contacts first..last, between two walls, all slide along their bounds.
+    """Check whether contacts first..last, between two walls, all slide along their bounds.
 
-    What meets all conditions of the projection is its solution. True then: rates, velocities and sides are written.
+    If so, the result satisfies all conditions of the projection; rates, velocities and sides are then written.
     """
     trial, rate, velocity = floats[ROW_TRIAL], floats[ROW_RATE], floats[ROW_V]
     d_forward, d_backward = floats[ROW_D_FORWARD], floats[ROW_D_BACKWARD]
     rise = 0.0
-    give = compliance[first - 1]
-    pull = trial[first - 1] * give
+    block_compliance = compliance[first - 1]
+    pull = trial[first - 1] * block_compliance
     for i in range(first, last + 1):
         if status[i] == AT_FORWARD:
             rise += d_forward[i]
@@ -140,9 +139,9 @@ def _slide_together(compliance, status, floats, side, first, last):
         else:
             return False
         rate[i] = rise
-        give += compliance[i]
+        block_compliance += compliance[i]
         pull += (trial[i] - rise) * compliance[i]
-    base = pull / give
+    base = pull / block_compliance
     rate[first - 1] = base
     v = 0.0
     size = 0.0
@@ -159,24 +158,24 @@ def _slide_together(compliance, status, floats, side, first, last):
 
 @compiled
 def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide):
-    """Find the rates of the block of contacts first..last at s, and the next event of each of them.
+    """Solve for the rates of the block of contacts first..last at s, and find the next event of each contact.
 
     Args:
-        elasticity: as for `follow_events`, and so are the next seven.
-        contacts: changed in place, up to s.
+        elasticity: as in `follow_events`, like the next seven.
+        contacts: updated in place to s.
         links: likewise.
-        status: bounds that contacts are at.
+        status: bounds at which contacts are.
         floats: rates and next events are written.
-        bytes_: sides, and what leaves its bound, are written.
-        stacks: for `project`.
-        account: of the ramp, added to.
-        s: where on the ramp, 0 .. 1.
-        first: the first contact of the block; a wall or the end of the chain is beside it.
-        last: the last one, likewise.
-        wide: True where the projection takes twice the digits.
+        bytes_: sides and leaving contacts are written.
+        stacks: memory for `project`.
+        account: account of the ramp, added to.
+        s: place on the ramp, 0 .. 1.
+        first: the first contact of the block, next to a wall or at the end of the chain.
+        last: the last contact, likewise.
+        wide: True to use the projection in double-double arithmetic.
 
     Returns:
-        True where the translation is free, and the work: contacts solved and breakpoints passed.
+        True if the translation is free; the work: contacts solved plus breakpoints passed.
     """
     n = contacts.shape[1]
     start = max(first - 1, 0)
@@ -184,7 +183,8 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
     update(contacts, links, floats, account, s, start, stop)
     stiffness, compliance = elasticity[STIFFNESS], elasticity[COMPLIANCE]
     rate, trial, velocity, side = floats[ROW_RATE], floats[ROW_TRIAL], floats[ROW_V], bytes_[ROW_SIDE]
-    forward, backward, grain = floats[ROW_FORWARD], floats[ROW_BACKWARD], floats[ROW_GRAIN]
+    forward, backward = floats[ROW_FORWARD], floats[ROW_BACKWARD]
+    magnitude, gain = floats[ROW_MAGNITUDE], floats[ROW_GAIN]
     d_actuation, d_forward, d_backward = floats[ROW_D_ACTUATION], floats[ROW_D_FORWARD], floats[ROW_D_BACKWARD]
     for i in range(start, stop):
         trial[i] = -stiffness[i] * d_actuation[i]
@@ -212,17 +212,17 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
                     forward[i] = 0.5 * (forward[i] - backward[i])
                     backward[i] = -forward[i]
                 changing = d_forward[i] != 0.0 or d_backward[i] != 0.0
-                grain[i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
-            aims, gives, rates = trial[left:right], compliance[left:right], rate[left:right]
-            lower, upper, blur = backward[left : right + 1], forward[left : right + 1], grain[left : right + 1]
+                magnitude[i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+            trials, compliances, rates = trial[left:right], compliance[left:right], rate[left:right]
+            lower, upper, blur = backward[left : right + 1], forward[left : right + 1], magnitude[left : right + 1]
             if wide:
-                effort += project_wide(aims, gives, lower, upper, blur, rates, side[left : right + 1])
+                effort += project_wide(trials, compliances, lower, upper, blur, rates, side[left : right + 1])
             else:
-                effort += project(aims, gives, lower, upper, blur, rates, side[left : right + 1], stacks)
+                effort += project(trials, compliances, lower, upper, blur, rates, side[left : right + 1], stacks)
             effort += right - left
             for i in range(left, right):
-                grain[i] = shape_gain(rate[i], trial[i], compliance[i])  # no longer needed: the links' gains
-            free_translation = chain_velocities(grain, side, velocity, block, end)
+                gain[i] = shape_gain(rate[i], trial[i], compliance[i])
+            free_translation = chain_velocities(gain, side, velocity, block, end)
         block = end + 1
     moved = bytes_[ROW_MOVED]
     for i in range(start, stop):
@@ -237,7 +237,7 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
         if first <= i <= last:
             leaving[i] = status[i] & ~held
         if held != 0 and d_forward[i] + d_backward[i] >= 0.0:
-            next_event[i] = np.inf  # it goes with its bound, and the other one does not come nearer
+            next_event[i] = np.inf  # it moves with its bound, and the other bound does not approach
             continue
         climb = 0.0
         if i < n - 1:
@@ -256,8 +256,8 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
             if other < when:
                 when = other
                 coming[i] = AT_BACKWARD
-        if _LATE < when < 1.0:
-            # how far its force would go beyond the bound: no further than rounding, and it arrives with the ramp's end
+        if LATE < when < 1.0:
+            # if its force would exceed the bound by no more than rounding, it arrives at the end of the ramp
             excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
             size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
             for j in range(max(i - 1, 0), min(i + 1, n - 1)):

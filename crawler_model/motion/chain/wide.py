@@ -1,8 +1,8 @@
-"""The projection of a chain whose stiffness spans many decades, with twice the digits.
+"""The projection of a chain whose stiffness spans many decades, in double-double arithmetic.
 
-The zero of a stiff link's curve lies at k dL. Beside a link that is softer by a factor r, rounding it costs the
-soft link's elongation r eps dL. The same dynamic program as `chain_kernel.project`, but positions, slopes and jumps are
-sums of two floats (Dekker 1971), so that a factor of 1e16 costs nothing that a float would show.
+The zero of a stiff link's curve lies at k dL. Next to a link that is softer by a factor r, its rounding changes the
+elongation of the soft link by r eps dL. This is the same dynamic program as `projection.project`, but positions, slopes
+and jumps are sums of two floats (Dekker 1971), so that even for a factor of 1e16 the error is below float resolution.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import EPS
 
-EPS = float(np.finfo(np.float64).eps)
 WIDE = 1e4
-"""Stiffness ratio from which on the projection takes twice the digits: below it, rounding costs less than 1e-11 dL."""
+"""Stiffness ratio above which the projection uses two floats per number; below it, rounding errors are < 1e-11 dL."""
 
 _POSITION, _SLOPE, _JUMP = range(3)
 _SPLITTER = 134217729.0
@@ -22,13 +22,13 @@ _NOTHING = (0.0, 0.0)
 
 @compiled
 def spans_decades(compliance):
-    """Tell whether a chain's stiffness spans so much that its projection needs twice the digits.
+    """Check whether the stiffness of a chain spans so many decades that its projection needs two floats per number.
 
     Args:
         compliance: 1 / k, shape (n,) [m/N].
 
     Returns:
-        True when it does.
+        True if it does.
     """
     return compliance.max() > WIDE * compliance.min()
 
@@ -41,7 +41,7 @@ def _tidy(high, low):
 
 @compiled
 def _add(a, b):
-    """Add two numbers, each a float and its rest."""
+    """Add two numbers, each represented by two floats."""
     high = a[0] + b[0]
     part = high - a[0]
     rest = (a[0] - (high - part)) + (b[0] - part)
@@ -96,13 +96,13 @@ def _read(stack, row, place):
 
 
 @compiled
-def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, way, zero, flat):
-    """Move the zero outwards over the breakpoints of the stack `near`, which go to the stack `far`.
+def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, direction, zero, flat):
+    """Move the zero outwards past breakpoints of the stack `near`, which move to the stack `far`.
 
     Returns the lengths of both stacks, the zero, the heights of the curve before and beyond it, and the slopes there.
     """
     here = _add(_read(near, _POSITION, n_near - 1), shift_near)
-    distance = _subtract(here, zero) if way < 0.0 else _subtract(zero, here)
+    distance = _subtract(here, zero) if direction < 0.0 else _subtract(zero, here)
     slope = (flat, 0.0)
     height = _multiply(distance, slope)
     while True:
@@ -121,11 +121,11 @@ def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, way, zero, flat)
         n_far += 1
         slope = outer
         step = _divide(height, slope)
-        zero = _subtract(here, step) if way < 0.0 else _add(here, step)
+        zero = _subtract(here, step) if direction < 0.0 else _add(here, step)
         if n_near == 0:
             return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope
         further = _add(_read(near, _POSITION, n_near - 1), shift_near)
-        distance = _subtract(here, further) if way < 0.0 else _subtract(further, here)
+        distance = _subtract(here, further) if direction < 0.0 else _subtract(further, here)
         height = _subtract(height, _multiply(slope, distance))
         if height[0] <= 0.0:
             return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope
@@ -133,20 +133,20 @@ def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, way, zero, flat)
 
 
 @compiled
-def project_wide(target, compliance, backward, forward, grain, tension, side):
+def project_wide(target, compliance, backward, forward, magnitude, tension, side):
     """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
 
     Args:
-        target: as for `chain_kernel.project`, and so are the next six.
+        target: as in `projection.project`, like the next six.
         compliance: 1 / k.
         backward: the lower bounds.
         forward: the upper bounds.
-        grain: what blurs the bounds.
+        magnitude: magnitude of the numbers whose rounding affects the bounds.
         tension: output.
         side: output.
 
     Returns:
-        The number of breakpoints that the zero of the curve passed, each counted as ten: it costs as much.
+        The number of breakpoints passed by the zero of the curve, times ten for the cost of the arithmetic.
     """
     n = target.shape[0]
     left = np.empty((3, 2, 2 * n + 2))
@@ -215,7 +215,7 @@ def project_wide(target, compliance, backward, forward, grain, tension, side):
         if backward[i + 1] < np.inf:
             most = _add(after, (backward[i + 1], 0.0))
             below = _subtract(most, zero)[0]
-        close = 8.0 * EPS * (grain[i + 1] + abs(zero[0]) + abs(after[0]))
+        close = 8.0 * EPS * (magnitude[i + 1] + abs(zero[0]) + abs(after[0]))
         side[i + 1] = 1 if above <= close else -1 if below <= close else 0
         if above <= 0.0:
             zero = least
@@ -223,6 +223,6 @@ def project_wide(target, compliance, backward, forward, grain, tension, side):
             zero = most
         tension[i] = zero[0]
         after = zero
-    close = 8.0 * EPS * (grain[0] + abs(after[0]))
+    close = 8.0 * EPS * (magnitude[0] + abs(after[0]))
     side[0] = 1 if after[0] >= forward[0] - close else -1 if after[0] <= close - backward[0] else 0
     return 10 * moved

@@ -1,20 +1,20 @@
-"""The motion of a body of any connected springs: exact, by an active set on the contacts.
+"""Velocities of a body with any connected springs: exact, by an active-set method on the contacts.
 
     minimise  1/2 v' K v - r' v + sum_i phi_i(v_i),   phi_i(v) = upper_i v for v > 0, lower_i v for v < 0
 
-over the velocities v of N contacts, K the stiffness matrix of the graph. It is a catch-up step when r are the trial
-spring forces and lower, upper = -mu_minus, mu_plus, and the rate problem of an exact tick when r are rates of forces
-and the bounds are rates of friction, infinite where a contact cannot slide that way. The dual of the projection that
-`chain_kernel` solves in the tensions.
+over the velocities v of N contacts, with the stiffness matrix K of the graph. It is a catch-up step if r are the trial
+spring forces and lower, upper = -mu_minus, mu_plus, and the rate problem of an exact ramp if r are rates of forces and
+the bounds are rates of friction, infinite where a contact cannot slide in that direction. It is the dual of the
+projection that chains solve in the tensions (`chain.projection`).
 
-Each contact is stuck or slides in one direction. Among those that slide, the minimum solves a linear system; the way
-there is cut short where a contact would turn round, which then sticks. When nobody turns round, the contacts whose
-force is beyond its bound are set free. Every round lowers the objective, so that the search ends. It is warm-started
-with who slid last time.
+Each contact is stuck or slides in one direction. For the sliding contacts the minimum solves a linear system; the step
+towards it is shortened where a contact would reverse its direction, and that contact then sticks. If no contact
+reverses, the contacts whose force is beyond its bound are released. Every round lowers the objective, so the search
+terminates. It is warm-started with the contacts that slid before.
 
-The linear system is eliminated like a network of resistors (star to mesh): conductances are only ever added, never
-subtracted, so that stiffness ratios cost no digits. Contacts are numbered so that springs join near numbers (reverse
-Cuthill-McKee) and a row holds only the `band` next ones.
+The linear system is eliminated like a network of resistors (star-mesh transform): conductances are only added, never
+subtracted, so that large stiffness ratios lose no digits. Contacts are numbered to make the matrix a narrow band
+(reverse Cuthill-McKee), and a row holds only the next `width` contacts.
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ import numpy as np
 from ...body.body import Body
 from ...compiled import compiled
 from ...errors import SceneError
-from ..translation import NOISE
-
-EPS = float(np.finfo(np.float64).eps)
+from ...rounding import EPS, NOISE
 
 _MOST_NUMBERS = 50_000_000
 
@@ -37,8 +35,8 @@ class Network(NamedTuple):
     """The springs as a band matrix of conductances.
 
     Attributes:
-        order: contact at each place of the band, int, shape (N,).
-        band: stiffness between the contacts at places p and p + 1 + d, shape (N, width) [N/m].
+        order: contact at each position in the band, int, shape (N,).
+        band: stiffness between the contacts at positions p and p + 1 + d, shape (N, width) [N/m].
     """
 
     order: np.ndarray
@@ -46,7 +44,7 @@ class Network(NamedTuple):
 
 
 def build_network(body: Body) -> Network:
-    """Number a body's contacts so that springs join near numbers.
+    """Order the contacts of a body so that its stiffness matrix is a narrow band.
 
     Args:
         body: any body on a line.
@@ -55,7 +53,7 @@ def build_network(body: Body) -> Network:
         Its springs as a band matrix.
 
     Raises:
-        SceneError: when the band would not fit in memory.
+        SceneError: if the band would not fit in memory.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -64,12 +62,12 @@ def build_network(body: Body) -> Network:
     a, b = body.ends.T
     graph = coo_matrix((np.ones(2 * a.size), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)).tocsr()
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    ends = np.argsort(order)[body.ends]  # places of the two contacts of each spring
+    ends = np.argsort(order)[body.ends]  # positions of the two contacts of each spring
     width = int(np.abs(ends[:, 1] - ends[:, 0]).max())
     if n * width > _MOST_NUMBERS:
         raise SceneError(
-            f"body.links.between: {n} contacts are joined so widely that {n * width:.1e} numbers would be needed; "
-            f"at most {_MOST_NUMBERS:.0e}"
+            f"body.links.between: the links of {n} contacts need a band matrix with {n * width:.1e} entries; "
+            f"at most {_MOST_NUMBERS:.0e} are allowed"
         )
     band = np.zeros((n, width))
     low, high = ends.min(axis=1), ends.max(axis=1)
@@ -78,25 +76,25 @@ def build_network(body: Body) -> Network:
 
 
 def most_rounds(contacts: int) -> int:
-    """Tell after how many rounds the active set of a graph gives up.
+    """Compute the number of rounds after which the active set of a graph stops without a solution.
 
     Args:
         contacts: number of contacts N.
 
     Returns:
-        Rounds of `move`, many times what it has ever taken.
+        Rounds of `move`, many times more than were ever observed.
     """
     return 200 + 40 * contacts
 
 
 def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Make the scratch memory that `move` wants.
+    """Allocate the scratch memory of `move`.
 
     Args:
         network: the springs.
 
     Returns:
-        A copy of the band to eliminate in, floats of shape (5, N) and flags of shape (N,).
+        A working copy of the band, floats of shape (5, N) and flags of shape (N,).
     """
     n, width = network.band.shape
     return np.empty((n, width)), np.empty((5, n)), np.zeros(n, np.int8)
@@ -104,18 +102,18 @@ def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @compiled
 def eliminate(band, work, ground, load, sliding, result):
-    """Solve K v = load over the sliding contacts, the others at rest; all arrays in the order of the band.
+    """Solve K v = load for the sliding contacts, with the others at rest; all arrays in the order of the band.
 
     Args:
         band: as in `Network`, shape (N, width) [N/m].
-        work: scratch like `band`.
-        ground: scratch, shape (N,).
+        work: scratch memory, same shape as `band`.
+        ground: scratch memory, shape (N,).
         load: forces, shape (N,) [N].
-        sliding: who slides, int8, shape (N,).
+        sliding: 1 for sliding contacts, else 0, int8, shape (N,).
         result: output, v, shape (N,).
 
     Returns:
-        False when no contact is at rest. Then the last one is put at rest, and K v = load holds at the others.
+        False if no contact is at rest. The last one is then set at rest, and K v = load holds for the others.
     """
     n, width = band.shape
     last = -1
@@ -171,7 +169,7 @@ def eliminate(band, work, ground, load, sliding, result):
 
 @compiled
 def _forces(band, v, load, force, size):
-    """Compute load - K v, and the sizes of the numbers that it is made of."""
+    """Compute load - K v, and the sums of the absolute values of its terms."""
     n, width = band.shape
     for p in range(n):
         force[p] = load[p]
@@ -188,26 +186,26 @@ def _forces(band, v, load, force, size):
 
 
 @compiled
-def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, velocity, side):
-    """Find the velocities; all arrays in the order of the band.
+def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding, velocity, side):
+    """Solve for the velocities; all arrays in the order of the band.
 
     Args:
         band: as in `Network`, shape (N, width) [N/m].
         load: r, shape (N,) [N].
-        lower: least force at rest, shape (N,) [N], -inf where there is none.
-        upper: greatest force at rest, shape (N,) [N], inf where there is none; lower <= upper.
-        grain: size of the numbers that load and bounds are differences of, shape (N,) [N].
-        most_rounds: rounds after which to give up.
-        work: from `workspace`, as are the next two.
-        floats: forces, sizes, loads and trial velocities.
-        sliding: who slides.
-        velocity: shape (N,): output. On entry a guess: only signs matter.
-        side: output, int8, shape (N,): 1 where the force is at its upper bound, -1 at its lower, else 0. What lies
+        lower: smallest force at rest, shape (N,) [N], -inf where there is none.
+        upper: largest force at rest, shape (N,) [N], inf where there is none; lower <= upper.
+        magnitude: magnitude of the numbers whose differences load and bounds are, shape (N,) [N].
+        most_rounds: upper limit of rounds.
+        work: memory from `workspace`, like the next two.
+        floats: forces, magnitudes, loads and trial velocities.
+        sliding: 1 for sliding contacts.
+        velocity: output, shape (N,). On entry a guess, of which only the signs matter.
+        side: output, int8, shape (N,): 1 where the force is at its upper bound, -1 at its lower bound, else 0. A force
             within rounding of a bound counts as on it.
 
     Returns:
-        0 when the translation is determined, 1 when all contacts slide and nothing fixes it (the last contact is then
-        at rest), -1 when the rounds were not enough; and how many rounds it took.
+        0 if the translation is determined, 1 if all contacts slide and nothing fixes it (the last contact is then at
+        rest), -1 if it did not converge; and the number of rounds.
     """
     n = load.shape[0]
     ground, size, force, total, trial = floats[0], floats[1], floats[2], floats[3], floats[4]
@@ -220,7 +218,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
         velocity[p] = 0.0
     grounded = True
     for turn in range(most_rounds):
-        # the minimum over those that slide
+        # the minimum for the sliding contacts
         mean = 0.0
         scale = 0.0
         free = True
@@ -229,26 +227,26 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
             free = free and sliding[p]
             total[p] = load[p] - (upper[p] if side[p] == 1 else lower[p] if side[p] == -1 else 0.0)
             mean += total[p]
-            scale += abs(load[p]) + grain[p] + (abs(load[p] - total[p]))
+            scale += abs(load[p]) + magnitude[p] + (abs(load[p] - total[p]))
         if free and abs(mean) > 64.0 * EPS * scale:
-            # nothing holds the body: it runs away in the direction of the mean force until a contact sticks
-            way = 1.0 if mean > 0.0 else -1.0
+            # no contact holds the body: it moves in the direction of the mean force until a contact sticks
+            direction = 1.0 if mean > 0.0 else -1.0
             first = -1
             far = np.inf
             for p in range(n):
-                if side[p] * way < 0.0 and abs(velocity[p]) < far:
+                if side[p] * direction < 0.0 and abs(velocity[p]) < far:
                     far = abs(velocity[p])
                     first = p
             if first < 0:
                 return -1, turn + 1
             for p in range(n):
-                velocity[p] += way * far
+                velocity[p] += direction * far
             side[first] = 0
             velocity[first] = 0.0
             continue
         grounded = eliminate(band, work, ground, total, sliding, trial)
         if not grounded:
-            # any translation will do: one that lets everyone slide their way, if there is one
+            # the translation is free: choose one for which all contacts slide in their directions, if possible
             least = -np.inf
             most = np.inf
             for p in range(n):
@@ -259,7 +257,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
             away = 0.5 * (least + most) if least > -np.inf and most < np.inf else (least if most == np.inf else most)
             for p in range(n):
                 trial[p] += away
-        # up to the first that would turn round
+        # stop at the first contact that would reverse its direction
         part = 1.0
         largest = 0.0
         for p in range(n):
@@ -281,7 +279,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
                 velocity[p] = 0.0
         if turned:
             continue
-        # those whose force is beyond its bound are set free
+        # release contacts whose force is beyond its bound
         _forces(band, velocity, load, force, size)
         worst = -1
         excess = 0.0
@@ -289,7 +287,7 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
         for p in range(n):
             if side[p] != 0:
                 continue
-            close = 32.0 * EPS * (size[p] + grain[p])
+            close = 32.0 * EPS * (size[p] + magnitude[p])
             above, below = force[p] - upper[p], lower[p] - force[p]
             if max(above, below) > close:
                 count += 1
@@ -302,12 +300,12 @@ def move(band, load, lower, upper, grain, most_rounds, work, floats, sliding, ve
             for p in range(n):
                 if abs(velocity[p]) <= NOISE * largest:
                     velocity[p] = 0.0
-                close = 32.0 * EPS * (size[p] + grain[p])
+                close = 32.0 * EPS * (size[p] + magnitude[p])
                 if side[p] == 0 and upper[p] - force[p] <= close and upper[p] < np.inf:
                     side[p] = 1
                 elif side[p] == 0 and force[p] - lower[p] <= close and lower[p] > -np.inf:
                     side[p] = -1
             return (0 if grounded else 1), turn + 1
-        if 2 * turn >= most_rounds:  # rounding may have led in circles: one at a time is slow and sure
+        if 2 * turn >= most_rounds:  # rounding may have caused a cycle: one contact at a time is slow but safe
             side[worst] = 1 if force[worst] > upper[worst] else -1
     return -1, most_rounds

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import SHORTEST_STRETCH
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -24,18 +25,22 @@ from ..state import (
     shift,
 )
 from ..translation import choose_translation, is_wide
-from .margin import put_off, slides_at_once
+from .margin import defer_arrivals, slides_at_once
 from .memory import (
+    ROW_ARRIVAL,
+    ROW_COMING,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
     ROW_FORCE_RATE,
-    ROW_GRAIN,
     ROW_GUESS,
+    ROW_HELD,
     ROW_LOAD,
     ROW_LOWER,
+    ROW_MAGNITUDE,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
+    ROW_SIDE,
     ROW_UPPER,
     ROW_V,
     add_load,
@@ -43,10 +48,8 @@ from .memory import (
     displace,
 )
 
-_STRETCH = 1e-6
-"""A piece shorter than this part of its ramp is an isolated instant, see `chain_tick`."""
 INSTANT = 1e-12
-"""At the end of a ramp on which all friction vanishes there may be no rate, but there is no time left either."""
+"""A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
 
 
 @compiled
@@ -72,24 +75,24 @@ def follow_events(
 
     Args:
         ends: the two contacts of each spring, shape (S, 2).
-        stiffness: of the springs, shape (S,) [N/m].
-        network: order and band of `graph_kernel`.
-        work: memory of `graph_kernel`.
+        stiffness: stiffness of the springs, shape (S,) [N/m].
+        network: order and band of the `Network`.
+        work: memory from `active_set.workspace`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (S + 2 N,) [m, N].
-        floats: memory of the ramp, from `graph_memory`, as are the next two.
-        changes: of the rest lengths and tensions.
+        floats: memory of the ramp, from `memory.scratch`, like the next two.
+        changes: changes of the rest lengths and tensions.
         bytes_: sides of the contacts.
-        account: of the ramp, shape (13,), added to.
-        budget: most contacts solved, each round of the active set counting.
-        rounds: most rounds of the active set.
+        account: account of the ramp, shape (13,), added to.
+        budget: upper limit of contacts solved, counted in every round of the active set.
+        rounds: upper limit of rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
 
     Returns:
-        How far it came, 1 for all the way; False when the active set gave up there, True when at most the budget did.
+        The place reached, 1 for the end; False if the active set did not converge there, else True.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
@@ -116,9 +119,9 @@ def follow_events(
             floats[ROW_UPPER, i] = upper
             floats[ROW_LOWER, i] = lower
             changing = floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0
-            floats[ROW_GRAIN, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+            floats[ROW_MAGNITUDE, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
             floats[ROW_LOAD, i] = 0.0
-        add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_GRAIN])
+        add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_MAGNITUDE])
         verdict, turns = displace(network, work, floats, bytes_, min(rounds, 1 + (budget - spent) // n))
         spent += turns * n
         if verdict < 0:
@@ -130,34 +133,36 @@ def follow_events(
         contact_forces(ends, rate, floats[ROW_FORCE_RATE])
         when = np.inf
         for i in range(n):
-            bytes_[1, i] = 0
+            bytes_[ROW_COMING, i] = 0
             g, g_rate = floats[ROW_FORCE, i], floats[ROW_FORCE_RATE, i]
-            if bytes_[0, i] != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
-                bytes_[2, i] = AT_FORWARD | AT_BACKWARD
+            if bytes_[ROW_SIDE, i] != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
+                bytes_[ROW_HELD, i] = AT_FORWARD | AT_BACKWARD
             else:
-                bytes_[2, i] = AT_FORWARD if bytes_[0, i] == 1 else (AT_BACKWARD if bytes_[0, i] == -1 else 0)
-            floats[ROW_GRAIN, i] = np.inf  # from here on: when the contact reaches a bound
+                bytes_[ROW_HELD, i] = (
+                    AT_FORWARD if bytes_[ROW_SIDE, i] == 1 else (AT_BACKWARD if bytes_[ROW_SIDE, i] == -1 else 0)
+                )
+            floats[ROW_ARRIVAL, i] = np.inf
             closing = g_rate - floats[ROW_D_FORWARD, i]
             if closing > 0.0 and not status[i] & AT_FORWARD:
                 above = contacts[FORWARD, i] + at * floats[ROW_D_FORWARD, i] - g
-                floats[ROW_GRAIN, i] = at + max(above, 0.0) / closing
-                bytes_[1, i] = AT_FORWARD
+                floats[ROW_ARRIVAL, i] = at + max(above, 0.0) / closing
+                bytes_[ROW_COMING, i] = AT_FORWARD
             closing = -g_rate - floats[ROW_D_BACKWARD, i]
             if closing > 0.0 and not status[i] & AT_BACKWARD:
                 below = contacts[BACKWARD, i] + at * floats[ROW_D_BACKWARD, i] + g
                 other = at + max(below, 0.0) / closing
-                if other < floats[ROW_GRAIN, i]:
-                    floats[ROW_GRAIN, i] = other
-                    bytes_[1, i] = AT_BACKWARD
-            when = min(when, floats[ROW_GRAIN, i])
-        when = put_off(ends, stiffness, contacts, links, change, bytes_[1], floats, when)
+                if other < floats[ROW_ARRIVAL, i]:
+                    floats[ROW_ARRIVAL, i] = other
+                    bytes_[ROW_COMING, i] = AT_BACKWARD
+            when = min(when, floats[ROW_ARRIVAL, i])
+        when = defer_arrivals(ends, stiffness, contacts, links, change, bytes_[ROW_COMING], floats, when)
         ending = not when < 1.0
         until = 1.0 if ending else when
         ds = until - at
         middle = 0.5 * (at + until)
 
         critical, margin = slides_at_once(
-            ends, stiffness, contacts, links, change, status, bytes_[0], floats, at, whole
+            ends, stiffness, contacts, links, change, status, bytes_[ROW_SIDE], floats, at, whole
         )
         account[VISITED] = min(account[VISITED], margin)
         if critical or verdict == 1:
@@ -165,7 +170,7 @@ def follow_events(
                 floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
                 floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
-            if ds > _STRETCH and is_wide(least, most, v):
+            if ds > SHORTEST_STRETCH and is_wide(least, most, v):
                 account[AMBIGUOUS] = 1.0
                 account[GAIN_LEAST] += least * ds
                 account[GAIN_MOST] += most * ds
@@ -194,11 +199,11 @@ def follow_events(
                     account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
                     shift(contacts, v[i], ds, i)
                     contacts[RELATIVE, i] += v[i] * ds
-                status[i] &= bytes_[2, i]
+                status[i] &= bytes_[ROW_HELD, i]
         at = until
         if ending:
             return 1.0, True
         for i in range(n):
-            if floats[ROW_GRAIN, i] <= at:
-                status[i] |= bytes_[1, i]
+            if floats[ROW_ARRIVAL, i] <= at:
+                status[i] |= bytes_[ROW_COMING, i]
             floats[ROW_GUESS, i] = v[i]

@@ -1,11 +1,11 @@
-"""How near the contacts of a graph are to sliding all at once, and what rounding leaves of that question.
+"""How close the contacts of a graph are to sliding all at once, within rounding.
 
-A contact that is at its bound by status has no distance from it. The springs pull and push with equal forces, so their
-forces on all contacts add up to nothing: the bounds of all contacts that slide at once balance. What the bounds lack of
-a balance is known to the rounding of the bounds alone, however stiff the springs. A distance of a free contact is
-computed from its spring force, and a force is a small difference of large numbers where springs are stiff: k (z - L)
-is known to the rounding of k |x| and k |L|. So all contacts count as sliding at once when their bounds balance and the
-free ones are at theirs but for that rounding.
+A contact that is at its bound by status has distance zero from it. The two forces of a spring are opposite, so the
+spring forces on all contacts sum to zero: the bounds of contacts that all slide at once balance. The imbalance of the
+bounds is known up to the rounding of the bounds, no matter how stiff the springs are. The distance of a free contact is
+computed from its spring force, which for stiff springs is a small difference of large numbers: k (z - L) is known up to
+the rounding of k |x| and k |L|. So all contacts count as sliding at once if their bounds balance and the free contacts
+are at their bounds within that rounding.
 """
 
 from __future__ import annotations
@@ -13,32 +13,29 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import CRITICAL, EPS, LATE
 from ..state import ACTUATION, AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, RELATIVE, TENSION
-from ..translation import CRITICAL
-from .active_set import EPS
-from .memory import ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE, ROW_GRAIN, ROW_ROUNDING
+from .memory import ROW_ARRIVAL, ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE, ROW_ROUNDING
 
-_LATE = 0.999
-"""Where on a ramp an arrival may be one at its end, but for rounding."""
 _BLUR = 32.0 * EPS
-"""Rounding of a force, relative to the sum of the numbers that it is made of."""
+"""Rounding error of a force, relative to the sum of the absolute values of its terms."""
 
 
 @compiled
 def distance_to_sliding(status, side, floats, contacts, s, ds):
-    """Compute how far all contacts are from sliding at once, at s + ds.
+    """Compute the distance of all contacts from sliding at once, at s + ds.
 
     Args:
-        status: bounds that contacts are at, at s, int8, shape (N,).
-        side: bounds that they stay at, 1, 0 or -1, int8, shape (N,).
-        floats: memory of the ramp, from `graph_memory`, with the forces at s and their rates.
+        status: bounds at which contacts are at s, int8, shape (N,).
+        side: bounds at which they stay, 1, 0 or -1, int8, shape (N,).
+        floats: memory of the ramp, from `memory.scratch`, with the forces at s and their rates.
         contacts: rows X .. RELATIVE, shape (6, N).
-        s: where on the ramp, 0 .. 1.
-        ds: how far from there.
+        s: place on the ramp, 0 .. 1.
+        ds: distance from there.
 
     Returns:
-        Sum of the distances of contacts that leave their bounds, known from rates; the same of free contacts, measured;
-        what the nearest bounds of all lack of a balance; the sum of all bounds [N]; how many contacts are free.
+        Sum of the distances of contacts that leave their bounds, from rates; the same for free contacts, from forces;
+        imbalance of the nearest bounds of all contacts; sum of all bounds [N]; number of free contacts.
     """
     known = 0.0
     measured = 0.0
@@ -69,7 +66,7 @@ def distance_to_sliding(status, side, floats, contacts, s, ds):
 
 @compiled
 def _round_forces(ends, stiffness, contacts, links, change, rounding):
-    """Compute the rounding of the force on each contact from the numbers that it is made of [N]."""
+    """Compute the rounding error of the force on each contact from the magnitudes of its terms [N]."""
     for i in range(rounding.shape[0]):
         rounding[i] = 0.0
     for s in range(ends.shape[0]):
@@ -81,44 +78,44 @@ def _round_forces(ends, stiffness, contacts, links, change, rounding):
 
 
 @compiled
-def put_off(ends, stiffness, contacts, links, change, coming, floats, when):
-    """Let contacts arrive with the ramp's end whose forces would go beyond their bounds by no more than rounding.
+def defer_arrivals(ends, stiffness, contacts, links, change, coming, floats, when):
+    """Defer arrivals to the end of the ramp where forces would exceed their bounds by no more than rounding.
 
     Args:
         ends: the two contacts of each spring, shape (S, 2).
-        stiffness: of the springs, shape (S,) [N/m].
+        stiffness: stiffness of the springs, shape (S,) [N/m].
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
-        change: of the rest lengths along the ramp, shape (S,) [m].
-        coming: which bound each contact comes to, int8, shape (N,).
-        floats: memory of the ramp, with the rates of the forces; when each contact arrives is changed.
+        change: change of the rest lengths along the ramp, shape (S,) [m].
+        coming: the bound that each contact approaches, int8, shape (N,).
+        floats: memory of the ramp, with the rates of the forces; the arrivals are changed.
         when: the first arrival.
 
     Returns:
-        The first arrival then.
+        The first arrival after the change.
     """
-    if not _LATE < when < 1.0:
+    if not LATE < when < 1.0:
         return when
     _round_forces(ends, stiffness, contacts, links, change, floats[ROW_ROUNDING])
     first = np.inf
     for i in range(contacts.shape[1]):
-        left = 1.0 - floats[ROW_GRAIN, i]
+        left = 1.0 - floats[ROW_ARRIVAL, i]
         if left > 0.0:
             rate = floats[ROW_FORCE_RATE, i]
             forward, backward = floats[ROW_D_FORWARD, i], floats[ROW_D_BACKWARD, i]
             closing = rate - forward if coming[i] == AT_FORWARD else -rate - backward
             blur = _BLUR * (contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(forward) + abs(backward))
             if closing * left <= floats[ROW_ROUNDING, i] + blur:
-                floats[ROW_GRAIN, i] = 1.0
-        first = min(first, floats[ROW_GRAIN, i])
+                floats[ROW_ARRIVAL, i] = 1.0
+        first = min(first, floats[ROW_ARRIVAL, i])
     return first
 
 
 @compiled
 def _is_near(ends, stiffness, contacts, links, change, status, side, floats, distances, close):
-    """Tell whether all contacts are at their bounds, within `close` and the rounding of forces.
+    """Return whether all contacts are at their bounds, within `close` and the rounding of forces.
 
-    A single free contact bears what the bounds of all others leave to it: where these balance it is at its bound.
+    A single free contact carries the imbalance of all other bounds: if the bounds balance, it is at its bound.
     """
     known, measured, balance, _, free = distances
     if max(known, abs(balance)) > close:
@@ -135,13 +132,13 @@ def _is_near(ends, stiffness, contacts, links, change, status, side, floats, dis
 
 @compiled
 def nearness_of(distances):
-    """Compute the visited margin of what `distance_to_sliding` found.
+    """Compute the visited margin from the result of `distance_to_sliding`.
 
     Args:
-        distances: what it returned.
+        distances: that result.
 
     Returns:
-        The margin [1], never below what the bounds lack of a balance; 0 without friction.
+        The margin [1], at least the imbalance of the bounds; 0 without friction.
     """
     known, measured, balance, total, free = distances
     near = max(known + (measured if free > 1 else 0.0), abs(balance))
@@ -150,25 +147,25 @@ def nearness_of(distances):
 
 @compiled
 def slides_at_once(ends, stiffness, contacts, links, change, status, side, floats, s, whole):
-    """Tell whether all contacts are at their bounds from s up to the ramp's end, so that the translation may be open.
+    """Check whether all contacts are at their bounds from s to the end of the ramp; the translation may then be free.
 
-    A distance from the nearest bound is concave in s and never negative: what vanishes at two instants later on
-    vanishes from here on. The ramp's ends are not among them: friction may be gone there.
+    A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
+    vanishes from here on. The ends of the ramp are not used, as friction may vanish there.
 
     Args:
         ends: the two contacts of each spring, shape (S, 2).
-        stiffness: of the springs, shape (S,) [N/m].
+        stiffness: stiffness of the springs, shape (S,) [N/m].
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
-        change: of the rest lengths along the ramp, shape (S,) [m].
-        status: bounds that contacts are at, int8, shape (N,).
-        side: bounds that they stay at, int8, shape (N,).
+        change: change of the rest lengths along the ramp, shape (S,) [m].
+        status: bounds at which contacts are, int8, shape (N,).
+        side: bounds at which they stay, int8, shape (N,).
         floats: memory of the ramp, with the forces at s and their rates.
-        s: where on the ramp, 0 .. 1; 1 for the end alone.
-        whole: sum of all bounds at the ramp's beginning and at its end [N].
+        s: place on the ramp, 0 .. 1; 1 for the end alone.
+        whole: sum of all bounds at the start and at the end of the ramp [N].
 
     Returns:
-        Whether they are, and the visited margin at s.
+        Whether they are; the visited margin at s.
     """
     here = distance_to_sliding(status, side, floats, contacts, s, 0.0)
     margin = nearness_of(here)

@@ -16,7 +16,7 @@ from .active_set import Network
 
 @functools.lru_cache(maxsize=4)
 def build_network_of(body: Body) -> Network:
-    """Order the contacts of a body for elimination; crawlers of one body share the result.
+    """Build the network of a body; crawlers with the same body share it.
 
     Args:
         body: the body.
@@ -33,7 +33,7 @@ class GraphMotion:
 
     Attributes:
         body: the body.
-        network: the order in which its contacts are eliminated.
+        network: its springs as a band matrix.
     """
 
     methods: ClassVar[tuple[str, ...]] = ("exact", "catch_up")
@@ -46,7 +46,7 @@ class GraphMotion:
         return build_line_state(self.body, x, target)
 
     def scratch(self) -> tuple[Any, ...]:
-        """Allocate the memory of a ramp, see `Motion`."""
+        """Allocate the working memory of a ramp, see `Motion`."""
         return active_set.workspace(self.network), memory.scratch(self.body.contacts, self.body.springs)
 
     def follow(
@@ -61,7 +61,7 @@ class GraphMotion:
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
         body = self.body
-        work, of_the_ramp = scratch
+        work, ramp_memory = scratch
         ramp.follow(
             body.ends,
             body.stiffness,
@@ -76,7 +76,7 @@ class GraphMotion:
             body.element_ends,
             body.share,
             active_set.most_rounds(body.contacts),
-            *of_the_ramp,
+            *ramp_memory,
             account,
             records,
         )

@@ -1,8 +1,8 @@
 """One ramp of the commands on a body of any connected springs: exact, event to event, or a catch-up step.
 
-As `chain_tick`, with the rates of all contacts solved at every event by `graph_kernel`. What is integrated is the
-displacement; the tensions follow from it, and at the end of a ramp the contacts that slide are put exactly onto their
-bounds, so that no error adds up from ramp to ramp.
+As in `chain.ramp`, but the rates of all contacts are solved at every event by `active_set`. The displacements are
+integrated; the tensions follow from them, and at the end of a ramp the sliding contacts are put exactly onto their
+bounds, so that no error accumulates from ramp to ramp.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import EPS
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -38,19 +39,21 @@ from ..state import (
     shift,
 )
 from ..translation import choose_translation, is_wide
-from .active_set import EPS, eliminate
+from .active_set import eliminate
 from .events import INSTANT, follow_events
 from .margin import distance_to_sliding, nearness_of, slides_at_once
 from .memory import (
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
-    ROW_GRAIN,
     ROW_GUESS,
     ROW_LOAD,
     ROW_LOWER,
+    ROW_MAGNITUDE,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
+    ROW_NO_STATUS,
+    ROW_SIDE,
     ROW_UPPER,
     ROW_V,
     contact_forces,
@@ -60,7 +63,7 @@ from .memory import (
 
 @compiled
 def _set_tensions(ends, stiffness, contacts, links):
-    """Compute z and T of all springs from where the contacts stand."""
+    """Compute z and T of all springs from the displacements of the contacts."""
     for s in range(ends.shape[0]):
         z = contacts[RELATIVE, ends[s, 1]] - contacts[RELATIVE, ends[s, 0]]
         links[SHAPE, s] = z
@@ -69,7 +72,7 @@ def _set_tensions(ends, stiffness, contacts, links):
 
 @compiled
 def _rebase(contacts):
-    """Keep relative displacements small; the shift is a power of two and takes no digits from them."""
+    """Shift the relative displacements to stay small; the shift is a power of two and loses no digits."""
     n = contacts.shape[1]
     least = contacts[RELATIVE].min()
     most = contacts[RELATIVE].max()
@@ -107,7 +110,7 @@ def _catch_up(
     elements,
     share,
 ):
-    """Go from the present state to `target` in one implicit step. Returns False when it was not found."""
+    """Take one implicit step from the present state to `target`; return False if it did not converge."""
     n = contacts.shape[1]
     springs = ends.shape[0]
     change = changes[0]
@@ -120,11 +123,11 @@ def _catch_up(
     for i in range(n):
         floats[ROW_UPPER, i] = target[springs + i]
         floats[ROW_LOWER, i] = -target[springs + n + i]
-        floats[ROW_GRAIN, i] = 0.0
+        floats[ROW_MAGNITUDE, i] = 0.0
         floats[ROW_GUESS, i] = 0.0
     for s in range(springs):
-        floats[ROW_GRAIN, ends[s, 0]] += abs(tension[s])
-        floats[ROW_GRAIN, ends[s, 1]] += abs(tension[s])
+        floats[ROW_MAGNITUDE, ends[s, 0]] += abs(tension[s])
+        floats[ROW_MAGNITUDE, ends[s, 1]] += abs(tension[s])
     verdict, _ = displace(network, work, floats, bytes_, rounds)
     if verdict < 0:
         return False
@@ -139,10 +142,12 @@ def _catch_up(
         whole += floats[ROW_UPPER, i] - floats[ROW_LOWER, i]
         floats[ROW_D_FORWARD, i] = floats[ROW_UPPER, i] - contacts[FORWARD, i]
         floats[ROW_D_BACKWARD, i] = -floats[ROW_LOWER, i] - contacts[BACKWARD, i]
-        bytes_[1, i] = 0  # no status: what the side does not tell is measured
         floats[ROW_MIDDLE, i] = 0.5 * (contacts[FORWARD, i] + target[springs + i])
         floats[ROW_MIDDLE_B, i] = 0.5 * (contacts[BACKWARD, i] + target[springs + n + i])
-    critical, _ = slides_at_once(ends, stiffness, contacts, links, change, bytes_[1], bytes_[0], floats, 1.0, whole)
+    # without status, the distances of contacts with side 0 are computed from their forces
+    critical, _ = slides_at_once(
+        ends, stiffness, contacts, links, change, bytes_[ROW_NO_STATUS], bytes_[ROW_SIDE], floats, 1.0, whole
+    )
     if critical or verdict == 1:
         least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
         if is_wide(least, most, v):
@@ -160,7 +165,7 @@ def _catch_up(
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
         shift(contacts, v[i], 1.0, i)
         contacts[RELATIVE, i] += v[i]
-        side = bytes_[0, i]
+        side = bytes_[ROW_SIDE, i]
         status[i] = AT_FORWARD if side == 1 else (AT_BACKWARD if side == -1 else 0)
         if side != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
             status[i] = AT_FORWARD | AT_BACKWARD
@@ -169,7 +174,7 @@ def _catch_up(
 
 @compiled
 def _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, account, energy):
-    """Put the state onto the ramp's end, contacts that slid exactly onto their bounds, and close the account."""
+    """Set the state to the end of the ramp, contacts that slid exactly on their bounds, and complete the account."""
     n = contacts.shape[1]
     springs = ends.shape[0]
     for s in range(springs):
@@ -195,7 +200,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
         eliminate(band, work[0], work[1][0], load, sliding, result)
         size = max(abs(contacts[RELATIVE].max()), abs(contacts[RELATIVE].min()))
         largest = np.abs(result).max()
-        if largest <= 1e6 * EPS * size:  # rounding, and nothing else, is put right
+        if largest <= 1e6 * EPS * size:  # correct rounding errors only
             for p in range(n):
                 if result[p] != 0.0:
                     contacts[RELATIVE, order[p]] += result[p]
@@ -241,22 +246,22 @@ def follow(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         network: order and band of the `Network`.
-        work: from `graph_kernel.workspace`.
+        work: memory from `active_set.workspace`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF (the last two unused here), shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         targets: L, mu_plus and mu_minus at each ramp's end, shape (V, S + 2 N).
-        exact: True to follow every event, False for one catch-up step a ramp.
-        budget: most contacts solved in one ramp, each round of the active set counting; beyond it the rest of that ramp
-            is a catch-up step.
+        exact: True to follow every event, False for one catch-up step per ramp.
+        budget: upper limit of contacts solved in one ramp, counted in every round of the active set; beyond it a
+            catch-up step completes the ramp.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        rounds: most rounds of the active set.
-        floats: from `scratch(N, S)`, as are the next two.
-        changes: of the springs.
-        bytes_: of the contacts.
-        account: shape (13,), added to.
-        records: displacement, its rest and tension after each ramp, shape (V, 2 N + S) or (0, 2 N + S) for none.
+        rounds: upper limit of rounds of the active set.
+        floats: memory from `scratch(N, S)`, like the next two.
+        changes: floats of the springs.
+        bytes_: flags of the contacts.
+        account: total account, shape (13,), added to.
+        records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
@@ -314,7 +319,7 @@ def follow(
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
-                doubt, least, most = ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST]
+                ambiguous, least, most = ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST]
                 found = _catch_up(
                     ends,
                     stiffness,
@@ -334,8 +339,8 @@ def follow(
                 )
                 if not found:
                     ramp[UNSOLVED] = 1.0
-                if done >= 1.0 - INSTANT:  # an instant without friction makes no stretch
-                    ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = doubt, least, most
+                if done >= 1.0 - INSTANT:  # an instant without friction is not a stretch
+                    ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = ambiguous, least, most
             for i in range(n):
                 moved[i] = contacts[RELATIVE, i] != before[i]
             _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, ramp, energy)
@@ -346,6 +351,6 @@ def follow(
                 records[v, n + i] = contacts[X_REST, i]
             for s in range(springs):
                 records[v, 2 * n + s] = links[TENSION, s]
-    if account[VISITED] == np.inf:  # nothing but holding
+    if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         account[VISITED] = _margin_at_rest(status, floats, contacts, moved)

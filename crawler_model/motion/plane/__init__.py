@@ -1,1 +1,1 @@
-"""Bodies in the plane, to a tolerance."""
+"""Bodies in the plane, solved to a tolerance."""

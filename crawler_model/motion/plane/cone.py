@@ -10,7 +10,7 @@ from .friction import corners_of
 def solve_with_clarabel(
     laplacian: np.ndarray, force: np.ndarray, friction: np.ndarray, directions: np.ndarray
 ) -> np.ndarray:
-    """Solve the problem of `project_planar` as a second-order-cone program, by interior points.
+    """Solve the problem of `project_planar` as a second-order-cone program with an interior-point method.
 
     Args:
         laplacian: K, shape (n, n) [N/m].
@@ -19,7 +19,7 @@ def solve_with_clarabel(
         directions: unit vectors d_k, shape (m, 2); m = 0 for isotropic friction.
 
     Returns:
-        v, shape (n, 2) [m]: to about 1e-8 of its size, contacts at rest included.
+        v, shape (n, 2) [m], to a relative accuracy of about 1e-8, including contacts at rest.
     """
     import clarabel
     from scipy import sparse

@@ -1,4 +1,4 @@
-"""Friction in the plane: discs, or polygons with shared directions; what it resists, and which forces it can bear."""
+"""Friction in the plane: the sets of admissible forces (discs, or polygons with shared directions) and resistance."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import numpy as np
 
 from ...compiled import compiled
 
-EPS = float(np.finfo(np.float64).eps)
 CLOSE_ENOUGH = 1e-13
-"""A step is solved when no force is further from dR than this part of the numbers that it was summed from."""
+"""A step is solved if no force is farther from dR than this part of the magnitude of its terms."""
 STUCK = 0
-"""A contact's motion: stuck; 1 sliding on a disc; 1 + k along direction k; 1 + m + k between k and k + 1."""
+"""Motion of a contact: STUCK; 1 sliding on a disc; 1 + k along direction k; 1 + m + k between k and k + 1."""
 
 
 @compiled
@@ -46,13 +45,13 @@ def resistance(mu, corners, v0, v1):
     """Compute R(v) of one contact.
 
     Args:
-        mu: its friction, shape (max(m, 1),) [N].
-        corners: of its polygon, shape (m, 2) [N]; m = 0 for a disc.
+        mu: friction of the contact, shape (max(m, 1),) [N].
+        corners: corners of its polygon, shape (m, 2) [N]; m = 0 for a disc.
         v0: velocity along x.
         v1: velocity along y.
 
     Returns:
-        R(v), force times velocity.
+        R(v), friction force times velocity.
     """
     m = corners.shape[0]
     if m == 0:
@@ -65,18 +64,18 @@ def resistance(mu, corners, v0, v1):
 
 @compiled
 def excess(q0, q1, mu, directions, corners, close):
-    """Subtract from a force the nearest one that friction can bear.
+    """Subtract from a force the nearest admissible friction force.
 
     Args:
         q0: force along x [N].
         q1: force along y [N].
         mu: friction of the contact, shape (max(m, 1),) [N].
         directions: unit vectors d_k, shape (m, 2).
-        corners: of its polygon, shape (m, 2) [N].
-        close: what lies so little outside counts as inside [N].
+        corners: corners of its polygon, shape (m, 2) [N].
+        close: forces outside by no more than this count as inside [N].
 
     Returns:
-        The motion that this means, and the difference, x and y [N].
+        The corresponding motion, and the difference, x and y [N].
     """
     m = directions.shape[0]
     if m == 0:

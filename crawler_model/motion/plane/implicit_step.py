@@ -1,21 +1,23 @@
 """One implicit step of a crawler in the plane.
 
-Contact i is displaced by x_i in R^2. Link s from contact a to contact b is a spring that sees rotations, with the
-commanded vector L_s as its rest length:
+Contact i is displaced by x_i in R^2. Link s from contact a to contact b is a spring whose energy depends on
+rotations, with the commanded vector L_s as its rest length:
 
     T_s = k_s (x_b - x_a - L_s),    E = sum_s |T_s|^2 / (2 k_s),    g_i = sum_{s from i} T_s - sum_{s to i} T_s.
 
 Friction dissipates R_i(v): mu_i |v|, or, with shared directions d_1 .. d_m, linear between neighbouring directions
-with the value mu_ik at d_k. Its forces fill C_i, a disc or the polygon {f : f . d_k <= mu_ik}; corner k of it joins
-the edges of d_k and d_{k+1}. The evolution 0 in dR(x') + DE(x) says: g_i lies in C_i, x_i' is normal to it there.
+with the value mu_ik at d_k. Its admissible forces form C_i, a disc or the polygon {f : f . d_k <= mu_ik}, whose corner
+k joins the edges of d_k and d_{k+1}. The evolution 0 in dR(x') + DE(x) means that g_i lies in C_i and x_i' is normal to
+C_i there.
 
-An implicit step of displacement v, from spring forces r that the new L would cause on the old x, solves
+An implicit step with displacement v, from the spring forces r of the new L at the old x, solves
 
     minimise  1/2 v . K v - r . v + sum_i R_i(v_i),    K the weighted Laplacian of the links.
 
 A sweep over the contacts has a closed form, K_ii v_i = q_i - (nearest point of C_i to q_i) with
-q_i = r_i - sum_{j != i} K_ij v_j. It finds who slides and how; Newton's method on the sliding contacts, searched along
-its direction, does the rest. Both only lower a convex cost. What counts in the end is how far r - K v is from dR.
+q_i = r_i - sum_{j != i} K_ij v_j. Sweeps find which contacts slide and how; Newton's method
+with line search on the sliding contacts then converges quickly. Both only lower a convex cost. The stopping criterion
+is the distance of r - K v from dR.
 """
 
 from __future__ import annotations
@@ -25,8 +27,8 @@ import math
 import numpy as np
 
 from ...compiled import compiled
-from ..translation import CRITICAL
-from .friction import CLOSE_ENOUGH, EPS, STUCK, corners_of, excess, resistance
+from ...rounding import CRITICAL, EPS
+from .friction import CLOSE_ENOUGH, STUCK, corners_of, excess, resistance
 from .translation import choose_translation
 
 MOST_SWEEPS = 300
@@ -56,8 +58,8 @@ def laplacian_of(ends, stiffness, contacts):
 
 
 @compiled
-def _sweep(laplacian, force, friction, directions, corners, backwards, velocity, motion, grain):
-    """Let each contact in turn solve its own problem; `grain` gets the size of what its force is summed from."""
+def _sweep(laplacian, force, friction, directions, corners, backwards, velocity, motion, magnitude):
+    """Solve the problem of each contact in turn; `magnitude` is set to the sum of the absolute terms of its force."""
     n = force.shape[0]
     for j in range(n):
         i = n - 1 - j if backwards else j
@@ -70,7 +72,7 @@ def _sweep(laplacian, force, friction, directions, corners, backwards, velocity,
                 q0 -= c * velocity[other, 0]
                 q1 -= c * velocity[other, 1]
                 size += abs(c) * (abs(velocity[other, 0]) + abs(velocity[other, 1]))
-        grain[i] = size
+        magnitude[i] = size
         motion[i], e0, e1 = excess(q0, q1, friction[i], directions, corners[i], 8.0 * EPS * size)
         velocity[i, 0] = e0 / laplacian[i, i]
         velocity[i, 1] = e1 / laplacian[i, i]
@@ -100,10 +102,10 @@ def _distance(g0, g1, v0, v1, mu, directions, corners, motion):
 
 
 @compiled
-def _residual(laplacian, force, friction, directions, corners, velocity, motion, grain, spring):
+def _residual(laplacian, force, friction, directions, corners, velocity, motion, magnitude, spring):
     """Compute the spring forces r - K v and their largest distance from dR(v), relative to their rounding.
 
-    Rounding turns the direction of a slow velocity; what that does to its friction is not held against it.
+    Rounding changes the direction of a slow velocity; the resulting change of its friction is tolerated.
     """
     n = force.shape[0]
     worst = 0.0
@@ -118,7 +120,7 @@ def _residual(laplacian, force, friction, directions, corners, velocity, motion,
         v0 = velocity[i, 0]
         v1 = velocity[i, 1]
         push = laplacian[i, i] * math.hypot(v0, v1)
-        size = grain[i] + push
+        size = magnitude[i] + push
         if motion[i] != STUCK and directions.shape[0] == 0 and push > 0.0:
             size *= 1.0 + 4.0 * EPS / CLOSE_ENOUGH * friction[i, 0] / push
         gap = _distance(g0, g1, v0, v1, friction[i], directions, corners[i], motion[i])
@@ -131,7 +133,7 @@ def _residual(laplacian, force, friction, directions, corners, velocity, motion,
 
 @compiled
 def solve_in_place(matrix, right):
-    """Solve a positive definite system by Cholesky's method.
+    """Solve a positive definite system by Cholesky factorisation.
 
     Args:
         matrix: the matrix, shape (n, n), overwritten.
@@ -158,9 +160,9 @@ def solve_in_place(matrix, right):
 
 @compiled
 def _search_discs(friction, linear, quadratic, velocity, step):
-    """Find how far to go along `step`, at most 1: until the slope of the cost is small or changes sign.
+    """Find the step length along `step`, at most 1, at which the slope of the cost is small or changes sign.
 
-    Returns also the contact that is brought to rest by that, -1 if there is none.
+    Also returns the contact that comes to rest there, -1 if there is none.
     """
     low = 0.0
     high = 1.0
@@ -185,22 +187,22 @@ def _search_discs(friction, linear, quadratic, velocity, step):
         if low == 1.0 or abs(slope) <= 0.1 * first:
             break
         at = 0.5 * (low + high)
-    who = -1
+    stopped = -1
     nearest = 1e-6
     for i in range(velocity.shape[0]):
         left = math.hypot(velocity[i, 0] + low * step[i, 0], velocity[i, 1] + low * step[i, 1])
         speed = math.hypot(velocity[i, 0], velocity[i, 1])
         if left < nearest * speed and friction[i, 0] > 0.0:
             nearest = left / speed
-            who = i
-    return low, who
+            stopped = i
+    return low, stopped
 
 
 @compiled
 def _search_polygons(directions, friction, corners, linear, quadratic, velocity, step, motion):
-    """Find how far to go along `step`, at most 1, to the least cost; its slope is a line with jumps.
+    """Find the step length along `step`, at most 1, of least cost; the slope of the cost is a line with jumps.
 
-    Returns also the contact whose jump ends the search and the direction it then stays on, -1 where there is none.
+    Also returns the contact whose jump ends the search and the direction on which it then stays, -1 if none.
     """
     n = velocity.shape[0]
     m = directions.shape[0]
@@ -258,8 +260,8 @@ def _search_polygons(directions, friction, corners, linear, quadratic, velocity,
 
 
 @compiled
-def _newton(laplacian, friction, directions, corners, velocity, motion, spring, grain):
-    """Improve the velocities of the sliding contacts together, the others held; tell if a contact stopped that."""
+def _newton(laplacian, friction, directions, corners, velocity, motion, spring, magnitude):
+    """Take a Newton step for all sliding contacts, the others fixed; return whether a contact shortened it."""
     n = velocity.shape[0]
     m = directions.shape[0]
     owner = np.empty(2 * n, np.int64)
@@ -295,7 +297,7 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
             if i == j and m == 0 and speed > 0.0:
                 turn = axis[p, 1] * v0 - axis[p, 0] * v1
                 matrix[p, c] += friction[i, 0] / speed * (turn / speed) * ((axis[c, 1] * v0 - axis[c, 0] * v1) / speed)
-        matrix[p, p] += CRITICAL * laplacian[i, i]  # a translation may be free when all slide
+        matrix[p, p] += CRITICAL * laplacian[i, i]  # a translation may be free if all contacts slide
         if m == 0:
             pull0 = spring[i, 0] - (friction[i, 0] * v0 / speed if speed > 0.0 else 0.0)
             pull1 = spring[i, 1] - (friction[i, 0] * v1 / speed if speed > 0.0 else 0.0)
@@ -313,7 +315,7 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
     reach = 0.0
     longest = 0.0
     for i in range(n):
-        reach = max(reach, math.hypot(velocity[i, 0], velocity[i, 1]), grain[i] / laplacian[i, i])
+        reach = max(reach, math.hypot(velocity[i, 0], velocity[i, 1]), magnitude[i] / laplacian[i, i])
         longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
     if longest > 8.0 * reach:  # a free translation
         step *= 8.0 * reach / longest
@@ -323,23 +325,23 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
         linear -= spring[i, 0] * step[i, 0] + spring[i, 1] * step[i, 1]
         for j in range(n):
             quadratic += laplacian[i, j] * (step[i, 0] * step[j, 0] + step[i, 1] * step[j, 1])
-    who = -1
+    stopped = -1
     k = -1
     if m == 0:
-        at, who = _search_discs(friction, linear, quadratic, velocity, step)
+        at, stopped = _search_discs(friction, linear, quadratic, velocity, step)
     else:
-        at, who, k = _search_polygons(directions, friction, corners, linear, quadratic, velocity, step, motion)
+        at, stopped, k = _search_polygons(directions, friction, corners, linear, quadratic, velocity, step, motion)
     for i in range(n):
         velocity[i, 0] += at * step[i, 0]
         velocity[i, 1] += at * step[i, 1]
-    if who < 0:
+    if stopped < 0:
         return False
     along = 0.0
-    if m > 0 and motion[who] > m:
-        along = max(velocity[who, 0] * directions[k, 0] + velocity[who, 1] * directions[k, 1], 0.0)
-    motion[who] = 1 + k if along > 0.0 else STUCK
+    if m > 0 and motion[stopped] > m:
+        along = max(velocity[stopped, 0] * directions[k, 0] + velocity[stopped, 1] * directions[k, 1], 0.0)
+    motion[stopped] = 1 + k if along > 0.0 else STUCK
     for c in range(2):
-        velocity[who, c] = along * directions[k, c] if along > 0.0 else 0.0
+        velocity[stopped, c] = along * directions[k, c] if along > 0.0 else 0.0
     return True
 
 
@@ -352,31 +354,32 @@ def project_planar(laplacian, force, friction, directions, most_sweeps, velocity
         force: r, the spring forces at v = 0, shape (n, 2) [N].
         friction: mu, shape (n, 1) for isotropic friction, else (n, m) [N].
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
-        most_sweeps: when to give up.
-        velocity: v, shape (n, 2) [m], changed in place; what it holds is where the search starts.
-        motion: output, int64, shape (n,): `STUCK`, or how the contact slides.
+        most_sweeps: upper limit of sweeps.
+        velocity: v, shape (n, 2) [m], changed in place; on entry the start of the search.
+        motion: output, int64, shape (n,): motion of each contact, see `STUCK`.
 
     Returns:
-        Whether the step was solved to rounding; the largest distance of r - K v from dR(v), relative to what it was
-        summed from; whether the minimiser is unique (if not: the one whose mean is nearest to zero); sweeps made.
+        Whether the step was solved to rounding; the largest distance of r - K v from dR(v), relative to the magnitude
+        of its terms; whether the minimiser is unique (if not, the one with mean nearest to zero is returned); number
+        of sweeps.
     """
     n = force.shape[0]
     corners = corners_of(friction, directions)
-    grain = np.empty(n)
+    magnitude = np.empty(n)
     spring = np.empty((n, 2))
     residual = np.inf
     sweeps = 0
     solved = False
     while sweeps < most_sweeps and not solved:
-        _sweep(laplacian, force, friction, directions, corners, sweeps % 2 == 1, velocity, motion, grain)
+        _sweep(laplacian, force, friction, directions, corners, sweeps % 2 == 1, velocity, motion, magnitude)
         sweeps += 1
-        residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, grain, spring)
+        residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, magnitude, spring)
         blocked = 2 * n
         while residual > CLOSE_ENOUGH and blocked > 0:
-            if not _newton(laplacian, friction, directions, corners, velocity, motion, spring, grain):
+            if not _newton(laplacian, friction, directions, corners, velocity, motion, spring, magnitude):
                 blocked = 1
             blocked -= 1
-            residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, grain, spring)
+            residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, magnitude, spring)
         solved = residual <= CLOSE_ENOUGH
-    unique = not solved or choose_translation(velocity, spring, friction, directions, grain, motion)
+    unique = not solved or choose_translation(velocity, spring, friction, directions, magnitude, motion)
     return solved, residual, unique, sweeps

@@ -19,21 +19,21 @@ from ..state import (
 from . import ramp
 
 DEFAULT_TOLERANCE = 1e-4
-"""Error of a planar ramp relative to its change of length, unless the scene says otherwise."""
+"""Default error of a planar ramp, relative to its change of length."""
 _MOST_STEPS = 1 << 16
-"""Implicit steps of a planar ramp, about a second; the rest of it then goes in equal steps, and that is reported."""
+"""Upper limit of implicit steps in a planar ramp, about a second; equal steps then complete it, which is reported."""
 _SHARE = 0.25
-"""Part of the tolerance that a ramp's substeps may use up: later ones may enlarge the errors of earlier ones."""
+"""Part of the tolerance available to the substeps of a ramp, as later substeps may amplify errors of earlier ones."""
 
 
 @dataclass(eq=False)
 class PlanarState:
-    """What changes in the plane.
+    """The state of a body in the plane.
 
     Attributes:
         contacts: rows X, X_REST and GAINED, shape (3, N, 2).
         links: rows TENSION and ACTUATION, shape (2, S, 2).
-        mu: friction of each contact, in each direction if it is given by directions, shape (N, max(m, 1)) [N].
+        mu: friction of each contact, per direction if anisotropic, shape (N, max(m, 1)) [N].
         stiffness: k of each spring, shape (S,) [N/m].
         directions: unit vectors, shape (m, 2).
     """
@@ -46,12 +46,12 @@ class PlanarState:
 
     @property
     def displacement(self) -> np.ndarray:
-        """X, shape (N, 2) [m]."""
+        """Displacement x, shape (N, 2) [m]."""
         return self.contacts[PLANAR_X]
 
     @property
     def gained(self) -> np.ndarray:
-        """Displacement gained on the last command, shape (N, 2) [m]."""
+        """Displacement gained in the last command, shape (N, 2) [m]."""
         return self.contacts[PLANAR_GAINED]
 
     @property
@@ -76,11 +76,11 @@ class PlanarState:
 
     @property
     def contact_state(self) -> np.ndarray:
-        """1 where a contact slid on the last command, 0 stuck; int8, shape (N,)."""
+        """1 if a contact slid in the last command, 0 stuck; int8, shape (N,)."""
         return (np.abs(self.gained).max(axis=1) > 0.0).astype(np.int8)
 
     def margins(self, force: np.ndarray) -> np.ndarray:
-        """Compute the distance of the spring forces from the boundary of what friction can bear.
+        """Compute the distance of the spring forces from the boundary of the admissible friction forces.
 
         Args:
             force: g, shape (N, 2) [N].
@@ -93,7 +93,7 @@ class PlanarState:
         return (self.mu - force @ self.directions.T).min(axis=1)
 
     def visited_margin(self, force: np.ndarray) -> float:
-        """Compute how near all contacts are to sliding at once.
+        """Compute how close all contacts are to sliding at once.
 
         Args:
             force: g, shape (N, 2) [N].
@@ -105,15 +105,15 @@ class PlanarState:
         return float(np.maximum(self.margins(force), 0.0).sum()) / total if total > 0.0 else 0.0
 
     def copy(self) -> PlanarState:
-        """Fork the state.
+        """Copy the state.
 
         Returns:
-            Another state of the same numbers, in arrays of its own.
+            An independent state with the same numbers.
         """
         return PlanarState(self.contacts.copy(), self.links.copy(), self.mu.copy(), self.stiffness, self.directions)
 
     def bits(self) -> bytes:
-        """Lay all numbers out for comparison.
+        """Return all numbers as bytes, for comparison.
 
         Returns:
             The bytes of all arrays, one after another.
@@ -127,7 +127,7 @@ class PlaneMotion:
 
     Attributes:
         body: the body.
-        directions: in which friction is given, unit vectors, shape (m, 2); m = 0 where it is isotropic.
+        directions: unit vectors of the friction directions, shape (m, 2); m = 0 for isotropic friction.
         tolerance: largest error of a ramp [m].
     """
 
@@ -176,12 +176,12 @@ class PlaneMotion:
             account,
             records,
         )
-        if account[VISITED] == np.inf:  # nothing but holding
+        if account[VISITED] == np.inf:  # no command changed
             account[VISITED] = state.visited_margin(self.body.spring_force(state.tension))
 
 
 def build_plane_motion(plan: Plan) -> PlaneMotion:
-    """Build the motion of a plan, with a tolerance that is a part of the lengths that its drive commands.
+    """Build the motion of a plan; its tolerance is relative to the changes of length that its drive commands.
 
     Args:
         plan: the body, its drive and its tolerance.

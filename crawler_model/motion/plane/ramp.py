@@ -1,9 +1,9 @@
 """One ramp of the commands in the plane, to a tolerance, with its energy account.
 
-A ramp is followed from event to event: `find_rates` finds who slides and predicts when a contact reaches its bound;
-one implicit step goes there, which is exact where the path is straight. On discs the path may bend; it is then walked
-in shorter substeps, each extrapolated, none of which holds a start or a stop (`attempt`). A contact that stays put
-stays put exactly. A step without displacement is exact.
+A ramp is followed from event to event: `find_rates` finds the sliding contacts and predicts when a contact reaches its
+bound; one implicit step leads there, which is exact where the path is straight. With discs the path may bend; it is
+then followed in shorter, extrapolated substeps, none of which contains the start or stop of a contact (`attempt`). A
+contact at rest stays exactly at rest. A step without displacement is exact.
 """
 
 from __future__ import annotations
@@ -13,30 +13,42 @@ import math
 import numpy as np
 
 from ...compiled import compiled
+from ...rounding import SHORTEST_STRETCH
 from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, VISITED, WORK
 from ..state import PLANAR_ACTUATION as ACTUATION
 from ..state import PLANAR_GAINED as GAINED
 from ..state import PLANAR_TENSION as TENSION
 from ..state import PLANAR_X as X
 from ..state import PLANAR_X_REST as X_REST
-from . import implicit_step as planar_kernel
 from .cone import solve_with_clarabel
 from .friction import corners_of, excess, resistance
-from .implicit_step import laplacian_of, project_planar
+from .implicit_step import MOST_SWEEPS, laplacian_of, project_planar
 from .rates import BAND, find_rates, greatest_compliance
-from .walk import DOUBTS, KNOWN, LENGTH, PLACE, PURSE, RAMP, STAGES, TRIALS, attempt, friction_at, load, step, stretch
+from .walk import (
+    ERROR_LEFT,
+    KNOWN,
+    LENGTH,
+    NOT_UNIQUE,
+    PLACE,
+    RAMP,
+    STAGES,
+    TRIALS,
+    attempt,
+    friction_at,
+    load,
+    step,
+    stretch,
+)
 
-_INSTANT = 1e-6
-"""An ambiguous translation on less than this part of a ramp does not count."""
 _LAST_STEP = 1.0 / 256.0
-"""Part of a ramp that a step takes when all substeps are spent."""
+"""Length of a step, as part of the ramp, after the limit of substeps is reached."""
 _LAST_SWEEPS = 20
-"""Sweeps that polish what Clarabel found."""
+"""Sweeps that refine the solution of Clarabel."""
 
 
 @compiled
 def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, friction, target, account):
-    """Take a substep, which dissipates `spent[0]` for the work `spent[1]`: change the state, add to the account."""
+    """Apply a substep with dissipation `spent[0]` and work `spent[1]` to the state and the account."""
     n = moved.shape[0]
     for i in range(n):
         for c in range(2):
@@ -44,9 +56,9 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
             change = moved[i, c] + contacts[X_REST, i, c]
             before = contacts[X, i, c]
             after = before + change
-            kept = after - before
+            applied = after - before
             contacts[X, i, c] = after
-            contacts[X_REST, i, c] = (before - (after - kept)) + (change - kept)
+            contacts[X_REST, i, c] = (before - (after - applied)) + (change - applied)
     gained = 0.0
     for s in range(ends.shape[0]):
         a = ends[s, 0]
@@ -97,7 +109,7 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
 
 @compiled
 def _is_still(links, friction, target):
-    """Tell whether a target changes nothing."""
+    """Return whether a target equals the command in force."""
     for s in range(links.shape[1]):
         if target[2 * s] != links[ACTUATION, s, 0] or target[2 * s + 1] != links[ACTUATION, s, 1]:
             return False
@@ -106,7 +118,7 @@ def _is_still(links, friction, target):
 
 @compiled
 def _look_ahead(body, directions, links, friction, target, spring, band, velocity):
-    """Find spring forces, what counts as rounding of them, velocities, and the part of the way to the next event."""
+    """Compute spring forces, their rounding tolerance and velocities; return the part of the way to the next event."""
     laplacian, ends, stiffness = body
     load(ends, links[TENSION], spring)
     push = np.empty_like(spring)
@@ -128,7 +140,7 @@ def _look_ahead(body, directions, links, friction, target, spring, band, velocit
 def _follow(
     body, directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress, *memory
 ):
-    """Follow the ramps from where `progress` stands; return False where a step needs help from outside."""
+    """Follow the ramps from the place in `progress`; return False if a step has to be solved by the caller."""
     laplacian, ends, stiffness = body
     most_sweeps, stages, motions, problem = memory
     n = laplacian.shape[0]
@@ -143,11 +155,11 @@ def _follow(
             done = _is_still(links, friction, target)
             progress[PLACE] = 0.0
             progress[LENGTH] = 1.0
-            progress[PURSE] = tolerance
+            progress[ERROR_LEFT] = tolerance
             progress[TRIALS] = 0.0
         if not done:
             forced = progress[TRIALS] >= most_steps
-            if forced:  # the rest goes in equal steps, however far off they are
+            if forced:  # the rest takes equal steps, whatever their error
                 progress[LENGTH] = _LAST_STEP
             length = progress[LENGTH]
             rest = 1.0 - progress[PLACE]
@@ -160,7 +172,7 @@ def _follow(
                 length = rest
             part = 1.0 if last else length / rest
             blur = 0.0
-            for i in range(n):  # displacements that mean no more than rounding of forces
+            for i in range(n):  # displacements that correspond to rounding of forces
                 blur = max(blur, band[i] / laplacian[i, i])
             allowed = np.inf if forced else max(tolerance * length, blur)
             if progress[KNOWN] == 0.0:
@@ -184,8 +196,8 @@ def _follow(
             if not ok:
                 return False
             moved = found[:n]
-            paid = error if error > allowed else 0.0  # where contacts start and stop
-            accepted = paid <= 0.125 * progress[PURSE]
+            paid = error if error > allowed else 0.0  # at starts and stops of contacts
+            accepted = paid <= 0.125 * progress[ERROR_LEFT]
             if accepted and walks > 2:  # put the spring forces back onto the friction sets
                 tension = links[TENSION].copy()
                 stretch(ends, stiffness, moved, target, links, part, tension)
@@ -201,8 +213,8 @@ def _follow(
             if accepted:
                 _commit(moved, found[n], part, ends, stiffness, directions, contacts, links, friction, target, account)
                 progress[PLACE] += length
-                progress[PURSE] -= paid
-                if length > _INSTANT and progress[DOUBTS:].max() > 0.0:
+                progress[ERROR_LEFT] -= paid
+                if length > SHORTEST_STRETCH and progress[NOT_UNIQUE:].max() > 0.0:
                     account[AMBIGUOUS] = 1.0
                 account[OVERSPENT] += forced and last
             done = accepted and last
@@ -211,7 +223,7 @@ def _follow(
             progress[LENGTH] = max(longest, progress[LENGTH]) if accepted and cut else longest
             progress[TRIALS] += max(progress[KNOWN], 1.0)
             progress[KNOWN] = 0.0
-            progress[DOUBTS:] = 0.0
+            progress[NOT_UNIQUE:] = 0.0
         if done:
             v = int(progress[RAMP])
             if records.shape[0] > 0:
@@ -242,24 +254,24 @@ def follow(
         ends: the contacts a, b of each link, int, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
-        contacts: rows X, X_REST (what rounding took from X) and GAINED (since the call), shape (3, n, 2) [m],
+        contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call), shape (3, n, 2) [m],
             changed in place.
         links: rows TENSION [N] and ACTUATION [m], shape (2, S, 2), changed in place; the tension must be
-            k (x_b - x_a - L), it is derived from the displacements anew, rest and all, after every substep.
+            k (x_b - x_a - L), and is recomputed from displacements and their rests after every substep.
         friction: mu, shape (n, max(m, 1)) [N], changed in place.
         targets: L and then mu at each ramp's end, flattened, shape (V, 2 S + n max(m, 1)).
-        tolerance: about the largest error of any displacement that one ramp may add [m].
-        most_steps: most implicit steps tried in one ramp; the rest of it then goes in equal ones.
-        account: shape (13,), added to.
-        records: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S) or (0, ...) for none.
+        tolerance: approximate largest displacement error per ramp [m].
+        most_steps: upper limit of implicit steps tried in one ramp; equal steps then complete it.
+        account: total account, shape (13,), added to.
+        records: output: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S), or no rows.
     """
     n = contacts.shape[1]
     contacts[GAINED] = 0.0
     laplacian = laplacian_of(ends, stiffness, n)
-    progress = np.zeros(DOUBTS + STAGES)
+    progress = np.zeros(NOT_UNIQUE + STAGES)
     stages, motions = np.zeros((STAGES, n, 2)), np.zeros((STAGES, n), np.int64)
     problem = np.empty((n, 2 + friction.shape[1]))
-    body, memory = (laplacian, ends, stiffness), (planar_kernel.MOST_SWEEPS, stages, motions, problem)
+    body, memory = (laplacian, ends, stiffness), (MOST_SWEEPS, stages, motions, problem)
     state = (directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress)
     while not _follow(body, *state, *memory):
         stage = int(progress[KNOWN])
@@ -267,4 +279,4 @@ def follow(
         stages[stage] = solve_with_clarabel(laplacian, spring, mu, directions)
         unique = project_planar(laplacian, spring, mu, directions, _LAST_SWEEPS, stages[stage], motions[stage])[2]
         progress[KNOWN] = stage + 1
-        progress[DOUBTS + stage] = not unique
+        progress[NOT_UNIQUE + stage] = not unique

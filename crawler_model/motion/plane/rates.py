@@ -1,13 +1,13 @@
-"""How a body in the plane goes on at an instant of a ramp, and when a contact at rest reaches its bound.
+"""The velocities of a body in the plane at an instant of a ramp, and the time at which a contact reaches its bound.
 
-A force on the boundary of C_i holds its contact along the outer normals d_a there: one of a disc, those of the edges
-that meet at the force of a polygon. The contact slides along them, x_i' = sum_a lambda_a d_a, lambda_a >= 0, and with
+A force on the boundary of C_i restrains its contact along the outer normals d_a there: one for a disc, those of the
+adjacent edges for a polygon. The contact slides along them, x_i' = sum_a lambda_a d_a, lambda_a >= 0, and with
 the rate g_i' of its spring force
 
     g_i' . d_a <= mu_a',    with equality where lambda_a > 0:
 
-a linear complementarity problem, that of least squares with lambda >= 0. While normals and sliders stay the same, all
-is straight: always between events with polygons, on a disc as long as nothing turns.
+a linear complementarity problem, equivalent to least squares with lambda >= 0. While normals and sliding contacts stay
+the same, paths are straight: always between events for polygons, and for discs as long as no direction changes.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import math
 import numpy as np
 
 from ...compiled import compiled
-from ..translation import CRITICAL
-from .friction import EPS, resistance
+from ...rounding import CRITICAL, EPS
+from .friction import resistance
 from .implicit_step import solve_in_place
 
 BAND = 1e-11
-"""A force is on the boundary when it is no further from it than this part of what it was summed from."""
+"""A force is on the boundary if it is no farther from it than this part of the magnitude of its terms."""
 _TURNS = 1e-9
-"""A contact that leaves its disc along the tangent, but for this part of its rate, is not said to come back."""
+"""A force that leaves the boundary of its disc tangentially within this part of its rate is taken not to return."""
 
 
 @compiled
 def _normals_at(spring, friction, growth, directions, band, normals, owner, rise):
-    """Write the outer normals of all friction sets at the spring forces, whose they are and how fast their mu grows.
+    """Write the outer normals of all friction sets at the spring forces, their contacts and the growth rates of mu.
 
     A disc without friction counts as a square. Returns the number of normals.
     """
@@ -60,7 +60,7 @@ def _normals_at(spring, friction, growth, directions, band, normals, owner, rise
 
 @compiled
 def _slide(laplacian, push, normals, owner, rise, count, velocity):
-    """Find lambda >= 0 by Lawson's and Hanson's active set; write the velocities that it means."""
+    """Solve for lambda >= 0 with the active set of Lawson and Hanson; write the resulting velocities."""
     matrix = np.empty((count, count))
     right = np.empty(count)
     size = np.empty(count)
@@ -69,28 +69,28 @@ def _slide(laplacian, push, normals, owner, rise, count, velocity):
         for b in range(count):
             along = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1]
             matrix[a, b] = laplacian[i, owner[b]] * along
-        matrix[a, a] += CRITICAL * laplacian[i, i]  # several normals of a contact, or a translation, may be dependent
+        matrix[a, a] += CRITICAL * laplacian[i, i]  # normals of a contact, or a translation, may be linearly dependent
         right[a] = push[i, 0] * normals[a, 0] + push[i, 1] * normals[a, 1] - rise[a]
         size[a] = abs(push[i, 0]) + abs(push[i, 1]) + abs(rise[a])
     rate = np.zeros(count)
     chosen = right > CRITICAL * size
     for _ in range(4 * count + 4):
         while chosen.any():
-            who = np.flatnonzero(chosen)
-            small = np.empty((who.size, who.size))
-            goal = np.empty(who.size)
-            for p in range(who.size):
-                goal[p] = right[who[p]]
-                for q in range(who.size):
-                    small[p, q] = matrix[who[p], who[q]]
+            active = np.flatnonzero(chosen)
+            small = np.empty((active.size, active.size))
+            goal = np.empty(active.size)
+            for p in range(active.size):
+                goal[p] = right[active[p]]
+                for q in range(active.size):
+                    small[p, q] = matrix[active[p], active[q]]
             solve_in_place(small, goal)
             reach = 1.0
-            for p in range(who.size):
+            for p in range(active.size):
                 if goal[p] <= 0.0:
-                    reach = min(reach, rate[who[p]] / (rate[who[p]] - goal[p]) if rate[who[p]] > 0.0 else 0.0)
+                    reach = min(reach, rate[active[p]] / (rate[active[p]] - goal[p]) if rate[active[p]] > 0.0 else 0.0)
             blocked = False
-            for p in range(who.size):
-                a = who[p]
+            for p in range(active.size):
+                a = active[p]
                 back = goal[p] <= 0.0 and (rate[a] <= 0.0 or rate[a] / (rate[a] - goal[p]) <= reach * (1.0 + 4.0 * EPS))
                 rate[a] = 0.0 if back else rate[a] + reach * (goal[p] - rate[a])
                 chosen[a] = not back
@@ -120,11 +120,11 @@ def _slide(laplacian, push, normals, owner, rise, count, velocity):
 
 @compiled
 def _reaches_disc(g0, g1, rate0, rate1, mu, growth, band, sliding):
-    """Find when a force that goes straight on reaches the rim of its disc."""
+    """Compute when a force that changes linearly reaches the boundary of its disc."""
     size = math.hypot(g0, g1)
     outwards = g0 * rate0 + g1 * rate1 - mu * growth
     bend = rate0 * rate0 + rate1 * rate1 - growth * growth
-    if size >= mu - band:  # on the rim: it may come back after a chord
+    if size >= mu - band:  # on the boundary: it may return after a chord
         speed = math.sqrt(max(bend, 0.0))
         if sliding or mu <= band or bend <= 0.0 or outwards >= -_TURNS * mu * speed:
             return np.inf
@@ -139,20 +139,20 @@ def _reaches_disc(g0, g1, rate0, rate1, mu, growth, band, sliding):
 
 @compiled
 def find_rates(laplacian, spring, push, friction, growth, directions, band, velocity):
-    """Find the velocities at an instant, and for how long they stay if nothing turns.
+    """Solve for the velocities at an instant, and how long they remain valid on straight paths.
 
     Args:
         laplacian: K, shape (n, n) [N/m].
         spring: spring forces, shape (n, 2) [N].
-        push: their rates at rest, shape (n, 2) [N per unit of the ramp].
+        push: rates of the spring forces at rest, shape (n, 2) [N per unit of the ramp].
         friction: mu, shape (n, 1) for isotropic friction, else (n, m) [N].
-        growth: its rates, in the same shape [N per unit of the ramp].
+        growth: rates of mu, in the same shape [N per unit of the ramp].
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
-        band: what is so near to the boundary counts as on it, shape (n,) [N].
+        band: forces this close to the boundary count as on it, shape (n,) [N].
         velocity: output, shape (n, 2) [m per unit of the ramp].
 
     Returns:
-        The part of the ramp after which a contact reaches a bound, infinite if none does.
+        Part of the ramp after which a contact reaches a bound, infinite if none does.
     """
     n = spring.shape[0]
     m = directions.shape[0]
@@ -192,11 +192,11 @@ def greatest_compliance(laplacian):
         laplacian: K, shape (n, n) [N/m].
 
     Returns:
-        By how much two contacts come apart at most for a force between them [m/N].
+        Largest relative displacement of two contacts per force between them [m/N].
     """
     n = laplacian.shape[0] - 1
     inverse = laplacian[1:, 1:].copy()
-    for p in range(n):  # Gauss and Jordan, in place
+    for p in range(n):  # Gauss-Jordan, in place
         pivot = 1.0 / inverse[p, p]
         inverse[p, p] = 1.0
         for c in range(n):
@@ -222,19 +222,19 @@ def greatest_compliance(laplacian):
 def missed(moved, spring, friction, directions, corners, band, compliance):
     """Bound the error of an implicit step, taken as a straight path.
 
-    While C_i goes along a straight line too, the path is exact if it is normal to C_i at its start, as it is at its
-    end; else the energy that it leaves unexplained bounds the distance to the exact path in the metric of K:
+    While C_i changes linearly too, the path is exact if it is normal to C_i at its start, as it is at its end;
+    otherwise the unbalanced energy bounds the distance to the exact path in the metric of K:
 
-        1/2 e . K e <= 1/2 sum_i (R_i(v_i) - g_i . v_i),    R_i and g_i those at the start.
+        1/2 e . K e <= 1/2 sum_i (R_i(v_i) - g_i . v_i),    R_i and g_i at the start.
 
     Args:
         moved: v, shape (n, 2) [m].
         spring: spring forces at the start, shape (n, 2) [N].
         friction: mu at the start, shape (n, 1) for isotropic friction, else (n, m) [N].
         directions: unit vectors d_k, shape (m, 2); m = 0 for isotropic friction.
-        corners: of the polygons at the start, shape (n, m, 2) [N].
-        band: what is so near to the boundary counts as on it, shape (n,) [N].
-        compliance: the greatest between two contacts [m/N].
+        corners: corners of the polygons at the start, shape (n, m, 2) [N].
+        band: forces this close to the boundary count as on it, shape (n,) [N].
+        compliance: largest compliance between two contacts [m/N].
 
     Returns:
         The bound [m].

@@ -1,4 +1,4 @@
-"""Which of several motions of a body in the plane, all of whose contacts slide, is taken: the one nearest to rest."""
+"""The choice of the translation in the plane when all contacts slide: the one nearest to rest."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import math
 import numpy as np
 
 from ...compiled import compiled
-from ..translation import CRITICAL
-from .friction import CLOSE_ENOUGH, EPS, STUCK
+from ...rounding import CRITICAL, EPS
+from .friction import CLOSE_ENOUGH, STUCK
 
 
 @compiled
-def _normal_cones(velocity, spring, friction, directions, grain, normals, offsets):
-    """Write the translations t that keep every v_i + t normal to C_i at g_i as half-planes normals . t >= offsets.
+def _normal_cones(velocity, spring, friction, directions, magnitude, normals, offsets):
+    """Write the translations t that leave every v_i + t normal to C_i at g_i as half-planes normals . t >= offsets.
 
-    Returns their number, or -1 where a contact inside its C_i fixes the translation, or two do together.
+    Returns their number, or -1 if a contact inside its C_i, or two contacts together, fix the translation.
     """
     n = velocity.shape[0]
     m = directions.shape[0]
@@ -23,7 +23,7 @@ def _normal_cones(velocity, spring, friction, directions, grain, normals, offset
     ray = np.zeros(2)
     for i in range(n):
         size = friction[i].max()
-        close = CRITICAL * size + 2.0 * CLOSE_ENOUGH * grain[i]
+        close = CRITICAL * size + 2.0 * CLOSE_ENOUGH * magnitude[i]
         start = count
         single = False
         if m == 0:
@@ -51,7 +51,7 @@ def _normal_cones(velocity, spring, friction, directions, grain, normals, offset
                     a1 = directions[last, 1]
                     b0 = directions[j, 0]
                     b1 = directions[j, 1]
-                    if j == last or a0 * b1 - a1 * b0 <= 8.0 * EPS:  # nothing for half a turn from a to b
+                    if j == last or a0 * b1 - a1 * b0 <= 8.0 * EPS:  # half a turn or more from a to b
                         normals[count, 0] = a1
                         normals[count, 1] = -a0
                         normals[count + 1, 0] = -b1
@@ -83,19 +83,19 @@ def _normal_cones(velocity, spring, friction, directions, grain, normals, offset
 
 
 @compiled
-def choose_translation(velocity, spring, friction, directions, grain, motion):
-    """Add the translation that brings the mean nearest to zero at no cost.
+def choose_translation(velocity, spring, friction, directions, magnitude, motion):
+    """Add the translation of equal cost that brings the mean nearest to zero.
 
     Args:
         velocity: displacements of a step in which all contacts may slide, shape (N, 2) [m], changed in place.
         spring: force of the springs on each contact, shape (N, 2) [N].
         friction: bounds, shape (N, 1), or (N, m) for shared directions [N].
-        directions: unit vectors, shape (m, 2); none for discs.
-        grain: what counts as rounding of a force [N].
-        motion: of each contact, see STUCK, int64, shape (N,).
+        directions: unit vectors, shape (m, 2); m = 0 for discs.
+        magnitude: magnitude of the terms of each spring force, for its rounding, shape (N,) [N].
+        motion: motion of each contact, see `STUCK`, int64, shape (N,), changed in place.
 
     Returns:
-        Whether there was no choice.
+        Whether the translation is unique.
     """
     n = velocity.shape[0]
     size = 0.0
@@ -109,7 +109,7 @@ def choose_translation(velocity, spring, friction, directions, grain, motion):
         return True
     normals = np.empty((6 * n, 2))
     offsets = np.empty(6 * n)
-    count = _normal_cones(velocity, spring, friction, directions, grain, normals, offsets)
+    count = _normal_cones(velocity, spring, friction, directions, magnitude, normals, offsets)
     if count < 0:
         return True
     inside = True
@@ -121,7 +121,7 @@ def choose_translation(velocity, spring, friction, directions, grain, motion):
     best = np.inf
     t0 = 0.0
     t1 = 0.0
-    for c in range(count):  # the nearest point on each edge
+    for c in range(count):  # nearest point on each edge
         p0 = normals[c, 0] * offsets[c]
         p1 = normals[c, 1] * offsets[c]
         u0 = -normals[c, 1]

@@ -1,9 +1,9 @@
-"""A stretch of a ramp in the plane: walked in 1, 2, 3, ... equal implicit steps and extrapolated.
+"""A stretch of a ramp in the plane, followed in 1, 2, 3, ... equal implicit steps and extrapolated.
 
-One implicit step is the exact path where that is straight, and says by its energy how far from it it is at most
-(`missed`). A path that bends, on discs, is walked again in 2, 3, ... steps, whose displacements and energies are
-extrapolated by Aitken's and Neville's scheme, as long as in all of them the same contacts slide, those that slide at
-the start. Where contacts start or stop inside the stretch nothing is extrapolated: it has to be shorter.
+One implicit step is exact where the path is straight, and its energy bounds its error otherwise (`missed`). A path
+that bends, as with discs, is followed again in 2, 3, ... steps, whose displacements and energies are extrapolated by
+the Aitken-Neville scheme, as long as the same contacts slide in all of them as at the start. If contacts start or stop
+inside the stretch, it is shortened instead.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from .friction import STUCK, corners_of, resistance
 from .implicit_step import project_planar
 from .rates import missed
 
-# Where `planar_tick.follow` stands: the ramp, the place on it, the length of the substep tried (0 before a ramp), the
-# error left to spend at starts and stops, implicit steps tried, stages of this substep that are known, and which of
-# them are not unique.
-RAMP, PLACE, LENGTH, PURSE, TRIALS, KNOWN, DOUBTS = range(7)
+# Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the error
+# still allowed at starts and stops, implicit steps tried, solved stages of this substep, and which of them are not
+# unique.
+RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, KNOWN, NOT_UNIQUE = range(7)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
-"""Implicit steps of a substep: 1 + 2 + ... and one that corrects the extrapolation."""
-_LOOSE = 1e-3
-"""A contact that starts or stops within this part of the tolerance does so at once."""
-_HOPE = 0.3
-"""One walk more is made while the last one brought the error down to this part."""
+"""Implicit steps of a substep: 1 + 2 + ... plus one that corrects the extrapolation."""
+_AT_ONCE = 1e-3
+"""Starts and stops of contacts within this part of the tolerance count as immediate."""
+_CONVERGING = 0.3
+"""Another walk follows as long as the last one reduced the error at least to this part."""
 
 
 @compiled
 def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress):
-    """Solve an implicit step unless it is known.
+    """Solve an implicit step unless it is already solved.
 
     Args:
-        stage: its number.
-        spring: the forces of the springs before it, shape (n, 2) [N].
-        mu: friction after it, shape (n, max(m, 1)) [N].
+        stage: number of the step.
+        spring: spring forces before the step, shape (n, 2) [N].
+        mu: friction after the step, shape (n, max(m, 1)) [N].
         directions: unit vectors, shape (m, 2).
         laplacian: K, shape (n, n) [N/m].
-        most_sweeps: when to give up.
+        most_sweeps: upper limit of sweeps.
         stages: displacements of the stages, changed in place, shape (STAGES, n, 2) [m].
-        motions: how contacts slide in them, changed in place, int64, shape (STAGES, n).
-        problem: `spring` and `mu` of a step that failed, changed in place, shape (n, 2 + max(m, 1)).
-        progress: where `follow` stands, changed in place.
+        motions: motions of the contacts in the stages, changed in place, int64, shape (STAGES, n).
+        problem: `spring` and `mu` of a failed step, changed in place, shape (n, 2 + max(m, 1)).
+        progress: progress of `follow`, changed in place.
 
     Returns:
         Whether it is solved.
@@ -56,7 +56,7 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
     solved, _, unique, _ = project_planar(laplacian, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
     if solved:
         progress[KNOWN] = stage + 1
-        progress[DOUBTS + stage] = not unique
+        progress[NOT_UNIQUE + stage] = not unique
     else:
         problem[:, :2] = spring
         problem[:, 2:] = mu
@@ -65,7 +65,7 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
 
 @compiled
 def load(ends, tension, spring):
-    """Sum the tensions at both ends of each link to the spring forces.
+    """Compute the spring forces on the contacts from the tensions.
 
     Args:
         ends: the contacts of each link, int, shape (S, 2).
@@ -81,15 +81,15 @@ def load(ends, tension, spring):
 
 @compiled
 def stretch(ends, stiffness, moved, target, links, part, tension):
-    """Change the tensions by displacements of the contacts and by a part of the way to the commanded rest lengths.
+    """Update tensions for displacements of the contacts and part of the change of the rest lengths.
 
     Args:
         ends: the contacts of each link, int, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         moved: displacements, shape (n, 2) [m].
-        target: where the ramp goes, L first.
+        target: end of the ramp, L first.
         links: rows TENSION and ACTUATION, shape (2, S, 2).
-        part: of the way to the target.
+        part: part of the way to the target.
         tension: changed in place, shape (S, 2) [N].
     """
     for s in range(ends.shape[0]):
@@ -100,12 +100,12 @@ def stretch(ends, stiffness, moved, target, links, part, tension):
 
 @compiled
 def friction_at(friction, target, part):
-    """Compute the friction at a part of the way to its target.
+    """Interpolate the friction on the way to its target.
 
     Args:
-        friction: mu now, shape (n, max(m, 1)) [N].
-        target: where the ramp goes, mu last.
-        part: of the way.
+        friction: present mu, shape (n, max(m, 1)) [N].
+        target: end of the ramp, mu last.
+        part: part of the way.
 
     Returns:
         mu there, in the same shape [N].
@@ -116,13 +116,13 @@ def friction_at(friction, target, part):
 
 @compiled
 def farthest(a):
-    """Compute the greatest length of the rows of an array.
+    """Compute the largest Euclidean norm of the rows of an array.
 
     Args:
         a: shape (n, 2).
 
     Returns:
-        The length.
+        The norm.
     """
     most = 0.0
     for i in range(a.shape[0]):
@@ -132,9 +132,9 @@ def farthest(a):
 
 @compiled
 def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, stages, motions, problem, progress):
-    """Go `part` of the way to the target in equal implicit steps.
+    """Take `part` of the way to the target in equal implicit steps.
 
-    Returns whether all were solved; their displacement and, in one row more, dissipation and work.
+    Returns whether all were solved; their displacement and, in one further row, dissipation and work.
     """
     laplacian, ends, stiffness = body
     n = laplacian.shape[0]
@@ -151,7 +151,7 @@ def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, 
         load(ends, tension, spring)
         mu = friction_at(friction, target, part * (piece + 1) / pieces)
         stage = first + piece
-        if stage >= progress[KNOWN] and stage > 0:  # begin the search at the last stage's displacement
+        if stage >= progress[KNOWN] and stage > 0:  # start the search from the last stage
             stages[stage] = stages[stage - 1] if piece > 0 else stages[0] / pieces
         if not step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress):
             return False, total
@@ -170,27 +170,27 @@ def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, 
 
 @compiled
 def _steady_part(moved, motion, velocity, part, spring, friction, laplacian, loose, tolerance):
-    """Find the part of a stretch in which probably no contact starts or stops; 1 if none does."""
+    """Estimate the part of a stretch in which no contact starts or stops; 1 if none does."""
     steady = 1.0
     for i in range(moved.shape[0]):
         size = laplacian[i, i] * math.hypot(moved[i, 0], moved[i, 1])
         gap = friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
         if motion[i] != STUCK and gap > loose:
             steady = min(steady, max(0.95 * gap / (gap + size), 0.05))
-        elif motion[i] == STUCK and part * math.hypot(velocity[i, 0], velocity[i, 1]) > _LOOSE * tolerance:
+        elif motion[i] == STUCK and part * math.hypot(velocity[i, 0], velocity[i, 1]) > _AT_ONCE * tolerance:
             steady = min(steady, 0.3)
     return steady
 
 
 @compiled
 def _growth(allowed, error, last, pieces):
-    """Choose by what factor to change a stretch: for as many walks as now or one more, whichever is less work."""
+    """Choose the factor for the length of the next stretch: for the same number of walks or one more, at least work."""
     if error == 0.0:
         return 4.0
     growth = 0.8 * (allowed / error) ** (1.0 / (pieces - 1.0))
     if 2 < pieces < _WALKS and error < last:
         more = 0.8 * (allowed * last / (error * error)) ** (1.0 / pieces)
-        if more * pieces > growth * (pieces + 2.0):  # they take pieces (pieces + 1) / 2 steps
+        if more * pieces > growth * (pieces + 2.0):  # the walks take pieces (pieces + 1) / 2 steps
             growth = more
     return growth
 
@@ -199,26 +199,26 @@ def _growth(allowed, error, last, pieces):
 def attempt(
     part, velocity, spring, band, compliance, tolerance, allowed, body, directions, links, friction, target, *memory
 ):
-    """Find the displacement over a part of the ramp and how uncertain it is.
+    """Compute the displacement over a part of the ramp and its error.
 
     Args:
-        part: of the way to the target.
-        velocity: at the start, shape (n, 2) [m per unit of the way].
+        part: part of the way to the target.
+        velocity: velocities at the start, shape (n, 2) [m per unit of the way].
         spring: spring forces at the start, shape (n, 2) [N].
-        band: of each contact, see `missed`, shape (n,) [N].
-        compliance: the greatest between two contacts [m/N].
-        tolerance: of the whole ramp [m].
-        allowed: the error that will do [m].
+        band: rounding band of each contact, see `missed`, shape (n,) [N].
+        compliance: largest compliance between two contacts [m/N].
+        tolerance: tolerance of the whole ramp [m].
+        allowed: error allowed for this part [m].
         body: K, ends and stiffness.
         directions: unit vectors, shape (m, 2).
         links: rows TENSION and ACTUATION, shape (2, S, 2).
-        friction: mu now, shape (n, max(m, 1)) [N].
-        target: where the ramp goes.
-        memory: most sweeps, and the arrays of `step`.
+        friction: present mu, shape (n, max(m, 1)) [N].
+        target: end of the ramp.
+        memory: upper limit of sweeps, and the arrays of `step`.
 
     Returns:
-        Whether all steps were solved; the displacement and, in one row more, dissipation and work; its error; the
-        number of walks it comes from; the factor by which to change the part next time.
+        Whether all steps were solved; the displacement and, in one further row, dissipation and work; its error; the
+        number of walks used; the factor for the next part.
     """
     n = spring.shape[0]
     ok, one = _walk(1, part, body, directions, links, friction, target, *memory)
@@ -230,7 +230,7 @@ def attempt(
     if directions.shape[0] > 0:
         return True, one, bound, 1, 0.5
     motions = memory[2]
-    loose = max(band.max(), _LOOSE * tolerance / compliance)
+    loose = max(band.max(), _AT_ONCE * tolerance / compliance)
     steady = _steady_part(one[:n], motions[0], velocity, part, spring, friction, body[0], loose, tolerance)
     if steady < 1.0:
         return True, one, bound, 1, steady
@@ -256,8 +256,8 @@ def attempt(
         last = error
         error = max(farthest((newest - before)[:n]), abs(newest[n, 0] - before[n, 0]) / total if total > 0.0 else 0.0)
         growth = _growth(allowed, error, last, pieces)
-        if error <= allowed and pieces == 2:  # steps so short that two of them do would stay short for ever
+        if error <= allowed and pieces == 2:  # otherwise steps for which two walks suffice would stay short
             return True, plain, error, 2, max(growth, 2.0)
-        if error <= allowed or (pieces > 2 and error > _HOPE * last):
+        if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
             break
     return True, newest, error, pieces, growth
