@@ -1,7 +1,7 @@
 """Additions of the site to docs/: the pages at the top of the repository, and every file that a page links to.
 
 Pages are written to be read on a forge: their links are paths in the repository. In the site README.md is the first
-page, files in docs/ move one folder up, and all other files stay at their paths. mkdocs calls it (`hooks` in mkdocs.yml).
+page, files in docs/ move one folder up, and all other files keep their paths. mkdocs calls it (`hooks` in mkdocs.yml).
 """
 
 from __future__ import annotations
