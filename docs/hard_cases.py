@@ -1,4 +1,4 @@
-"""Run the hard cases and write what came out as a table: docs/hard-cases.md."""
+"""Run the hard cases and write the results as a table: docs/hard-cases.md."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ once; no test depends on them.
 
 
 def machine() -> str:
-    """Return what the times were measured on."""
+    """Return the machine on which the times were measured."""
     return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
 
 
@@ -51,7 +51,7 @@ def duration(seconds: float) -> str:
 
 
 def rows() -> list[str]:
-    """Play all cases, a row each; what has to be compiled is played twice."""
+    """Run all cases, a row each; a variant whose kernels must be compiled runs twice."""
     table = []
     warm = set()
     for case in CASES:
@@ -74,7 +74,7 @@ def rows() -> list[str]:
 
 
 def played_on(variants: Iterable[tuple[str, str]]) -> str:
-    """Name bodies, each with the methods it was played by."""
+    """List the bodies, each with the methods that it was run by."""
     methods: dict[str, list[str]] = {}
     for body, method in variants:
         methods.setdefault(body, []).append(method)
