@@ -1,4 +1,4 @@
-# `make demo` and `make test` do all the set-up: a virtual environment from pyproject.toml, made anew when that changes.
+# `make demo` and `make test` do all the set-up: a virtual environment from pyproject.toml, created again when that changes.
 PYTHON ?= python3
 VENV ?= .venv
 EXTRAS ?= ros,viz,bench,sweep,docs,test
@@ -6,13 +6,13 @@ DEMO_EXTRAS := ros,viz
 BIN := $(VENV)/bin
 MADE := $(VENV)/.made
 READY := $(VENV)/.ready
-# the demonstration needs less, and takes more where it is there
+# the demonstration needs less, but uses the full environment if it exists
 READY_DEMO := $(if $(wildcard $(READY)),$(READY),$(VENV)/.ready-demo)
-# uv, where it works, is several times faster than pip
+# uv, if it works, is several times faster than pip
 UV := $(shell uv --version 2>/dev/null)
 install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(1)
 
-# For coverage the kernels are interpreted, so that their branches are seen; tests that would take hours so are left out.
+# For coverage the kernels are interpreted, so that their branches are seen; tests that would then take hours are left out.
 .PHONY: demo test test-all smoke lint coverage bench docs figures soak clean
 
 demo: $(READY_DEMO)
@@ -67,7 +67,7 @@ $(READY): $(MADE)
 	$(call install,-e '.[$(EXTRAS)]')
 	touch $(READY)
 
-# the model first: its kernels are compiled while the rest is installed
+# the model comes first: its kernels are compiled while the rest is installed
 $(VENV)/.ready-demo: $(MADE)
 	$(call install,-e .)
 	$(BIN)/python -c 'from crawler_model import load_scene, prepare; prepare(load_scene("three_contacts_one_way"))' & \

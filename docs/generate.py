@@ -34,20 +34,20 @@ _OTHER_NODES = {
 
 _SCENES = """# Scene files: every key
 
-SI units. A list may be given as one number where all its entries are equal; a key with a default may be left out. What
-the parts are for, with examples: [Scenes](../scenes.md). For editors the same is in
-[scene.schema.json](../../msgs_config/scene.schema.json).
+Units are SI. A list whose entries are all equal may be written as one number; a key with a default may be left out. For
+the purpose of the parts, with examples, see [Scenes](../scenes.md). For editors,
+[scene.schema.json](../../msgs_config/scene.schema.json) has the same content.
 
 """
 _TOPICS = """# Topics and services
 
-What [topics.yaml](../../msgs_config/topics.yaml) says, from which the node makes its publishers, subscriptions and
-recordings. Names without a leading `/` are relative: a namespace makes another crawler.
+Generated from [topics.yaml](../../msgs_config/topics.yaml), from which the node also creates its publishers,
+subscriptions and recordings. Names without a leading `/` are relative: a namespace separates one crawler from another.
 
 In the plane every joint and contact has `/x` and `/y`. A segment along which a wave runs has a name for each element
-(`trunk/element_3`, `trunk/contact_3/forward`). Stamps are simulated time, of the end of the tick, but for
-`applied_commands`, which has its start. Messages of a wrong length, with NaN or negative friction are refused whole,
-logged and counted in `/diagnostics`.
+(`trunk/element_3`, `trunk/contact_3/forward`). Messages are stamped with the simulated time of the end of the tick,
+except `applied_commands`, which is stamped with its start. Messages of a wrong length, with NaN or with negative
+friction are refused as a whole, logged and counted in `/diagnostics`.
 
 ## Commands
 
@@ -68,47 +68,47 @@ The node is called `crawler`.
 {services}"""
 _PARAMETERS = """# Parameters
 
-Given as `--ros-args -p NAME:=VALUE`; a `double` is written with a point.
+Parameters are set with `--ros-args -p NAME:=VALUE`; a `double` is written with a decimal point.
 
 ## crawler-simulator
 
-From [simulator.yaml](../../msgs_config/simulator.yaml). Those marked can be changed while it runs, the others refuse
-it with a reason.
+Generated from [simulator.yaml](../../msgs_config/simulator.yaml). Parameters marked in the column *at run time* can be
+changed while the node runs; a change of any other is refused with a reason.
 
 {simulator}\
-Those of the quality of service, `qos_overrides./TOPIC...`, are [with the topics](topics.md#quality-of-service).
+For the parameters of the quality of service, `qos_overrides./TOPIC...`, see [the topics](topics.md#quality-of-service).
 
 ## The other nodes
 
-The gait player plays the drive of `scene`, `periods` times (0: on and on). What the parameters of the two controllers
-mean is said [where they are described](../controllers.md#two-controllers-to-copy).
+The gait player plays the drive of `scene`, `periods` times (0: without end). For the parameters of the two controllers
+see [their description](../controllers.md#two-controllers-to-copy).
 
 {others}"""
 _COMMAND = """# The crawler command
 
-Exit status 0 means that all is well; 1 that it is not, with one line on standard error that says what, where and what
-would be right; 2 that the command line is wrong; 130 that it was stopped. Long work shows its progress on a terminal
-and none in a pipe. `crawler VERB --help` says what this page says.
+Exit status 0 means success; 1 an error, with one line on standard error that names the problem, its place and what
+would be right; 2 a wrong command line; 130 an interrupt. Long work shows its progress on a terminal, but not in a pipe.
+`crawler VERB --help` prints the content of this page.
 
 """
 _PYTHON = """# Python
 
-What `import crawler_model` and `import crawler_ros.replay` offer. Each name's docstring, in the file to which it is
-linked, says arguments, shapes, units, errors and the source; in the site that `make docs` builds they stand below.
-Arrays are float64 and read-only; SI units throughout.
+The public names of `crawler_model` and `crawler_ros.replay`. The docstring of each name, in the file to which it is
+linked, describes arguments, shapes, units, errors and the source; the site that `make docs` builds shows the docstrings
+below. Arrays are float64 and read-only; units are SI throughout.
 
 """
 
 
 def table(*columns: str, rows: Iterable[Iterable[str]]) -> str:
-    """Lay out a table in Markdown.
+    """Format a table in Markdown.
 
     Args:
-        *columns: what stands in its head.
-        rows: its cells, row by row; columns that are empty all the way down are left out.
+        *columns: the cells of its header.
+        rows: its cells, row by row; columns whose cells are all empty are omitted.
 
     Returns:
-        The table, with an empty line behind it.
+        The table, followed by an empty line.
     """
     cells = [[" ".join(cell.split()).replace("|", "\\|") for cell in row] for row in rows]
     kept = [k for k in range(len(columns)) if any(row[k] for row in cells)]
@@ -117,7 +117,7 @@ def table(*columns: str, rows: Iterable[Iterable[str]]) -> str:
 
 
 def code(value: Any) -> str:
-    """Write a value as code, as YAML has it; nothing for None."""
+    """Format a value as code in YAML syntax; empty for None."""
     return "" if value is None else f"`{value if isinstance(value, str) else json.dumps(value)}`"
 
 
@@ -132,12 +132,12 @@ def wrapped(text: str) -> str:
 
 
 def schema() -> str:
-    """Return the scene schema as the file has it."""
+    """Return the scene schema as the text of its file."""
     return json.dumps(SceneParts.model_json_schema(), indent=2) + "\n"
 
 
 def scenes() -> str:
-    """Write down every key of a scene file, from its schema."""
+    """Write the reference of every key of a scene file, from its schema."""
     root = SceneParts.model_json_schema()
     parts = root["$defs"]
     places: dict[str, list[str]] = {}
@@ -151,7 +151,7 @@ def scenes() -> str:
 
 
 def _find_parts(part: Any, path: str, parts: dict[str, Any], places: dict[str, list[str]]) -> None:
-    """Note at which keys each part of the schema stands, in the order in which a reader comes upon them."""
+    """Collect the keys at which each part of the schema occurs, in reading order."""
     for key, value in part["properties"].items():
         for name in re.findall(r'"#/\$defs/(\w+)"', json.dumps(value)):
             where = f"{path}.{key}" if path else key
@@ -170,7 +170,7 @@ def _keys(part: dict[str, Any], anchors: dict[str, str]) -> str:
 
 
 def _depths(value: dict[str, Any]) -> set[int]:
-    """Tell how deep in lists the numbers may stand; nothing for what holds no numbers."""
+    """Return the depths at which numbers may be nested in lists; empty for values without numbers."""
     if "anyOf" in value:
         return set().union(*(_depths(other) for other in value["anyOf"]))
     if value.get("type") == "array" and "items" in value:
@@ -179,7 +179,7 @@ def _depths(value: dict[str, Any]) -> set[int]:
 
 
 def _kinds(value: dict[str, Any], anchors: dict[str, str]) -> list[str]:
-    """Name what a key takes."""
+    """List the types of value that a key accepts."""
     found = [_DEPTHS[depth] for depth in sorted(_depths(value))]
     for other in value.get("anyOf", [value]):
         if _depths(other) or other.get("type") == "null":
@@ -208,7 +208,7 @@ def _number(value: Any) -> str:
 
 
 def topics() -> str:
-    """Write down every topic and service, from msgs_config/topics.yaml."""
+    """Write the reference of every topic and service, from msgs_config/topics.yaml."""
     given = yaml.safe_load((ROOT / "msgs_config" / "topics.yaml").read_text(encoding="utf-8"))
     parts = {"in": "", "out": ""}
     for name, row in given["topics"].items():
@@ -225,20 +225,20 @@ def topics() -> str:
 
 
 def parameters() -> str:
-    """Write down the parameters of all nodes, the simulator's from msgs_config/simulator.yaml."""
+    """Write the reference of the parameters of all nodes, the simulator's from msgs_config/simulator.yaml."""
     rows = []
     for row in interface.parameters().values():
         bounds = " .. ".join(f"{bound:g}" for bound in row.range) if row.range else ", ".join(map(code, row.choices))
         default = "(empty)" if row.default == "" else code(row.default)
         rows.append((code(row.name), row.type, default, bounds, "yes" if row.runtime else "", row.meaning))
-    simulator = table("parameter", "type", "default", "range", "while it runs", "meaning", rows=rows)
+    simulator = table("parameter", "type", "default", "range", "at run time", "meaning", rows=rows)
     found = ((node, *pair) for node, file in _OTHER_NODES.items() for pair in declared(ROOT / file))
     others = table("node", "parameter", "default", rows=((code(a), code(b), code(c)) for a, b, c in found))
     return _PARAMETERS.format(simulator=simulator, others=others)
 
 
 def declared(file: Path) -> list[tuple[str, Any]]:
-    """Read which parameters a node declares, without rclpy.
+    """Read the parameters that a node declares, without rclpy.
 
     Args:
         file: its source.
@@ -258,7 +258,7 @@ def declared(file: Path) -> list[tuple[str, Any]]:
 
 
 def command() -> str:
-    """Write down every verb of the `crawler` command, from the functions behind them."""
+    """Write the reference of every verb of the `crawler` command, from the functions behind the verbs."""
     verbs = {(verb.name or verb.callback.__name__): verb.callback for verb in app.registered_commands if verb.callback}
     text = _COMMAND
     text += table("verb", "does", rows=((f"[`{n}`](#crawler-{n})", paragraphs(verb)[0]) for n, verb in verbs.items()))
@@ -293,7 +293,7 @@ def _options(verb: Callable[..., None]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def python() -> str:
-    """Write down the public names of two packages; titles and marks are for docs/mkdocs_hook.py."""
+    """Write the public names of two packages; docs/mkdocs_hook.py uses the link titles and the comments."""
     text = _PYTHON
     for package in (crawler_model, crawler_ros.replay):
         rows = []
@@ -310,14 +310,14 @@ FILES: dict[Path, Callable[[], str]] = {
     ROOT / "msgs_config" / "scene.schema.json": schema,
     **{REFERENCE / f"{page.__name__}.md": page for page in (scenes, topics, parameters, command, python)},
 }
-"""What is generated, and how; each file ends with one line end."""
+"""The generated files, and the functions that generate them; each file ends with one newline."""
 
 
 def generated() -> Iterator[tuple[Path, str]]:
     """Generate everything.
 
     Yields:
-        Each file and what it holds.
+        Each file and its contents.
     """
     for file, write in FILES.items():
         yield file, write().rstrip("\n") + "\n"

@@ -1,4 +1,4 @@
-"""Run the hard cases and write what came out as a table: docs/hard-cases.md."""
+"""Run the hard cases and write the results as a table: docs/hard-cases.md."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ TABLE = ROOT / "docs" / "hard-cases.md"
 
 HEAD = """# Hard cases
 
-What breaks other simulators of dry friction, played on every body and by every method for which it makes sense. Each
-case must give the exact answer within rounding, or say by name what is the matter; the tests hold it to that
-(`tests/model/test_hard_cases.py`). `python docs/hard_cases.py` writes this page anew.
+These cases break other simulators of dry friction. Each is run on every body and by every method to which it applies,
+and must produce the exact answer within rounding or name the difficulty; `tests/model/test_hard_cases.py`
+enforces it. `python docs/hard_cases.py` generates this page.
 
-The chain has springs between neighbours, the graph any springs: here each spring of the chain twice, half as stiff,
+The chain has springs between neighbours. The graph has any springs: here each spring of the chain twice, half as stiff,
 unless the case names another graph. The plane is the same body on a line in the plane, with friction given by
-directions. `unique: False` means that friction leaves the translation open and that this is said; the shape, and the
-rule for the translation where the case names it, are then what is compared. Errors are in m on bodies of about 1 m and
-1 N, or relative where it says so. Where it says "by the certificate" the error is a ratio, to what the certificate
-admits: of a graph's distance from the chain, because over twelve decades of stiffness a graph adds up displacements
-whose rounding its stiffest spring feels; and of a chain's distance from rational arithmetic, to the certificate's
-`rounding` or 1e-11, whichever is larger. In the plane a scene asks for a tolerance; where it says "in tolerances" the
-error of each ramp is divided by it, and must be at most 1.
+directions. `unique: False` means that friction leaves the translation undetermined and that this is reported; the
+comparison then covers the shape and, where the case names it, the rule for the translation. Errors are in m on bodies
+of about 1 m and 1 N, or relative where marked. "By the certificate" marks an error that is a ratio to what the
+certificate admits: of a graph's distance from the chain, because over twelve decades of stiffness a graph sums
+displacements whose rounding affects its stiffest spring; and of a chain's distance from rational arithmetic, to the
+certificate's `rounding` or 1e-11, whichever is larger. In the plane a scene has a tolerance; "in tolerances" marks an
+error of each ramp divided by it, which must be at most 1.
 
-Times are those of a whole case, scene and all, on {machine}, with the kernels compiled. They are what was
-measured last; no test depends on them.
+Times are those of a whole case, including the scene, on {machine}, with the kernels compiled. They were measured
+once; no test depends on them.
 
 | case | played on | verdict | worst error | against | time |
 | --- | --- | --- | --- | --- | --- |
@@ -41,7 +41,7 @@ measured last; no test depends on them.
 
 
 def machine() -> str:
-    """Return what the times were measured on."""
+    """Return the machine on which the times were measured."""
     return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
 
 
@@ -51,7 +51,7 @@ def duration(seconds: float) -> str:
 
 
 def rows() -> list[str]:
-    """Play all cases, a row each; what has to be compiled is played twice."""
+    """Run all cases, a row each; a variant whose kernels must be compiled runs twice."""
     table = []
     warm = set()
     for case in CASES:
@@ -74,7 +74,7 @@ def rows() -> list[str]:
 
 
 def played_on(variants: Iterable[tuple[str, str]]) -> str:
-    """Name bodies, each with the methods it was played by."""
+    """List the bodies, each with the methods that it was run by."""
     methods: dict[str, list[str]] = {}
     for body, method in variants:
         methods.setdefault(body, []).append(method)

@@ -1,7 +1,7 @@
-"""What the site adds to docs/: the pages at the top of the repository, and every file that a page links to.
+"""Additions of the site to docs/: the pages at the top of the repository, and every file that a page links to.
 
 Pages are written to be read on a forge: their links are paths in the repository. In the site README.md is the first
-page, what is in docs/ loses that folder, and all else keeps its path. Called by mkdocs (mkdocs.yml, `hooks`).
+page, files in docs/ move one folder up, and all other files keep their paths. mkdocs calls it (`hooks` in mkdocs.yml).
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ DOCSTRING = re.compile(r"<!-- docstring of ([\w.]+) -->")
 
 
 def in_repository(site: str) -> str:
-    """Tell where a file of the site is in the repository."""
+    """Return the path in the repository of a file of the site."""
     back = {place: file for file, place in TOP.items()}
     return back.get(site) or (f"docs/{site}" if (ROOT / "docs" / site).exists() else site)
 
 
 def in_site(file: str) -> str:
-    """Tell where a file of the repository is in the site."""
+    """Return the path in the site of a file of the repository."""
     return TOP.get(file, file.removeprefix("docs/"))
 
 
@@ -36,18 +36,18 @@ def target(link: str, page: str) -> str | None:
     """Resolve a link.
 
     Args:
-        link: as it stands in the page, without an anchor.
+        link: as written in the page, without an anchor.
         page: the page's path in the repository.
 
     Returns:
-        The path of the file in the repository; None for what is no file of it.
+        The path of the file in the repository; None if the link is not a file of the repository.
     """
     path = posixpath.normpath(posixpath.join(posixpath.dirname(page), link))
     return path if (ROOT / path).is_file() and not path.startswith("..") else None
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages at the top and what any page links to outside docs/; of programs in docs/ keep only such."""
+    """Add the pages at the top and the files outside docs/ that pages link to; drop other programs in docs/."""
     for file in [file for file in files if file.src_uri.endswith(".py")]:
         files.remove(file)
     for file, place in TOP.items():
@@ -65,7 +65,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Turn paths in the repository into paths in the site, and marks into docstrings."""
+    """Replace paths in the repository by paths in the site, and the comments by docstrings."""
     site = page.file.src_uri
     here = in_repository(site)
 

@@ -1,4 +1,4 @@
-"""Draw which friction strategy goes how far: amplitude against phase, docs/pictures/gallery/phase_diagram.png."""
+"""Draw the net translation of each friction strategy over amplitude and phase: pictures/gallery/phase_diagram.png."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ CLOSED_FORMS = {
 }
 """Net translation per period at shift 0 in units of mu / k, a = k Lmax / mu."""
 KINKS = {"A": (2.0,), "B": (1.0, 3.0), "C": (2.0,)}
-"""Amplitudes at which they bend: motion begins, and strategy B gains no more."""
+"""Amplitudes of their bends: where motion begins, and where strategy B stops gaining."""
 _WHOLE = [-4, -3, -2, -1, 1, 2, 3, 4]
 _BLUE = "#2f5fc4"
 _SHAPE = np.array([0.0, 0.25, 0.5, 0.75])
 
 
 def shifted_drives(strategy: str, amplitude: np.ndarray, shift: np.ndarray) -> dict[str, np.ndarray]:
-    """Lay out drives whose friction runs later than the shape, as numbers of one document.
+    """Compute drives whose friction lags behind the shape, as numbers of one document.
 
     Args:
         strategy: "A", "B" or "C".
@@ -52,7 +52,7 @@ def shifted_drives(strategy: str, amplitude: np.ndarray, shift: np.ndarray) -> d
 
 
 def template() -> Scene:
-    """Make the scene whose numbers are set: two contacts, k = 1 N/m, mu = 1 N, period 1 s."""
+    """Build the scene whose numbers are varied: two contacts, k = 1 N/m, mu = 1 N, period 1 s."""
     rows = len(_SHAPE) * 2
     document: dict[str, Any] = {
         "name": "two_anchors",
@@ -119,7 +119,7 @@ def draw(maps: dict[str, np.ndarray], amplitude: np.ndarray, shift: np.ndarray, 
 
 
 def _draw_lines(axes: Any, strategy: str, table: np.ndarray, amplitude: np.ndarray, shift: np.ndarray) -> None:
-    """Draw over a map where its whole values are, where motion begins, and the section below it."""
+    """Draw the contours of whole values and the start of motion over a map, and the section below it."""
     lines = axes.contour(amplitude, shift, table, levels=_WHOLE, colors="#444444", linewidths=0.6)
     axes.clabel(lines, fontsize=7, fmt="%g")
     axes.plot(_beginnings(np.abs(table), amplitude), shift, color="black", lw=1.3)
@@ -132,7 +132,7 @@ def _draw_lines(axes: Any, strategy: str, table: np.ndarray, amplitude: np.ndarr
 
 
 def _beginnings(distance: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Find the amplitude at which motion begins, on from the first two that move, for each row of a map."""
+    """Extrapolate, for each row of a map, the amplitude at which motion begins from the first two that move."""
     first = np.argmax(distance > 1e-9, axis=1)
     rows = np.arange(first.size)
     one, two = distance[rows, first], distance[rows, first + 1]
@@ -155,7 +155,7 @@ def _draw_section(axes: Any, strategy: str, amplitude: np.ndarray) -> None:
 
 
 def strategy_scene(strategy: str) -> Scene:
-    """Make a strategy as the paper has it."""
+    """Build a strategy with the paper's phase."""
     document = template().document()
     document["drive"] = {"strategy": strategy, "length": 1.0, "friction": 1.0}
     return Scene.model_validate(document)

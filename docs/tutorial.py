@@ -1,4 +1,4 @@
-"""Run the code of docs/tutorial.md and leave its figures in docs/pictures/tutorial, or in another folder."""
+"""Run the code of docs/tutorial.md and write its figures to docs/pictures/tutorial, or to another folder."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _working_in(folder: Path) -> Iterator[None]:
 
 
 def shrink(picture: Path) -> None:
-    """Write a picture anew in 128 colours, a third of its size; it keeps saying which matplotlib drew it."""
+    """Rewrite a picture in 128 colours, at a third of its size; its note of the matplotlib version is preserved."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

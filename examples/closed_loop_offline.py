@@ -2,9 +2,9 @@
 
 Run it with `python examples/closed_loop_offline.py`.
 
-Look for: commanded open loop, each stride loses to the spring what the ground takes (4 m less the roughness in m, once
-it has settled). The controller measures how long the body is, corrects the command until that is what it wants, and
-makes 3 m everywhere. It knows nothing of friction or stiffness.
+Look for: in open loop, each stride loses to the spring what the ground takes (4 m less the roughness in m, once the
+gait has settled). The controller measures the length of the body, corrects the command until that length is right, and
+gains 3 m per stride everywhere. It needs to know neither friction nor stiffness.
 """
 
 from crawler_model import Crawler, Scene
@@ -12,19 +12,19 @@ from crawler_model import Crawler, Scene
 TWO_FEET = {
     "name": "two_feet",
     "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}},  # m, N/m
-    "friction": {"isotropic": 1.0},  # N; what follows commands its own
+    "friction": {"isotropic": 1.0},  # N; the strides below command their own
 }
 HELD, LIFTED = 1.5, 0.5  # N per roughness
 GROUND = [0.5] * 3 + [1.0] * 3 + [2.0] * 3  # roughness under each stride
 
 
 def open_loop(crawler, length):
-    """Command a rest length that would be right with 0.5 N on the lifted foot."""
+    """Command the rest length that is right for 0.5 N on the lifted foot."""
     crawler.advance([length])
 
 
 def feedback(crawler, length):
-    """Correct the command by what is missing, until the body has the length."""
+    """Correct the command by the missing length until the body has the right length."""
     command = crawler.actuation[0]
     while abs(missing := length - crawler.shape[0]) > 1e-9:
         command += missing
@@ -32,7 +32,7 @@ def feedback(crawler, length):
 
 
 def walk(move, short, long):
-    """Make a stride on each piece of ground; return what each gained, m."""
+    """Take a stride on each piece of ground; return the gain of each, m."""
     crawler = Crawler(Scene.model_validate(TWO_FEET))
     gains = []
     for rough in GROUND:

@@ -1,9 +1,9 @@
-"""Run a scene under 3249 pairs of frictions, and compare every one with the closed form.
+"""Run a scene with 3249 pairs of frictions and compare each result with the closed form.
 
 Run it with `python examples/many_variations.py`.
 
-Look for: the body goes towards the lower friction, by the stroke less twice that friction over the stiffness; where
-both are the same it stays, and the run says that its translation is not unique.
+Look for: the body moves towards the lower friction, by the stroke less twice that friction over the stiffness; where
+both are equal it does not move, and the run reports that its translation is not unique.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
-"""Build a body with five contacts, check it, let it walk, and find a better order for its strokes.
+"""Build a body with five contacts, check it, simulate it, and find a better order for its strokes.
 
-Run it with `python examples/own_body.py`; it leaves five_contacts.yaml for `crawler simulate` and `crawler check`.
+Run it with `python examples/own_body.py`; it writes five_contacts.yaml for `crawler simulate` and `crawler check`.
 
-Look for: friction lets the body go both ways, so a wave of strokes slips back a little in every period and gains
-5/32 m. Of all 576 orders of the same strokes 36 never slip back and gain 6/25 m: those that lengthen the rear link
+Look for: friction lets the body go both ways, so it slips back a little in every period of a wave of strokes and gains
+5/32 m. Of all 576 orders of the same strokes, 36 never slip back and gain 6/25 m: those that lengthen the rear link
 first and shorten the front link first.
 """
 
@@ -27,7 +27,7 @@ STROKE = 0.1  # m
 
 
 def scene(lengthened, shortened):
-    """Let the links lengthen one after another, then shorten one after another, in a period of 1 s."""
+    """Build a scene whose links lengthen one after another, then shorten one after another, in a period of 1 s."""
     rows = [np.zeros(4)]
     for order, length in ((lengthened, STROKE), (shortened, 0.0)):
         for link in order:

@@ -1,10 +1,11 @@
-"""Read a recording in Python: what the analysis finds, and the bare messages as any ROS 2 tool sees them.
+"""Read a recording in Python: the results of the analysis, and the plain messages as any ROS 2 tool reads them.
 
-Run it with `python examples/read_recording.py BAG`, a bag folder or an .mcap file. Without one it records five periods
-of a scene in lock-step first, which takes ROS 2 (the extra `ros`).
+Run it with `python examples/read_recording.py BAG`, a bag folder or an .mcap file. Without one it first records five
+periods of a scene in lock-step, which needs ROS 2 (the extra `ros`).
 
-Look for: the recording is whole, and simulated again it is identical to the bit. Each cycle but the first gains 0.14 m,
-and every slip is forward. The same gain stands in the bare `pose` messages, and the scene itself is an attachment.
+Look for: the recording is complete, and the simulation of its commands is identical to the bit. Each cycle except the
+first gains 0.14 m, and every slip is forward. The plain `pose` messages contain the same gain, and the scene itself is
+an attachment.
 """
 
 import json
@@ -46,7 +47,7 @@ print(f"gained in each cycle [m]: {cycles[:, 2].round(9)}")
 print(f"slid by each contact [m]: {np.round(slid, 9)}; backward {np.count_nonzero(slips.direction < 0)} times")
 print(f"work {energy.work:.6f} J, friction took {energy.dissipation:.6f} J, residual {energy.residual:.0e}")
 
-# The messages, read by rosbags, which knows nothing of crawlers.
+# The messages, read by rosbags, which is independent of this project.
 with AnyReader([bag]) as reader:
     poses = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages() if c.topic.endswith("/pose")]
 time = np.array([pose.header.stamp.sec + 1e-9 * pose.header.stamp.nanosec for pose in poses])
@@ -54,7 +55,7 @@ position = np.array([pose.pose.position.x for pose in poses])
 gained = np.interp(cycles[:, 1], time, position) - np.interp(cycles[:, 0], time, position)
 print(f"the same from {len(poses)} bare poses: {gained.round(9)}")
 
-# The file itself, read by mcap: what it holds beside messages.
+# The file itself, read by mcap: its attachments.
 file = bag if bag.suffix == ".mcap" else next(bag.glob("*.mcap"))
 with file.open("rb") as stream:
     attached = {found.name: json.loads(found.data) for found in make_reader(stream).iter_attachments()}

@@ -1,10 +1,10 @@
-"""Ask a stasis domain where a body can rest, and which way each of its sides lets the body go; draw it.
+"""Compute where a body can rest and in which direction each side of its stasis domain lets it move; draw the domain.
 
-Run it with `python examples/stasis_domain.py`; it leaves stasis_domain.png.
+Run it with `python examples/stasis_domain.py`; it writes stasis_domain.png.
 
 Look for: with backward friction 1.5 times the forward one the domain is a hexagon, whose sides go forward and backward
-in turn; with 2.5 times it is a triangle, and no command takes the body back. Inside, a margin says how much more force
-each contact bears; at 0 it slides.
+in turn; with 2.5 times it is a triangle, and no command moves the body back. Inside, a margin is the additional force
+that each contact can bear; at 0 the contact slides.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from crawler_model.theory.stasis import StasisDomain
 from crawler_model.theory.uniqueness import uniqueness_margin
 from crawler_pictures.domain import draw_domain
 
-forward = np.full(3, 0.2)  # N, a contact each
+forward = np.full(3, 0.2)  # N, one value per contact
 domains = {ratio: StasisDomain(forward, ratio * forward) for ratio in (1.5, 2.5)}
 
 for ratio, domain in domains.items():

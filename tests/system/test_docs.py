@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from ..pages import ROOT, Block, Page, anchors, blocks, compare, inline_code, links, look_up, needs_ros, pages, verbs
+from .test_rooms import PACKAGES
 
 NAMES = [str(page.relative_to(ROOT)) for page in pages()]
 TEXTS = {name: (ROOT / name).read_text(encoding="utf-8") for name in NAMES}
@@ -147,14 +148,12 @@ def test_what_contributors_and_designers_are_sent_to_is_there():
     for name in ("CONTRIBUTING.md", "docs/design.md"):
         for code in inline_code(TEXTS[name]):
             if re.fullmatch(r"[\w./]+\.(py|yaml|toml|md)|\w+(/\w+)+/?", code) and not code.startswith("/"):
-                assert any((ROOT / top / code).exists() for top in (".", "crawler_model", "crawler_ros")), (
-                    f"{name}: {code}"
-                )
+                assert (ROOT / code).exists(), f"{name}: {code}"
             elif re.fullmatch(r"_?[A-Za-z]+(_\w+)?", code):
                 assert code in words or (ROOT / code).exists(), f"{name}: {code}"
 
 
-SOURCES = ("crawler_model", "crawler_ros", "tests", "docs")
+SOURCES = (*PACKAGES, "tests", "docs")
 
 
 def test_a_reason_is_a_comment_that_readers_see():
@@ -175,15 +174,20 @@ def test_the_references_are_what_the_generator_writes():
         assert file.read_text(encoding="utf-8") == text, f"{file}: `make docs` writes it anew"
 
 
-def test_the_picture_of_the_architecture_names_files_that_are_there():
+def test_the_picture_of_the_architecture_names_every_room():
     picture = (ROOT / "docs" / "pictures" / "architecture.svg").read_text(encoding="utf-8")
-    named = [word for text in re.findall(r'class="file"[^>]*>([^<]+)<', picture) for word in text.split()]
-    there = {
-        path.name + "/" * path.is_dir()
-        for top in ("crawler_model", "crawler_ros", "msgs_config")
-        for path in (ROOT / top).iterdir()
-    }
-    assert len(named) > 30
-    assert set(named) <= there | {"launch/"}
-    for file in (ROOT / "crawler_model").glob("*_kernel.py"):
-        assert file.name in named
+    named = re.findall(r'class="file"[^>]*>([^<]+)<', picture)
+    rooms = {package: {f.parent for f in (ROOT / package).rglob("__init__.py")} for package in PACKAGES}
+    folders = {f"{folder.name}/" for found in rooms.values() for folder in found if folder.parent != ROOT}
+    assert set(named) == folders | {"launch/", "scenes/", "topics.yaml", "simulator.yaml"}
+    for package in PACKAGES:
+        assert re.search(rf'class="name"[^>]*>{package}<', picture), package
+
+
+def test_the_design_names_every_room():
+    listed = re.findall(r"^\| `([a-z_/]+/)` \|", TEXTS["docs/design.md"], re.M)
+    for package in PACKAGES:
+        folders = {f.parent.relative_to(ROOT).as_posix() + "/" for f in (ROOT / package).rglob("__init__.py")}
+        assert folders <= set(listed), package
+    assert len(listed) == len(set(listed))
+    assert all((ROOT / folder).is_dir() for folder in listed)

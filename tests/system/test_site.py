@@ -66,7 +66,7 @@ def test_links_of_the_forge_lead_somewhere_in_it_too(site):
 
 def test_the_python_page_has_the_docstrings(site):
     text = (site / "reference" / "python.html").read_text(encoding="utf-8")
-    for name in ("crawler_model.crawler.Crawler.advance", "crawler_model.simulate.simulate"):
+    for name in ("crawler_model.crawler.crawler.Crawler.advance", "crawler_model.run.simulate.simulate"):
         assert f'id="{name}"' in text
     assert "<!-- docstring of" not in text
-    assert re.search(r'href="#crawler_model\.scene\.Scene"', text)
+    assert re.search(r'href="#crawler_model\.scene\.scene\.Scene"', text)
