@@ -2,10 +2,12 @@
 
 A command row holds, in this order: the rest length of each link (m), the strain of each segment, the friction against
 sliding forward of each isolated contact (N) and of each segment (N/m), and the same backward. A segment whose strain or
-friction varies along it has a column per element or contact instead of one. In the plane each link has two columns (x,
-y), and each contact one friction, or one per direction.
+friction varies along it has a column per element or contact instead of one. Where the scene has loads, they follow: of
+each isolated contact (N) and of each segment (N/m). In the plane each link has two columns (x, y), and each contact one
+friction, or one per direction.
 
-A target is what the kernels follow: one rest length per spring, then mu_plus and mu_minus of every contact.
+A target is what the kernels follow: one rest length per spring, then the forward and the backward bound of every contact
+on the force of its springs; where there are loads f, these bounds are mu_plus - f and mu_minus + f, and f follows.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import CrawlerError
 from .body import Body
 
 
@@ -28,8 +31,9 @@ class Columns:
         contacts: number of isolated contacts.
         segments: name of each segment, columns of its strain, and columns of its friction on one side.
         planar: in the plane, in how many directions friction is given, 0 for isotropic; None on a line.
-        index: for each number of the target, the column that it is read from, shape (S + 2 N,).
-        factor: what it is multiplied by, shape (S + 2 N,).
+        index: for each number of the target, the column that it is read from, shape (S + 2 N,), with loads (S + 3 N,).
+        factor: what it is multiplied by, likewise.
+        slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N]; None without.
     """
 
     links: int
@@ -38,6 +42,7 @@ class Columns:
     planar: int | None
     index: np.ndarray
     factor: np.ndarray
+    slope_load: np.ndarray | None = None
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
@@ -57,9 +62,19 @@ class Columns:
         return int(self.actuation_sizes.sum())
 
     @functools.cached_property
+    def frictions(self) -> int:
+        """How many columns are frictions."""
+        return self.sides * int(self.friction_sizes.sum())
+
+    @property
+    def loads(self) -> int:
+        """How many columns are loads: one for each isolated contact, then each segment; 0 where there are none."""
+        return 0 if self.slope_load is None else self.contacts + len(self.segments)
+
+    @functools.cached_property
     def count(self) -> int:
         """Number of columns C."""
-        return self.lengths + self.sides * int(self.friction_sizes.sum())
+        return self.lengths + self.frictions + self.loads
 
     @property
     def sides(self) -> int:
@@ -81,6 +96,9 @@ class Columns:
             for name, _, friction in self.segments:
                 each = [f"{name}/contact_{j}/{side}" for j in range(friction)]
                 names += [f"{name}/{side}"] if friction == 1 else each
+        if self.loads:
+            names += [f"contact_{i}/load" for i in range(self.contacts)]
+            names += [f"{name}/load" for name, _, _ in self.segments]
         return tuple(names)
 
     @functools.cached_property
@@ -114,6 +132,19 @@ class Columns:
         """
         return f"{item} and segment" if self.segments else item
 
+    def kind(self, column: int) -> str:
+        """Name the key of a drive that a column comes from.
+
+        Args:
+            column: its number.
+
+        Returns:
+            "actuation", "friction" or "loads".
+        """
+        if column < self.lengths:
+            return "actuation"
+        return "friction" if column < self.lengths + self.frictions else "loads"
+
     def target(self, rows: np.ndarray) -> np.ndarray:
         """Turn command rows into targets.
 
@@ -121,23 +152,63 @@ class Columns:
             rows: shape (..., C).
 
         Returns:
-            Shape (..., S + 2 N) [m, N]; `rows` itself where nothing is to be done.
+            Shape (..., S + 2 N), with loads (..., S + 3 N) [m, N]; `rows` itself where nothing is to be done.
         """
-        return rows if self._is_plain else np.take(rows, self.index, axis=-1) * self.factor
+        if self._is_plain:
+            return rows
+        target = np.take(rows, self.index, axis=-1) * self.factor
+        if self.slope_load is not None:
+            n = self.slope_load.size
+            forward, backward, load = (target[..., target.shape[-1] - k * n :][..., :n] for k in (3, 2, 1))
+            load += self.slope_load
+            forward -= load
+            backward += load
+        return target
+
+    def check_equilibrium(self, target: np.ndarray, where: str, error: type[CrawlerError]) -> None:
+        """Check that friction can hold the loads of a command: -sum mu_minus <= sum f <= sum mu_plus.
+
+        Args:
+            target: L, bounds and loads, shape (S + 3 N,), or (S + 2 N,) without loads.
+            where: what to call the command.
+            error: the class of the error.
+
+        Raises:
+            CrawlerError: of that class, with the sums that do not fit. Nothing would stop the body.
+        """
+        if self.slope_load is None:
+            return
+        n = self.slope_load.size
+        forward, backward, load = target[-3 * n :].reshape(3, n)
+        near = 1e-12 * float((forward + backward).sum())
+        total = float(load.sum())
+        if forward.sum() < -near:
+            raise error(
+                f"{where}: the loads sum to {total:g} N forward, but friction against sliding forward to "
+                f"{float((forward + load).sum()):g} N: no equilibrium, the body would run away"
+            )
+        if backward.sum() < -near:
+            raise error(
+                f"{where}: the loads sum to {-total:g} N backward, but friction against sliding backward to "
+                f"{float((backward - load).sum()):g} N: no equilibrium, the body would run away"
+            )
 
     @functools.cached_property
     def _is_plain(self) -> bool:
-        """Whether a row is its own target, as where there is no segment."""
+        """Whether a row is its own target, as where there is no segment and no load."""
+        if self.slope_load is not None:
+            return False
         same = self.count == self.index.size and (self.index == np.arange(self.count)).all()
         return bool(same and (self.factor == 1.0).all())
 
 
-def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
+def build_columns(body: Body, fields: Sequence[tuple[bool, bool]], slope_load: np.ndarray | None = None) -> Columns:
     """Lay out the commands of a body on a line.
 
     Args:
         body: the body.
         fields: for each segment, whether its strain and its friction vary along it.
+        slope_load: where there are loads, what the slope adds to them, shape (N,) [N].
 
     Returns:
         The layout.
@@ -147,7 +218,8 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
         for s, (strain, friction) in zip(body.segments, fields, strict=True)
     )
     links, contacts = body.link_springs.size, body.isolated.size
-    index = np.zeros(body.springs + 2 * body.contacts, dtype=np.int64)
+    sides = 2 if slope_load is None else 3
+    index = np.zeros(body.springs + sides * body.contacts, dtype=np.int64)
     factor = np.ones(index.size)
     index[body.link_springs] = np.arange(links)
     column = links
@@ -163,7 +235,14 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
             index[first + places] = column + np.arange(places.size) % size
             factor[first + places] = body.ground[places]
             column += size
-    return Columns(links, contacts, segments, None, index, factor)
+    if slope_load is not None:
+        first = body.springs + 2 * body.contacts
+        index[first + body.isolated] = column + np.arange(contacts)
+        for k, segment in enumerate(body.segments):
+            places = np.arange(segment.first, segment.last + 1)
+            index[first + places] = column + contacts + k
+            factor[first + places] = body.ground[places]
+    return Columns(links, contacts, segments, None, index, factor, slope_load)
 
 
 def build_planar_columns(body: Body, directions: int) -> Columns:

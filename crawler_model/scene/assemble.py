@@ -13,6 +13,7 @@ from ..run.simulate import simulate
 from .assemble_body import assemble_body, assemble_columns
 from .assemble_drive import assemble_drive
 from .assemble_friction import assemble_friction, planar_friction
+from .assemble_ground import assemble_ground
 from .assemble_start import assemble_start, check_start
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
@@ -50,9 +51,10 @@ def assemble(parts: SceneParts, like: Assembly | None = None) -> Assembly:
 def _assemble(parts: SceneParts, elements: Sequence[int], like: Assembly | None = None) -> Assembly:
     """Build the arrays of a scene whose segments are cut into so many elements; the start is not checked."""
     body = assemble_body(parts, elements) if like is None else like.body
-    columns = assemble_columns(parts, body) if like is None else like.columns
-    drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns))
-    return Assembly(parts, body, columns, drive, frozen(assemble_start(parts, body, drive)))
+    ground = assemble_ground(parts, body)
+    columns = assemble_columns(parts, body, ground) if like is None else like.columns
+    drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns, ground))
+    return Assembly(parts, body, ground, columns, drive, frozen(assemble_start(parts, body, drive)))
 
 
 def _check_parts(parts: SceneParts) -> None:

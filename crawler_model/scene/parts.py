@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from typing import Annotated, Any, Literal
@@ -97,6 +98,20 @@ def _check_one_way(part: Any) -> None:
         raise ValueError("give both `forward` and `backward`, or `isotropic` alone")
 
 
+def _check_one_kind(part: Any) -> None:
+    """Check that friction is given as forces or as coefficients, not as both."""
+    if part.coefficient is None:
+        _check_one_way(part)
+    elif part.forward is not None or part.backward is not None or part.isotropic is not None:
+        raise ValueError("give `coefficient`, or forces, not both")
+
+
+def _sides(part: Any) -> tuple[Any, Any]:
+    if getattr(part, "coefficient", None) is not None:
+        return _sides(part.coefficient)
+    return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
+
+
 class _TwoSided(_Part):
     @model_validator(mode="after")
     def _one_way(self) -> _TwoSided:
@@ -106,16 +121,38 @@ class _TwoSided(_Part):
     @property
     def sides(self) -> tuple[Any, Any]:
         """What forward and backward friction are."""
-        part: Any = self
-        return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
+        return _sides(self)
 
 
-class SegmentFrictionPart(_TwoSided):
-    """Friction of a segment per length, N/m: forward and backward, or isotropic."""
+class CoefficientPart(_TwoSided):
+    """Coefficients of friction: mu = coefficient * weight * cos(slope)."""
+
+    forward: Annotated[Numbers | None, _key("Against sliding towards +x: one number, or one each.", "1", minimum=0)] = (
+        None
+    )
+    backward: Annotated[Numbers | None, _key("Against sliding towards -x, likewise.", "1", minimum=0)] = None
+    isotropic: Annotated[Numbers | None, _key("Both in one, likewise.", "1", minimum=0)] = None
+
+
+class SegmentFrictionPart(_Part):
+    """Friction of a segment per length, N/m: forward and backward, or isotropic, or as coefficients."""
 
     forward: Annotated[Number | TablePart | None, _key("Against sliding towards +x.", "N/m", minimum=0)] = None
     backward: Annotated[Number | TablePart | None, _key("Against sliding towards -x.", "N/m", minimum=0)] = None
     isotropic: Annotated[Number | TablePart | None, _key("Both in one.", "N/m", minimum=0)] = None
+    coefficient: Annotated[
+        CoefficientPart | None, _key("Instead of forces: coefficients, of the weight of the segment.")
+    ] = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> SegmentFrictionPart:
+        _check_one_kind(self)
+        return self
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """Forward and backward friction, or the coefficients that stand for them."""
+        return _sides(self)
 
 
 class SegmentPart(_Part):
@@ -171,6 +208,15 @@ class BodyPart(_Part):
     segments: Annotated[
         tuple[SegmentPart, ...], _key("Parts that touch the ground all along; they overlap nothing.")
     ] = ()
+    weights: Annotated[
+        Numbers | None,
+        _key(
+            "Weight of each isolated contact (N), then of each segment (N/m): one number for all, or one each. Slopes and "
+            "coefficients of friction need it.",
+            "N, N/m",
+            minimum=0,
+        ),
+    ] = None
     links: Annotated[
         LinksPart | None,
         _key("Springs that join contacts and ends of segments; needed where there are two parts or more."),
@@ -202,10 +248,14 @@ class FrictionPart(_Part):
         ),
     ] = None
 
+    coefficient: Annotated[
+        CoefficientPart | None, _key("Instead of forces: coefficients, of the weights of the contacts.")
+    ] = None
+
     @model_validator(mode="after")
     def _one_way(self) -> FrictionPart:
         if self.directions is None and self.value is None:
-            _check_one_way(self)
+            _check_one_kind(self)
         elif self.directions is None or self.value is None or self.gives_sides:
             raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
         return self
@@ -213,12 +263,13 @@ class FrictionPart(_Part):
     @property
     def gives_sides(self) -> bool:
         """Whether friction is given other than by directions."""
-        return not (self.forward is None and self.backward is None and self.isotropic is None)
+        given = (self.forward, self.backward, self.isotropic, self.coefficient)
+        return any(value is not None for value in given)
 
     @property
     def sides(self) -> tuple[Any, Any]:
         """What forward and backward friction are."""
-        return (self.forward, self.backward) if self.isotropic is None else (self.isotropic, self.isotropic)
+        return _sides(self)
 
 
 class FrictionRowsPart(_TwoSided):
@@ -311,6 +362,14 @@ class DrivePart(_Part):
             minimum=0,
         ),
     ] = None
+    loads: Annotated[
+        Table | None,
+        _key(
+            "With `times`: commanded loads along the ground, instead of the scene's: a row per time, a column per "
+            "isolated contact (N), then per segment (N/m); or one number for all.",
+            "N, N/m",
+        ),
+    ] = None
     wave: Annotated[WavePart | None, _key("A travelling wave of lengths and strains.")] = None
     friction_wave: Annotated[
         WavePart | None,
@@ -327,7 +386,7 @@ class DrivePart(_Part):
         kinds = [self.times is not None, waves, self.strategy is not None]
         if sum(kinds) != 1:
             raise ValueError("give exactly one of `times`, `wave` and `friction_wave`, or `strategy`")
-        allowed = {"times", "period", "actuation", "friction"}
+        allowed = {"times", "period", "actuation", "friction", "loads"}
         if waves:
             allowed = {"wave", "friction_wave"}
         elif self.strategy is not None:
@@ -349,6 +408,63 @@ class DrivePart(_Part):
         return self
 
 
+class PatchPart(_Part):
+    """A stretch of the track with a ground of its own."""
+
+    start: Annotated[Number, _key("Where it begins on the track.", "m")] = Field(alias="from")
+    stop: Annotated[Number, _key("Where it ends, beyond `from`.", "m")] = Field(alias="to")
+    friction: Annotated[Number | None, _key("Factor on friction, both ways.", "1", minimum=0)] = None
+    forward: Annotated[Number | None, _key("Factor on friction against sliding towards +x.", "1", minimum=0)] = None
+    backward: Annotated[Number | None, _key("Factor on friction against sliding towards -x.", "1", minimum=0)] = None
+    slope: Annotated[
+        Number | None,
+        _key(
+            "Slope of this stretch, uphill towards +x positive.", "degrees", exclusiveMinimum=-90, exclusiveMaximum=90
+        ),
+    ] = None
+
+    @model_validator(mode="after")
+    def _sane(self) -> PatchPart:
+        if not self.stop > self.start:
+            raise ValueError(f"to: {self.stop:g} m; it must lie beyond from, {self.start:g} m")
+        if self.friction is not None and (self.forward is not None or self.backward is not None):
+            raise ValueError("give `friction` for both ways, or `forward` and `backward`, not both")
+        for name in ("friction", "forward", "backward"):
+            value = getattr(self, name)
+            if value is not None and value < 0.0:
+                raise ValueError(f"{name}: {value:g}; a factor on friction must be >= 0")
+        if self.slope is not None and not -90.0 < self.slope < 90.0:
+            raise ValueError(f"slope: {self.slope:g} degrees; it must lie between -90 and 90")
+        if self.friction is None and self.forward is None and self.backward is None and self.slope is None:
+            raise ValueError("a patch without `friction`, `forward`, `backward` or `slope` changes nothing")
+        return self
+
+
+class GroundPart(_Part):
+    """The track: its slope, and stretches that differ from the rest."""
+
+    slope: Annotated[
+        Number,
+        _key("Slope of the track, uphill towards +x positive.", "degrees", exclusiveMinimum=-90, exclusiveMaximum=90),
+    ] = 0.0
+    direction: Annotated[
+        Number | None, _key("In the plane alone: the direction that goes uphill, from the x axis.", "rad")
+    ] = None
+    patches: Annotated[tuple[PatchPart, ...], _key("Stretches of the track, sorted, not overlapping.")] = ()
+
+    @model_validator(mode="after")
+    def _sane(self) -> GroundPart:
+        if not -90.0 < self.slope < 90.0:
+            raise ValueError(f"slope: {self.slope:g} degrees; it must lie between -90 and 90")
+        for i, (before, after) in enumerate(itertools.pairwise(self.patches)):
+            if after.start < before.stop:
+                raise ValueError(
+                    f"patches: patch {i + 1} begins at {after.start:g} m, before patch {i} ends at {before.stop:g} m; "
+                    "patches must be sorted and must not overlap"
+                )
+        return self
+
+
 class SceneParts(_Part):
     """A crawler, its ground, its start and its drive, as a scene file holds them: SI units throughout."""
 
@@ -361,6 +477,15 @@ class SceneParts(_Part):
         Annotated[FrictionPart, BeforeValidator(_explain_friction)] | None,
         _key("Friction of the isolated contacts; needed where there are any."),
     ] = None
+    loads: Annotated[
+        Numbers | None,
+        _key(
+            "Forces along the ground, towards +x positive: one number for all, or one per isolated contact (N), then per "
+            "segment (N/m); in the plane [x, y] of each contact.",
+            "N, N/m",
+        ),
+    ] = None
+    ground: Annotated[GroundPart | None, _key("The track; left out: flat and the same everywhere.")] = None
     tolerance: Annotated[
         Number | None,
         _key(

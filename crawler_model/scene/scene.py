@@ -46,7 +46,7 @@ class Scene(Assembly):
             SceneError: naming the part that does not fit the others.
         """
         made = assemble(parts, like)
-        return cls(made.parts, made.body, made.columns, made.drive, made.start_displacement)
+        return cls(made.parts, made.body, made.ground, made.columns, made.drive, made.start_displacement)
 
     def document(self) -> dict[str, Any]:
         """Lay the scene out as plain data that `Scene.model_validate` reads back.

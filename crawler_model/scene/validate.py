@@ -13,10 +13,13 @@ from pydantic_core import ErrorDetails
 from ..errors import SceneError
 from .parts import (
     BodyPart,
+    CoefficientPart,
     DrivePart,
     FrictionPart,
     FrictionRowsPart,
+    GroundPart,
     LinksPart,
+    PatchPart,
     SceneParts,
     SegmentPart,
     StartPart,
@@ -105,6 +108,9 @@ def known_keys(path: list[str]) -> Iterable[str]:
         "friction": FrictionRowsPart if "drive" in path else FrictionPart,
         "start": StartPart,
         "drive": DrivePart,
+        "ground": GroundPart,
+        "patches": PatchPart,
+        "coefficient": CoefficientPart,
         "wave": WavePart,
         "friction_wave": WavePart,
     }
