@@ -125,3 +125,128 @@ class PatchedState(LineState):
             The bytes of all arrays, one after another.
         """
         return super().bits() + b"".join(a.tobytes() for a in (self.command, self.ahead, self.behind))
+
+
+@dataclass(frozen=True, eq=False)
+class PatchedMotion:
+    """A body on a line on ground that changes along the track.
+
+    Attributes:
+        inner: the motion of the body on the same ground everywhere.
+        ground: the ground.
+    """
+
+    methods: ClassVar[tuple[str, ...]] = ("exact",)
+    inner: BorderMotion
+    ground: Ground
+
+    def start(self, x: np.ndarray, target: np.ndarray) -> PatchedState:
+        """Build the state at rest, see `Motion`."""
+        border, position = self.ground.border, self.inner.body.position + x
+        ahead, behind = (np.searchsorted(border, position, side=side) for side in ("right", "left"))
+        command = self._commanded(target)
+        line = self.inner.start(x, self._target(command, ahead, behind, np.zeros(x.size)))
+        return PatchedState(line.contacts, line.links, line.status, command, ahead, behind)
+
+    def scratch(self) -> Any:
+        """Allocate the memory of a ramp, see `Motion`."""
+        return self.inner.scratch()
+
+    def follow(
+        self,
+        state: PatchedState,
+        scratch: Any,
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+    ) -> None:
+        """Follow straight ramps to each of the targets in turn, see `Motion`; always exact."""
+        ramps = _Ramps(self, state, scratch, budget, account)
+        for number, target in enumerate(targets):
+            ramps.number = number
+            ramps.follow(self._commanded(target))
+            if records.shape[0]:
+                records[number] = np.concatenate((state.contacts[X], state.contacts[X_REST], state.links[TENSION]))
+        state.contacts[GAINED] = ramps.gained
+        if account[VISITED] == np.inf:  # nothing but holding
+            account[VISITED] = state.visited_margin(self.inner.body.spring_force(state.tension))
+
+    def _commanded(self, target: np.ndarray) -> np.ndarray:
+        """Read mu_plus and mu_minus from the bounds and the loads of a target."""
+        n = self.inner.body.contacts
+        command = target.copy()
+        forward, backward, load = command[-3 * n :].reshape(3, n)
+        forward += load
+        backward -= load
+        return command
+
+    def _target(self, command: np.ndarray, ahead: np.ndarray, behind: np.ndarray, extra: np.ndarray) -> np.ndarray:
+        """Lay out the bounds of contacts in their regions, with extra loads, as the inner motion follows them."""
+        n, ground = ahead.size, self.ground
+        target = command.copy()
+        forward, backward, load = target[-3 * n :].reshape(3, n)
+        forward *= ground.forward[ahead]
+        backward *= ground.backward[behind]
+        forward -= load + ground.weight * ground.pull[ahead] + extra
+        backward += load + ground.weight * ground.pull[behind] + extra
+        load += ground.weight * ground.pull[ahead]
+        return target
+
+
+class _Ramps:
+    """Ramps followed from border to border."""
+
+    def __init__(
+        self, motion: PatchedMotion, state: PatchedState, scratch: Any, budget: int, account: np.ndarray
+    ) -> None:
+        self.motion, self.state, self.scratch, self.budget, self.account = motion, state, scratch, budget, account
+        self.extra = np.zeros(state.ahead.size)
+        self.gained = np.zeros(state.ahead.size)
+        self.number = 0
+        self.part = 0.0
+
+    def follow(self, command: np.ndarray) -> None:
+        """Follow a ramp of the commands."""
+        self.part = 0.0
+        self._ramp(command, self.extra, timed=True)
+
+    def _ramp(self, command: np.ndarray, extra: np.ndarray, timed: bool) -> float:
+        """Follow a ramp of commands and extra loads to its end; return the energy lost on it beside friction."""
+        lost = 0.0
+        while True:
+            part, contact, of_this = self._go(command, extra)
+            lost += of_this
+            self.part += part * (1.0 - self.part) * timed
+            if contact < 0:
+                return lost
+            lost += self._meet(contact)
+
+    def _go(self, command: np.ndarray, extra: np.ndarray) -> tuple[float, int, float]:
+        """Go on to the end of a ramp or to the next border."""
+        state, motion = self.state, self.motion
+        n = state.ahead.size
+        ramp = np.zeros(ACCOUNT_SIZE)
+        ramp[VISITED] = np.inf
+        target = motion._target(command, state.ahead, state.behind, extra)
+        part, contact = motion.inner.follow_to_border(
+            state, self.scratch, target, self.budget, ramp, self._borders()
+        )
+        moved = state.contacts[GAINED]
+        lost = 0.0
+        if self.extra.any():
+            mean = self.extra + 0.5 * part * (extra - self.extra)
+            lost = self._loss(ramp, mean, moved)
+        add_ramp(self.account, ramp)
+        self.account[JUMP_LOSS] += lost
+        self.gained += moved
+        if part == 1.0:
+            state.command[:], self.extra = command, extra
+        else:
+            state.command += part * (command - state.command)
+            self.extra = self.extra + part * (extra - self.extra)
+        if ramp[OVERSPENT]:
+            self._look_where_contacts_stand()
+        del n
+        return part, contact, lost
