@@ -6,8 +6,9 @@ friction varies along it has a column per element or contact instead of one. Whe
 each isolated contact (N) and of each segment (N/m). In the plane each link has two columns (x, y), and each contact one
 friction, or one per direction.
 
-A target is what the kernels follow: one rest length per spring, then the forward and the backward bound of every contact
-on the force of its springs; where there are loads f, these bounds are mu_plus - f and mu_minus + f, and f follows.
+A target is what the kernels follow: one rest length per spring, then the forward and the backward bound of every
+contact on the force of its springs; where there are loads f, these bounds are mu_plus - f and mu_minus + f, and f
+follows.
 """
 
 from __future__ import annotations
@@ -164,6 +165,51 @@ class Columns:
             forward -= load
             backward += load
         return target
+
+    def held_target(self, row: np.ndarray, actuation: np.ndarray, bounds: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Turn a command row into a target; what the row leaves out (NaN) stays as it is in force.
+
+        Args:
+            row: shape (C,).
+            actuation: L in force, shape (S,), in the plane (2 S,) [m].
+            bounds: of the spring forces in force, shape (F,) [N].
+            loads: in force, the slope's share included, shape (N,), or (0,) without loads [N].
+
+        Returns:
+            The target.
+        """
+        target = self.target(row).copy()
+        if self.slope_load is None:
+            held = np.isnan(target)
+            target[held] = np.concatenate((actuation, bounds))[held]
+            return target
+        n = loads.size
+        lengths = target[: -3 * n]
+        raw = np.take(row, self.index) * self.factor
+        forward, backward, load = raw[-3 * n :].reshape(3, n)
+        now = np.where(np.isnan(load), loads, load + self.slope_load)
+        lengths[np.isnan(lengths)] = actuation[np.isnan(lengths)]
+        shifted = loads - now  # by which bounds that are held move
+        target[-3 * n : -2 * n] = np.where(np.isnan(forward), bounds[:n] + shifted, forward - now)
+        target[-2 * n : -n] = np.where(np.isnan(backward), bounds[n:] - shifted, backward + now)
+        target[-n:] = now
+        return target
+
+    def row(self, actuation: np.ndarray, friction: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Read back the command row in force.
+
+        Args:
+            actuation: L in force, shape (S,), in the plane (2 S,) [m].
+            friction: in force, shape (F,) [N].
+            loads: in force, the slope's share included, shape (N,), or (0,) without loads [N].
+
+        Returns:
+            Shape (C,).
+        """
+        own = loads - self.slope_load if self.slope_load is not None else loads
+        target = np.concatenate((actuation, friction, own))
+        _, first = np.unique(self.index, return_index=True)
+        return target[first] / self.factor[first]
 
     def check_equilibrium(self, target: np.ndarray, where: str, error: type[CrawlerError]) -> None:
         """Check that friction can hold the loads of a command: -sum mu_minus <= sum f <= sum mu_plus.

@@ -46,6 +46,16 @@ class State(Protocol):
         ...
 
     @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the spring forces as in a target: friction shifted by the loads, shape (F,) [N]."""
+        ...
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Loads in force, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
+        ...
+
+    @property
     def contact_state(self) -> np.ndarray:
         """1 where a contact slid forward (in the plane: slid) on the last command, -1 backward, 0 stuck, shape (N,)."""
         ...
@@ -128,7 +138,7 @@ class Motion(Protocol):
             targets: rows as in `Columns.target`, shape (V, S + 2 N).
             exact: True to follow every event, False for one catch-up step a ramp (in the plane, refined steps).
             budget: most work in one ramp, as for `Crawler`.
-            account: shape (13,), added to.
+            account: shape (14,), added to.
             records: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows for none.
         """
         ...

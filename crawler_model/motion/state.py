@@ -2,7 +2,7 @@
 
 Forces and lengths are rows of two arrays, one with a column per contact and one with a column per spring, so that a
 compiled call costs little. A target is where a ramp goes: the rest lengths of all springs, then mu_plus of all
-contacts, then mu_minus of all contacts, in one row.
+contacts, then mu_minus of all contacts, in one row; where there are loads, the bounds that they shift and the loads.
 """
 
 from __future__ import annotations
@@ -13,6 +13,10 @@ X, X_REST, FORWARD, BACKWARD, GAINED, RELATIVE = range(6)
 """Rows of the contacts: displacement and what rounding took from it; mu_plus; mu_minus; displacement gained since
 `follow` was called; displacement relative to a place that travels with the body, small however far it has gone."""
 CONTACT_ROWS = 6
+LOAD, LOAD_CHANGE, LOAD_WORK = range(6, 9)
+"""Further rows of the contacts where there are loads: f, its change along the ramp, and its work on the ramp so far.
+The rows FORWARD and BACKWARD are then the bounds mu_plus - f and mu_minus + f."""
+LOADED_ROWS = 9
 
 SHAPE, TENSION, ACTUATION, TENSION_REF, ACTUATION_REF = range(5)
 """Rows of the springs: z; T; L; T and L when the spring last moved."""
@@ -39,10 +43,12 @@ PLANAR_TENSION, PLANAR_ACTUATION = range(2)
     GAIN_MOST,
     ROUNDING,
     UNSOLVED,
-) = range(13)
-"""Entries of the account: the first three, the gains and the rounding are sums, VISITED is a least, the others are
-greatest values or counts."""
-ACCOUNT_SIZE = 13
+    LOADS_WORK,
+) = range(14)
+"""Entries of the account: WORK, DISSIPATION, RESIDUAL, the gains, ROUNDING and LOADS_WORK are sums, VISITED is a least,
+the others are greatest values or counts. DISSIPATION is that of the bounds: with loads, friction dissipates it and
+LOADS_WORK."""
+ACCOUNT_SIZE = 14
 
 _RETURNED = 2.0**-50
 
@@ -51,7 +57,7 @@ AT_FORWARD, AT_BACKWARD = 1, 2
 
 
 @compiled
-def shift(contacts, velocity, ds, i):
+def shift(contacts, velocity, ds, i, middle):
     """Move contact i, keeping what rounding takes (compensated summation). A way back to within rounding gains nothing.
 
     Args:
@@ -59,7 +65,10 @@ def shift(contacts, velocity, ds, i):
         velocity: of contact i [m per unit of the ramp].
         ds: part of the ramp.
         i: the contact.
+        middle: of this part of the ramp, 0 .. 1.
     """
+    if contacts.shape[0] > CONTACT_ROWS:
+        contacts[LOAD_WORK, i] += (contacts[LOAD, i] + middle * contacts[LOAD_CHANGE, i]) * velocity * ds
     gained = contacts[GAINED, i] + velocity * ds
     contacts[GAINED, i] = gained if abs(gained) > _RETURNED * abs(velocity * ds) else 0.0
     step = velocity * ds + contacts[X_REST, i]
@@ -70,14 +79,72 @@ def shift(contacts, velocity, ds, i):
 
 
 @compiled
+def begin_loads(contacts, target):
+    """Note at the start of a ramp how the loads change along it.
+
+    Args:
+        contacts: rows X .. LOAD_WORK, shape (9, N), changed in place; without loads nothing is done.
+        target: L, bounds and loads at the end of the ramp, shape (S + 3 N,).
+    """
+    if contacts.shape[0] > CONTACT_ROWS:
+        n = contacts.shape[1]
+        first = target.shape[0] - n
+        for i in range(n):
+            contacts[LOAD_CHANGE, i] = target[first + i] - contacts[LOAD, i]
+            contacts[LOAD_WORK, i] = 0.0
+
+
+@compiled
+def advance_loads(contacts, part):
+    """Go on from a place on a ramp, where the rest of it is followed otherwise.
+
+    Args:
+        contacts: as for `begin_loads`.
+        part: the place, 0 .. 1.
+    """
+    if contacts.shape[0] > CONTACT_ROWS:
+        for i in range(contacts.shape[1]):
+            contacts[LOAD, i] += part * contacts[LOAD_CHANGE, i]
+            contacts[LOAD_CHANGE, i] *= 1.0 - part
+
+
+@compiled
+def end_loads(contacts, target, account):
+    """Put the loads onto the end of a ramp, and add their work to the account.
+
+    Args:
+        contacts: as for `begin_loads`.
+        target: as for `begin_loads`.
+        account: shape (14,), changed in place.
+    """
+    if contacts.shape[0] > CONTACT_ROWS:
+        n = contacts.shape[1]
+        first = target.shape[0] - n
+        for i in range(n):
+            account[LOADS_WORK] += contacts[LOAD_WORK, i]
+            contacts[LOAD, i] = target[first + i]
+
+
+@compiled
 def add_ramp(account, ramp):
     """Add the account of one ramp to that of all.
 
     Args:
-        account: shape (13,), changed in place.
-        ramp: shape (13,).
+        account: shape (14,), changed in place.
+        ramp: shape (14,).
     """
-    for entry in (WORK, DISSIPATION, RESIDUAL, EVENTS, OVERSPENT, GAIN_LEAST, GAIN_MOST, ROUNDING, UNSOLVED):
+    for entry in (
+        WORK,
+        DISSIPATION,
+        RESIDUAL,
+        EVENTS,
+        OVERSPENT,
+        GAIN_LEAST,
+        GAIN_MOST,
+        ROUNDING,
+        UNSOLVED,
+        LOADS_WORK,
+    ):
         account[entry] += ramp[entry]
     for entry in (VIOLATION, COMPLEMENTARITY, AMBIGUOUS):
         account[entry] = max(account[entry], ramp[entry])

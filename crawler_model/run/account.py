@@ -12,7 +12,7 @@ from ..crawler.step import Step
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of a run: stored + dissipation - work = residual.
+    """The energy account of a run: stored + dissipation - work - loads_work = residual.
 
     Attributes:
         work: done by the actuators [J].
@@ -20,6 +20,7 @@ class Energy:
         stored: in the springs at the end, less what was there at the start [J].
         residual: what does not add up [J].
         peak: the most ever stored [J].
+        loads_work: done by the loads [J].
     """
 
     work: float
@@ -27,6 +28,7 @@ class Energy:
     stored: float
     residual: float
     peak: float
+    loads_work: float = 0.0
 
     @property
     def relative_residual(self) -> float:
@@ -43,6 +45,7 @@ class Total:
         visited: the least visited margin [1].
         work: done by the actuators [J].
         dissipation: lost to friction [J].
+        loads_work: done by the loads [J].
         residual: of the energy account [J].
         violation: largest excess over a bound [N].
         unique: whether the translation was determined on every ramp.
@@ -54,6 +57,7 @@ class Total:
     visited: float
     work: float = 0.0
     dissipation: float = 0.0
+    loads_work: float = 0.0
     residual: float = 0.0
     violation: float = 0.0
     unique: bool = True
@@ -69,6 +73,7 @@ class Total:
         """
         self.work += step.work
         self.dissipation += step.dissipation
+        self.loads_work += step.loads_work
         self.residual += step.certificate.energy_residual
         self.violation = max(self.violation, step.certificate.violation)
         self.visited = min(self.visited, step.visited_margin)

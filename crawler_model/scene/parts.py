@@ -211,8 +211,8 @@ class BodyPart(_Part):
     weights: Annotated[
         Numbers | None,
         _key(
-            "Weight of each isolated contact (N), then of each segment (N/m): one number for all, or one each. Slopes and "
-            "coefficients of friction need it.",
+            "Weight of each isolated contact (N), then of each segment (N/m): one number for all, or one each. "
+            "Slopes and coefficients of friction need it.",
             "N, N/m",
             minimum=0,
         ),
@@ -480,8 +480,8 @@ class SceneParts(_Part):
     loads: Annotated[
         Numbers | None,
         _key(
-            "Forces along the ground, towards +x positive: one number for all, or one per isolated contact (N), then per "
-            "segment (N/m); in the plane [x, y] of each contact.",
+            "Forces along the ground, towards +x positive: one number for all, or one per isolated contact (N), then "
+            "per segment (N/m).",
             "N, N/m",
         ),
     ] = None

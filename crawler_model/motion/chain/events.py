@@ -25,6 +25,7 @@ from ..state import (
     ROUNDING,
     TENSION,
     VISITED,
+    advance_loads,
 )
 from ..translation import CRITICAL, choose_translation, is_wide
 from .memory import (
@@ -171,7 +172,7 @@ def follow_events(
         bytes_: statuses within the ramp.
         tree: a tournament of the contacts' next events.
         stacks: for `project`.
-        account: of the ramp, shape (13,), added to.
+        account: of the ramp, shape (14,), added to.
         budget: most work: contacts solved, and breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
@@ -313,5 +314,6 @@ def follow_events(
     if not done:
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
+        advance_loads(contacts, s)
     account[EVENTS] += pieces
     return done

@@ -82,7 +82,7 @@ def follow_events(
         floats: memory of the ramp, from `graph_memory`, as are the next two.
         changes: of the rest lengths and tensions.
         bytes_: sides of the contacts.
-        account: of the ramp, shape (13,), added to.
+        account: of the ramp, shape (14,), added to.
         budget: most contacts solved, each round of the active set counting.
         rounds: most rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
@@ -192,7 +192,7 @@ def follow_events(
                         account[DISSIPATION] -= mu_backward * v[i] * ds
                         gap = mu_backward + force
                     account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
-                    shift(contacts, v[i], ds, i)
+                    shift(contacts, v[i], ds, i, at + 0.5 * ds)
                     contacts[RELATIVE, i] += v[i] * ds
                 status[i] &= bytes_[2, i]
         at = until

@@ -17,12 +17,14 @@ from ..state import (
     AT_FORWARD,
     BACKWARD,
     COMPLEMENTARITY,
+    CONTACT_ROWS,
     DISSIPATION,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
     GAINED,
+    LOAD,
     OVERSPENT,
     RELATIVE,
     RESIDUAL,
@@ -35,6 +37,9 @@ from ..state import (
     X_REST,
     X,
     add_ramp,
+    advance_loads,
+    begin_loads,
+    end_loads,
     shift,
 )
 from ..translation import choose_translation, is_wide
@@ -158,7 +163,7 @@ def _catch_up(
             account[DISSIPATION] -= floats[ROW_MIDDLE_B, i] * v[i]
             gap = g - floats[ROW_LOWER, i]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
-        shift(contacts, v[i], 1.0, i)
+        shift(contacts, v[i], 1.0, i, 0.5)
         contacts[RELATIVE, i] += v[i]
         side = bytes_[0, i]
         status[i] = AT_FORWARD if side == 1 else (AT_BACKWARD if side == -1 else 0)
@@ -199,7 +204,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
             for p in range(n):
                 if result[p] != 0.0:
                     contacts[RELATIVE, order[p]] += result[p]
-                    shift(contacts, result[p], 1.0, order[p])
+                    shift(contacts, result[p], 1.0, order[p], 1.0)
             _set_tensions(ends, stiffness, contacts, links)
             contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         _rebase(contacts)
@@ -255,7 +260,7 @@ def follow(
         floats: from `scratch(N, S)`, as are the next two.
         changes: of the springs.
         bytes_: of the contacts.
-        account: shape (13,), added to.
+        account: shape (14,), added to.
         records: displacement, its rest and tension after each ramp, shape (V, 2 N + S) or (0, 2 N + S) for none.
     """
     n = contacts.shape[1]
@@ -273,6 +278,8 @@ def follow(
         for i in range(n):
             still = still and target[springs + i] == contacts[FORWARD, i]
             still = still and target[springs + n + i] == contacts[BACKWARD, i]
+            if contacts.shape[0] > CONTACT_ROWS:
+                still = still and target[springs + 2 * n + i] == contacts[LOAD, i]
         if not still:
             energy = 0.0
             for s in range(springs):
@@ -282,6 +289,7 @@ def follow(
             for i in range(ramp.shape[0]):
                 ramp[i] = 0.0
             ramp[VISITED] = np.inf
+            begin_loads(contacts, target)
             done = 0.0
             solved = True
             if exact:
@@ -311,6 +319,7 @@ def follow(
                     for i in range(n):
                         contacts[FORWARD, i] += done * (target[springs + i] - contacts[FORWARD, i])
                         contacts[BACKWARD, i] += done * (target[springs + n + i] - contacts[BACKWARD, i])
+                    advance_loads(contacts, done)
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
@@ -339,6 +348,7 @@ def follow(
             for i in range(n):
                 moved[i] = contacts[RELATIVE, i] != before[i]
             _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, ramp, energy)
+            end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             for i in range(n):

@@ -250,7 +250,7 @@ def follow(
         targets: L and then mu at each ramp's end, flattened, shape (V, 2 S + n max(m, 1)).
         tolerance: about the largest error of any displacement that one ramp may add [m].
         most_steps: most implicit steps tried in one ramp; the rest of it then goes in equal ones.
-        account: shape (13,), added to.
+        account: shape (14,), added to.
         records: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S) or (0, ...) for none.
     """
     n = contacts.shape[1]
