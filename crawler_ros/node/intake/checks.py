@@ -39,7 +39,8 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
             raise CommandError(f"trajectory: no joint is called {name!r}; {_known(columns, name)}")
         found.append(columns.aliases[name])
         if only_lengths and found[-1][0] >= columns.lengths:
-            raise CommandError(f"trajectory: {name!r} is a friction; this topic takes links and segments alone")
+            kind = "friction" if columns.kind(int(found[-1][0])) == "friction" else "load"
+            raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes links and segments alone")
     taken = np.concatenate(found) if found else np.zeros(0, int)
     if np.unique(taken).size != taken.size:
         raise CommandError("trajectory: a joint is named twice")
@@ -92,7 +93,7 @@ def check_points(
         before = int(times[i - 1]) if i else 0
         raise CommandError(f"trajectory: point {i} at {times[i]} ns comes before {before} ns; times must not fall")
     first = np.array([column[0] for column in columns], dtype=np.int64)
-    least = np.where(first >= limits.lengths, 0.0, -np.inf)
+    least = np.where((first >= limits.lengths) & (first < limits.lengths + limits.frictions), 0.0, -np.inf)
     fits = (np.abs(table) <= limits.largest[first]) & (table >= least)
     if fits.all():
         return
