@@ -17,6 +17,7 @@ class Ground:
 
     Attributes:
         weight: of each contact, shape (N,) [N].
+        by_coefficient: whether friction follows from the weights, and so changes with the slope.
         slope: theta, of the track where no patch says otherwise, uphill towards +x positive [rad].
         border: where the ground changes, increasing, shape (B,) [m].
         forward: factor on mu_plus in each region, shape (B + 1,) [1].
@@ -25,6 +26,7 @@ class Ground:
     """
 
     weight: np.ndarray
+    by_coefficient: bool
     slope: float
     border: np.ndarray
     forward: np.ndarray
@@ -52,4 +54,4 @@ def build_flat_ground(contacts: int) -> Ground:
         The same ground everywhere, level, without weights.
     """
     one = frozen(np.ones(1))
-    return Ground(frozen(np.zeros(contacts)), 0.0, frozen(np.zeros(0)), one, one, frozen(np.zeros(1)))
+    return Ground(frozen(np.zeros(contacts)), False, 0.0, frozen(np.zeros(0)), one, one, frozen(np.zeros(1)))

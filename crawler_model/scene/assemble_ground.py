@@ -40,6 +40,7 @@ def assemble_ground(parts: SceneParts, body: Body) -> Ground:
     tilt = [math.cos(a) / math.cos(theta) if uses_coefficients(parts) else 1.0 for a in angles]
     return Ground(
         weight=frozen(weights_of(parts, body)),
+        by_coefficient=uses_coefficients(parts),
         slope=theta,
         border=frozen(border),
         forward=frozen([t * _factor(r, "forward") for t, r in zip(tilt, regions, strict=True)]),

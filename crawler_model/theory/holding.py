@@ -45,7 +45,6 @@ def compute_holding(
     forward: np.ndarray,
     backward: np.ndarray,
     load: np.ndarray,
-    by_coefficient: bool,
 ) -> Holding:
     """Compute what a body at rest holds.
 
@@ -56,7 +55,6 @@ def compute_holding(
         forward: mu_plus, shape (N,) [N].
         backward: mu_minus, shape (N,) [N].
         load: f, the slope's share included, shape (N,) [N].
-        by_coefficient: whether friction follows from weights, and so changes with the slope.
 
     Returns:
         The limits. Friction by coefficient: W sin(theta) - P = M cos(theta) with M the sum of coefficient times weight
@@ -68,8 +66,8 @@ def compute_holding(
     uphill = downhill = None
     if weight > 0.0:
         tilt = math.cos(ground.slope)
-        uphill = _steepest(weight, others, float(backward.sum()), tilt if by_coefficient else None)
-        downhill = _steepest(weight, -others, float(forward.sum()), tilt if by_coefficient else None)
+        uphill = _steepest(weight, others, float(backward.sum()), tilt if ground.by_coefficient else None)
+        downhill = _steepest(weight, -others, float(forward.sum()), tilt if ground.by_coefficient else None)
     g = body.spring_force(tension) + load
     push = ground.weight if weight > 0.0 else np.ones(body.contacts)
     with np.errstate(divide="ignore"):
