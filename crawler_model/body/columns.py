@@ -2,10 +2,13 @@
 
 A command row holds, in this order, the rest length of each link (m), the strain of each segment, the friction against
 sliding forward of each isolated contact (N) and of each segment (N/m), and the same for sliding backward. A segment
-whose strain or friction varies along it has one column per element or contact instead of a single one. In the plane
-each link has two columns (x, y), and each contact has one friction, or one per direction.
+whose strain or friction varies along it has one column per element or contact instead of a single one. If the
+scene has loads, they follow: one per isolated contact (N) and per segment (N/m). In the plane each link has two columns
+(x, y), and each contact has one friction, or one per direction.
 
-A target is the input of the kernels: one rest length per spring, then mu_plus and mu_minus of every contact.
+A target is the input of the kernels: one rest length per spring, then the forward and the backward bound of
+every contact on the force of its springs. With loads f these bounds are mu_plus - f and mu_minus + f, and f follows;
+without loads they are mu_plus and mu_minus.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import CrawlerError
 from .body import Body
 
 
@@ -28,8 +32,9 @@ class Columns:
         contacts: number of isolated contacts.
         segments: for each segment its name, number of strain columns and number of friction columns per side.
         planar: in the plane, the number of friction directions, 0 for isotropic friction; None on a line.
-        index: for each entry of the target, the column from which it is read, shape (S + 2 N,).
-        factor: factor by which that column is multiplied, shape (S + 2 N,).
+        index: for each entry of the target, the column from which it is read, shape (S + 2 N,), with loads (S + 3 N,).
+        factor: factor by which that column is multiplied, likewise.
+        slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N]; None without loads.
     """
 
     links: int
@@ -38,6 +43,7 @@ class Columns:
     planar: int | None
     index: np.ndarray
     factor: np.ndarray
+    slope_load: np.ndarray | None = None
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
@@ -57,9 +63,19 @@ class Columns:
         return int(self.actuation_sizes.sum())
 
     @functools.cached_property
+    def frictions(self) -> int:
+        """How many columns are frictions."""
+        return self.sides * int(self.friction_sizes.sum())
+
+    @property
+    def loads(self) -> int:
+        """How many columns are loads: one for each isolated contact, then each segment; 0 where there are none."""
+        return 0 if self.slope_load is None else self.contacts + len(self.segments)
+
+    @functools.cached_property
     def count(self) -> int:
         """Number of columns C."""
-        return self.lengths + self.sides * int(self.friction_sizes.sum())
+        return self.lengths + self.frictions + self.loads
 
     @property
     def sides(self) -> int:
@@ -81,6 +97,9 @@ class Columns:
             for name, _, friction in self.segments:
                 each = [f"{name}/contact_{j}/{side}" for j in range(friction)]
                 names += [f"{name}/{side}"] if friction == 1 else each
+        if self.loads:
+            names += [f"contact_{i}/load" for i in range(self.contacts)]
+            names += [f"{name}/load" for name, _, _ in self.segments]
         return tuple(names)
 
     @functools.cached_property
@@ -114,6 +133,19 @@ class Columns:
         """
         return f"{item} and segment" if self.segments else item
 
+    def kind(self, column: int) -> str:
+        """Name the key of a drive that a column comes from.
+
+        Args:
+            column: its number.
+
+        Returns:
+            "actuation", "friction" or "loads".
+        """
+        if column < self.lengths:
+            return "actuation"
+        return "friction" if column < self.lengths + self.frictions else "loads"
+
     def target(self, rows: np.ndarray) -> np.ndarray:
         """Convert command rows to targets.
 
@@ -121,23 +153,108 @@ class Columns:
             rows: shape (..., C).
 
         Returns:
-            Shape (..., S + 2 N) [m, N]; `rows` itself if no conversion is needed.
+            Shape (..., S + 2 N), with loads (..., S + 3 N) [m, N]; `rows` itself if no conversion is needed.
         """
-        return rows if self._is_plain else np.take(rows, self.index, axis=-1) * self.factor
+        if self._is_plain:
+            return rows
+        target = np.take(rows, self.index, axis=-1) * self.factor
+        if self.slope_load is not None:
+            n = self.slope_load.size
+            forward, backward, load = (target[..., target.shape[-1] - k * n :][..., :n] for k in (3, 2, 1))
+            load += self.slope_load
+            forward -= load
+            backward += load
+        return target
+
+    def held_target(self, row: np.ndarray, actuation: np.ndarray, bounds: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Turn a command row into a target; what the row leaves out (NaN) stays as it is in force.
+
+        Args:
+            row: shape (C,).
+            actuation: L in force, shape (S,), in the plane (2 S,) [m].
+            bounds: of the spring forces in force, shape (F,) [N].
+            loads: in force, the slope's share included, shape (N,), or (0,) without loads [N].
+
+        Returns:
+            The target.
+        """
+        target = self.target(row).copy()
+        if self.slope_load is None:
+            held = np.isnan(target)
+            target[held] = np.concatenate((actuation, bounds))[held]
+            return target
+        n = loads.size
+        lengths = target[: -3 * n]
+        raw = np.take(row, self.index) * self.factor
+        forward, backward, load = raw[-3 * n :].reshape(3, n)
+        now = np.where(np.isnan(load), loads, load + self.slope_load)
+        lengths[np.isnan(lengths)] = actuation[np.isnan(lengths)]
+        shifted = loads - now  # by which bounds that are held move
+        target[-3 * n : -2 * n] = np.where(np.isnan(forward), bounds[:n] + shifted, forward - now)
+        target[-2 * n : -n] = np.where(np.isnan(backward), bounds[n:] - shifted, backward + now)
+        target[-n:] = now
+        return target
+
+    def row(self, actuation: np.ndarray, friction: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Read back the command row in force.
+
+        Args:
+            actuation: L in force, shape (S,), in the plane (2 S,) [m].
+            friction: in force, shape (F,) [N].
+            loads: in force, the slope's share included, shape (N,), or (0,) without loads [N].
+
+        Returns:
+            Shape (C,).
+        """
+        own = loads - self.slope_load if self.slope_load is not None else loads
+        target = np.concatenate((actuation, friction, own))
+        _, first = np.unique(self.index, return_index=True)
+        return target[first] / self.factor[first]
+
+    def check_equilibrium(self, target: np.ndarray, where: str, error: type[CrawlerError]) -> None:
+        """Check that friction can hold the loads of a command: -sum mu_minus <= sum f <= sum mu_plus.
+
+        Args:
+            target: L, bounds and loads, shape (S + 3 N,), or (S + 2 N,) without loads.
+            where: what to call the command.
+            error: the class of the error.
+
+        Raises:
+            CrawlerError: of that class, with the sums that do not fit. Nothing would stop the body.
+        """
+        if self.slope_load is None:
+            return
+        n = self.slope_load.size
+        forward, backward, load = target[-3 * n :].reshape(3, n)
+        near = 1e-12 * float((forward + backward).sum())
+        total = float(load.sum())
+        if forward.sum() < -near:
+            raise error(
+                f"{where}: the loads sum to {total:g} N forward, but friction against sliding forward to "
+                f"{float((forward + load).sum()):g} N: no equilibrium, the body would run away"
+            )
+        if backward.sum() < -near:
+            raise error(
+                f"{where}: the loads sum to {-total:g} N backward, but friction against sliding backward to "
+                f"{float((backward - load).sum()):g} N: no equilibrium, the body would run away"
+            )
 
     @functools.cached_property
     def _is_plain(self) -> bool:
-        """Whether a row equals its target, as for bodies without segments."""
+        """Whether a row equals its target, as for bodies without segments and loads."""
+        if self.slope_load is not None:
+            return False
         same = self.count == self.index.size and (self.index == np.arange(self.count)).all()
         return bool(same and (self.factor == 1.0).all())
 
 
-def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
+def build_columns(body: Body, fields: Sequence[tuple[bool, bool]], slope_load: np.ndarray | None = None) -> Columns:
     """Build the command layout of a body on a line.
 
     Args:
         body: the body.
         fields: for each segment, whether its strain and whether its friction vary along it.
+        slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N].
 
     Returns:
         The layout.
@@ -147,7 +264,8 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
         for s, (strain, friction) in zip(body.segments, fields, strict=True)
     )
     links, contacts = body.link_springs.size, body.isolated.size
-    index = np.zeros(body.springs + 2 * body.contacts, dtype=np.int64)
+    sides = 2 if slope_load is None else 3
+    index = np.zeros(body.springs + sides * body.contacts, dtype=np.int64)
     factor = np.ones(index.size)
     index[body.link_springs] = np.arange(links)
     column = links
@@ -163,7 +281,14 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]]) -> Columns:
             index[first + places] = column + np.arange(places.size) % size
             factor[first + places] = body.ground[places]
             column += size
-    return Columns(links, contacts, segments, None, index, factor)
+    if slope_load is not None:
+        first = body.springs + 2 * body.contacts
+        index[first + body.isolated] = column + np.arange(contacts)
+        for k, segment in enumerate(body.segments):
+            places = np.arange(segment.first, segment.last + 1)
+            index[first + places] = column + contacts + k
+            factor[first + places] = body.ground[places]
+    return Columns(links, contacts, segments, None, index, factor, slope_load)
 
 
 def build_planar_columns(body: Body, directions: int) -> Columns:

@@ -48,13 +48,18 @@ class Drive:
 
     @property
     def forward(self) -> np.ndarray:
-        """mu_plus of each contact, shape (W, N) [N]; for bodies on a line."""
+        """The forward bound of each contact, mu_plus less the load, shape (W, N) [N]; for bodies on a line."""
         return self.targets[:, self._springs : self._springs + self._contacts]
 
     @property
     def backward(self) -> np.ndarray:
-        """mu_minus of each contact, shape (W, N) [N]; for bodies on a line."""
-        return self.targets[:, self._springs + self._contacts :]
+        """The backward bound of each contact, mu_minus plus the load, shape (W, N) [N]; for bodies on a line."""
+        return self.targets[:, self._springs + self._contacts :][:, : self._contacts]
+
+    @property
+    def loads(self) -> np.ndarray:
+        """The load on each contact, the slope's share included, shape (W, N) [N]; shape (W, 0) without loads."""
+        return self.targets[:, self._springs + 2 * self._contacts :]
 
     @functools.cached_property
     def _springs(self) -> int:
@@ -62,7 +67,7 @@ class Drive:
 
     @property
     def _contacts(self) -> int:
-        return (self.columns.index.size - self._springs) // 2
+        return (self.columns.index.size - self._springs) // (2 if self.columns.slope_load is None else 3)
 
     def waypoints_between(self, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
         """Find the waypoints in a time interval.
@@ -161,17 +166,20 @@ def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, c
             raise SceneError(f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s")
         if period > times[-1] and np.rint(period * NS) - ns[-1] < 1.0:
             raise SceneError(f"drive.period: {period!r} s is less than a nanosecond after the last waypoint")
-    for row, i in np.argwhere(~(rows[:, columns.lengths :] >= 0.0)):
+    for row, i in np.argwhere(~(rows[:, columns.lengths : columns.lengths + columns.frictions] >= 0.0)):
         name, value = columns.names[columns.lengths + i], rows[row, columns.lengths + i]
         raise SceneError(f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0")
     if period is not None and period == times[-1]:
         for i in np.flatnonzero(rows[0] != rows[-1]):
-            field = "actuation" if i < columns.lengths else "friction"
+            field = columns.kind(int(i))
             raise SceneError(
                 f"drive.{field}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} and the "
                 f"first {rows[0, i]:g}; a drive with a period must end as it begins"
             )
-    return Drive(frozen(times), period, frozen(rows), columns)
+    drive = Drive(frozen(times), period, frozen(rows), columns)
+    for row, target in enumerate(drive.targets if columns.loads else ()):
+        columns.check_equilibrium(target, f"drive: row {row}", SceneError)
+    return drive
 
 
 def wave(mean: float, amplitude: float, wavelength: float, phase: np.ndarray, position: np.ndarray) -> np.ndarray:

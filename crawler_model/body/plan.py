@@ -10,6 +10,7 @@ from ..errors import SceneError
 from .body import Body
 from .columns import Columns
 from .drive import Drive
+from .ground import Ground
 
 
 class Plan(Protocol):
@@ -23,6 +24,11 @@ class Plan(Protocol):
     @property
     def body(self) -> Body:
         """Contacts and springs."""
+        ...
+
+    @property
+    def ground(self) -> Ground:
+        """Weights of the contacts and slope of the track."""
         ...
 
     @property

@@ -90,6 +90,11 @@ class Crawler:
         return frozen(self._state.friction)
 
     @property
+    def loads(self) -> np.ndarray:
+        """Load on each contact, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
+        return frozen(self._state.loads)
+
+    @property
     def net_translation(self) -> float | np.ndarray:
         """y, the mean of x over all isolated contacts and segments, equally weighted [m]; in the plane shape (2,)."""
         y = self.body.share @ self._state.displacement
@@ -175,7 +180,11 @@ class Crawler:
     __hash__ = None  # type: ignore[assignment]
 
     def target(
-        self, actuation: ArrayLike, forward: ArrayLike | None = None, backward: ArrayLike | None = None
+        self,
+        actuation: ArrayLike,
+        forward: ArrayLike | None = None,
+        backward: ArrayLike | None = None,
+        loads: ArrayLike | None = None,
     ) -> np.ndarray:
         """Check a command and convert it to a target for `follow`.
 
@@ -185,6 +194,8 @@ class Crawler:
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
+            loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive; None keeps what is
+                in force. Only where the scene has loads.
 
         Returns:
             L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
@@ -198,17 +209,20 @@ class Crawler:
         half = columns.lengths + int(columns.friction_sizes.sum())
         if planar and backward is not None:
             raise CommandError("backward: in the plane `forward` holds the friction of each contact; omit `backward`")
+        if loads is not None and not columns.loads:
+            raise CommandError("loads: the scene has none; with `loads: 0` in it they can be commanded")
         given = (
             ("actuation", actuation, columns.actuation_sizes, 0),
             ("forward", forward, columns.friction_sizes, columns.lengths),
             ("backward", backward, columns.friction_sizes, half),
+            ("loads", loads, np.ones(columns.loads, np.int64), columns.count - columns.loads),
         )
         for name, values, sizes, first in given:
             if values is None and name != "actuation":
                 continue
             each = int(sizes[0]) if planar and sizes.size else 1
             array = _checked(name, values, (sizes.size,) if each == 1 else (sizes.size, each)).ravel()
-            if name != "actuation" and not (array >= 0.0).all():
+            if name in ("forward", "backward") and not (array >= 0.0).all():
                 i = int(np.flatnonzero(array < 0.0)[0])
                 raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
             if columns.planar and name == "forward":
@@ -217,21 +231,23 @@ class Crawler:
                 except SceneError as error:
                     raise CommandError(f"forward: {error}") from None
             row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
-        target = columns.target(row)
-        held = np.isnan(target)
-        target[held] = np.concatenate((self._state.actuation.ravel(), self.friction))[held]
+        state = self._state
+        target = columns.held_target(row, state.actuation.ravel(), state.bounds, state.loads)
+        columns.check_equilibrium(target, "command", CommandError)
         return target
 
     @property
     def row(self) -> np.ndarray:
         """The command row in force, as in `Columns`, shape (C,)."""
-        columns = self.scene.columns
-        target = np.concatenate((self._state.actuation.ravel(), self.friction))
-        _, first = np.unique(columns.index, return_index=True)
-        return target[first] / columns.factor[first]
+        state = self._state
+        return self.scene.columns.row(state.actuation.ravel(), state.friction, state.loads)
 
     def advance(
-        self, actuation: ArrayLike, forward: ArrayLike | None = None, backward: ArrayLike | None = None
+        self,
+        actuation: ArrayLike,
+        forward: ArrayLike | None = None,
+        backward: ArrayLike | None = None,
+        loads: ArrayLike | None = None,
     ) -> Step:
         """Ramp in a straight line from the command in force to a new one.
 
@@ -241,6 +257,8 @@ class Crawler:
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
+            loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive; None keeps what is
+                in force. Only where the scene has loads.
 
         Returns:
             The account of the ramp.
@@ -248,7 +266,7 @@ class Crawler:
         Raises:
             CommandError: if the command is invalid; the state does not change.
         """
-        return self.follow(self.target(actuation, forward, backward)[None])
+        return self.follow(self.target(actuation, forward, backward, loads)[None])
 
     def follow(self, targets: np.ndarray, records: np.ndarray | None = None) -> Step:
         """Ramp to several checked commands in turn.

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.body import Body
 from ..compiled import compiled
-from ..motion.state import GAINED, SHAPE, TENSION, X
+from ..motion.state import CONTACT_ROWS, GAINED, LOAD, SHAPE, TENSION, X
 from .crawler import Crawler
 
 
@@ -101,6 +101,9 @@ def read_line(contacts, links, ends, joints, shown, position, pull, seconds, of_
     for spring in range(ends.shape[0]):  # as in Body.spring_force: forward pull minus backward pull
         pull[0, ends[spring, 0]] += links[TENSION, spring]
         pull[1, ends[spring, 1]] += links[TENSION, spring]
+    if contacts.shape[0] > CONTACT_ROWS:  # the ground carries the loads, too
+        for i in range(contacts.shape[1]):
+            pull[0, i] += contacts[LOAD, i]
     root = joints[0, 0]
     of_joints[0, 0] = contacts[X, root]
     of_joints[1, 0] = contacts[GAINED, root] / seconds

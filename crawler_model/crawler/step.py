@@ -13,6 +13,7 @@ from ..motion.state import (
     EVENTS,
     GAIN_LEAST,
     GAIN_MOST,
+    LOADS_WORK,
     OVERSPENT,
     RESIDUAL,
     ROUNDING,
@@ -46,7 +47,7 @@ class Step:
 
     Attributes:
         velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-        account: the entries behind the properties, in the order defined in `motion.state`, shape (13,).
+        account: the entries behind the properties, in the order defined in `motion.state`, shape (14,).
     """
 
     __slots__ = ("_share", "account", "velocity")
@@ -56,7 +57,7 @@ class Step:
 
         Args:
             velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-            account: account of the ramps, shape (13,).
+            account: account of the ramps, shape (14,).
             share: weight of each contact in the net translation, shape (N,).
         """
         self.velocity = velocity
@@ -76,7 +77,12 @@ class Step:
     @property
     def dissipation(self) -> float:
         """Energy lost to friction [J]."""
-        return float(self.account[DISSIPATION])
+        return float(self.account[DISSIPATION] + self.account[LOADS_WORK])
+
+    @property
+    def loads_work(self) -> float:
+        """Work of the loads [J]."""
+        return float(self.account[LOADS_WORK])
 
     @property
     def unique(self) -> bool:

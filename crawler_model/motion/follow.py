@@ -46,6 +46,16 @@ class State(Protocol):
         ...
 
     @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the spring forces as in a target: friction shifted by the loads, shape (F,) [N]."""
+        ...
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Loads in force, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
+        ...
+
+    @property
     def contact_state(self) -> np.ndarray:
         """1 if a contact slid forward (in the plane: slid) in the last command, -1 backward, 0 stuck, shape (N,)."""
         ...
@@ -128,7 +138,7 @@ class Motion(Protocol):
             targets: rows as in `Columns.target`, shape (V, S + 2 N).
             exact: True to follow every event, False for one catch-up step per ramp (in the plane, refined steps).
             budget: upper limit of work in one ramp, as for `Crawler`.
-            account: entries as in `motion.state`, shape (13,), added to.
+            account: entries as in `motion.state`, shape (14,), added to.
             records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
         """
         ...

@@ -18,6 +18,8 @@ from .state import (
     FORWARD,
     GAINED,
     LINK_ROWS,
+    LOAD,
+    LOADED_ROWS,
     RELATIVE,
     SHAPE,
     TENSION,
@@ -32,7 +34,7 @@ class LineState:
     """Rows of the contacts and of the springs, and the bounds that contacts are at.
 
     Attributes:
-        contacts: rows X .. RELATIVE, shape (6, N).
+        contacts: rows X .. RELATIVE, shape (6, N); with loads X .. LOAD_WORK, shape (9, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
         status: bits AT_FORWARD and AT_BACKWARD, shape (N,).
     """
@@ -68,8 +70,20 @@ class LineState:
 
     @property
     def friction(self) -> np.ndarray:
-        """Friction in force as in a target, forward then backward, shape (2 N,) [N]."""
+        """Friction in force, forward then backward, shape (2 N,) [N]."""
+        if self.loads.size == 0:
+            return self.contacts[[FORWARD, BACKWARD]].ravel()
+        return np.concatenate((self.contacts[FORWARD] + self.loads, self.contacts[BACKWARD] - self.loads))
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the spring forces as in a target: friction shifted by the loads, shape (2 N,) [N]."""
         return self.contacts[[FORWARD, BACKWARD]].ravel()
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Loads in force, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
+        return self.contacts[LOAD : LOAD + 1].ravel()
 
     @property
     def contact_state(self) -> np.ndarray:
@@ -126,10 +140,15 @@ def build_line_state(body: Body, x: np.ndarray, target: np.ndarray) -> LineState
     Returns:
         The state. Contacts within rounding of a bound are taken to be at that bound.
     """
-    contacts = np.zeros((CONTACT_ROWS, body.contacts))
+    n = body.contacts
+    bounds = target[body.springs : body.springs + 2 * n]
+    loads = target[body.springs + 2 * n :]
+    contacts = np.zeros((LOADED_ROWS if loads.size else CONTACT_ROWS, n))
     links = np.zeros((LINK_ROWS, body.springs))
     contacts[X] = contacts[RELATIVE] = x
-    contacts[FORWARD], contacts[BACKWARD] = target[body.springs :].reshape(2, -1)
+    contacts[FORWARD], contacts[BACKWARD] = bounds.reshape(2, -1)
+    if loads.size:
+        contacts[LOAD] = loads
     links[ACTUATION] = links[ACTUATION_REF] = target[: body.springs]
     links[SHAPE] = body.elongation(x)
     links[TENSION] = links[TENSION_REF] = body.stiffness * (links[SHAPE] - target[: body.springs])

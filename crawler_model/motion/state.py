@@ -2,7 +2,8 @@
 
 Forces and lengths are rows of two arrays, one with a column per contact and one with a column per spring, so that a
 compiled call has little overhead. A target is the end of a ramp: the rest lengths of all springs, then mu_plus of all
-contacts, then mu_minus of all contacts, in one row.
+contacts, then mu_minus of all contacts, in one row. With loads, mu_plus and mu_minus are the bounds that the loads
+shift, and the loads follow.
 """
 
 from __future__ import annotations
@@ -13,6 +14,10 @@ X, X_REST, FORWARD, BACKWARD, GAINED, RELATIVE = range(6)
 """Rows of the contacts: displacement and its rounding rest; mu_plus; mu_minus; displacement gained since `follow` was
 called; displacement relative to a point that travels with the body, which stays small over any distance."""
 CONTACT_ROWS = 6
+LOAD, LOAD_CHANGE, LOAD_WORK = range(6, 9)
+"""Further rows of the contacts where there are loads: f, its change along the ramp, and its work on the ramp so far.
+The rows FORWARD and BACKWARD are then the bounds mu_plus - f and mu_minus + f."""
+LOADED_ROWS = 9
 
 SHAPE, TENSION, ACTUATION, TENSION_REF, ACTUATION_REF = range(5)
 """Rows of the springs: z; T; L; T and L when the elongation last changed."""
@@ -39,10 +44,11 @@ PLANAR_TENSION, PLANAR_ACTUATION = range(2)
     GAIN_MOST,
     ROUNDING,
     UNSOLVED,
-) = range(13)
-"""Entries of the account: the first three, the gains and the rounding are sums, VISITED is a minimum, the others are
-maxima or counts."""
-ACCOUNT_SIZE = 13
+    LOADS_WORK,
+) = range(14)
+"""Entries of the account: the first three, the gains, the rounding and LOADS_WORK are sums, VISITED is a minimum, the
+others are maxima or counts. DISSIPATION is that of the shifted bounds: friction dissipates DISSIPATION + LOADS_WORK."""
+ACCOUNT_SIZE = 14
 
 _RETURNED = 2.0**-50
 
@@ -51,7 +57,7 @@ AT_FORWARD, AT_BACKWARD = 1, 2
 
 
 @compiled
-def shift(contacts, velocity, ds, i):
+def shift(contacts, velocity, ds, i, middle):
     """Move contact i with compensated summation. A gain that cancels to within rounding is set to zero.
 
     Args:
@@ -59,7 +65,10 @@ def shift(contacts, velocity, ds, i):
         velocity: velocity of contact i [m per unit of the ramp].
         ds: part of the ramp.
         i: the contact.
+        middle: of this part of the ramp, 0 .. 1.
     """
+    if contacts.shape[0] > CONTACT_ROWS:
+        contacts[LOAD_WORK, i] += (contacts[LOAD, i] + middle * contacts[LOAD_CHANGE, i]) * velocity * ds
     gained = contacts[GAINED, i] + velocity * ds
     contacts[GAINED, i] = gained if abs(gained) > _RETURNED * abs(velocity * ds) else 0.0
     step = velocity * ds + contacts[X_REST, i]
@@ -70,14 +79,72 @@ def shift(contacts, velocity, ds, i):
 
 
 @compiled
+def begin_loads(contacts, target):
+    """Note at the start of a ramp how the loads change along it.
+
+    Args:
+        contacts: rows X .. LOAD_WORK, shape (9, N), changed in place; without loads nothing is done.
+        target: L, bounds and loads at the end of the ramp, shape (S + 3 N,).
+    """
+    if contacts.shape[0] > CONTACT_ROWS:
+        n = contacts.shape[1]
+        first = target.shape[0] - n
+        for i in range(n):
+            contacts[LOAD_CHANGE, i] = target[first + i] - contacts[LOAD, i]
+            contacts[LOAD_WORK, i] = 0.0
+
+
+@compiled
+def advance_loads(contacts, part):
+    """Go on from a place on a ramp, where the rest of it is followed otherwise.
+
+    Args:
+        contacts: as for `begin_loads`.
+        part: the place, 0 .. 1.
+    """
+    if contacts.shape[0] > CONTACT_ROWS:
+        for i in range(contacts.shape[1]):
+            contacts[LOAD, i] += part * contacts[LOAD_CHANGE, i]
+            contacts[LOAD_CHANGE, i] *= 1.0 - part
+
+
+@compiled
+def end_loads(contacts, target, account):
+    """Put the loads onto the end of a ramp, and add their work to the account.
+
+    Args:
+        contacts: as for `begin_loads`.
+        target: as for `begin_loads`.
+        account: shape (14,), changed in place.
+    """
+    if contacts.shape[0] > CONTACT_ROWS:
+        n = contacts.shape[1]
+        first = target.shape[0] - n
+        for i in range(n):
+            account[LOADS_WORK] += contacts[LOAD_WORK, i]
+            contacts[LOAD, i] = target[first + i]
+
+
+@compiled
 def add_ramp(account, ramp):
     """Add the account of one ramp to the total.
 
     Args:
-        account: the total, shape (13,), changed in place.
-        ramp: account of the ramp, shape (13,).
+        account: the total, shape (14,), changed in place.
+        ramp: account of the ramp, shape (14,).
     """
-    for entry in (WORK, DISSIPATION, RESIDUAL, EVENTS, OVERSPENT, GAIN_LEAST, GAIN_MOST, ROUNDING, UNSOLVED):
+    for entry in (
+        WORK,
+        DISSIPATION,
+        RESIDUAL,
+        EVENTS,
+        OVERSPENT,
+        GAIN_LEAST,
+        GAIN_MOST,
+        ROUNDING,
+        UNSOLVED,
+        LOADS_WORK,
+    ):
         account[entry] += ramp[entry]
     for entry in (VIOLATION, COMPLEMENTARITY, AMBIGUOUS):
         account[entry] = max(account[entry], ramp[entry])

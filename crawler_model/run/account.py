@@ -12,7 +12,7 @@ from ..crawler.step import Step
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of a run: stored + dissipation - work = residual.
+    """The energy account of a run: stored + dissipation - work - loads_work = residual.
 
     Attributes:
         work: work of the actuators [J].
@@ -20,6 +20,7 @@ class Energy:
         stored: change of the energy stored in the springs from start to end [J].
         residual: error of the balance [J].
         peak: largest energy stored during the run [J].
+        loads_work: work of the loads [J].
     """
 
     work: float
@@ -27,6 +28,7 @@ class Energy:
     stored: float
     residual: float
     peak: float
+    loads_work: float = 0.0
 
     @property
     def relative_residual(self) -> float:
@@ -43,6 +45,7 @@ class Total:
         visited: smallest visited margin [1].
         work: work of the actuators [J].
         dissipation: energy lost to friction [J].
+        loads_work: work of the loads [J].
         residual: error of the energy balance [J].
         violation: largest amount by which a spring force exceeds its bound [N].
         unique: whether the translation was determined on every ramp.
@@ -54,6 +57,7 @@ class Total:
     visited: float
     work: float = 0.0
     dissipation: float = 0.0
+    loads_work: float = 0.0
     residual: float = 0.0
     violation: float = 0.0
     unique: bool = True
@@ -69,6 +73,7 @@ class Total:
         """
         self.work += step.work
         self.dissipation += step.dissipation
+        self.loads_work += step.loads_work
         self.residual += step.certificate.energy_residual
         self.violation = max(self.violation, step.certificate.violation)
         self.visited = min(self.visited, step.visited_margin)

@@ -108,6 +108,7 @@ class Trajectory:
                 "stored": energy.stored,
                 "residual": energy.relative_residual,
             },
+            "loads_work": energy.loads_work,
             "violation": self.violation,
             "unique": self.unique,
             "uniqueness_margin": self.uniqueness_margin,
@@ -318,7 +319,9 @@ class _Run:
             self.crawler.method,
             rate,
             *arrays,
-            energy=Energy(total.work, total.dissipation, float(end - start), total.residual, self.peak),
+            energy=Energy(
+                total.work, total.dissipation, float(end - start), total.residual, self.peak, total.loads_work
+            ),
             violation=max(total.violation, 0.0),
             unique=total.unique,
             uniqueness_margin=commanded_margin(body, drive),

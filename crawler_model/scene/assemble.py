@@ -13,10 +13,12 @@ from ..run.simulate import simulate
 from .assemble_body import assemble_body, assemble_columns
 from .assemble_drive import assemble_drive
 from .assemble_friction import assemble_friction, planar_friction
+from .assemble_ground import assemble_ground
 from .assemble_start import assemble_start, check_start
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
-from .parts import FrictionRowsPart, SceneParts
+from .friction_parts import FrictionRowsPart
+from .parts import SceneParts
 from .standing import find_standing
 
 _OTHERS = 31
@@ -50,9 +52,10 @@ def assemble(parts: SceneParts, like: Assembly | None = None) -> Assembly:
 def _assemble(parts: SceneParts, elements: Sequence[int], like: Assembly | None = None) -> Assembly:
     """Build the arrays of a scene for given numbers of elements; the start is not checked."""
     body = assemble_body(parts, elements) if like is None else like.body
-    columns = assemble_columns(parts, body) if like is None else like.columns
-    drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns))
-    return Assembly(parts, body, columns, drive, frozen(assemble_start(parts, body, drive)))
+    ground = assemble_ground(parts, body)
+    columns = assemble_columns(parts, body, ground) if like is None else like.columns
+    drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns, ground))
+    return Assembly(parts, body, ground, columns, drive, frozen(assemble_start(parts, body, drive)))
 
 
 def _check_parts(parts: SceneParts) -> None:
@@ -75,6 +78,7 @@ def _check_parts(parts: SceneParts) -> None:
 def _check_planar(parts: SceneParts) -> None:
     if parts.body.segments:
         raise SceneError("body.segments: segments lie on a line; a planar scene cannot have any")
+    _check_unloaded(parts)
     for i, contact in enumerate(parts.body.contacts):
         if not isinstance(contact, tuple) or len(contact) != 2:
             raise SceneError(f"body.contacts: contact {i} is {contact}; in a planar scene each contact is [x, y]")
@@ -90,6 +94,20 @@ def _check_planar(parts: SceneParts) -> None:
     if friction is not None and friction.directions is not None:
         for row in planar_friction(parts):
             check_directions(np.array(friction.directions), row)
+
+
+def _check_unloaded(parts: SceneParts) -> None:
+    """Refuse in the plane the keys of loads and slopes."""
+    keys = {
+        "loads": parts.loads,
+        "body.weights": parts.body.weights,
+        "ground": parts.ground,
+        "friction.coefficient": parts.friction and parts.friction.coefficient,
+        "drive.loads": parts.drive and parts.drive.loads,
+    }
+    for key, value in keys.items():
+        if value is not None:
+            raise SceneError(f"{key}: only on a line; loads and slopes in the plane are not supported yet")
 
 
 def _count(parts: SceneParts, place: int) -> int:

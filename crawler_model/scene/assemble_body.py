@@ -9,9 +9,11 @@ import numpy as np
 from ..body.body import Body
 from ..body.build import End, Interval, build_body
 from ..body.columns import Columns, build_columns, build_planar_columns
+from ..body.ground import Ground
 from ..errors import SceneError
 from .fields import average, breaks_of, check_field, field_of
-from .parts import SceneParts, SegmentPart, TablePart
+from .friction_parts import TablePart
+from .parts import SceneParts, SegmentPart
 
 
 def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
@@ -75,12 +77,13 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
     return build_body(contacts, 1.0 if links is None else links.stiffness, between, segments)
 
 
-def assemble_columns(parts: SceneParts, body: Body) -> Columns:
+def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
     """Build the command layout of the body of a scene.
 
     Args:
         parts: the parts of the scene.
         body: its body.
+        ground: its ground.
 
     Returns:
         The columns. A segment has one column for its strain unless a wave runs along it, and one per side for its
@@ -93,4 +96,5 @@ def assemble_columns(parts: SceneParts, body: Body) -> Columns:
     strain = drive is not None and drive.wave is not None
     wave = drive is not None and drive.friction_wave is not None
     fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
-    return build_columns(body, fields)
+    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or ground.slope != 0.0
+    return build_columns(body, fields, ground.slope_load if loaded else None)

@@ -11,7 +11,8 @@ from ..body.body import Body
 from ..body.columns import Columns
 from ..body.drive import Drive, build_waypoints, merge_times, strategy_waypoints, wave
 from ..errors import SceneError
-from .parts import DrivePart, FrictionRowsPart, SceneParts, WavePart
+from .friction_parts import FrictionRowsPart
+from .parts import DrivePart, SceneParts, WavePart
 
 
 def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np.ndarray) -> Drive:
@@ -21,7 +22,7 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
         parts: the parts of the scene.
         body: its body.
         columns: layout of its commands.
-        friction: friction of the scene, the last columns of a row, shape (C - lengths,) [N, N/m].
+        friction: friction and loads of the scene, the last columns of a row, shape (C - lengths,) [N, N/m].
 
     Returns:
         The drive, with the friction of the scene unless it commands friction.
@@ -34,7 +35,7 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
         row = np.concatenate((np.zeros(columns.lengths), friction))
         return Drive(frozen([0.0]), None, frozen(row[None]), columns)
     if part.strategy is not None:
-        return _build_strategy(body, columns, part)
+        return _build_strategy(body, columns, part, friction)
     if part.times is None:
         return _build_waves(body, columns, part, friction)
     times = np.array(part.times)
@@ -59,7 +60,10 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
             )
             for name, table in zip(names, part.friction.sides, strict=True)
         ]
-        rows[:, columns.lengths :] = np.hstack(both[: columns.sides])
+        rows[:, columns.lengths :][:, : columns.frictions] = np.hstack(both[: columns.sides])
+    if part.loads is not None:
+        item = "contact(s) and segment" if body.segments else "contact"
+        rows[:, columns.count - columns.loads :] = _rows(part.loads, times.size, columns.loads, "drive.loads", item)
     return build_waypoints(times, part.period, rows, columns)
 
 
@@ -89,7 +93,7 @@ def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
     return np.array(table).reshape(rows, 2 * links)
 
 
-def _build_strategy(body: Body, columns: Columns, part: DrivePart) -> Drive:
+def _build_strategy(body: Body, columns: Columns, part: DrivePart, friction: np.ndarray) -> Drive:
     if (body.isolated.size, body.springs, len(body.segments)) != (2, 1, 0):
         raise SceneError(f"drive.strategy: strategies need 2 contacts and 1 link; this body has {body.describe()}")
     assert part.strategy is not None
@@ -97,7 +101,8 @@ def _build_strategy(body: Body, columns: Columns, part: DrivePart) -> Drive:
     assert isinstance(part.friction, float)
     period = 1.0 if part.period is None else part.period
     times, actuation, mu = strategy_waypoints(part.strategy, part.length, part.friction, period)
-    return build_waypoints(times, period, np.hstack((actuation, mu, mu)), columns)
+    loads = np.tile(friction[columns.frictions :], (times.size, 1))
+    return build_waypoints(times, period, np.hstack((actuation, mu, mu, loads)), columns)
 
 
 def _build_waves(body: Body, columns: Columns, part: DrivePart, friction: np.ndarray) -> Drive:
@@ -122,7 +127,7 @@ def _build_waves(body: Body, columns: Columns, part: DrivePart, friction: np.nda
             )
         places = np.concatenate([body.position[body.isolated], *(body.position[s.contacts] for s in body.segments)])
         mu = np.maximum(_sampled(w, times, places), 0.0)
-        rows[:, columns.lengths :] = np.hstack((mu, mu))
+        rows[:, columns.lengths :][:, : columns.frictions] = np.hstack((mu, mu))
     return build_waypoints(times, period, rows, columns)
 
 

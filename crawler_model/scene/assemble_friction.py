@@ -7,8 +7,11 @@ import numpy as np
 from ..arrays import spread
 from ..body.body import Body
 from ..body.columns import Columns
+from ..body.ground import Ground
 from ..errors import SceneError
+from .assemble_ground import uses_coefficients
 from .fields import average, breaks_of, field_of
+from .friction_parts import FrictionPart, SegmentFrictionPart
 from .parts import SceneParts
 
 
@@ -47,35 +50,50 @@ def _not_negative(mu: np.ndarray, side: str) -> np.ndarray:
     return mu
 
 
-def assemble_friction(parts: SceneParts, body: Body, columns: Columns) -> np.ndarray:
-    """Build the last columns of a command row from the friction of a scene.
+def assemble_friction(parts: SceneParts, body: Body, columns: Columns, ground: Ground) -> np.ndarray:
+    """Build the last columns of a command row from the friction and the loads of a scene.
 
     Args:
         parts: the parts of the scene.
         body: its body.
         columns: layout of its commands.
+        ground: its ground; coefficients of friction multiply its weights.
 
     Returns:
         Shape (C - lengths,) [N, N/m].
 
     Raises:
-        SceneError: if a friction is negative or an array has a wrong length.
+        SceneError: if a friction is negative, an array has a wrong length, or a coefficient has no weight to act on.
     """
     if parts.dimension == 2:
         return planar_friction(parts).ravel()
+    if uses_coefficients(parts) and parts.body.weights is None:
+        raise SceneError("body.weights: missing; a coefficient of friction acts on the weight of each contact")
     sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
     if parts.friction is not None and parts.friction.directions is not None:
         raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
+    press = ground.weight * np.cos(ground.slope)
+    of_contacts = press[body.isolated] if _has_coefficient(parts.friction) else 1.0
     values = []
     for side, name in enumerate(("forward", "backward")):
-        values.append(_not_negative(spread(sides[side], body.isolated.size, f"friction.{name}", "contact"), name))
+        mu = _not_negative(spread(sides[side], body.isolated.size, f"friction.{name}", "contact"), name)
+        values.append(mu * of_contacts)
         for part, segment, (_, _, size) in zip(parts.body.segments, body.segments, columns.segments, strict=True):
             varies = size == segment.elements + 1
             field = part.friction.sides[side]
+            if _has_coefficient(part.friction):
+                field *= float(press[segment.first] / body.ground[segment.first])  # weight per length
             if not varies:
                 values.append(np.array([field]))
                 continue
             nodes = body.position[segment.contacts]
             edges = np.concatenate((nodes[:1], 0.5 * (nodes[:-1] + nodes[1:]), nodes[-1:]))
             values.append(average(field_of(field), edges, breaks_of(field)))
+    if columns.loads:
+        item = "contact(s) and segment" if body.segments else "contact"
+        values.append(spread(0.0 if parts.loads is None else parts.loads, columns.loads, "loads", item))
     return np.concatenate(values)
+
+
+def _has_coefficient(part: FrictionPart | SegmentFrictionPart | None) -> bool:
+    return part is not None and part.coefficient is not None

@@ -12,6 +12,7 @@ from ..body.body import Body
 from ..body.columns import Columns
 from ..body.directions import unit_directions
 from ..body.drive import Drive
+from ..body.ground import Ground
 from .parts import SceneParts
 
 
@@ -22,6 +23,7 @@ class Assembly:
     Attributes:
         parts: the content of the scene file.
         body: contacts and springs, with segments divided into elements.
+        ground: weights and slope.
         columns: layout of the commands.
         drive: the drive; without one, L = 0 and the constant friction of the scene.
         start_displacement: x at the start, shape (N,), in the plane (N, 2) [m].
@@ -29,6 +31,7 @@ class Assembly:
 
     parts: SceneParts
     body: Body
+    ground: Ground
     columns: Columns
     drive: Drive
     start_displacement: np.ndarray

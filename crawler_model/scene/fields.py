@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import SceneError
-from .parts import TablePart
+from .friction_parts import TablePart
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 

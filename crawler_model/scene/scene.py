@@ -46,7 +46,7 @@ class Scene(Assembly):
             SceneError: if the parts are inconsistent; the message names the part.
         """
         assembly = assemble(parts, like)
-        return cls(parts, assembly.body, assembly.columns, assembly.drive, assembly.start_displacement)
+        return cls(parts, assembly.body, assembly.ground, assembly.columns, assembly.drive, assembly.start_displacement)
 
     def document(self) -> dict[str, Any]:
         """Build the plain data from which `Scene.model_validate` rebuilds the scene.

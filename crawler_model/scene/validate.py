@@ -11,17 +11,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
-from .parts import (
-    BodyPart,
-    DrivePart,
-    FrictionPart,
-    FrictionRowsPart,
-    LinksPart,
-    SceneParts,
-    SegmentPart,
-    StartPart,
-    WavePart,
-)
+from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart
+from .parts import BodyPart, DrivePart, GroundPart, LinksPart, SceneParts, SegmentPart, StartPart, WavePart
 
 _LONGEST = 500  # length of an error message, in characters
 _MOST_LISTED = 20  # keys listed in an error message
@@ -105,6 +96,8 @@ def known_keys(path: list[str]) -> Iterable[str]:
         "friction": FrictionRowsPart if "drive" in path else FrictionPart,
         "start": StartPart,
         "drive": DrivePart,
+        "ground": GroundPart,
+        "coefficient": CoefficientPart,
         "wave": WavePart,
         "friction_wave": WavePart,
     }

@@ -30,7 +30,7 @@ class Diagnosed(Protocol):
     overspent: int
     unsolved: int
     reported: tuple[int, int, int, int]
-    reported_commands: tuple[int, int, int]
+    reported_commands: tuple[int, int, int, int]
     certificates: Certificates
     commands: CommandQueue
     crawler: Crawler
@@ -126,7 +126,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
 
 def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
     intake, refused = node.intake, node.intake.refusals.total
-    now = refused, intake.lost, node.commands.full
+    now = refused, intake.lost, node.commands.full, node.commands.unheld
     before, node.reported_commands = node.reported_commands, now
     level, message = OK, "all accepted"
     if refused:
@@ -137,6 +137,8 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         node.warn_once(rival)
     if intake.lost > before[1]:
         message = f"{intake.lost - before[1]} message(s) lost: they came faster than they can be taken; {message}"
+    if node.commands.unheld > before[3]:
+        message = f"{node.commands.unheld - before[3]} row(s) dropped: no equilibrium holds their loads; {message}"
     if rival or any(a > b for a, b in zip(now, before, strict=True)):
         level = WARN
     counts = intake.refusals.counts
@@ -146,6 +148,7 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         [
             ("refused", str(refused)),
             ("refused because too much waits", str(node.commands.full)),
+            ("dropped because no equilibrium holds their loads", str(node.commands.unheld)),
             ("lost", str(intake.lost)),
             ("rows waiting", f"{node.commands.waiting} of {node.commands.most_waiting}"),
             *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),

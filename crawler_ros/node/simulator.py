@@ -84,7 +84,7 @@ class Simulator(QuietNode):
         self.certificates = certificates_of(self.scene, self.crawler.method)
         self.ambiguous = self.overspent = self.unsolved = 0
         self.reported = (0, 0, 0, 0)
-        self.reported_commands = (0, 0, 0)
+        self.reported_commands = (0, 0, 0, 0)
         self._warned: set[str] = set()
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)

@@ -10,7 +10,7 @@ from crawler_model import Crawler
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.crawler.readout import Readout
-from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, VISITED, WORK
+from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
 from crawler_model.theory.stasis import stasis_bounds
 
@@ -151,8 +151,8 @@ class RampRows:
             least=least,
             most=most,
             net_translation=average_displacement(mesh, x) if mesh.dimension == 1 else x.mean(axis=1),
-            work=account[:, WORK],
-            dissipation=account[:, DISSIPATION],
+            work=account[:, WORK] + account[:, LOADS_WORK],
+            dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
             stored=(0.5 * tension**2 / stiffness).reshape(rows, -1).sum(axis=1),
             margin=margins.min(axis=1),
             nearest=margins.argmin(axis=1),

@@ -37,7 +37,7 @@ class Piece:
         most: the greatest, likewise.
         net_translation: y, shape (R,), in the plane (R, 2) [m].
         work: of the actuators, shape (R,) [J].
-        dissipation: shape (R,) [J].
+        dissipation: lost to friction, shape (R,) [J].
         stored: at the end, shape (R,) [J].
         margin: least distance of a spring force from its nearest bound at the end, shape (R,) [N].
         nearest: the contact that has it, counted along the whole body, shape (R,); -1 where it is not known.

@@ -18,6 +18,7 @@ COMMANDS = (
     "actuation_controller/commands",
     "actuation_controller/joint_trajectory",
     "friction_controller/commands",
+    "load_controller/commands",
 )
 
 

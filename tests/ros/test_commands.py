@@ -204,3 +204,84 @@ def test_what_cannot_be_followed_is_refused_whole(method, arguments, said):
         getattr(commands, method)(*arguments)
     assert said in str(error.value)
     assert take(commands) == []
+
+
+def loaded(lock_step=False) -> CommandQueue:
+    scene = Scene.model_validate(
+        {
+            "name": "loaded",
+            "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}},
+            "friction": {"forward": 1.0, "backward": 2.0},
+            "loads": 0.0,
+        }
+    )
+    return CommandQueue(scene.columns, scene.drive.rows[0], lock_step)
+
+
+def test_loads_pair_with_actuation_and_friction_by_count():
+    commands = loaded()
+    for k in (1.0, 2.0):
+        commands.accept_actuation([k])
+    commands.accept_friction([1.5])
+    for load in ([0.25], [0.5, -0.5]):
+        commands.accept_loads(load)
+    vertices = take(commands)
+    friction = [1.5] * 4
+    assert [v.row.tolist() for v in vertices] == [[1, *friction, 0.25, 0.25], [2, *friction, 0.5, -0.5]]
+    commands.accept_actuation([3.0])
+    (vertex,) = take(commands, 1)
+    assert vertex.row.tolist() == [3, *friction, 0.5, -0.5]
+
+
+def test_loads_wait_for_actuation_in_lock_step():
+    commands = loaded(lock_step=True)
+    commands.accept_loads([0.25])
+    assert take(commands) == []
+    commands.accept_actuation([1.0])
+    (vertex,) = take(commands)
+    assert vertex.row.tolist() == [1, 1, 1, 2, 2, 0.25, 0.25]
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ([0.0] * 3, "load command has 3 value.s.; give 1 or 2"),
+        ([], "load command has 0 value.s.; give 1 or 2"),
+        ([np.nan], "load command: entry 0 is nan"),
+        ([1.25], "loads sum to 2.5 N forward, but friction against sliding forward to 2 N: no equilibrium"),
+        ([-4.5, 0.0], "loads sum to 4.5 N backward, but friction against sliding backward to 4 N"),
+    ],
+)
+def test_loads_that_do_not_fit_change_nothing(values, text):
+    commands = loaded()
+    with pytest.raises(CommandError, match=text):
+        commands.accept_loads(values)
+    assert commands.waiting == 0
+    assert take(commands) == []
+
+
+def test_a_scene_without_loads_takes_none():
+    with pytest.raises(CommandError, match="the scene has no loads; with `loads: 0` in it"):
+        queue().accept_loads([0.0])
+
+
+def test_friction_too_small_for_the_loads_is_refused():
+    commands = loaded()
+    commands.accept_loads([0.75])
+    with pytest.raises(CommandError, match="friction command: the loads sum to 1.5 N forward"):
+        commands.accept_friction([0.5])
+    with pytest.raises(CommandError, match="trajectory: point 1: the loads sum to 3 N forward"):
+        commands.accept_trajectory(["contact_0/load"], [0, TICK], [[0.0], [3.0]], 0)
+
+
+def test_a_row_without_equilibrium_is_dropped_and_counted_and_the_next_follows():
+    """Either command is held alone; a trajectory lowers the friction after the load was accepted."""
+    commands = loaded()
+    commands.accept_trajectory([f"contact_{i}/forward" for i in (0, 1)], [0], [[0.25, 0.25]], 0)
+    commands.accept_loads([0.75])
+    assert [v.row.tolist() for v in take(commands)] == [[0, 0.25, 0.25, 2, 2, 0, 0]]
+    assert commands.unheld == 1
+    commands.accept_actuation([1.0])
+    (vertex,) = take(commands, 1)
+    assert vertex.row.tolist() == [1, 0.25, 0.25, 2, 2, 0, 0]
+    assert commands.unheld == 1

@@ -26,6 +26,7 @@ from ..state import (
     ROUNDING,
     TENSION,
     VISITED,
+    advance_loads,
 )
 from ..translation import choose_translation, is_wide
 from .memory import (
@@ -168,7 +169,7 @@ def follow_events(
         bytes_: statuses within the ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
-        account: account of the ramp, shape (13,), added to.
+        account: account of the ramp, shape (14,), added to.
         budget: upper limit of work: contacts solved plus breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
@@ -310,5 +311,6 @@ def follow_events(
     if not done:
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
+        advance_loads(contacts, s)
     account[EVENTS] += pieces
     return done

@@ -26,12 +26,14 @@ from ..state import (
     BACKWARD,
     COMPLEMENTARITY,
     COMPLIANCE,
+    CONTACT_ROWS,
     DISSIPATION,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
     GAINED,
+    LOAD,
     OVERSPENT,
     RESIDUAL,
     ROUNDING,
@@ -45,6 +47,8 @@ from ..state import (
     X_REST,
     X,
     add_ramp,
+    begin_loads,
+    end_loads,
     shift,
 )
 from ..translation import choose_translation, is_wide, nearness
@@ -157,7 +161,7 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
     stiffness = elasticity[STIFFNESS]
     tension = links[TENSION]
     forward = target[n - 1 : 2 * n - 1]
-    backward = target[2 * n - 1 :]
+    backward = target[2 * n - 1 : 3 * n - 1]
     trial = floats[ROW_TRIAL]
     new = floats[ROW_RATE]
     side = bytes_[ROW_SIDE]
@@ -211,7 +215,7 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
                 dissipation -= 0.5 * (contacts[BACKWARD, i] + backward[i]) * v
                 gap = backward[i] + g
             complementarity = max(complementarity, abs(v * gap))
-            shift(contacts, v, 1.0, i)
+            shift(contacts, v, 1.0, i, 0.5)
         if side[i] == 0:
             status[i] = 0
         elif forward[i] + backward[i] == 0.0:
@@ -231,6 +235,8 @@ def _is_in_force(contacts, links, target):
             return False
     for i in range(n):
         if target[n - 1 + i] != contacts[FORWARD, i] or target[2 * n - 1 + i] != contacts[BACKWARD, i]:
+            return False
+        if contacts.shape[0] > CONTACT_ROWS and target[3 * n - 1 + i] != contacts[LOAD, i]:
             return False
     return True
 
@@ -269,7 +275,7 @@ def follow(
         bytes_: statuses within a ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
-        account: total account, shape (13,), added to.
+        account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 3 N - 1), or no rows.
     """
     n = contacts.shape[1]
@@ -286,6 +292,7 @@ def follow(
             bytes_[ROW_MOVED] = 0
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
+            begin_loads(contacts, target)
             finished = exact and follow_events(
                 elasticity,
                 contacts,
@@ -311,6 +318,7 @@ def follow(
                     elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, share, wide
                 )
             energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)
+            end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             for i in range(n):

@@ -110,7 +110,7 @@ def update(contacts, links, floats, account, s, first, last):
                 gap = below
             complementarity = max(complementarity, abs(v * gap))
             violation = max(violation, -min(above, below))
-            shift(contacts, v, ds, i)
+            shift(contacts, v, ds, i, middle)
         floats[ROW_SINCE, i] = s
     account[WORK] += work
     account[DISSIPATION] += dissipation

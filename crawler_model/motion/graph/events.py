@@ -85,7 +85,7 @@ def follow_events(
         floats: memory of the ramp, from `memory.scratch`, like the next two.
         changes: changes of the rest lengths and tensions.
         bytes_: sides of the contacts.
-        account: account of the ramp, shape (13,), added to.
+        account: account of the ramp, shape (14,), added to.
         budget: upper limit of contacts solved, counted in every round of the active set.
         rounds: upper limit of rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
@@ -197,7 +197,7 @@ def follow_events(
                         account[DISSIPATION] -= mu_backward * v[i] * ds
                         gap = mu_backward + force
                     account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
-                    shift(contacts, v[i], ds, i)
+                    shift(contacts, v[i], ds, i, at + 0.5 * ds)
                     contacts[RELATIVE, i] += v[i] * ds
                 status[i] &= bytes_[ROW_HELD, i]
         at = until

@@ -18,12 +18,14 @@ from ..state import (
     AT_FORWARD,
     BACKWARD,
     COMPLEMENTARITY,
+    CONTACT_ROWS,
     DISSIPATION,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
     GAINED,
+    LOAD,
     OVERSPENT,
     RELATIVE,
     RESIDUAL,
@@ -36,6 +38,9 @@ from ..state import (
     X_REST,
     X,
     add_ramp,
+    advance_loads,
+    begin_loads,
+    end_loads,
     shift,
 )
 from ..translation import choose_translation, is_wide
@@ -163,7 +168,7 @@ def _catch_up(
             account[DISSIPATION] -= floats[ROW_MIDDLE_B, i] * v[i]
             gap = g - floats[ROW_LOWER, i]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
-        shift(contacts, v[i], 1.0, i)
+        shift(contacts, v[i], 1.0, i, 0.5)
         contacts[RELATIVE, i] += v[i]
         side = bytes_[ROW_SIDE, i]
         status[i] = AT_FORWARD if side == 1 else (AT_BACKWARD if side == -1 else 0)
@@ -204,7 +209,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
             for p in range(n):
                 if result[p] != 0.0:
                     contacts[RELATIVE, order[p]] += result[p]
-                    shift(contacts, result[p], 1.0, order[p])
+                    shift(contacts, result[p], 1.0, order[p], 1.0)
             _set_tensions(ends, stiffness, contacts, links)
             contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         _rebase(contacts)
@@ -260,7 +265,7 @@ def follow(
         floats: memory from `scratch(N, S)`, like the next two.
         changes: floats of the springs.
         bytes_: flags of the contacts.
-        account: total account, shape (13,), added to.
+        account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
     """
     n = contacts.shape[1]
@@ -278,6 +283,8 @@ def follow(
         for i in range(n):
             still = still and target[springs + i] == contacts[FORWARD, i]
             still = still and target[springs + n + i] == contacts[BACKWARD, i]
+            if contacts.shape[0] > CONTACT_ROWS:
+                still = still and target[springs + 2 * n + i] == contacts[LOAD, i]
         if not still:
             energy = 0.0
             for s in range(springs):
@@ -287,6 +294,7 @@ def follow(
             for i in range(ramp.shape[0]):
                 ramp[i] = 0.0
             ramp[VISITED] = np.inf
+            begin_loads(contacts, target)
             done = 0.0
             solved = True
             if exact:
@@ -316,6 +324,7 @@ def follow(
                     for i in range(n):
                         contacts[FORWARD, i] += done * (target[springs + i] - contacts[FORWARD, i])
                         contacts[BACKWARD, i] += done * (target[springs + n + i] - contacts[BACKWARD, i])
+                    advance_loads(contacts, done)
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
@@ -344,6 +353,7 @@ def follow(
             for i in range(n):
                 moved[i] = contacts[RELATIVE, i] != before[i]
             _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, ramp, energy)
+            end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             for i in range(n):

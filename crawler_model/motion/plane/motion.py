@@ -75,6 +75,16 @@ class PlanarState:
         return self.mu.ravel()
 
     @property
+    def bounds(self) -> np.ndarray:
+        """The same as `friction`."""
+        return self.mu.ravel()
+
+    @property
+    def loads(self) -> np.ndarray:
+        """None, shape (0,)."""
+        return np.zeros(0)
+
+    @property
     def contact_state(self) -> np.ndarray:
         """1 if a contact slid in the last command, 0 stuck; int8, shape (N,)."""
         return (np.abs(self.gained).max(axis=1) > 0.0).astype(np.int8)

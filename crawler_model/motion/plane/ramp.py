@@ -262,7 +262,7 @@ def follow(
         targets: L and then mu at each ramp's end, flattened, shape (V, 2 S + n max(m, 1)).
         tolerance: approximate largest displacement error per ramp [m].
         most_steps: upper limit of implicit steps tried in one ramp; equal steps then complete it.
-        account: total account, shape (13,), added to.
+        account: total account, shape (14,), added to.
         records: output: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S), or no rows.
     """
     n = contacts.shape[1]

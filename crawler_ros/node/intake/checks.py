@@ -39,7 +39,8 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
             raise CommandError(f"trajectory: no joint is called {name!r}; {_known(columns, name)}")
         found.append(columns.aliases[name])
         if only_lengths and found[-1][0] >= columns.lengths:
-            raise CommandError(f"trajectory: {name!r} is a friction; this topic takes links and segments alone")
+            kind = "friction" if columns.kind(int(found[-1][0])) == "friction" else "load"
+            raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes links and segments alone")
     taken = np.concatenate(found) if found else np.zeros(0, int)
     if np.unique(taken).size != taken.size:
         raise CommandError("trajectory: a joint is named twice")
@@ -92,7 +93,7 @@ def check_points(
         before = int(times[i - 1]) if i else 0
         raise CommandError(f"trajectory: point {i} at {times[i]} ns comes before {before} ns; times must not fall")
     first = np.array([column[0] for column in columns], dtype=np.int64)
-    least = np.where(first >= limits.lengths, 0.0, -np.inf)
+    least = np.where((first >= limits.lengths) & (first < limits.lengths + limits.frictions), 0.0, -np.inf)
     fits = (np.abs(table) <= limits.largest[first]) & (table >= least)
     if fits.all():
         return
@@ -103,6 +104,71 @@ def check_points(
         if value < low:
             raise CommandError(f"{what}: {name} is {value:g} N; friction must be >= 0")
     limits.check(what, names, table[i], first)
+
+
+def spread_loads(columns: Columns, values: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Check the length of a command for all loads, and repeat a single value.
+
+    Args:
+        columns: the layout of the commands.
+        values: one, or one per isolated contact [N], then per segment [N/m].
+
+    Returns:
+        One value per isolated contact, then per segment, shape (loads,) [N, N/m].
+
+    Raises:
+        CommandError: on a wrong length, a value that is not finite, or a scene without loads.
+    """
+    array = np.array(values, dtype=np.float64)
+    check_finite("load command", array)
+    if not columns.loads:
+        raise CommandError("load command: the scene has no loads; with `loads: 0` in it they can be commanded")
+    if array.size == 1:
+        return np.full(columns.loads, array[0])
+    if array.size != columns.loads:
+        counts = f"give 1 or {columns.loads} (one per {columns.items('contact')})"
+        raise CommandError(f"load command has {array.size} value(s); {counts}")
+    return array
+
+
+def check_loads(columns: Columns, in_force: np.ndarray, named: list[np.ndarray], table: np.ndarray) -> None:
+    """Refuse points with loads that no equilibrium holds.
+
+    Args:
+        columns: the layout of the commands.
+        in_force: the command row in force, shape (C,).
+        named: the columns of each name of a trajectory, N of them.
+        table: positions, shape (P, N).
+
+    Raises:
+        CommandError: naming the first such point, with the sums that do not fit.
+    """
+    if not columns.loads or not any(column[0] >= columns.lengths for column in named):
+        return
+    for i, values in enumerate(table):
+        row = in_force.copy()
+        for column, value in zip(named, values, strict=True):
+            row[column] = value
+        columns.check_equilibrium(columns.target(row), f"trajectory: point {i}", CommandError)
+
+
+def is_held(columns: Columns, row: np.ndarray) -> bool:
+    """Determine whether an equilibrium holds the loads of a row; commands checked one by one may not fit together.
+
+    Args:
+        columns: the layout of the commands.
+        row: a command row, shape (C,).
+
+    Returns:
+        True without loads.
+    """
+    if not columns.loads:
+        return True
+    try:
+        columns.check_equilibrium(columns.target(row), "commands", CommandError)
+    except CommandError:
+        return False
+    return True
 
 
 def check_times(stamp_ns: int, now_ns: int, tick_ns: int, last_ns: int) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from crawler_model.body.columns import Columns
 from crawler_model.errors import CommandError
 
-from .checks import check_finite, check_points, check_times, named_columns
+from .checks import check_finite, check_loads, check_points, check_times, is_held, named_columns, spread_loads
 from .limits import Limits
 from .received import wrong_point
 
@@ -72,6 +72,8 @@ class CommandQueue:
         """Set when something arrived that makes a tick in lock-step."""
         self.full = 0
         """Messages refused because too much was waiting."""
+        self.unheld = 0
+        """Rows dropped because no equilibrium holds their loads."""
         self._lengths = columns.lengths
         self._lock = threading.Lock()
         self.reset(in_force)
@@ -80,11 +82,11 @@ class CommandQueue:
         """Drop what is pending or running."""
         with self._lock:
             self._actuation: list[np.ndarray] = []
-            self._friction: list[np.ndarray] = []
+            self._beside: dict[int, list[np.ndarray]] = {}
             self._trajectories: list[Trajectory] = []
             self._last_was_trajectory = False
             self._turns: deque[np.ndarray | Trajectory] = deque()
-            self._pending = self._pending_friction = 0
+            self._pending = self._pending_beside = 0
             self._now_ns = self._tick_ns = 0
             self.arrived.clear()
         self._in_force = np.array(in_force)
@@ -94,7 +96,7 @@ class CommandQueue:
     @property
     def waiting(self) -> int:
         """Command rows that wait, those of a trajectory that runs included."""
-        return self._pending + self._pending_friction + len(self._path)
+        return self._pending + self._pending_beside + len(self._path)
 
     @property
     def most_waiting(self) -> int:
@@ -169,10 +171,36 @@ class CommandQueue:
             i = int(np.argmin(array))
             raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
         self._limits.check("friction command", columns.names[self._lengths :], row, self._lengths)
+        self._accept_beside("friction command", self._lengths, row)
+
+    def accept_loads(self, values: Sequence[float] | np.ndarray) -> None:
+        """Take a command for all loads.
+
+        Args:
+            values: one, or one per isolated contact [N] then segment [N/m], towards +x positive.
+
+        Raises:
+            CommandError: on a wrong length, a value that is not finite or beyond its limit, loads that no equilibrium
+                holds, or a full queue.
+        """
+        columns = self._columns
+        array = spread_loads(columns, values)
+        first = columns.count - columns.loads
+        self._limits.check("load command", columns.names[first:], array, first)
+        self._accept_beside("load command", first, array)
+
+    def _accept_beside(self, what: str, first: int, values: np.ndarray) -> None:
+        """Queue values that take effect with the next rest lengths."""
         with self._lock:
+            if self._columns.loads:
+                row = self._in_force.copy()
+                for column, waiting in self._beside.items():
+                    row[column : column + waiting[-1].size] = waiting[-1]
+                row[first : first + values.size] = values
+                self._columns.check_equilibrium(self._columns.target(row), what, CommandError)
             self._take_in(1)
-            self._pending_friction += 1
-            self._friction.append(row)
+            self._pending_beside += 1
+            self._beside.setdefault(first, []).append(values)
             self._last_was_trajectory = False
 
     def accept_trajectory(
@@ -204,6 +232,7 @@ class CommandQueue:
         table = np.array(positions, dtype=np.float64).reshape(times.size, len(names))
         check_points(names, columns, times, table, self._limits)
         check_times(stamp_ns, self._now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
+        check_loads(self._columns, self._in_force, columns, table)
         trajectory = Trajectory(stamp_ns or None, columns, times, table)
         with self._lock:
             self._take_in(times.size + 1)
@@ -223,7 +252,7 @@ class CommandQueue:
     def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
 
-        The k-th actuation and the k-th friction array make one vertex; those without a partner follow alone. Arrays
+        The k-th actuation, friction and load array make one vertex; those without a partner follow alone. Arrays
         take equal shares of the tick. A trajectory's points stand at their own times, those already past first, and
         where it runs on beyond the tick its straight line is followed up to the end. Arrays and trajectories replace
         each other, whichever came last.
@@ -238,17 +267,17 @@ class CommandQueue:
         self._now_ns, self._tick_ns = end_ns, end_ns - start_ns
         if self._lock_step:
             return self._news(self._take_turn(start_ns, end_ns))
-        if not (self._actuation or self._friction or self._trajectories or self._path):
+        if not (self._actuation or self._beside or self._trajectories or self._path):
             return []
         with self._lock:
             actuation, self._actuation = self._actuation, []
-            friction, self._friction = self._friction, []
+            beside, self._beside = self._beside, {}
             trajectories, self._trajectories = self._trajectories, []
-            self._pending = self._pending_friction = 0
+            self._pending = self._pending_beside = 0
             trajectory_last = self._last_was_trajectory
-        arrays = max(len(actuation), len(friction)) > 0
+        arrays = bool(actuation or beside)
         if arrays and trajectory_last:
-            vertices = self._pair(actuation, friction, start_ns, start_ns)
+            vertices = self._pair(actuation, beside, start_ns, start_ns)
             self._join_all(trajectories, start_ns, end_ns)
             return self._news(vertices + self._follow_path(start_ns, end_ns))
         self._join_all(trajectories, start_ns, end_ns)
@@ -257,7 +286,7 @@ class CommandQueue:
         past = [v for v in self._path if v.due_ns <= start_ns]
         if past:
             self._anchor = past[-1]
-        return self._news(past + self._pair(actuation, friction, start_ns, end_ns))
+        return self._news(past + self._pair(actuation, beside, start_ns, end_ns))
 
     def _take_turn(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of a tick in lock-step: of the trajectory that runs, else of what arrived first."""
@@ -269,38 +298,45 @@ class CommandQueue:
                 return []
             turn = self._turns.popleft()
             if isinstance(turn, Trajectory):
-                friction = []
+                beside: dict[int, list[np.ndarray]] = {}
                 self._pending -= turn.times_ns.size + 1
             else:
-                friction, self._friction = self._friction, []
+                beside, self._beside = self._beside, {}
                 self._pending -= 1
-                self._pending_friction = 0
+                self._pending_beside = 0
         if isinstance(turn, Trajectory):
             self._join(turn, start_ns, end_ns, 0)
             return self._follow_path(start_ns, end_ns)
-        return self._pair([turn], friction, start_ns, end_ns)
+        return self._pair([turn], beside, start_ns, end_ns)
 
     def _news(self, vertices: list[Vertex]) -> list[Vertex]:
-        """Leave out the vertices that only repeat what is in force."""
+        """Leave out vertices that repeat the row in force, and drop and count those without an equilibrium."""
         kept = []
         for vertex in vertices:
-            if vertex.row.tobytes() != self._in_force.tobytes():
+            if vertex.row.tobytes() == self._in_force.tobytes():
+                continue
+            if is_held(self._columns, vertex.row):
                 kept.append(vertex)
                 self._in_force = vertex.row
+            else:
+                self.unheld += 1
+                if self._anchor.row is vertex.row:  # commands that follow do not start from it
+                    self._anchor = Vertex(vertex.due_ns, self._in_force)
         return kept
 
     def _pair(
-        self, actuation: list[np.ndarray], friction: list[np.ndarray], start_ns: int, end_ns: int
+        self, actuation: list[np.ndarray], beside: dict[int, list[np.ndarray]], start_ns: int, end_ns: int
     ) -> list[Vertex]:
-        count = max(len(actuation), len(friction))
+        count = max(len(actuation), *map(len, beside.values()), 0)
         row = self._value_at(start_ns) if self._path else self._anchor.row
         vertices = []
         for k in range(count):
             row = row.copy()
             if k < len(actuation):
                 row[: self._lengths] = actuation[k]
-            if k < len(friction):
-                row[self._lengths :] = friction[k]
+            for first, waiting in beside.items():
+                if k < len(waiting):
+                    row[first : first + waiting[k].size] = waiting[k]
             vertices.append(Vertex(start_ns + (end_ns - start_ns) * (k + 1) // count, row))
         self._path = []
         self._anchor = Vertex(end_ns, row)

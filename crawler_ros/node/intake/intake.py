@@ -47,6 +47,7 @@ class Intake:
             "actuation_controller/joint_trajectory": (self._accept_lengths, array + points),
             "actuation_controller/commands": (lambda data: commands.accept_actuation(read_array(data)), array),
             "friction_controller/commands": (lambda data: commands.accept_friction(read_array(data)), array),
+            "load_controller/commands": (lambda data: commands.accept_loads(read_array(data)), array),
         }
 
     def open(self, node: Any, topic: interface.Topic, channel: int | None) -> None:

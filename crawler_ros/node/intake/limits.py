@@ -22,15 +22,17 @@ class Limits:
     Attributes:
         largest: shape (C,) [m, 1, N, N/m].
         lengths: how many of these are lengths and strains.
+        frictions: how many of the others are frictions; loads follow.
     """
 
     largest: np.ndarray
     lengths: int
+    frictions: int
 
     @staticmethod
     def none(columns: Columns) -> Limits:
         """Take whatever doubles can hold, in all columns."""
-        return Limits(np.full(columns.count, LARGEST), columns.lengths)
+        return Limits(np.full(columns.count, LARGEST), columns.lengths, columns.frictions)
 
     def check(self, what: str, names: Sequence[str], values: np.ndarray, columns: np.ndarray | int = 0) -> None:
         """Refuse numbers beyond their limits.
@@ -85,6 +87,9 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     ground = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.friction_sizes)
     ground = np.tile(ground, columns.sides)
     strongest = friction or _TIMES * max(
-        (rows[:, columns.lengths :] * ground).max(initial=0.0), body.stiffness.max(initial=0.0) * extent
+        (rows[:, columns.lengths :][:, : columns.frictions] * ground).max(initial=0.0),
+        body.stiffness.max(initial=0.0) * extent,
     )
-    return Limits(np.minimum(np.concatenate((longest / spread, strongest / ground)), LARGEST), columns.lengths)
+    loads = np.concatenate(([1.0] * columns.contacts, spans))[: columns.loads]
+    largest = np.concatenate((longest / spread, strongest / ground, strongest / loads))
+    return Limits(np.minimum(largest, LARGEST), columns.lengths, columns.frictions)

@@ -1,0 +1,174 @@
+"""The parts of a scene file that hold friction."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import model_validator
+
+from .keys import Number, Numbers, Part, Table, key
+
+
+class TablePart(Part):
+    """A value along a segment: linear between positions, constant beyond them."""
+
+    at: Annotated[tuple[Number, ...], key("Positions along the body, strictly increasing.", "m")]
+    value: Annotated[
+        tuple[Number, ...], key("The value at each position, in the unit of the key that holds the table.")
+    ]
+
+    @model_validator(mode="after")
+    def _fits(self) -> TablePart:
+        if len(self.at) != len(self.value) or not self.at:
+            raise ValueError(f"{len(self.at)} position(s) in `at` for {len(self.value)} value(s); give one for each")
+        if any(b <= a for a, b in zip(self.at, self.at[1:], strict=False)):
+            raise ValueError("the positions in `at` must be strictly increasing")
+        return self
+
+
+def explain_friction(value: Any) -> Any:
+    """Refuse a bare number as friction.
+
+    Args:
+        value: the value of a `friction` key.
+
+    Returns:
+        The value, unchanged.
+
+    Raises:
+        ValueError: with the mapping to write instead.
+    """
+    if isinstance(value, (int, float, list, tuple)):
+        raise ValueError(f"write {{isotropic: {value}}}, or give `forward` and `backward`")
+    return value
+
+
+def _check_one_way(part: Any) -> None:
+    both = part.forward is not None and part.backward is not None
+    neither = part.forward is None and part.backward is None
+    if not ((both and part.isotropic is None) or (neither and part.isotropic is not None)):
+        raise ValueError("give both `forward` and `backward`, or `isotropic` alone")
+
+
+def _check_one_kind(part: Any) -> None:
+    """Check that friction is given as forces or as coefficients, not as both."""
+    if part.coefficient is None:
+        _check_one_way(part)
+    elif part.forward is not None or part.backward is not None or part.isotropic is not None:
+        raise ValueError("give `coefficient`, or forces, not both")
+
+
+def _sides(part: Any) -> tuple[Any, Any]:
+    if getattr(part, "coefficient", None) is not None:
+        return _sides(part.coefficient)
+    return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
+
+
+class _TwoSided(Part):
+    @model_validator(mode="after")
+    def _one_way(self) -> _TwoSided:
+        _check_one_way(self)
+        return self
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """Forward and backward friction."""
+        return _sides(self)
+
+
+class CoefficientPart(_TwoSided):
+    """Coefficients of friction: mu = coefficient * weight * cos(slope)."""
+
+    forward: Annotated[Numbers | None, key("Against sliding towards +x: one number, or one each.", "1", minimum=0)] = (
+        None
+    )
+    backward: Annotated[Numbers | None, key("Against sliding towards -x, likewise.", "1", minimum=0)] = None
+    isotropic: Annotated[Numbers | None, key("Both in one, likewise.", "1", minimum=0)] = None
+
+
+class SegmentFrictionPart(Part):
+    """Friction of a segment per length, N/m: forward and backward, or isotropic, or as coefficients."""
+
+    forward: Annotated[Number | TablePart | None, key("Against sliding towards +x.", "N/m", minimum=0)] = None
+    backward: Annotated[Number | TablePart | None, key("Against sliding towards -x.", "N/m", minimum=0)] = None
+    isotropic: Annotated[Number | TablePart | None, key("The same in both directions.", "N/m", minimum=0)] = None
+    coefficient: Annotated[
+        CoefficientPart | None, key("Instead of forces: coefficients, of the weight of the segment.")
+    ] = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> SegmentFrictionPart:
+        _check_one_kind(self)
+        if self.coefficient is not None and any(isinstance(value, tuple) for value in self.sides):
+            raise ValueError("coefficient: a list; a segment takes one number")
+        return self
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """Forward and backward friction, or the coefficients that replace them."""
+        return _sides(self)
+
+
+class FrictionPart(Part):
+    """Friction of the isolated contacts, N: forward and backward, isotropic, or in the plane by directions."""
+
+    forward: Annotated[
+        Numbers | None, key("Against sliding towards +x: one number, or one per contact.", "N", minimum=0)
+    ] = None
+    backward: Annotated[
+        Numbers | None, key("Against sliding towards -x: one number, or one per contact.", "N", minimum=0)
+    ] = None
+    isotropic: Annotated[
+        Numbers | None, key("The same in both directions; in the plane in every direction.", "N", minimum=0)
+    ] = None
+    directions: Annotated[
+        tuple[Number, ...] | None,
+        key("In the plane: at least three angles, increasing within one turn, less than half a turn apart.", "rad"),
+    ] = None
+    value: Annotated[
+        Table | None,
+        key(
+            "Friction against sliding in each direction, linear between them and convex: one row, or one per contact.",
+            "N",
+            minimum=0,
+        ),
+    ] = None
+
+    coefficient: Annotated[
+        CoefficientPart | None, key("Instead of forces: coefficients, of the weights of the contacts.")
+    ] = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FrictionPart:
+        if self.directions is None and self.value is None:
+            _check_one_kind(self)
+        elif self.directions is None or self.value is None or self.has_sides:
+            raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
+        return self
+
+    @property
+    def has_sides(self) -> bool:
+        """Whether friction is specified other than by directions."""
+        given = (self.forward, self.backward, self.isotropic, self.coefficient)
+        return any(value is not None for value in given)
+
+    @property
+    def sides(self) -> tuple[Any, Any]:
+        """Forward and backward friction."""
+        return _sides(self)
+
+
+class FrictionRowsPart(_TwoSided):
+    """Commanded friction, a row per time: forward and backward, or isotropic."""
+
+    forward: Annotated[
+        Table | None,
+        key(
+            "Against sliding towards +x: a row per time, a column per isolated contact (N), then per segment (N/m); "
+            "or one number for all.",
+            "N, N/m",
+            minimum=0,
+        ),
+    ] = None
+    backward: Annotated[Table | None, key("Against sliding towards -x, likewise.", "N, N/m", minimum=0)] = None
+    isotropic: Annotated[Table | None, key("The same in both directions, likewise.", "N, N/m", minimum=0)] = None
