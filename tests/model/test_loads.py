@@ -169,6 +169,7 @@ REFUSED = [
     ({"friction": {"coefficient": {"isotropic": 0.5}}}, "body.weights: missing; a coefficient of friction acts"),
     ({"friction": {"coefficient": {"isotropic": 0.5}, "isotropic": 1}}, "give `coefficient`, or forces, not both"),
     ({"body": {"weights": [1.0, -1.0]}}, "body.weights: entry 1 is -1"),
+    ({"ground": {"patches": [{"from": 0.0, "to": 1.0, "friction": 0.5}]}}, "ground.patches: unknown key"),
 ]
 
 
@@ -197,3 +198,21 @@ def test_driven_loads_replace_those_of_the_scene():
     crawler = Crawler(two(loads=0.0))
     crawler.advance([3.0], loads=[0.2, -0.4])
     assert run.displacement[-1] == pytest.approx(crawler.displacement, abs=1e-13)
+
+
+PLANAR_REFUSED = [
+    ("loads", {"loads": 0.1}),
+    ("body.weights", {"body": {"weights": 1.0}}),
+    ("ground", {"ground": {"slope": 5.0}}),
+    ("friction.coefficient", {"friction": {"coefficient": {"isotropic": 0.5}}}),
+    ("drive.loads", {"drive": {"times": [0.0, 1.0], "actuation": [[[0, 0]], [[1, 0]]], "loads": 0.1}}),
+]
+
+
+@pytest.mark.parametrize(("key", "change"), PLANAR_REFUSED, ids=[key for key, _ in PLANAR_REFUSED])
+def test_loads_in_the_plane_are_refused_with_the_reason(key, change):
+    body = {"contacts": [[0.0, 0.0], [1.0, 0.0]], "links": {"stiffness": 1.0}} | change.get("body", {})
+    scene = {"name": "planar", "dimension": 2, "friction": {"isotropic": 1.0}} | change | {"body": body}
+    with pytest.raises(SceneError) as refused:
+        Scene.model_validate(scene)
+    assert str(refused.value) == f"{key}: only on a line; loads and slopes in the plane are not supported yet"

@@ -268,7 +268,7 @@ def test_a_scene_without_loads_takes_none():
 def test_friction_too_small_for_the_loads_is_refused():
     commands = loaded()
     commands.accept_loads([0.75])
-    with pytest.raises(CommandError, match="friction command: the loads sum to 1.5 N forward"):
+    with pytest.raises(CommandError, match=r"friction command: the loads sum to 1\.5 N forward"):
         commands.accept_friction([0.5])
     with pytest.raises(CommandError, match="trajectory: point 1: the loads sum to 3 N forward"):
         commands.accept_trajectory(["contact_0/load"], [0, TICK], [[0.0], [3.0]], 0)
