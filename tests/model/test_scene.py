@@ -96,7 +96,7 @@ WRONG = [
     (
         "drive/length",
         2,
-        "drive: `length` does not belong to this kind of drive; its keys are actuation, friction, period, times",
+        "drive: `length` does not belong to this kind of drive; its keys are actuation, friction, loads, period, times",
     ),
     ("drive/friction", 0.5, "friction: with `times`, give `isotropic`, or `forward` and `backward`, a row per time"),
     ("drive/period", 0, "drive: period: 0 s; it must be > 0"),
@@ -279,7 +279,14 @@ SEGMENT = {"name": "x", "body": {"segments": [TRUNK]}}
 WAYPOINTS = {"times": [0, 1], "actuation": [[0], [0]], "friction": {"forward": 1, "backward": 2}}
 WAVE = {"amplitude": 0.1, "wavelength": 1, "period": 1}
 PLANE = {"name": "x", "dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1}}}
+WEIGHED = {"name": "x", "body": {**LINE["body"], "weights": 1}}
+COEFFICIENTS = {**WEIGHED, "friction": {"coefficient": {"forward": 1, "backward": 1}}}
 BOUNDED = {
+    ("BodyPart", "weights"): ({**LINE, "body": WEIGHED["body"]}, "body/weights"),
+    ("CoefficientPart", "forward"): (COEFFICIENTS, "friction/coefficient/forward"),
+    ("CoefficientPart", "backward"): (COEFFICIENTS, "friction/coefficient/backward"),
+    ("CoefficientPart", "isotropic"): (COEFFICIENTS, "friction/coefficient=isotropic"),
+    ("GroundPart", "slope"): ({**LINE, "body": WEIGHED["body"], "ground": {"slope": 0}}, "ground/slope"),
     ("LinksPart", "stiffness"): (LINE, "body/links/stiffness"),
     ("SegmentPart", "stiffness"): (SEGMENT, "body/segments/0/stiffness"),
     ("SegmentPart", "accuracy"): (SEGMENT, "body/segments/0/accuracy"),
@@ -314,12 +321,16 @@ def put(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     return document
 
 
+RANGE = {"minimum": -1, "exclusiveMinimum": 0, "maximum": 1, "exclusiveMaximum": 0}
+"""How far from a limit the nearest integer beyond it lies."""
+
+
 def bounds() -> dict[tuple[str, str], dict[str, float]]:
     root = SceneParts.model_json_schema()
     found = {}
     for name, part in {**root["$defs"], "Scene": root}.items():
         for key, value in part["properties"].items():
-            limits = {k: value[k] for k in ("minimum", "exclusiveMinimum", "maximum") if k in value}
+            limits = {k: value[k] for k in RANGE if k in value}
             if limits:
                 found[name, key] = limits
     return found
@@ -331,7 +342,7 @@ def test_the_ranges_in_the_schema_are_those_of_the_program(key):
     limits = bounds()[key]
     whole = key[1] in ("elements", "samples", "shown")
     for kind, limit in limits.items():
-        beyond = {"minimum": limit - 1, "exclusiveMinimum": limit, "maximum": limit + 1}[kind]
+        beyond = limit + RANGE[kind]
         with pytest.raises(SceneError) as error:
             parse_scene(json.dumps(put(document, path, beyond)), "x.yaml")
         assert re.search(r"must (be|lie)|are shown", str(error.value)), error.value
@@ -470,7 +481,7 @@ WRONG_BODIES = [
         "body.contacts: contact 0 is 0.0; in a planar scene each contact is [x, y]",
     ),
     (plane(dimension=3), "dimension: Input should be 1 or 2"),
-    (plane(friction={"forward": 1, "backward": 2}), "in the plane give `isotropic`, or `directions` and `value`"),
+    (plane(friction={"forward": 1, "backward": 2}), "in the plane use `isotropic`, or `directions` and `value`"),
     (
         plane(drive={"times": [0, 1], "actuation": [[0], [1]]}),
         "row 0: entry 0 is 0.0; in a planar scene a row is [x, y] for each",
@@ -492,7 +503,7 @@ WRONG_BODIES = [
         plane(friction={"directions": [0, 2, 4], "value": [[1, 1, 1]] * 3}),
         "friction.value: 3 row(s) for 2 contact(s); give one row, or one per contact",
     ),
-    (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies are for a line"),
+    (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies need a line"),
     (plane(start={"displacement": [[0, 0]]}), "in a planar scene it is [x, y] for each of 2 contacts"),
     (plane(start={"displacement": [[0, 0], [0, 9]]}), "contact 0 is pulled by [0, 9] N"),
     (plane(friction={"directions": [0, 1, 2, 3], "value": 1}), "friction.directions"),
