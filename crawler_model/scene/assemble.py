@@ -12,8 +12,7 @@ from ..errors import SceneError
 from ..run.simulate import simulate
 from .assemble_body import assemble_body, assemble_columns
 from .assemble_drive import assemble_drive
-from .assemble_friction import assemble_friction, planar_friction
-from .assemble_ground import assemble_ground
+from .assemble_friction import assemble_friction, assemble_ground, planar_friction
 from .assemble_start import assemble_start, check_start
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves

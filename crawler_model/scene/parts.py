@@ -7,8 +7,19 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
-from .friction_parts import FrictionPart, FrictionRowsPart, SegmentFrictionPart, TablePart, explain_friction
-from .keys import Deep, Number, Numbers, Part, Table, key
+from .friction_parts import (
+    Deep,
+    FrictionPart,
+    FrictionRowsPart,
+    Number,
+    Numbers,
+    Part,
+    SegmentFrictionPart,
+    Table,
+    TablePart,
+    explain_friction,
+    key,
+)
 
 
 class LinksPart(Part):
