@@ -11,8 +11,7 @@ from ..body.build import End, Interval, build_body
 from ..body.columns import Columns, build_columns, build_planar_columns
 from ..body.ground import Ground
 from ..errors import SceneError
-from .fields import average, breaks_of, check_field, field_of
-from .friction_parts import TablePart
+from .friction_parts import TablePart, average, breaks_of, check_field, field_of
 from .parts import SceneParts, SegmentPart
 
 

@@ -11,8 +11,7 @@ from ..body.body import Body
 from ..body.columns import Columns
 from ..body.ground import Ground
 from ..errors import SceneError
-from .fields import average, breaks_of, field_of
-from .friction_parts import FrictionPart, SegmentFrictionPart
+from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts
 
 

@@ -10,7 +10,7 @@ import pytest
 from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
 from crawler_model.scene.assemble import _largest_change
 from crawler_model.scene.elements import count_elements
-from crawler_model.scene.fields import average
+from crawler_model.scene.friction_parts import average
 from crawler_model.theory.regularity import check_regularity
 
 from .chains import coarse

@@ -83,51 +83,6 @@ def test_a_real_run_gains_in_each_cycle_what_the_model_says(real, name):
     assert found.energy.dissipation == pytest.approx(offline.energy.dissipation)
 
 
-LOADED = """
-name: loaded
-body: {contacts: [0.0, 1.0], links: {stiffness: 1.0}}
-friction: {forward: 0.2, backward: 1.0}
-loads: 0.0
-"""
-
-
-def test_commanded_loads_are_recorded_and_replayed_to_the_bit(tmp_path):
-    pytest.importorskip("rclpy")
-    from std_msgs.msg import Float64MultiArray
-
-    from .graph import graph
-
-    (tmp_path / "loaded.yaml").write_text(LOADED)
-    load, lengths = [-0.05, 0.025], [2.0, 0.0]
-    with graph(tmp_path) as ros:
-        simulator = ros.simulator(
-            f"record:={tmp_path / 'bags'}",
-            f"scene:={tmp_path / 'loaded.yaml'}",
-            hear=("joint_states", "applied_commands"),
-        )
-
-        def applied():
-            return [message for message in ros.heard["applied_commands"] if message.points]
-
-        ros.publish("load_controller/commands", Float64MultiArray(data=load))
-        wait_until(lambda: ros.heard["applied_commands"], what="the loads in the ledger")
-        for count, length in enumerate(lengths, 2):
-            ros.publish("actuation_controller/commands", Float64MultiArray(data=[length]))
-            wait_until(lambda n=count: len(applied()) >= n, what="the length in the ledger")
-        ledger = applied()[-1]
-        row = dict(zip(ledger.joint_names, ledger.points[-1].positions, strict=True))
-        assert [row["contact_0/load"], row["contact_1/load"]] == load
-        assert simulator.end() == 0
-    (folder,) = (tmp_path / "bags").iterdir()
-    found = analyse(folder)
-    assert found.problems == ()
-    assert found.comparison.identical
-    assert found.energy.residual < 1e-12
-    assert found.energy.dissipation > 0.0
-    done = crawler("replay", folder)
-    assert "identical to the bit" in done.stdout
-
-
 def test_json_has_the_keys_of_the_contract_and_only_numbers(real):
     done = crawler("replay", real("two_anchor_a"), "--json")
     assert done.returncode == 0, done.stderr
