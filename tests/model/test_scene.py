@@ -470,7 +470,7 @@ WRONG_BODIES = [
         "body.contacts: contact 0 is 0.0; in a planar scene each contact is [x, y]",
     ),
     (plane(dimension=3), "dimension: Input should be 1 or 2"),
-    (plane(friction={"forward": 1, "backward": 2}), "in the plane give `isotropic`, or `directions` and `value`"),
+    (plane(friction={"forward": 1, "backward": 2}), "in the plane use `isotropic`, or `directions` and `value`"),
     (
         plane(drive={"times": [0, 1], "actuation": [[0], [1]]}),
         "row 0: entry 0 is 0.0; in a planar scene a row is [x, y] for each",
@@ -492,7 +492,7 @@ WRONG_BODIES = [
         plane(friction={"directions": [0, 2, 4], "value": [[1, 1, 1]] * 3}),
         "friction.value: 3 row(s) for 2 contact(s); give one row, or one per contact",
     ),
-    (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies are for a line"),
+    (plane(drive={"wave": {"amplitude": 1, "wavelength": 1, "period": 1}}), "waves and strategies need a line"),
     (plane(start={"displacement": [[0, 0]]}), "in a planar scene it is [x, y] for each of 2 contacts"),
     (plane(start={"displacement": [[0, 0], [0, 9]]}), "contact 0 is pulled by [0, 9] N"),
     (plane(friction={"directions": [0, 1, 2, 3], "value": 1}), "friction.directions"),
