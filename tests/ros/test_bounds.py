@@ -12,6 +12,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from crawler_bench.node.processes import memory_mb
 from crawler_model import CommandError, Scene, load_scene
 from crawler_ros.node.intake import commands as commands_module
 from crawler_ros.node.intake.commands import CommandQueue
@@ -20,7 +21,7 @@ from crawler_ros.node.intake.peers import Arrivals
 from crawler_ros.node.intake.received import read_array, read_trajectory
 
 from .graph import graph, wait_until
-from .machine import Sender, encode_array, memory, status, stop, value
+from .machine import Sender, encode_array, status, stop, value
 
 ACTUATION, FRICTION, TRAJECTORY = "actuation_controller/commands", "friction_controller/commands", "joint_trajectory"
 SECOND = 10**9
@@ -144,14 +145,14 @@ def test_a_paused_simulator_takes_so_many_and_says_so(ros):
     assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True).success
     sender = Sender(ros, TRAJECTORY)
     rows = serialize_message(trajectory(["link_0"], np.zeros((10_000, 1)), np.arange(10_000)))
-    before = memory(process.process.pid)
+    before = memory_mb(process.process.pid)
     for _ in range(15):
         sender.send(TRAJECTORY, rows)
         sender.wait()
     full = "refused because too much waits"
     wait_until(lambda: status(ros, "commands") and int(value(ros, "commands", full)) > 4, what="a full queue")
     assert any(s.level == b"\x01" and "may wait" in s.message for m in ros.heard["/diagnostics"] for s in m.status)
-    assert memory(process.process.pid) - before < 256 << 20
+    assert memory_mb(process.process.pid) - before < 256
     assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
     assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=False).success
     ros.publish(ACTUATION, Float64MultiArray(data=[0.1, 0.0]))
@@ -163,13 +164,13 @@ def test_messages_larger_than_any_command_are_refused_unread(ros):
     process = ros.simulator(hear=("joint_states", "/diagnostics"))
     sender = Sender(ros, ACTUATION, depth=2)
     wait_until(lambda: len(ros.heard["/diagnostics"]) > 1, what="diagnostics")
-    before = memory(process.process.pid)
+    before = memory_mb(process.process.pid)
     count, huge = 4, encode_array(np.zeros(5_000_000))  # malloc keeps what is smaller than 32 MiB
     for k in range(1, count + 1):
         sender.send(ACTUATION, huge)
         wait_until(lambda k=k: value(ros, "commands", "refused") == str(k), what=f"{k} refused")
     assert "no command of this scene takes more than" in process.said
-    wait_until(lambda: memory(process.process.pid) - before < 64 << 20, what="memory given back")
+    wait_until(lambda: memory_mb(process.process.pid) - before < 64, what="memory given back")
     ros.publish(ACTUATION, Float64MultiArray(data=[0.1, 0.0]))
     wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0, what="a walk")
 

@@ -14,10 +14,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from crawler_bench.node.processes import children
 from crawler_ros.node.life.shared_memory import remove_orphans
 
 from .graph import environment, graph, wait_until
-from .machine import Command, children, simulator, status, stop
+from .machine import simulator, status, stop
 from .test_security import NOTHING, addresses, is_loopback
 
 CONTROLLERS = ("speed_control", "phase_control")
@@ -67,7 +68,7 @@ def test_asked_again_later_it_ends_at_once_and_the_recording_is_finished(ros):
 
 def test_ended_while_it_compiles_it_leaves_one_line_and_was_in_no_graph(ros):
     """A node that stood in the graph without answering would hold up whoever waits for it."""
-    running = Command(ros, simulator(), NUMBA_CACHE_DIR=str(ros.folder / "cache"))
+    running = ros.run(simulator(), NUMBA_CACHE_DIR=str(ros.folder / "cache"))
     wait_until(lambda: "compiling the kernels" in running.said, what="a compiler")
     time.sleep(1.0)  # discovery
     assert "crawler" not in ros.node.get_node_names()
@@ -159,7 +160,7 @@ def test_the_next_one_removes_what_a_killed_one_left(ros):
 
 def test_without_discovery_it_is_on_loopback_as_well_and_nobody_finds_it(ros):
     ros.hear("joint_states")
-    process = Command(ros, simulator(), **(NOTHING | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}))
+    process = ros.run(simulator(), **(NOTHING | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}))
     wait_until(lambda: "waiting for commands" in process.said, what="the simulator")
     found = addresses(process.process.pid)
     assert found

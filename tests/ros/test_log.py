@@ -17,8 +17,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from crawler_bench.node.processes import children
+
 from .graph import environment, graph, wait_until
-from .machine import Sender, children, encode_array, simulator, status, value
+from .machine import Sender, encode_array, simulator, status, value
 
 TALKER = """
 import os, sys

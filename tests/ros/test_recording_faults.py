@@ -17,7 +17,7 @@ from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
 from .graph import environment, graph, wait_until
-from .machine import Command, simulator, status
+from .machine import simulator, status
 
 
 @pytest.fixture
@@ -114,7 +114,7 @@ def test_a_folder_that_is_locked_keeps_its_messages_and_is_reported(ros):
 def test_message_definitions_are_found_beside_an_unrelated_prefix(ros):
     ros.hear("joint_states")
     bags = ros.folder / "bags"
-    process = Command(ros, simulator(f"record:={bags}"), AMENT_PREFIX_PATH=str(ros.folder))
+    process = ros.run(simulator(f"record:={bags}"), AMENT_PREFIX_PATH=str(ros.folder))
     wait_until(lambda: ros.heard["joint_states"] or process.process.poll() is not None, what="a state")
     wait_for_more(ros)
     assert process.end() == 0, process.said

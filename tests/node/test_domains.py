@@ -17,7 +17,7 @@ from crawler_ros.node.life.domains import domain_environment, reserved_domain
 
 HOLD = """
 import sys
-from crawler_ros import domains
+from crawler_ros.node.life import domains
 domains.DOMAINS = range(*map(int, sys.argv[1:]))
 with domains.reserved_domain() as number:
     print(number, flush=True)
