@@ -30,7 +30,8 @@ rule for the translation where the case names it, are then what is compared. Err
 admits: of a graph's distance from the chain, because over twelve decades of stiffness a graph adds up displacements
 whose rounding its stiffest spring feels; and of a chain's distance from rational arithmetic, to the certificate's
 `rounding` or 1e-11, whichever is larger. In the plane a scene asks for a tolerance; where it says "in tolerances" the
-error of each ramp is divided by it, and must be at most 1.
+error of each ramp is divided by it, and must be at most 1; "in accuracies" likewise for a segment and the accuracy
+that it asks for.
 
 Times are those of a whole case, scene and all, on {machine}, with the kernels compiled. They are what was
 measured last; no test depends on them.

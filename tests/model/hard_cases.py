@@ -14,6 +14,7 @@ from crawler_model import Crawler, Scene
 
 from .bodies import CHAIN, GRAPH, HYBRID, ON_A_LINE, SEGMENT, Drawn, Driven
 from .planar_ramps import Planar, on_a_line, random_line
+from .segments import accuracies, random_homogeneous
 
 NOT_UNIQUE = "unique: False"
 SPENT = "overspent > 0"
@@ -728,6 +729,23 @@ def two_dimensions(tolerance: float, directional: bool) -> Callable[[str, str], 
     return play
 
 
+# -- the accuracy of segments ----------------------------------------------------------------------------------------
+
+
+def unequal_sides(forward: float, backward: float, accuracy: float) -> Callable[[str, str], Found]:
+    """Strain a short, stiff segment that stands next to its end, one way round and the other."""
+
+    def play(body: str, method: str) -> Found:
+        sides = (forward, backward), (backward, forward)
+        return Found(largest([accuracies(0.037, 5e3, *mu, 1e-3, accuracy, method) for mu in sides]))
+
+    return play
+
+
+def random_unequal(body: str, method: str) -> Found:
+    return Found(largest([accuracies(*random_homogeneous(seed), method) for seed in range(1000, 1012)]))
+
+
 UNDECIDED = frozenset({NOT_UNIQUE})
 
 
@@ -845,6 +863,14 @@ def _cases() -> list[Case]:
             cases.append(Case(f"Random ramps on a line, {kind}, {on}", play, line, 1.0, **kept))
             play = two_dimensions(tolerance, corners > 0)
             cases.append(Case(f"Random ramps in the plane, {kind}, {on}", play, path, 1.0, **kept))
+    kept = {"bodies": (SEGMENT,), "verdict": "within the accuracy"}
+    against = "closed form, in accuracies"
+    for accuracy in (1e-1, 1e-2, 1e-3, 3e-4):
+        for forward, backward in ((0.013, 9.7), (0.13, 9.7), (0.0013, 9.7), (3.1, 9.7)):
+            name = f"A segment with friction {forward:g} and {backward:g} N/m, accuracy {accuracy:g}"
+            cases.append(Case(name, unequal_sides(forward, backward, accuracy), against, 1.0, **kept))
+    name = "Random segments with friction up to a thousand times stronger one way"
+    cases.append(Case(name, random_unequal, against, 1.0, **kept))
     return cases
 
 

@@ -64,3 +64,23 @@ def gains(document, **cut):
     if scene.drive.period is None:
         return scene, simulate(scene, rate=1.0).waypoint_net_translation
     return scene, simulate(scene, duration=3.0, rate=1.0).per_period[1:]
+
+
+def accuracies(length, modulus, forward, backward, stroke, accuracy, method="exact"):
+    """The error of the net translation per period of a homogeneous segment, in units of the accuracy asked for."""
+    friction = {"forward": forward, "backward": backward}
+    scene = segment(stroke, accuracy=accuracy, to=length, stiffness=modulus, friction=friction)
+    gained = simulate(scene, duration=3.0, rate=1.0, method=method).per_period[1:]
+    exact = closed_form(length, modulus, forward, backward, stroke)
+    return float(np.abs(gained - exact).max() / (accuracy * length * stroke))
+
+
+def random_homogeneous(seed):
+    """Length, modulus, both frictions, one up to a thousand times the other, stroke, and an accuracy."""
+    rng = np.random.default_rng([77, seed])
+    length, modulus = 10 ** rng.uniform(-3, 1), 10 ** rng.uniform(-2, 5)
+    weak = modulus / length * 10 ** rng.uniform(-4, 0.5)
+    sides = [weak, weak * 10 ** rng.uniform(0, 3)]
+    rng.shuffle(sides)
+    stroke = weak * length / modulus * 10 ** rng.uniform(-0.3, 2)
+    return (*(float(v) for v in (length, modulus, *sides, stroke)), float(10 ** rng.uniform(-3.3, -0.7)))

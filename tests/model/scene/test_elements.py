@@ -10,7 +10,7 @@ from crawler_model.scene.assemble import _largest_change
 from crawler_model.scene.elements import count_elements
 from crawler_model.scene.fields import average
 
-from ..segments import closed_form, gains, segment, unequal
+from ..segments import accuracies, closed_form, gains, random_homogeneous, segment, unequal
 
 PARAMETERS = [
     (1.0, 1.0, 0.1, 0.3, 0.1),
@@ -150,3 +150,9 @@ def test_two_segments_in_one_body_are_together_as_accurate_as_asked():
     gained, exact = (simulate(s, duration=3.0, rate=1.0).per_period[1:] for s in (rough, fine))
     assert np.abs(gained - exact).max() <= 0.02 * 0.5
     assert np.abs(exact).min() > 0.01
+
+
+@pytest.mark.parametrize("block", range(3))
+def test_random_homogeneous_segments_are_as_accurate_as_asked(block):
+    for seed in range(15 * block, 15 * block + 15):
+        assert accuracies(*random_homogeneous(seed)) <= 1.0, seed
