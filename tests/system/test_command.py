@@ -109,6 +109,43 @@ def test_check_says_what_a_body_is_and_where_it_can_go():
     assert "net translation per period, at the end: 0.046" in text
 
 
+UNITS = {
+    "strokes in millimetres": (
+        "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",
+        "[[0], [60], [0]]",
+        "millimetres for metres? the drive changes the length of link 0 by 60 m, the body is 0.2 m long",
+    ),
+    "a strain in percent": (
+        "{segments: [{name: trunk, from: 0, to: 0.5, stiffness: 9, friction: {isotropic: 1}, elements: 8}]}",
+        "[[0], [20], [0]]",
+        "millimetres for metres? the drive changes the length of segment trunk by 10 m, the body is 0.5 m long",
+    ),
+    "stiffness in N/mm": (
+        "{contacts: [0, 0.2], links: {stiffness: 0.1}}, friction: {isotropic: 1}",
+        "[[0], [0.1], [0]]",
+        "too soft or too rough: a spring must change by 10 m before contact 0 slides, the body is 0.2 m long",
+    ),
+    "all in metres": (
+        "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",
+        "[[0], [0.06], [0]]",
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(UNITS))
+def test_check_warns_of_lengths_far_beyond_the_body(name, tmp_path):
+    body, rows, warning = UNITS[name]
+    scene = tmp_path / "units.yaml"
+    scene.write_text(f"{{name: units, body: {body}, drive: {{times: [0, 1, 2], period: 2, actuation: {rows}}}}}")
+    text = " ".join(good("check", str(scene)).split())
+    if warning:
+        assert warning in text
+    else:
+        assert "millimetres for metres" not in text
+        assert "too soft or too rough" not in text
+
+
 def test_check_says_where_friction_vanishes(tmp_path):
     scene = tmp_path / "slippery.yaml"
     scene.write_text(
