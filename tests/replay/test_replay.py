@@ -102,7 +102,7 @@ def test_a_recording_without_attachments_is_simulated_again_with_its_scene(tmp_p
 
 def test_the_wrong_scene_is_named(tmp_path):
     path = bare(record(tmp_path / "a", "two_anchor_a", 1), tmp_path / "bare")
-    with pytest.raises(BagError, match="it is not the scene that was recorded"):
+    with pytest.raises(BagError, match="this is not the recorded scene"):
         analyse(path, load_scene("three_contacts_one_way"))
 
 
@@ -207,8 +207,8 @@ def test_a_clock_that_jumps_back_ends_the_simulation_there(tmp_path):
     sent = list(messages(scene, play(scene, 0, 10**9)))
     path = write(tmp_path / "a", [*sent, *[m for m in sent if m[1] >= 500_000_000]], attachments(scene))
     found = analyse(path)
-    assert "jumps back from 0.99 s to 0.5 s" in found.comparison.stopped
-    assert any("go back without a reset" in p for p in found.problems)
+    assert "goes back from 0.99 s to 0.5 s" in found.comparison.stopped
+    assert any("decrease without a reset" in p for p in found.problems)
 
 
 def test_a_reset_is_no_jump(tmp_path):
@@ -228,14 +228,14 @@ def test_two_robots_are_told_apart(tmp_path):
     left = [(n, s, d) for n, s, d in messages(one, play(one, 0, 10**9))]
     bag_path = tmp_path / "a"
     from crawler_ros.recording.bag_writer import BagWriter
-    from crawler_ros.wire import interface
+    from crawler_ros.wire.topics import read_topics
 
     writer = BagWriter(bag_path, {})
     for space, sent in (("/left/", left), ("/right/", messages(two, play(two, 0, 2 * 10**9)))):
         channels = {}
         for k, (name, _, data) in enumerate(sent):
             if name not in channels:
-                channels[name] = writer.add_topic(interface.topics()[name], space + name)
+                channels[name] = writer.add_topic(read_topics()[name], space + name)
             writer.write(channels[name], 10**18 + k, 10**18 + k, data)
     writer.close()
     with pytest.raises(BagError, match="2 robots; choose one with --namespace /left, /right"):
@@ -269,7 +269,7 @@ def test_commands_too_weak_to_slide_are_told_with_their_distance(tmp_path):
     found = stopping(0.4, 3.0, 0.0, tmp_path / "a")
     assert found.since == 0.0
     assert found.margin == pytest.approx(0.1)
-    assert "no spring force got past its bound (the nearest stayed 0.1 N away)" in found.explain()
+    assert "no spring force exceeded its bound (the nearest stayed 0.1 N away)" in found.explain()
 
 
 def test_a_run_without_commands_rests_throughout(tmp_path):
@@ -288,11 +288,11 @@ def test_what_is_no_crawlers_recording_is_named(tmp_path):
     from crawler_ros.recording.bag_writer import BagWriter
 
     BagWriter(tmp_path / "empty", {}).close()
-    with pytest.raises(BagError, match="there is no message in it"):
+    with pytest.raises(BagError, match="the recording has no messages"):
         analyse(tmp_path / "empty")
     scene = load_scene("two_anchor_a")
     poses = [m for m in messages(scene, play(scene, 0, 10**8)) if m[0] == "pose"]
-    with pytest.raises(BagError, match=r"no crawler in it.*pose \(geometry_msgs"):
+    with pytest.raises(BagError, match=r"no crawler in this recording.*pose \(geometry_msgs"):
         analyse(write(tmp_path / "poses", poses, {}))
 
 
@@ -306,7 +306,7 @@ def test_a_torn_file_tells_what_it_can_and_is_recovered(tmp_path, part):
     assert "its end is missing" in told.stderr
     done = crawler("replay", torn, "--recover")
     assert done.returncode == 0, done.stderr
-    assert "(what was recovered from torn.mcap)" in done.stdout
+    assert "(recovered from torn.mcap)" in done.stdout
     again = crawler("replay", tmp_path / "torn_recovered", "--json")
     assert json.loads(again.stdout)["complete"] is True
     assert json.loads(again.stdout)["resimulation"]["identical"] is True
@@ -355,7 +355,7 @@ def test_a_scene_that_this_version_does_not_know_is_one_clear_line(tmp_path, ver
     path = write(tmp_path / "a", messages(scene, play(scene, 0, 10**9)), attached)
     done = crawler(verb[0], path, *verb[1:])
     assert done.returncode == 1
-    assert done.stderr.startswith(f"crawler: {path}: the scene that it holds: wings: unknown key")
+    assert done.stderr.startswith(f"crawler: {path}: invalid scene in the recording: wings: unknown key")
     assert "Traceback" not in done.stderr
 
 

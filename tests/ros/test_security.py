@@ -163,7 +163,7 @@ def test_help_says_what_can_be_reached():
     done = subprocess.run(
         [*simulator(), "--help"], env=environment(), capture_output=True, text=True, timeout=PATIENCE_S
     )
-    assert "127.0.0.1 alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET" in done.stdout
+    assert "127.0.0.1 only; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET" in done.stdout
 
 
 # -- scene files ------------------------------------------------------------------------------------------------------

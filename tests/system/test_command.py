@@ -99,14 +99,14 @@ def test_check_says_what_is_too_weak(tmp_path):
 def test_check_says_what_a_body_is_and_where_it_can_go():
     text = good("check", "three_springs")
     assert "3 contacts, 3 links, a graph; valid" in text
-    assert "let the body go forward only" in text
+    assert "allows motion forward only" in text
     text = good("check", "friction_wave_segment")
     assert "segment foot (21 elements)" in text
     assert "changing by at most 0.9" in text
-    assert "a second; regular" in text
+    assert "per second; regular" in text
     text = good("check", "planar_three_points")
     assert "in the plane" in text
-    assert "net translation per period, at the end: 0.046" in text
+    assert "net translation in the last period: 0.046" in text
 
 
 UNITS = {
@@ -151,7 +151,7 @@ def test_check_says_where_friction_vanishes(tmp_path):
     scene.write_text(
         "{name: slippery, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {forward: [1, 0], backward: 1}}"
     )
-    assert "contact_1/forward goes down to 0" in good("check", str(scene))
+    assert "contact_1/forward falls to 0" in good("check", str(scene))
 
 
 MISTAKES = [
@@ -164,21 +164,21 @@ MISTAKES = [
     (["simulate", "typo.yaml"], "body.links.stifness: unknown key; the nearest known key is 'stiffness'"),
     (["check", "typo.yaml"], "unknown key"),
     (["check", "code.yaml"], "not plain YAML"),
-    (["simulate", "idle.yaml"], "say how long to run with --duration"),
+    (["simulate", "idle.yaml"], "set the simulated time with --duration"),
     (["view", "nothing"], "nothing: no such file or folder"),
-    (["view", "."], "there is no display here"),
-    (["view", ".", "--at", "3"], "--at goes with --png"),
+    (["view", "."], "this machine has no display"),
+    (["view", ".", "--at", "3"], "--at needs --png"),
     (["view", "text.mcap", "--png", "nodir/x.png"], "does not exist"),
     (["view", "fake.rrd", "--png", "x.png"], "fake.rrd: not a rerun recording"),
     (["check", "two_anchor_a", "--png", "x.foo"], "--png: x.foo must end in .png"),
     (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "do not fit in memory"),
     (["simulate", "two_anchor_a", "--rate", "fast"], "Invalid value for '--rate'"),
     (["simulate"], "Missing argument"),
-    (["replay", "parent"], "parent/one: there is no message in it"),
+    (["replay", "parent"], "parent/one: the recording has no messages"),
     (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
     (["replay", "text.mcap"], "not an MCAP file"),
     (["replay", "nothing"], "nothing: no such file or folder"),
-    (["nonsense"], "No such command 'nonsense'. There are bench, check, compare, demo, "),
+    (["nonsense"], "No such command 'nonsense'. The commands are bench, check, compare, demo, "),
     (["simulat"], "Did you mean 'simulate'?"),
     (["simulate", "nonsense"], "nonsense: no such file, nor a scene of the gallery; there are "),
 ]
@@ -210,4 +210,4 @@ def test_nothing_of_ros_is_needed_for_the_model():
     code = code.replace("'scenes'", "'demo'")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 1
-    assert "rclpy is not installed; it comes with: pip install 'crawler-ros[ros]'" in done.stderr
+    assert "rclpy is not installed; install with: pip install 'crawler-ros[ros]'" in done.stderr
