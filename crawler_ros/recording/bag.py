@@ -391,9 +391,8 @@ def recover(path: Path, folder: Path) -> int:
     count = 0
     for record in itertools.chain(first, records):
         if record.channel.id not in channels:
-            channels[record.channel.id] = writer.add_channel(
-                record.topic, record.type, record.schema.data, record.channel.metadata
-            )
+            added = writer.add_channel(record.topic, record.type, record.schema.data, record.channel.metadata)
+            channels[record.channel.id] = added
         writer.write(channels[record.channel.id], record.log_ns, record.publish_ns, record.data)
         count += 1
     writer.close()
