@@ -18,6 +18,8 @@ LONG = (
     "test_elements.py::test_random_homogeneous*",
     "test_elements.py::test_two_segments*",
     "test_elements.py::test_very_unequal*",
+    "test_elements.py::test_where_the_body_stands*",
+    "test_elements.py::test_short_waves*",
     "test_elements.py::test_waves_along*",
     "test_exact_cases.py::*1000.0*",
     "test_exact_cases.py::test_catch_up_converges*",
