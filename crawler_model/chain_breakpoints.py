@@ -213,7 +213,7 @@ def project_balanced(
         reach: as in `project`.
 
     Returns:
-        The number of breakpoints looked at.
+        The number of breakpoints looked at to find the zeros, each counted as eight: it costs as much as eight moves.
     """
     n = target.shape[0]
     size = n_left + n_right + 2 * (n - start)
@@ -274,4 +274,4 @@ def project_balanced(
             reach += abs(high)
         else:
             right = -1
-    return looked
+    return 8 * looked
