@@ -338,7 +338,7 @@ def test_of_a_folder_of_recordings_the_newest_is_taken(tmp_path):
     newer = record(tmp_path / "bags" / "a", "two_anchor_a", 1)
     done = crawler("replay", tmp_path / "bags")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"{newer}: whole")
+    assert done.stdout.startswith(f"{newer}: complete")
 
 
 def test_a_recordings_own_scene_comes_first(tmp_path):

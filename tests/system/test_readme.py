@@ -43,7 +43,7 @@ def test_demos_recording_is_whole(demonstrated):
     folder, _ = demonstrated
     (recording,) = [p for p in (folder / "demo").iterdir() if p.is_dir()]
     text = good("replay", str(recording))
-    assert "whole" in text
+    assert "complete" in text
     assert "identical to the bit" in text
     assert "nothing to recover" in good("replay", str(recording), "--recover")
 

@@ -135,5 +135,5 @@ def test_lists_in_lists_are_counted(quote):
     with pytest.raises(SceneError, match="name: Input should be a valid string"):
         parse_scene(nested(99))
     for depth in (5_000, 40_000, *(() if quote else (100, 500))):
-        with pytest.raises(SceneError, match="more than 100 lists or mappings in one another"):
+        with pytest.raises(SceneError, match="more than 100 nested lists or mappings"):
             parse_scene(nested(depth))
