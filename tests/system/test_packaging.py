@@ -180,7 +180,9 @@ def test_every_scene_is_installed(workspace):
 
 @pytest.mark.parametrize("name", EXECUTABLES)
 def test_an_executable_says_how_it_is_used(workspace, name):
-    usage = {"replay": "Usage: crawler replay"}.get(name, "An example controller" if "control" in name else f"usage: {name}")
+    usage = {"replay": "Usage: crawler replay"}.get(
+        name, "An example controller" if "control" in name else f"usage: {name}"
+    )
     assert usage in workspace.sourced(f"install/{PACKAGE}/lib/{PACKAGE}/{name} --help")
 
 
