@@ -15,7 +15,6 @@ LONG = (
     "test_closed_forms.py::test_many_periods*",
     "test_elements.py::test_a_heterogeneous_segment*",
     "test_elements.py::test_a_segment_is_as_accurate*",
-    "test_elements.py::test_elements_override*",
     "test_elements.py::test_random_homogeneous*",
     "test_elements.py::test_two_segments*",
     "test_elements.py::test_very_unequal*",
