@@ -121,7 +121,7 @@ def _load_plain(text: str) -> Any:
     except json.JSONDecodeError:
         pass
     except RecursionError:
-        raise SceneError(f"more than {_DEEPEST} lists or mappings in one another") from None
+        raise SceneError(f"more than {_DEEPEST} nested lists or mappings") from None
     _check_size(text, _MOST_YAML)
     _check_depth(text)
     loader = _Loader(text)
