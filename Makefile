@@ -36,7 +36,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 coverage: $(READY)
-	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -q -p no:cacheprovider tests/model --ignore tests/model/test_structure.py
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -q -p no:cacheprovider tests/model
 	$(BIN)/coverage report
 
 bench: $(READY)
@@ -55,7 +55,7 @@ figures: $(READY)
 	$(BIN)/python docs/tutorial.py
 
 soak: $(READY)
-	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model --timeout=7200
+	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model tests/replay/test_slips.py --timeout=7200
 	CRAWLER_SOAK=1 $(BIN)/python -m pytest tests/ros/test_load.py tests/ros/test_faults.py tests/ros/test_security.py --timeout=7200
 
 $(MADE): pyproject.toml

@@ -1,4 +1,4 @@
-"""The whole comparison: which methods enter which case, on what machine, and what is left out and why."""
+"""The comparison of methods: entrants of each case, description of the machine, and methods left out with reasons."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from crawler_model import CrawlerError, prepare
+from crawler_ros.recording.versions import installed_version
 
 from .cases import CASES, LONG, Case, describe
 from .entrants import mujoco as mujoco_peer
@@ -33,7 +33,7 @@ PEERS = {
     "proxsuite": "ProxQP",
     "mujoco": "MuJoCo",
 }
-"""Module and name of each peer; scipy's LSODA is always there."""
+"""Module and name of each peer; scipy's LSODA is always installed."""
 _LEAST_SMOOTHING = {
     "strategy_a": (1e-6, 1e-6),
     "peristaltic": (1e-5, 1e-4),
@@ -58,34 +58,34 @@ def choose_cases(names: Sequence[str], quick: bool) -> list[str]:
     """Check the names of cases.
 
     Args:
-        names: as given; none for all.
-        quick: whether to leave the long ones out when no name is given.
+        names: names of cases; empty for all.
+        quick: whether to leave out the long cases when `names` is empty.
 
     Returns:
         The names, in the order of the list of cases.
 
     Raises:
-        CrawlerError: naming the first that is unknown.
+        CrawlerError: naming the first unknown case.
     """
     for name in names:
         if name not in CASES:
             near = difflib.get_close_matches(name, CASES, n=1, cutoff=0.0)[0]
-            raise CrawlerError(f"--case: there is no case {name!r}; the nearest is {near!r}, of {', '.join(CASES)}")
+            raise CrawlerError(f"--case: unknown case {name!r}; the nearest is {near!r}, of {', '.join(CASES)}")
     return [name for name in CASES if name in names or (not names and not (quick and name in LONG))]
 
 
 def run_bench(names: Sequence[str], quick: bool, progress: Callable[[float], None]) -> BenchResult:
-    """Measure.
+    """Measure the methods on some cases.
 
     Args:
         names: cases, from `choose_cases`.
-        quick: fewer ticks, rounds and sizes; MuJoCo as it was tuned before.
-        progress: called with the part done, in [0, 1].
+        quick: whether to use fewer ticks, rounds and sizes, and the stored tuning of MuJoCo.
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        What was measured.
+        The results.
     """
-    for name in THREADS:  # of libraries that are loaded from here on
+    for name in THREADS:  # for libraries loaded from here on
         os.environ.setdefault(name, "1")
     bench = BenchResult(describe_machine(quick))
     for done, name in enumerate(names):
@@ -110,11 +110,11 @@ def run_bench(names: Sequence[str], quick: bool, progress: Callable[[float], Non
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep standard output clean of what compiled libraries write: OSQP remarks on polishing even when not verbose."""
+    """Discard standard output of compiled libraries: OSQP reports on polishing even when not verbose."""
     import ctypes
 
     sys.stdout.flush()
-    kept = os.dup(1)
+    saved = os.dup(1)
     with open(os.devnull, "w", encoding="utf-8") as nothing:
         os.dup2(nothing.fileno(), 1)
     try:
@@ -122,8 +122,8 @@ def _silence() -> Iterator[None]:
     finally:
         sys.stdout.flush()
         ctypes.CDLL(None).fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)
+        os.dup2(saved, 1)
+        os.close(saved)
 
 
 def _effort(case: Case, quick: bool) -> Effort:
@@ -138,7 +138,7 @@ def _entrants(case: Case, quick: bool, left_out: list[dict[str, str]]) -> list[E
     if reason is not None:
         left_out.append({"case": case.name, "method": "MuJoCo", "reason": reason})
     if case.scene.dimension == 2:
-        reason = "friction in the plane is a disc, which a quadratic program cannot hold"
+        reason = "friction in the plane is a disc, which a quadratic program cannot represent"
         left_out += [{"case": case.name, "method": m, "reason": reason} for m in _QUADRATIC]
         entrants = ours.build_planar(case, (1e-2, 1e-4, 1e-6) if quick else (1e-2, 1e-3, 1e-4, 1e-5, 1e-6))
         return entrants + planar_peer.build_cone_peers(case, (4, 64) if quick else (4, 16, 64, 256, 1024))
@@ -168,13 +168,13 @@ def _entrants(case: Case, quick: bool, left_out: list[dict[str, str]]) -> list[E
 
 
 def describe_machine(quick: bool) -> dict[str, Any]:
-    """Record what is measured on.
+    """Describe the machine.
 
     Args:
-        quick: whether it is a quick run.
+        quick: whether this is a quick run.
 
     Returns:
-        Processor, versions, load.
+        Its processor, versions and load.
     """
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
@@ -184,15 +184,8 @@ def describe_machine(quick: bool) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
-        **{name: _version(name) for name in ("crawler-ros", "numpy", "numba", "scipy", *PEERS)},
+        **{name: installed_version(name) for name in ("crawler-ros", "numpy", "numba", "scipy", *PEERS)},
         "threads": "one, asked of each library by " + ", ".join(THREADS),
         "load_average": [round(x, 2) for x in os.getloadavg()],
         "quick": quick,
     }
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None

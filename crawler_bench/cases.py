@@ -1,4 +1,4 @@
-"""The crawlers on which methods are compared, and their exact answers."""
+"""The crawlers on which methods are compared, and their exact solutions."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from crawler_model import Crawler, Scene, load_scene
 from crawler_model.body.drive import NS
 
 PERIODS = 2
-"""Periods over which errors are taken, at every quarter."""
+"""Periods over which errors are measured, at every quarter."""
 QUARTERS = 4 * PERIODS
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What a method is compared with.
+    """The solution with which a method is compared.
 
     Attributes:
         displacement: x at the end of each quarter, shape (8, N), in the plane (8, N, 2) [m].
         size: the largest range of a displacement, by which errors are divided [m].
         kind: "rational" (exact arithmetic), "exact" (every event followed), or "refined" (small steps).
-        certificate: what vouches for it: numbers, none of them infinite.
+        certificate: finite numbers that certify it.
     """
 
     displacement: np.ndarray
@@ -38,10 +38,10 @@ class Reference:
         """Compute the largest error, relative to the size of the motion.
 
         Args:
-            displacement: like that of the reference [m].
+            displacement: shaped as that of the reference [m].
 
         Returns:
-            The error.
+            The relative error.
         """
         return float(np.abs(displacement - self.displacement).max() / self.size)
 
@@ -51,12 +51,12 @@ class Case:
     """A crawler with a drive of period 1 s.
 
     Attributes:
-        name: what the command calls it.
-        title: what it is, for a picture.
+        name: its name for the command.
+        title: its description, for a picture.
         scene: the crawler.
-        rational: x at the end of each quarter by rational arithmetic, as fractions; None where nobody computed it.
+        rational: x at the end of each quarter by rational arithmetic, from fractions; None when not computed.
         gain: net translation per period after the first in closed form [m]; in the plane its length.
-        fine: in the plane, where nothing is exact, the reference is refined to this part of the stroke.
+        fine: tolerance of the reference in the plane, where no method is exact, relative to the stroke.
     """
 
     name: str
@@ -73,17 +73,17 @@ class Case:
 
     @property
     def waypoints(self) -> int:
-        """Waypoints of a period."""
+        """Number of waypoints per period."""
         return self.scene.drive.times.size - 1
 
     @functools.lru_cache(maxsize=8)  # noqa: B019  a case lives as long as the run
     def quarters(self, ticks: int, through_waypoints: bool) -> tuple[np.ndarray, ...]:
-        """Lay out the commands of one period.
+        """Sample the commands of one period.
 
         Args:
-            ticks: ticks a period.
-            through_waypoints: whether ticks are split at the drive's waypoints; otherwise the command goes straight
-                from tick to tick.
+            ticks: ticks per period.
+            through_waypoints: whether ticks are split at the drive's waypoints; otherwise the command is linear from
+                tick to tick.
 
         Returns:
             The targets of the ramps of each quarter, shape (ramps, S + 2 N) each.
@@ -97,7 +97,7 @@ class Case:
 
     @functools.cached_property
     def reference(self) -> Reference:
-        """The answer that methods are compared with."""
+        """The solution with which methods are compared."""
         planar = self.scene.dimension == 2
         scene = self.scene
         if planar:
@@ -142,12 +142,12 @@ def _peristaltic() -> Case:
 
 
 def wave_scene(contacts: int, wavelength: float, ground: float = 1.0) -> Scene:
-    """Build a wave of lengthening on contacts that slide forwards more easily.
+    """Build a wave of lengthening on contacts that slide more easily forwards.
 
     Args:
         contacts: number of contacts N.
-        wavelength: [m], links being 1 m long.
-        ground: by which the friction of a contact is multiplied.
+        wavelength: wavelength [m]; links are 1 m long.
+        ground: factor of the friction of a contact.
 
     Returns:
         The scene.
@@ -170,7 +170,7 @@ def _wave(contacts: int) -> Case:
 
 
 def _long_wave(contacts: int) -> Case:
-    """Build five waves along a body, whatever the number of contacts that share its friction."""
+    """Build five waves along a body, with the same total friction for any number of contacts."""
     title = f"{contacts:,} contacts, five waves along the body"
     scene = wave_scene(contacts, (contacts - 1) / 5.0, 100.0 / contacts)
     return Case(f"long_wave_{contacts}", title, scene)
@@ -233,13 +233,13 @@ CASES: dict[str, Callable[[], Case]] = {
     "planar": _planar,
     "planar_turning": _planar_turning,
 }
-"""All cases, built when asked for."""
+"""All cases, built on request."""
 LONG = ("wave_10000", "wave_100000", "long_wave_1000")
 """Cases that a quick run leaves out."""
 
 
 def describe(reference: Reference) -> dict[str, Any]:
-    """Lay a reference's credentials out as plain data.
+    """Convert the certificate of a reference to plain data.
 
     Args:
         reference: the reference.

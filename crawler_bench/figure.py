@@ -1,4 +1,4 @@
-"""One picture for a case: time for a period of the gait against error, both logarithmic. Down and left is better."""
+"""The picture of a case: time per period of the gait against error, both logarithmic; lower left is better."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _STYLES = {  # colour, marker
 _SOLVERS = ("OSQP", "Clarabel", "DAQP", "PIQP", "ProxQP")
 _LABELLED = ("MuJoCo, tuned", "smooth friction, LSODA")
 _LEFT = 1e-17
-"""Left end of the picture; between it and `EXACT` the place says who, not how much: each method has a lane."""
+"""Left end of the picture; between it and `EXACT` each method has a column, and the position shows no error."""
 _INK = "#222222"
 
 
@@ -41,9 +41,9 @@ def draw_case(bench: BenchResult, case: str, file: Path) -> None:
     """Draw a case.
 
     Args:
-        bench: what was measured.
-        case: its name.
-        file: a .png.
+        bench: the results.
+        case: name of the case.
+        file: the .png file to write.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -58,15 +58,15 @@ def draw_case(bench: BenchResult, case: str, file: Path) -> None:
     known = [method for method in methods if any(_is_exact(row, reference) for row in drawn if row["method"] == method)]
     lanes = {method: _LEFT * (EXACT / _LEFT) ** ((i + 0.5) / len(known)) for i, method in enumerate(known)}
     for method in methods:
-        mine = [row for row in drawn if row["method"] == method]
-        x = [lanes[method] if _is_exact(row, reference) else row["error"] for row in mine]
-        _draw_method(axes, method, mine, x)
-    _dress(axes, drawn, reference)
+        own = [row for row in drawn if row["method"] == method]
+        x = [lanes[method] if _is_exact(row, reference) else row["error"] for row in own]
+        _draw_method(axes, method, own, x)
+    _format_axes(axes, drawn, reference)
     stopped = _draw_unfinished(axes, [row for row in rows if row["method"] not in methods])
     n = rows[0]["n"]
     figure.text(0.075, 0.945, f"{case}: {bench.titles[case]}", size=15, weight="bold", color=_INK)
     figure.text(
-        *(0.075, 0.905, f"N = {n:,} contacts. Each point is a method at a number of ticks a period of the drive."),
+        *(0.075, 0.905, f"N = {n:,} contacts. Each point is a method at a number of ticks per period of the drive."),
         size=10.5,
         color="#555555",
     )
@@ -95,8 +95,10 @@ def draw_case(bench: BenchResult, case: str, file: Path) -> None:
 
 
 def _name(item: tuple[Any, str]) -> str:
-    """Find the method that a legend's entry is about."""
-    return item[1].removesuffix(" (ours)").removesuffix(", stopped").replace("a Python call a tick", "one call a tick")
+    """Return the method of a legend entry."""
+    return (
+        item[1].removesuffix(" (ours)").removesuffix(", stopped").replace("a Python call per tick", "one call a tick")
+    )
 
 
 def _is_exact(row: dict[str, Any], reference: str) -> bool:
@@ -110,7 +112,7 @@ def _draw_method(axes: Any, method: str, rows: list[dict[str, Any]], x: list[flo
     low = [y_ - row["spread_us_per_tick"][0] * s for row, y_, s in zip(rows, y, scale, strict=True)]
     high = [row["spread_us_per_tick"][1] * s - y_ for row, y_, s in zip(rows, y, scale, strict=True)]
     single, ours = "one call" in method, method.startswith(("exact", "catch_up"))
-    label = method.replace(", one call a tick", ", a Python call a tick") + (" (ours)" if ours else "")
+    label = method.replace(", one call a tick", ", a Python call per tick") + (" (ours)" if ours else "")
     axes.errorbar(
         *(x, y),
         yerr=(low, high),
@@ -141,7 +143,7 @@ def _draw_method(axes: Any, method: str, rows: list[dict[str, Any]], x: list[flo
 
 
 def _draw_unfinished(axes: Any, rows: list[dict[str, Any]]) -> set[str]:
-    """Draw, beside the errors, how long those would have taken who were stopped; return their names."""
+    """Draw, beside the errors, the estimated times of methods that were stopped; return their names."""
     rows = [row for row in rows if row["us_per_tick"] is not None and row["ticks_per_period"]]
     if not rows:
         return set()
@@ -160,12 +162,12 @@ def _draw_unfinished(axes: Any, rows: list[dict[str, Any]]) -> set[str]:
     axes.set_xlim(left, end)
     axes.axvspan(right, end, color="#f0f0f0", zorder=0.9)
     common = {"transform": axes.get_xaxis_transform(), "ha": "center", "color": "#555555"}
-    axes.text((right * end) ** 0.5, 0.985, "STOPPED\ntoo slow for its\nshare of time", va="top", size=9, **common)
-    axes.text((right * end) ** 0.5, 0.02, "time from the\nticks done", va="bottom", size=8, **common)
+    axes.text((right * end) ** 0.5, 0.985, "STOPPED\nover its share\nof time", va="top", size=9, **common)
+    axes.text((right * end) ** 0.5, 0.02, "estimated from\nfinished ticks", va="bottom", size=8, **common)
     return set(methods)
 
 
-def _dress(axes: Any, rows: list[dict[str, Any]], reference: str) -> None:
+def _format_axes(axes: Any, rows: list[dict[str, Any]], reference: str) -> None:
     from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullLocator
 
     axes.set_xscale("log")
@@ -194,7 +196,7 @@ def _dress(axes: Any, rows: list[dict[str, Any]], reference: str) -> None:
         axes.axvspan(_LEFT, EXACT, color="#dff3e4", zorder=0.9)
         middle = (_LEFT * EXACT) ** 0.5
         common = {"transform": axes.get_xaxis_transform(), "ha": "center", "color": "#00713f", "weight": "bold"}
-        axes.text(*(middle, 0.985, "EXACT\nonly rounding"), va="top", size=10, **common)
+        axes.text(*(middle, 0.985, "EXACT\nup to rounding"), va="top", size=10, **common)
         axes.text(*(middle, -0.022, "exact: below 1e-13"), va="top", size=9, **common)
     axes.annotate(
         "",
@@ -208,14 +210,14 @@ def _dress(axes: Any, rows: list[dict[str, Any]], reference: str) -> None:
 
 
 def _notes(bench: BenchResult, case: str, rows: list[dict[str, Any]], reference: str, stopped: set[str]) -> str:
-    lines = [] if reference == "refined" else ["Small numbers: ticks a period."]
+    lines = [] if reference == "refined" else ["Small numbers: ticks per period."]
     solvers = [row for row in rows if row["method"].split()[0] in _SOLVERS]
     ticks = sorted({int(row["ticks_per_period"]) for row in solvers})
     names = dict.fromkeys(row["method"].split()[0] for row in solvers if row["us_per_tick"] is not None)
     if ticks:
-        text = f"Solvers ({', '.join(names)}) take catch-up steps, {', '.join(map(str, ticks))} a period."
+        text = f"Solvers ({', '.join(names)}) take catch-up steps, {', '.join(map(str, ticks))} per period."
         lines += textwrap.wrap(text, 46)
-    lines.append("Bars: least .. most of the rounds.")
+    lines.append("Bars: range over the rounds.")
     shown = {row["method"] for row in rows if row["error"] is not None and row["us_per_period"] is not None}
     out: dict[str, list[str]] = {}
     for row in rows:
@@ -232,7 +234,7 @@ def _notes(bench: BenchResult, case: str, rows: list[dict[str, Any]], reference:
         lines += textwrap.wrap(f"{', '.join(dict.fromkeys(methods))}: {reason}", 46)
     unsure = {row["method"] for row in rows if not row["solved"] and row["error"] is not None}
     if unsure:
-        lines += textwrap.wrap(f"Some ticks called unsolved by the solver: {', '.join(sorted(unsure))}", 46)
+        lines += textwrap.wrap(f"Some ticks reported unsolved by the solver: {', '.join(sorted(unsure))}", 46)
     return "\n".join(lines)
 
 
@@ -241,7 +243,7 @@ def _footer(bench: BenchResult, reference: str) -> str:
     against = {
         "rational": "rational arithmetic",
         "exact": "the exact path, every event followed",
-        "refined": "our own steps, much finer (in the plane nothing is exact)",
+        "refined": "our own method with much finer steps (in the plane no method is exact)",
     }[reference]
     return (
         f"Reference: {against}. Errors at every quarter of two periods; times are medians of interleaved rounds.\n"

@@ -1,4 +1,4 @@
-"""Errors first, then times in interleaved rounds: whatever slows the machine for a moment slows all methods alike."""
+"""Measurement of errors, then of times in interleaved rounds, so that a slow moment affects all methods alike."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .entrants.ours import catch_up_displacement
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured.
+    """The limits of the measurements.
 
     Attributes:
-        rounds: most rounds of timing; the median counts.
-        seconds: each entrant's share of time in a case, errors and rounds together [s].
+        rounds: largest number of rounds of timing; the median counts.
+        seconds: time for each entrant in a case, errors and rounds together [s].
     """
 
     rounds: int
@@ -30,7 +30,7 @@ class Effort:
 
 @dataclass(eq=False)
 class _Entry:
-    """An entrant under way: what is known of it so far."""
+    """An entrant and its measurements so far."""
 
     entrant: Entrant
     run: Run | None = None
@@ -41,7 +41,7 @@ class _Entry:
     own_error: float | None = None
     times: list[float] = field(default_factory=list)
     first: float = 0.0
-    trouble: str = ""
+    problem: str = ""
 
 
 def measure(case: Case, entrants: list[Entrant], effort: Effort, progress: Callable[[], None]) -> list[dict[str, Any]]:
@@ -49,8 +49,8 @@ def measure(case: Case, entrants: list[Entrant], effort: Effort, progress: Calla
 
     Args:
         case: the crawler.
-        entrants: who takes part.
-        effort: how much is measured.
+        entrants: the entrants of the case.
+        effort: the limits of the measurements.
         progress: called after each part, `1 + effort.rounds` times for each entrant.
 
     Returns:
@@ -73,28 +73,28 @@ def measure(case: Case, entrants: list[Entrant], effort: Effort, progress: Calla
 def _run_for_error(case: Case, entry: _Entry, effort: Effort, steps: dict[int, np.ndarray]) -> None:
     entrant = entry.entrant
     if case.contacts > entrant.largest:
-        entry.trouble = f"too large: tried up to {entrant.largest} contacts"
+        entry.problem = f"too large: run up to {entrant.largest} contacts"
         return
     began = time.perf_counter()
     found: list[np.ndarray] = []
     try:
         entry.run = entrant.start()
-        began = time.perf_counter()  # what is done once, compiling included, is not part of the share
+        began = time.perf_counter()  # the set-up, including compilation, does not count
         for number in range(QUARTERS):
             entry.first += entry.run.quarter(number, began + effort.seconds)
             found.append(np.array(entry.run.displacement))
     except OutOfTime:
-        entry.trouble = f"not done within {effort.seconds:g} s"
-    except (ArithmeticError, ValueError, RuntimeError) as trouble:
-        entry.trouble = f"{type(trouble).__name__}: {trouble}"
+        entry.problem = f"not done within {effort.seconds:g} s"
+    except (ArithmeticError, ValueError, RuntimeError) as failure:
+        entry.problem = f"{type(failure).__name__}: {failure}"
     entry.used = time.perf_counter() - began
     entry.quarters = len(found)
-    if entry.trouble:
+    if entry.problem:
         return
     x = np.array(found)
     error = case.reference.error(x)
     if not np.isfinite(error):
-        entry.trouble = "ran away"
+        entry.problem = "diverged"
         return
     entry.error = error
     if entrant.implicit:
@@ -104,14 +104,14 @@ def _run_for_error(case: Case, entry: _Entry, effort: Effort, steps: dict[int, n
 
 
 def _time(entry: _Entry, effort: Effort) -> None:
-    if entry.trouble or entry.run is None:
+    if entry.problem or entry.run is None:
         return
     if entry.times and entry.used + max(entry.first / 2, 1e-6) > effort.seconds:
         return
     began = time.perf_counter()
     try:
         spent, periods = entry.run.lap(entry.quarters, began + 2.0 * effort.seconds)
-    except OutOfTime:  # the first run, which was within its share, counts
+    except OutOfTime:  # the first run, which finished in time, counts
         if not entry.times:
             entry.times.append(entry.first / 2)
         entry.used = np.inf
@@ -132,7 +132,7 @@ def _row(case: Case, entry: _Entry) -> dict[str, Any]:
         "method": entrant.method,
         "us_per_tick": None,
         "error": entry.error,
-        "solved": not entry.trouble and run is not None and run.failures == 0,
+        "solved": not entry.problem and run is not None and run.failures == 0,
         "ticks_per_period": round(ticks, 1) if ticks else None,
         "us_per_period": None,
         "label": entrant.label or (f"{entrant.ticks:,}" if entrant.ticks else ""),
@@ -140,14 +140,14 @@ def _row(case: Case, entry: _Entry) -> dict[str, Any]:
         "rounds": len(entry.times),
         "solver_error": entry.own_error,
         "reference": case.reference.kind,
-        "failed": run.failures / run.solves if run is not None and run.solves else (1.0 if entry.trouble else 0.0),
-        "detail": "; ".join(text for text in (entry.trouble, entrant.detail) if text),
+        "failed": run.failures / run.solves if run is not None and run.solves else (1.0 if entry.problem else 0.0),
+        "detail": "; ".join(text for text in (entry.problem, entrant.detail) if text),
     }
     if entry.times and ticks:
         row["us_per_period"] = 1e6 * statistics.median(entry.times)
         row["us_per_tick"] = row["us_per_period"] / ticks
         row["spread_us_per_tick"] = [1e6 * min(entry.times) / ticks, 1e6 * max(entry.times) / ticks]
-    elif run is not None and run.solves and entry.trouble.startswith("not done"):
+    elif run is not None and run.solves and entry.problem.startswith("not done"):
         row["us_per_tick"] = 1e6 * entry.used / run.solves
-        row["detail"] += f"; the time is the mean of the {run.solves} ticks that were done"
+        row["detail"] += f"; the time is the mean of the {run.solves} finished ticks"
     return row

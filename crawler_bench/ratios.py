@@ -1,4 +1,4 @@
-"""The targets of the project, as ratios of times from one run."""
+"""The targets of the project as ratios of times from one run."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ def compute_ratios(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Compute the project's targets from rows of one run.
 
     Args:
-        rows: of any cases; what they lack is left out.
+        rows: rows of any cases; ratios without their rows are left out.
 
     Returns:
-        What, the value, and the aim in words.
+        Description, value and target of each ratio.
     """
 
     def get(case: str, method: str, ticks: int, key: str = "us_per_tick") -> float | None:

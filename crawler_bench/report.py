@@ -1,4 +1,4 @@
-"""The tables for people: every row, then the project's targets as ratios within this run."""
+"""Printed tables: every row, then the project's targets as ratios within the run."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from .result import BenchResult
 
 
 def write_time(us: float | None) -> str:
-    """Write a time in a unit that suits it.
+    """Write a time in a suitable unit.
 
     Args:
-        us: [us].
+        us: the time [us].
 
     Returns:
         Three digits and the unit; a dash for None.
@@ -35,10 +35,10 @@ def write_error(error: float | None) -> str:
     """Write an error; below rounding it is called exact.
 
     Args:
-        error: relative.
+        error: the relative error.
 
     Returns:
-        Two digits, with the word "exact" where it is rounding.
+        Two digits, with the word "exact" when it is rounding.
     """
     if error is None:
         return "-"
@@ -50,24 +50,24 @@ EXACT = 1e-13
 
 
 def print_report(bench: BenchResult, screen: Console) -> None:
-    """Print a table for each case, what is left out, and the ratios.
+    """Print a table for each case, the methods left out, and the ratios.
 
     Args:
-        bench: what was measured.
-        screen: where to.
+        bench: the results.
+        screen: the console to print to.
     """
     for name, title in bench.titles.items():
         rows = [row for row in bench.rows if row["case"] == name]
         table = Table(title=f"{name}: {title}", title_justify="left")
         table.add_column("method")
-        for column in ("ticks a period", "a tick", "least .. most", "a period", "error"):
+        for column in ("ticks per period", "time per tick", "range", "time per period", "error"):
             table.add_column(column, justify="right")
         table.add_column("")
         for row in rows:
             low, high = row["spread_us_per_tick"] or (None, None)
             spread = f"{write_time(low)} .. {write_time(high)}" if low is not None else ""
             ticks = f"{row['ticks_per_period']:g}" if row["ticks_per_period"] else "-"
-            failed = "" if row["solved"] else _trouble(row)
+            failed = "" if row["solved"] else _problem(row)
             times = write_time(row["us_per_tick"]), spread, write_time(row["us_per_period"])
             table.add_row(row["method"], ticks, *times, write_error(row["error"]), failed)
         screen.print(table)
@@ -79,7 +79,7 @@ def print_report(bench: BenchResult, screen: Console) -> None:
         screen.print(f"left out: {', '.join(left)} on {cases}: {reason}")
     ratios = compute_ratios(bench.rows)
     if ratios:
-        table = Table(title="side by side in this run", title_justify="left")
+        table = Table(title="ratios within this run", title_justify="left")
         table.add_column("what")
         table.add_column("measured", justify="right")
         table.add_column("aim", justify="right")
@@ -88,7 +88,7 @@ def print_report(bench: BenchResult, screen: Console) -> None:
         screen.print(table)
 
 
-def _trouble(row: dict[str, Any]) -> str:
+def _problem(row: dict[str, Any]) -> str:
     if row["error"] is None:
         return str(row["detail"].split(";")[0])
     return f"{100 * row['failed']:.2g} % of the ticks not solved"
@@ -98,16 +98,16 @@ def print_rows(rows: Sequence[Row], screen: Console) -> None:
     """Print a table for each kind of row.
 
     Args:
-        rows: from `measure_node`.
-        screen: where to.
+        rows: rows from `measure_node`.
+        screen: the console to print to.
     """
     for case, group in itertools.groupby(rows, key=lambda row: str(row["case"])):
-        held = list(group)
-        keys = [key for key in held[0] if key != "case" and not key.endswith("_spread")]
+        listed = list(group)
+        keys = [key for key in listed[0] if key != "case" and not key.endswith("_spread")]
         table = Table(title=case.replace("_", " "), title_justify="left")
         for key in keys:
-            table.add_column(key.replace("_", " "), justify="left" if isinstance(held[0][key], str) else "right")
-        for row in held:
+            table.add_column(key.replace("_", " "), justify="left" if isinstance(listed[0][key], str) else "right")
+        for row in listed:
             table.add_row(*(_cell(row[key], row.get(f"{key}_spread")) for key in keys))
         screen.print(table)
 

@@ -1,4 +1,4 @@
-"""What a comparison measured."""
+"""The results of a comparison of methods."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from .ratios import compute_ratios
 
 @dataclass(eq=False)
 class BenchResult:
-    """What was measured.
+    """The rows measured, and what is needed to interpret them.
 
     Attributes:
-        machine: what it ran on.
-        references: credentials of each case's reference.
+        machine: description of the machine.
+        references: certificate of each case's reference.
         rows: a row for each method, number of ticks and case.
-        left_out: case, method and reason of what cannot be compared.
+        left_out: case, method and reason for each method that cannot be compared.
     """
 
     machine: dict[str, Any]
@@ -26,7 +26,7 @@ class BenchResult:
     left_out: list[dict[str, str]] = field(default_factory=list)
 
     def document(self) -> dict[str, Any]:
-        """Lay everything out as plain data, without NaN or Infinity.
+        """Convert to plain data, without NaN or Infinity.
 
         Returns:
             Machine, references, ratios, left_out and rows.

@@ -22,13 +22,13 @@ from .simulate import simulate_command
 from .view import view
 
 app = typer.Typer(
-    help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists what can be run.",
+    help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists the gallery.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-_UsageError: Any = typer.BadParameter.__base__  # click's, or typer's own copy of it
+_UsageError: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of it
 
 app.command("simulate")(simulate_command)
 app.command()(check)
@@ -36,9 +36,9 @@ app.command()(check)
 
 @app.command()
 def scenes(
-    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object, name to description.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object of descriptions by name.")] = False,
 ) -> None:
-    """List the gallery, a line each."""
+    """List the scenes of the gallery, one per line."""
     listed = gallery()
     if as_json:
         print(json.dumps(listed))
@@ -55,31 +55,36 @@ def sweep(
         list[str],
         typer.Option(
             metavar="KEY=FROM:TO:N",
-            help="A number of the scene by its dotted key, and what it takes: FROM:TO:N, log:FROM:TO:N or A,B,C. "
-            "Given several times: every combination.",
+            help="A number of the scene by its dotted key, and its values: FROM:TO:N, log:FROM:TO:N or A,B,C. "
+            "Repeat the option for every combination of several keys.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The table to write, .parquet; it must not be there already.")],
+    out: Annotated[Path, typer.Option(help="The .parquet table to write; it must not exist.")],
     duration: DurationOption = None,
-    rate: Annotated[float, typer.Option(help="Ticks per second, Hz; exact needs none.")] = 100.0,
+    rate: Annotated[
+        float, typer.Option(help="Ticks per second, Hz; the result of exact does not depend on it.")
+    ] = 100.0,
     method: MethodOption = MethodName.auto,
-    workers: Annotated[int | None, typer.Option(help="Runs at a time; by default one a core.", min=1)] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Number of parallel runs; by default one per core.", min=1)
+    ] = None,
     png: Annotated[
-        Path | None, typer.Option(help="The picture, for one or two keys; by default beside the table.")
+        Path | None, typer.Option(help="The picture to write, for one or two keys; by default beside the table.")
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace table and picture that are there.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of lines.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing table and picture.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Run thousands of variations of a scene over all cores; write a table and a picture.
+    """Run thousands of variations of a scene on all cores; write a table and a picture.
 
     crawler sweep ten_contact_wave --vary friction.forward=0.1:1:50 --vary body.links.stiffness=10,20 --out f.parquet
 
-    A key is the way to a number in the scene file: friction.forward, drive.wave.amplitude, body.links.stiffness.0 (the
-    first link). A row holds the numbers varied, the net translation in the last period, energies, and whether the
-    answer is unique; invalid variations say why. Ctrl-C keeps what is done.
+    A key is the path to a number in the scene file: friction.forward, drive.wave.amplitude, body.links.stiffness.0 (the
+    first link). A row holds the values varied, the net translation in the last period, energies, and whether the
+    translation is unique; an invalid variation is reported with its reason. After Ctrl-C the table holds the finished
+    runs.
     """
     from crawler_model.sweep.many import Settings
 
@@ -101,7 +106,7 @@ app.command("compare")(compare)
 
 @app.command()
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder in which recording, .rrd and .png are left.")] = Path("demo"),
+    out: Annotated[Path, typer.Option(help="Folder for the recording, .rrd and .png files.")] = Path("demo"),
 ) -> None:
     """Watch a three-contact crawler walk: two ROS 2 processes, a recording, a picture, a summary."""
     from .demo import run_demo
@@ -118,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command; every expected error is one line on standard error.
 
     Args:
-        arguments: the verb and what follows; None for the process's own.
+        arguments: the verb and its arguments; None for those of the process.
     """
     try:
         status = app(arguments, prog_name="crawler", standalone_mode=False)
@@ -128,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         verb = f" {error.ctx.info_name}" if error.ctx is not None and error.ctx.parent is not None else ""
         text = " ".join(error.format_message().split())
         if "No such command" in text and "Did you mean" not in text:
-            text += f" There are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
+            text += f" The commands are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
         print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
         status = 2
     except (CrawlerError, OSError) as error:
@@ -139,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         status = 1
     except (KeyboardInterrupt, typer.Abort):
         status = STOPPED
-    if status == STOPPED:  # typer's answer to Ctrl-C, too
+    if status == STOPPED:  # typer's status after Ctrl-C, too
         print("crawler: stopped", file=sys.stderr)
     sys.exit(status or 0)
 

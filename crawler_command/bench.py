@@ -1,4 +1,4 @@
-"""The verb `bench`: time against error, and what the node and replay cost."""
+"""The verb `bench`: time against error of the methods, and the cost of the node and of replay."""
 
 from __future__ import annotations
 
@@ -20,23 +20,26 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer ticks, rounds and sizes: under a minute.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the JSON file and a picture of each case.")] = Path("bench"),
-    case: Annotated[list[str] | None, typer.Option(help="Only this case; may be given several times.")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Measure only this case; the option may be repeated.")] = None,
     node: Annotated[
-        bool, typer.Option("--node", help="Instead: what the ROS 2 node costs; throughput, latency, each feature.")
+        bool, typer.Option("--node", help="Measure the ROS 2 node instead: throughput, latency, cost of each feature.")
     ] = False,
     replay: Annotated[
-        bool, typer.Option("--replay", help="Instead: reading, analysing and exporting recordings, up to three hours.")
+        bool,
+        typer.Option(
+            "--replay", help="Measure reading, analysing and exporting recordings of up to three hours instead."
+        ),
     ] = False,
 ) -> None:
-    """Measure time against error of our methods and of their peers, side by side, on this machine."""
+    """Measure time against error of our methods and of their peers on this machine."""
     if node or replay:
         if case:
-            raise CrawlerError("--case goes with the methods; --node and --replay measure something else")
+            raise CrawlerError("--case selects cases of the methods; it cannot be combined with --node or --replay")
         if node and replay:
-            raise CrawlerError("--node and --replay: one at a time")
+            raise CrawlerError("--node and --replay cannot be combined; run one after the other")
         _bench_processes("node" if node else "replay", quick, as_json, out)
         return
-    import matplotlib as _needed_at_the_end  # noqa: F401
+    import matplotlib as _required_later  # noqa: F401
 
     from crawler_bench.bench import choose_cases, missing_peers, run_bench
     from crawler_bench.figure import draw_case
@@ -45,7 +48,7 @@ def bench(
     names = choose_cases(case or (), quick)
     absent = missing_peers()
     if absent:
-        text = f"{', '.join(absent)} not installed, left out; they come with: pip install 'crawler-ros[bench]'"
+        text = f"{', '.join(absent)} not installed and left out; install with: pip install 'crawler-ros[bench]'"
         print(f"crawler: {text}", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     with progress_bar("measuring") as progress:
@@ -62,7 +65,7 @@ def bench(
 
 
 def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs in processes of its own: the node, or replays."""
+    """Measure the node or replays, which run in processes of their own."""
     import rclpy as _needed  # noqa: F401
 
     from crawler_bench.bench import describe_machine

@@ -1,4 +1,4 @@
-"""The verb `check`: whether a scene is sound, and whether it moves."""
+"""The verb `check`: validation of a scene and of its motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def check(
     scene: SceneArgument,
     png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
 ) -> None:
-    """Validate a scene; print its stasis domain, where it lets the body go, its margins and what does not move."""
+    """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
     check_picture(png)
 
     loaded = load_scene(scene)

@@ -1,7 +1,7 @@
-"""The demonstration: a simulator and a gait player as two processes, then what their recording says.
+"""The demonstration: a simulator and a gait player as two processes, and the evaluation of their recording.
 
-The simulator is in lock-step: ten simulated seconds take as long as this machine needs, and however busy it is the walk
-is the same to the bit.
+The simulator is in lock-step: ten simulated seconds take as long as this machine needs, and the walk is identical to
+the bit however busy the machine is.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from crawler_ros.recording import bag
 
 SCENE = "three_contacts_one_way"
 PERIODS = 10
-PATIENCE_S = 600.0  # a machine that is busy compiles for minutes
+PATIENCE_S = 600.0  # a busy machine compiles for minutes
 
 
 class DemoError(CrawlerError):
-    """The demonstration did not come to its end."""
+    """The demonstration did not finish."""
 
 
 def closed_form(scene: Scene) -> float:
@@ -53,23 +53,23 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
     """Run the demonstration.
 
     Args:
-        out: folder in which the files are left.
-        progress: called with the part done, in [0, 1].
+        out: folder for the files.
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        The summary's lines.
+        The lines of the summary.
 
     Raises:
-        DemoError: when a process fails or does not come to its end.
+        DemoError: when a process fails or does not finish.
     """
-    import rclpy  # noqa: F401  (say what is missing before anything is started)
+    import rclpy  # noqa: F401  (report a missing package before anything is started)
 
     from crawler_ros.viewer.frames import frames_of_recording, thin
     from crawler_ros.viewer.page import draw_page
     from crawler_ros.viewer.visualizer import draw_recording
 
     began = time.monotonic()
-    prepare(load_scene(SCENE))  # before anybody waits for anybody
+    prepare(load_scene(SCENE))  # compile before the processes wait for each other
     out.mkdir(parents=True, exist_ok=True)
     before = set(out.iterdir())
     with reserved_domain() as domain:
@@ -81,11 +81,11 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
             player.end()
             simulator.end()
     if simulator.process.returncode != 0:
-        raise DemoError(f"the simulator failed: {simulator.last_words()}")
+        raise DemoError(f"the simulator failed: {simulator.last_line()}")
     made = [path for path in set(out.iterdir()) - before if path.is_dir()]
     if len(made) != 1:
         raise DemoError(
-            f"{out}: {len(made)} new recordings instead of one; the simulator says: {simulator.last_words()}"
+            f"{out}: {len(made)} new recordings instead of one; last line of the simulator: {simulator.last_line()}"
         )
     recording = made[0]
     rrd, png = out / f"{recording.name}.rrd", out / f"{recording.name}.png"
@@ -99,9 +99,11 @@ def _watch(simulator: _Process, player: _Process, progress: Callable[[float], No
     deadline = time.monotonic() + PATIENCE_S
     while player.process.poll() is None:
         if simulator.process.poll() is not None:
-            raise DemoError(f"the simulator ended early: {simulator.last_words()}")
+            raise DemoError(f"the simulator ended early: {simulator.last_line()}")
         if time.monotonic() > deadline:
-            raise DemoError(f"not at its end after {PATIENCE_S:g} s; the simulator says: {simulator.last_words()}")
+            raise DemoError(
+                f"not finished within {PATIENCE_S:g} s; last line of the simulator: {simulator.last_line()}"
+            )
         for process in (simulator, player):
             for line in process.new_lines():
                 done = re.search(r"period (\d+) of (\d+)", line)
@@ -111,7 +113,7 @@ def _watch(simulator: _Process, player: _Process, progress: Callable[[float], No
                     print(line, file=sys.stderr)
         time.sleep(0.05)
     if player.process.returncode != 0:
-        raise DemoError(f"the gait player failed: {player.last_words()}")
+        raise DemoError(f"the gait player failed: {player.last_line()}")
 
 
 def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]:
@@ -128,20 +130,20 @@ def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]
         f"A three-contact crawler walked {PERIODS} periods under commands from another process ({seconds:.0f} s).",
         f"  distance per period  {steady.mean():.12f} m (closed form {exact:.12f} m, largest error {error:.1e} m)",
         f"  first period         {gains[0]:.12f} m (with the transient from rest)",
-        "Left behind:",
+        "Files:",
         f"  {mcap}  ({messages} messages; opens in rosbag2, Foxglove, PlotJuggler, rerun)",
         f"  {rrd}",
         f"  {png}",
         "Next:",
         f"  {command} replay {recording}    cycles, slips and energy of this run, simulated again",
-        f"  {command} scenes    what else can be run",
+        f"  {command} scenes    the other scenes",
         f"  {command} simulate two_anchor_a    the model alone, without ROS",
         f"  {command} view {rrd}    the run in rerun, where there is a display",
     ]
 
 
 def measure(recording: Path) -> tuple[np.ndarray, int]:
-    """Read from a recording of the demonstration what it gained in each period.
+    """Read the net translation in each period from a recording of the demonstration.
 
     Args:
         recording: a bag folder.
@@ -159,19 +161,19 @@ def measure(recording: Path) -> tuple[np.ndarray, int]:
     for record in bag.read(recording):
         messages += 1
         message = decode(record.data, record.type)
-        if record.topic.endswith("joint_trajectory") and not start_ns:  # what has no stamp plays nothing
+        if record.topic.endswith("joint_trajectory") and not start_ns:  # a message without a stamp plays nothing
             start_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
         elif record.topic.endswith("pose"):
             y[message.header.stamp.sec * NS + message.header.stamp.nanosec] = message.pose.position.x
     if not start_ns:
         raise DemoError(f"{recording}: no command arrived")
-    # a command that came late was followed all the same, well before its period's end
+    # a late command was still followed, well before the end of its period
     ends = [start_ns + k * period_ns for k in range(PERIODS + 1)]
     return np.diff([y[ns] for ns in ends if ns in y]), messages
 
 
 class _Process:
-    """A node in a process of its own, whose output is kept."""
+    """A node in a process of its own, whose output is read."""
 
     def __init__(self, module: str, domain: int, **parameters: object) -> None:
         words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
@@ -184,7 +186,7 @@ class _Process:
             start_new_session=True,
         )
         self._lines: queue.Queue[str] = queue.Queue()
-        self._last = "it said nothing"
+        self._last = "(no output)"
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
@@ -201,7 +203,7 @@ class _Process:
             lines.append(self._lines.get())
         return lines
 
-    def last_words(self) -> str:
+    def last_line(self) -> str:
         self._thread.join(1.0)
         return self._last
 

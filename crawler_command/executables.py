@@ -1,6 +1,6 @@
-"""The front door of every executable: from the first import on, Ctrl-C and a missing package are one line.
+"""Entry points of all executables: from the first import on, Ctrl-C and a missing package are reported in one line.
 
-Nothing beyond the standard library is loaded here; what an executable needs is imported behind the door.
+Only the standard library is loaded here; the modules of an executable are imported when it runs.
 """
 
 from __future__ import annotations
@@ -62,23 +62,23 @@ def phase_control() -> int:
 
 
 def describe_missing(error: ModuleNotFoundError) -> str:
-    """Name the extra that brings a package that is not installed.
+    """Name the extra that installs a missing package.
 
     Args:
-        error: what the import raised.
+        error: the error of the import.
 
     Returns:
         One line.
     """
     module = (error.name or str(error)).split(".")[0]
     if module in _REQUIRED:
-        return f"{module} is not installed; it comes with: pip install crawler-ros"
+        return f"{module} is not installed; install with: pip install crawler-ros"
     extra = _EXTRA_OF.get(module)
     if extra is None and (module.startswith(("rcl", "rmw", "ament_")) or module.endswith(("_msgs", "_interfaces"))):
         extra = "ros"
     if extra is None:
         return f"{module} is not installed"
-    return f"{module} is not installed; it comes with: pip install 'crawler-ros[{extra}]'"
+    return f"{module} is not installed; install with: pip install 'crawler-ros[{extra}]'"
 
 
 def _run(name: str, module: str) -> int:
@@ -100,12 +100,12 @@ def _run(name: str, module: str) -> int:
         print(f"{name}: stopped", file=sys.stderr)
         return STOPPED
     finally:
-        if not ignored:  # while the interpreter ends, Ctrl-C has nothing to say
+        if not ignored:  # while the interpreter exits, Ctrl-C ends it silently
             signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _end_where_interrupts_are_lost(name: str) -> None:
-    """End the process where Ctrl-C arrives in a callback of C, which cannot pass an exception on."""
+    """End the process when Ctrl-C arrives in a callback from C, which cannot propagate an exception."""
     report = sys.unraisablehook
 
     def hook(lost: Any) -> None:

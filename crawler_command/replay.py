@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from crawler_ros.replay.ramps import Sink
 
 Recording = Annotated[
-    Path, typer.Argument(help="A bag folder or an .mcap file, whole or torn; of a folder of bags the newest.")
+    Path, typer.Argument(help="A bag folder or an .mcap file, complete or not; for a folder of bags, the newest.")
 ]
 SceneOption = Annotated[
-    str | None, typer.Option(help="What ran, for a recording that does not hold its scene: a file or a gallery name.")
+    str | None,
+    typer.Option(help="The scene that ran, a file or a gallery name, for a recording that does not hold it."),
 ]
-NamespaceOption = Annotated[str | None, typer.Option(help="Which crawler, where several were recorded.")]
+NamespaceOption = Annotated[str | None, typer.Option(help="Namespace of the crawler, where several were recorded.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
@@ -31,20 +32,22 @@ def replay(
     recording: Recording,
     scene: SceneOption = None,
     as_json: JsonOption = False,
-    rrd: Annotated[Path | None, typer.Option(help="Draw the run for rerun into this file.")] = None,
-    parquet: Annotated[Path | None, typer.Option(help="Write tables into this new folder.")] = None,
-    png: Annotated[Path | None, typer.Option(help="Draw one page into this file.")] = None,
+    rrd: Annotated[Path | None, typer.Option(help="Write the run to this file for rerun.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="Write tables to this new folder.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
     recover: Annotated[
-        bool, typer.Option("--recover", help="Write what can be read of a torn recording as a whole one beside it.")
+        bool, typer.Option("--recover", help="Write the readable part of a damaged recording to a new one beside it.")
     ] = False,
     namespace: NamespaceOption = None,
     show: Annotated[
-        bool, typer.Option("--show", help="Print the scene, parameters and versions that it holds, as YAML, and end.")
+        bool,
+        typer.Option("--show", help="Print the scene, parameters and versions in the recording as YAML, and exit."),
     ] = False,
 ) -> None:
-    """Tell what happened in a recording: is it whole, cycles, slips, energy; simulate it again and compare.
+    """Analyse a recording: completeness, cycles, slips, energy; simulate it again and compare.
 
-    Exit status 0 when it is whole and, where its scene is known, identical to the bit when simulated again.
+    The exit status is 0 when the recording is complete and, if its scene is known, identical to the bit when simulated
+    again.
     """
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay import analyse
@@ -65,7 +68,7 @@ def replay(
     written = outputs.write(found)
     if rrd is not None:
         if found.scene is None:
-            raise CrawlerError(f"--rrd: {recording} does not hold its scene; give it with --scene")
+            raise CrawlerError(f"--rrd: {recording} does not hold its scene; name it with --scene")
         from crawler_ros.viewer.visualizer import draw_recording
 
         draw_recording(recording, rrd, found.scene, found.robot)
@@ -90,7 +93,7 @@ def _check_outputs(rrd: Path | None, parquet: Path | None) -> None:
     if rrd is not None and not rrd.absolute().parent.is_dir():
         raise CrawlerError(f"--rrd: the folder {rrd.absolute().parent} does not exist")
     if parquet is not None and parquet.exists() and (not parquet.is_dir() or any(parquet.iterdir())):
-        raise CrawlerError(f"--parquet: {parquet} is there already; name a new folder")
+        raise CrawlerError(f"--parquet: {parquet} exists already; choose a new folder")
 
 
 def _show(recording: Path) -> None:
@@ -102,25 +105,27 @@ def _show(recording: Path) -> None:
     for _ in bag.read_blocks(recording, head):
         pass
     if not head.attachments:
-        raise CrawlerError(f"{recording}: it holds nothing but messages; crawler simulator recordings hold their scene")
+        raise CrawlerError(
+            f"{recording}: the recording holds only messages; recordings of the simulator also hold their scene"
+        )
     print(yaml.safe_dump(head.attachments, sort_keys=False, allow_unicode=True), end="")
 
 
 def _recover(recording: Path) -> tuple[Path, str]:
-    """Write a whole recording; gives it, and what was done."""
+    """Recover a recording; return the new one, and a line to print."""
     from crawler_ros.recording import bag
 
     if bag.examine(recording).complete:
-        return recording, "nothing to recover: the recording is whole"
+        return recording, "nothing to recover: the recording is complete"
     source = recording if recording.is_dir() else recording.with_suffix("")
     folder = source.with_name(source.name + "_recovered")
     if folder.exists():
-        raise CrawlerError(f"{folder} is there already: it was recovered before")
+        raise CrawlerError(f"{folder} exists already: the recording was recovered before")
     return folder, f"recovered {bag.recover(recording, folder)} messages: {folder}"
 
 
 class _Outputs:
-    """What is written while a recording is read, and after."""
+    """The files written while a recording is read, and after."""
 
     def __init__(self, parquet: Path | None, png: Path | None) -> None:
         self._parquet, self._png = parquet, png
@@ -128,7 +133,7 @@ class _Outputs:
         self._samples: Any = None
 
     def open(self, survey: Survey, scene: Scene | None) -> Sequence[Sink]:
-        """Open what takes every ramp."""
+        """Open the sinks of all ramps."""
         if scene is not None:
             prepare(scene)
         sinks: list[Sink] = []
@@ -138,7 +143,7 @@ class _Outputs:
             self._tables = TableWriter(self._parquet, scene)
             sinks.append(self._tables)
         if self._png is not None:
-            import matplotlib as _needed_at_the_end  # noqa: F401
+            import matplotlib as _required_later  # noqa: F401
 
             from crawler_ros.replay.show.samples import Samples
 
@@ -160,14 +165,14 @@ class _Outputs:
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(help="A recording; of a folder of bags the newest.")],
-    second: Annotated[Path, typer.Argument(help="Another one, likewise.")],
+    first: Annotated[Path, typer.Argument(help="The first recording; for a folder of bags, the newest.")],
+    second: Annotated[Path, typer.Argument(help="The second recording, likewise.")],
     scene: SceneOption = None,
     as_json: JsonOption = False,
-    png: Annotated[Path | None, typer.Option(help="Draw both runs into this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw both runs to this file.")] = None,
     namespace: NamespaceOption = None,
 ) -> None:
-    """Tell in what two recorded runs differ: commands, translation per cycle, energy, slips, on simulated time."""
+    """Compare two recorded runs on simulated time: commands, translation per cycle, energy, slips."""
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
 

@@ -1,4 +1,4 @@
-"""What `crawler check` says of a scene: its stasis domain, where that lets the body go, and what is doubtful."""
+"""The report of `crawler check`: stasis domain, possible directions of motion, and warnings."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def print_report(run: Trajectory, screen: Console) -> None:
     """Print the report.
 
     Args:
-        run: the scene, run along its drive.
-        screen: where to.
+        run: the run of the scene along its drive.
+        screen: the console to print to.
     """
-    scene, mesh = run.scene, run.scene.body
-    screen.print(f"{scene.name}: {mesh.describe()}; valid")
+    scene, body = run.scene, run.scene.body
+    screen.print(f"{scene.name}: {body.describe()}; valid")
     screen.print(_contacts(run))
-    if mesh.dimension == 1:
-        screen.print(_way(run))
+    if body.dimension == 1:
+        screen.print(_direction(run))
     _print_conditions(run, screen)
     _print_units(run.scene, screen)
     _print_holding(run, screen)
@@ -44,79 +44,78 @@ def print_report(run: Trajectory, screen: Console) -> None:
 
 
 def _contacts(run: Trajectory) -> Table:
-    """List the contacts, their friction and what they do."""
-    scene, mesh = run.scene, run.scene.body
-    planar = mesh.dimension == 2
+    """Build the table of contacts, their friction and their motion."""
+    scene, body = run.scene, run.scene.body
+    planar = body.dimension == 2
     table = Table(
         title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
     )
     friction = ("friction [N]",) if planar else ("-backward [N]", "forward [N]")
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
         table.add_column(escape(column), justify="right")
-    force = mesh.spring_force(run.tension[0])
+    force = body.spring_force(run.tension[0])
     drive = scene.drive
     size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))
     last = -1
-    for i in _shown(mesh):
+    for i in _shown(body):
         if i != last + 1:
             table.add_row(f"({i - last - 1} more)", *[""] * (len(table.columns) - 1))
         last = i
-        ways = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
+        slides = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
         if planar:
-            per_contact = drive.targets[:, 2 * mesh.springs :].reshape(-1, mesh.contacts, max(len(scene.directions), 1))
+            per_contact = drive.targets[:, 2 * body.springs :].reshape(-1, body.contacts, max(len(scene.directions), 1))
             bounds = [_span(per_contact[:, i])]
-            ways = ["yes"] if ways else []
+            slides = ["yes"] if slides else []
         else:
             bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
-        name = mesh.name_of(i).removeprefix("contact ")
+        name = body.name_of(i).removeprefix("contact ")
         table.add_row(
-            name, _numbers(mesh.position[i]), *bounds, write_length(force[i], size), " and ".join(ways) or "never"
+            name, _numbers(body.position[i]), *bounds, write_length(force[i], size), " and ".join(slides) or "never"
         )
     return table
 
 
-def _shown(mesh: Body) -> list[int]:
+def _shown(body: Body) -> list[int]:
     """Choose the contacts that have a row: isolated ones and a few of each segment, both ends among them."""
-    if mesh.contacts <= _MOST_ROWS:
-        return list(range(mesh.contacts))
-    isolated = mesh.isolated.tolist()
+    if body.contacts <= _MOST_ROWS:
+        return list(range(body.contacts))
+    isolated = body.isolated.tolist()
     if len(isolated) > _MOST_ROWS:
         isolated = isolated[: _MOST_ROWS // 2] + isolated[-_MOST_ROWS // 2 :]
-    inner = [np.linspace(s.first, s.last, 5).round().astype(int).tolist() for s in mesh.segments]
+    inner = [np.linspace(s.first, s.last, 5).round().astype(int).tolist() for s in body.segments]
     return sorted({*isolated, *(i for part in inner for i in part)})
 
 
-def _way(run: Trajectory) -> str:
-    """Say in which directions the stasis domain lets the body go."""
+def _direction(run: Trajectory) -> str:
+    """Describe the directions of motion that the stasis domain allows."""
     _, domains = domain_evolution(run.scene.drive)
-    ways = directions_of(domains)
-    names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "either way"}
-    if not ways:
-        return "no side of the stasis domain moves one contact alone: where the body can go is open"
-    text = names[frozenset(ways)]
+    directions = directions_of(domains)
+    names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "in both directions"}
+    if not directions:
+        return "no side of the stasis domain moves a single contact: the directions of motion are not determined"
+    text = names[frozenset(directions)]
     same = all(np.array_equal(d.forward, domains[0].forward) for d in domains)
     same = same and all(np.array_equal(d.backward, domains[0].backward) for d in domains)
-    when = "" if same else ", at one time or another"
-    return f"sides of the stasis domain let the body go {text}{when}"
+    when = "" if same else ", at different times"
+    return f"the stasis domain allows motion {text}{when}"
 
 
 def _print_conditions(run: Trajectory, screen: Console) -> None:
-    """Say what the theory asks of the scene: regular friction, a determined translation, stiffnesses of one order."""
+    """Print the conditions of the theory: regular friction, a determined translation, stiffnesses of one order."""
     scene = run.scene
     regularity = check_regularity(scene.drive)
     if not regularity.is_regular:
         screen.print(
-            f"friction: {regularity.where} goes down to 0; existence and uniqueness are proved only between positive "
-            "bounds"
+            f"friction: {regularity.where} falls to 0; existence and uniqueness are proved only for positive bounds"
         )
     elif regularity.rate > 0.0:
         screen.print(
             f"friction: between {regularity.least:g} and {regularity.greatest:g}, changing by at most "
-            f"{regularity.rate:g} a second; regular"
+            f"{regularity.rate:g} per second; regular"
         )
     margin = run.uniqueness_margin
     if scene.body.dimension == 2:
-        screen.print("uniqueness margin: not decided in the plane; the run says whether it was unique")
+        screen.print("uniqueness margin: not decided in the plane; see below whether the run was unique")
     elif margin is None:
         screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment without friction)")
     elif margin == 0.0:
@@ -131,36 +130,36 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
         screen.print(
             f"too stiff: spring {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than spring "
             f"{int(k.argmin())}"
-            + ("" if scene.body.is_chain else "; its tension has few digits, a chain would keep them all")
+            + ("" if scene.body.is_chain else "; its tension has few correct digits, while a chain would lose none")
         )
 
 
 def _print_units(scene: Plan, screen: Console) -> None:
-    """Warn of lengths far beyond the body's own: mostly millimetres for metres, or other units of force."""
-    mesh, drive = scene.body, scene.drive
-    length = float(np.linalg.norm(np.ptp(mesh.position, axis=0)))
-    commanded = mesh.joint_sum(np.abs(drive.actuation).T.reshape(mesh.springs, -1)).max(axis=1)
+    """Warn about lengths far beyond the body's own: mostly millimetres for metres, or other units of force."""
+    body, drive = scene.body, scene.drive
+    length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
+    commanded = body.joint_sum(np.abs(drive.actuation).T.reshape(body.springs, -1)).max(axis=1)
     longest = int(commanded.argmax())
     if commanded[longest] >= _TOO_LONG * length:
-        names = [f"link {i}" for i in range(mesh.link_springs.size)] + [f"segment {s.name}" for s in mesh.segments]
+        names = [f"link {i}" for i in range(body.link_springs.size)] + [f"segment {s.name}" for s in body.segments]
         screen.print(
             f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
-            f"{commanded[longest]:g} m, the body is {length:g} m long; lengths are in metres, strains are ratios"
+            f"{commanded[longest]:g} m, but the body is {length:g} m long; lengths are in metres, strains are ratios"
         )
     friction = drive.targets[:, drive.actuation.shape[1] :].max(axis=0)
     most = (
-        friction.reshape(mesh.contacts, -1).max(axis=1)
+        friction.reshape(body.contacts, -1).max(axis=1)
         if scene.body.dimension == 2
         else friction.reshape(2, -1).max(axis=0)
     )
-    stiffest = np.zeros(mesh.contacts)
-    np.maximum.at(stiffest, mesh.ends, mesh.stiffness[:, None])
+    stiffest = np.zeros(body.contacts)
+    np.maximum.at(stiffest, body.ends, body.stiffness[:, None])
     reach = most / stiffest
     stickiest = int(reach.argmax())
     if reach[stickiest] >= _TOO_LONG * length:
         screen.print(
             f"[yellow]too soft or too rough:[/] a spring must change by {reach[stickiest]:g} m before "
-            f"{mesh.name_of(stickiest)} slides, the body is {length:g} m long; stiffness is in N/m, friction in N"
+            f"{body.name_of(stickiest)} slides, but the body is {length:g} m long; stiffness is in N/m, friction in N"
         )
 
 
@@ -184,36 +183,36 @@ def _print_holding(run: Trajectory, screen: Console) -> None:
 
 
 def _print_motion(run: Trajectory, screen: Console) -> None:
-    """Say what moves along the drive."""
-    scene, mesh = run.scene, run.scene.body
-    of = " (of its elements, which come nearer than the whole)" if mesh.segments else ""
-    unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 for instants only)"
+    """Print the motion along the drive."""
+    scene, body = run.scene, run.scene.body
+    of = " (of the elements, which come nearer than the segment as a whole)" if body.segments else ""
+    unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 only at instants)"
     screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
     _print_crossings(run, screen)
-    still = [i for i in range(mesh.contacts) if not run.contact_state[:, i].any()]
-    if len(still) == mesh.contacts:
-        screen.print("too weak: the drive never leaves the stasis domain, nothing moves")
+    still = [i for i in range(body.contacts) if not run.contact_state[:, i].any()]
+    if len(still) == body.contacts:
+        screen.print("too weak: the drive never leaves the stasis domain, so that nothing moves")
     elif still:
-        names = ", ".join(mesh.name_of(i).removeprefix("contact ") for i in still[:10])
+        names = ", ".join(body.name_of(i).removeprefix("contact ") for i in still[:10])
         screen.print(f"contacts that never slide: {names}{' ...' if len(still) > 10 else ''}")
     if run.per_period.shape[0]:
         size = float(abs(run.displacement).max()) + float(abs(scene.drive.actuation).max())
         gained = write_length(run.per_period[-1], size)
         travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
-        screen.print(f"net translation per period, at the end: {gained} m{'' if travels else ' (it does not travel)'}")
+        screen.print(f"net translation in the last period: {gained} m{'' if travels else ' (it does not travel)'}")
 
 
 def _print_crossings(run: Trajectory, screen: Console) -> None:
-    """Warn where contacts pass through each other, which the model does not forbid."""
-    mesh = run.scene.body
-    if mesh.dimension == 2:
+    """Warn when contacts pass through each other, which the model does not forbid."""
+    body = run.scene.body
+    if body.dimension == 2:
         return
-    gaps = np.diff(mesh.position + run.displacement, axis=1).min(axis=0)
+    gaps = np.diff(body.position + run.displacement, axis=1).min(axis=0)
     nearest = int(gaps.argmin())
     if gaps[nearest] <= 0.0:
         screen.print(
-            f"[yellow]impossible in silicone:[/] {mesh.name_of(nearest + 1)} gets {-gaps[nearest]:.3g} m past "
-            f"{mesh.name_of(nearest)}; the model lets contacts pass through each other"
+            f"[yellow]impossible in silicone:[/] {body.name_of(nearest + 1)} gets {-gaps[nearest]:.3g} m past "
+            f"{body.name_of(nearest)}; the model lets contacts pass through each other"
         )
 
 

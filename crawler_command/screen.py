@@ -1,4 +1,4 @@
-"""What the verbs share: the screen, progress, common options and checks."""
+"""The console, progress bar, options and checks that the verbs share."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from crawler_model import CrawlerError
 
 screen = Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
-SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a name that `crawler scenes` lists.")]
+SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a gallery name from `crawler scenes`.")]
 
 
 class MethodName(str, Enum):
-    """How a tick is integrated."""
+    """The method by which a tick is integrated."""
 
     auto = "auto"
     exact = "exact"
@@ -28,10 +28,10 @@ class MethodName(str, Enum):
 
 
 DurationOption = Annotated[
-    float | None, typer.Option(help="Seconds; by default ten periods, or up to the last waypoint.")
+    float | None, typer.Option(help="Simulated time, s; by default ten periods, or up to the last waypoint.")
 ]
 MethodOption = Annotated[
-    MethodName, typer.Option(help="How a tick is integrated; auto is exact on a line, catch_up in the plane.")
+    MethodName, typer.Option(help="The method of integration; auto is exact on a line, catch_up in the plane.")
 ]
 
 
@@ -40,10 +40,10 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
     """Show a progress bar on a terminal and nothing in a pipe.
 
     Args:
-        what: the bar's label.
+        what: label of the bar.
 
     Yields:
-        A function that takes the part done, in [0, 1].
+        A function that accepts the fraction done, in [0, 1].
     """
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -59,10 +59,10 @@ def check_picture(png: Path | None) -> None:
     """Check that a picture can be written.
 
     Args:
-        png: the file; None for none.
+        png: the file; None to write no picture.
 
     Raises:
-        CrawlerError: when it is no .png, or its folder does not exist.
+        CrawlerError: when its name does not end in .png, or its folder does not exist.
     """
     if png is not None and png.suffix != ".png":
         raise CrawlerError(f"--png: {png} must end in .png")

@@ -14,7 +14,7 @@ from crawler_pictures.numbers import write_length
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar, screen
 
 _MISSED = 1e-6
-"""An energy residual above this part of the work is no rounding."""
+"""An energy residual above this fraction of the work is more than rounding."""
 
 
 def run_scene(scene: Scene, duration: float | None, rate: float, method: str | None) -> Trajectory:
@@ -22,9 +22,9 @@ def run_scene(scene: Scene, duration: float | None, rate: float, method: str | N
 
     Args:
         scene: the scene.
-        duration: [s]; None for ten periods, or up to the last waypoint.
+        duration: simulated time [s]; None for ten periods, or up to the last waypoint.
         rate: ticks per second [Hz].
-        method: "exact", "catch_up", or None for the best that there is.
+        method: "exact", "catch_up", or None for the best available.
 
     Returns:
         The run.
@@ -41,14 +41,14 @@ def simulate_command(
     method: MethodOption = MethodName.auto,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
-    """Run a scene offline, without ROS, and print where it went.
+    """Run a scene offline, without ROS, and print its net translation.
 
-    In the JSON, displacement is that of the isolated contacts, then of both ends of each segment; events counts linear
-    pieces, ticks included; energy.residual is relative to the work.
+    In the JSON output, displacement is that of the isolated contacts, then of both ends of each segment; events counts
+    linear pieces, including ticks; energy.residual is relative to the work.
     """
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
-        raise CrawlerError(f"{scene}: the scene has no drive; say how long to run with --duration")
+        raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
@@ -84,17 +84,15 @@ def _print_account(run: Trajectory) -> None:
     )
     screen.print(f"largest excess over a bound {run.violation:.1e} N; {run.events} linear pieces in {run.wall_s:.3g} s")
     if run.method == "catch_up" and run.scene.body.dimension == 1 and energy.relative_residual > _MISSED:
-        screen.print(
-            "[yellow]catch_up missed events:[/] the residual shows the size of its error; take exact, or a higher rate"
-        )
+        screen.print("[yellow]catch_up missed events:[/] the residual shows the error; use exact or a higher rate")
     if not run.unique:
         screen.print(
-            "[yellow]not unique:[/] on some stretch the translation was not determined; "
+            "[yellow]not unique:[/] in some interval the translation was not determined; "
             "the one nearest to zero was taken"
         )
     if run.overspent:
-        screen.print(f"[yellow]{run.overspent} ramp(s)[/] had too many events; a catch-up step did their rest")
+        screen.print(f"[yellow]{run.overspent} ramp(s)[/] had too many events; catch-up steps completed them")
     if run.unsolved:
         screen.print(
-            f"[yellow]{run.unsolved} ramp(s)[/] not solved: the active set gave up; see the excess over a bound"
+            f"[yellow]{run.unsolved} ramp(s)[/] not solved: the active set failed; see the excess over a bound"
         )

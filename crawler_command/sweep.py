@@ -1,4 +1,4 @@
-"""Sweeps: every combination of a few numbers of a scene, a row of results each, in a Parquet table."""
+"""Sweeps: a Parquet table with a row of results for every combination of values of a few numbers of a scene."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_ma
 from crawler_model.sweep.many import Settings
 from crawler_model.sweep.vary import MOST_VARIATIONS
 from crawler_pictures.sweep import shown_gain
+from crawler_ros.recording.versions import installed_version
 
 RESULTS = {
     "net_translation": "m",
@@ -35,7 +35,7 @@ RESULTS = {
     "visited_margin": "1",
     "efficiency": "m/J",
 }
-"""Numbers in a row and their units; null where a run is invalid, or has no such number."""
+"""Numbers in a row and their units; null when a run is invalid or has no such number."""
 _UNITS = {
     "forward": "N",
     "backward": "N",
@@ -57,14 +57,14 @@ _UNITS = {
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """What is swept, how, and where the results go.
+    """The variations, settings and output files of a sweep.
 
     Attributes:
         variations: the scenes.
-        settings: how each is run.
-        specs: what was asked for of each key.
+        settings: settings of each run.
+        specs: the values requested for each key, as text.
         out: the table.
-        png: the picture; None for none.
+        png: the picture; None to draw none.
     """
 
     variations: Variations
@@ -75,7 +75,7 @@ class Sweep:
 
 
 def parse_axis(text: str) -> tuple[str, np.ndarray]:
-    """Read what one `--vary` says.
+    """Parse one `--vary` option.
 
     Args:
         text: KEY=FROM:TO:N, KEY=log:FROM:TO:N or KEY=A,B,C.
@@ -84,7 +84,7 @@ def parse_axis(text: str) -> tuple[str, np.ndarray]:
         The key and its numbers, shape (N,).
 
     Raises:
-        CrawlerError: one line that says what would be right.
+        CrawlerError: with one line that describes the correct form.
     """
     key, equals, spec = (part.strip() for part in text.partition("="))
     help_text = f"--vary {text}: write KEY=FROM:TO:N, KEY=log:FROM:TO:N or KEY=A,B,C"
@@ -123,34 +123,34 @@ def plan_sweep(
     """Check all that can be checked before anything runs.
 
     Args:
-        scene: what to vary.
-        axes: what each `--vary` says.
-        settings: how each variation is run.
+        scene: the scene to vary.
+        axes: the `--vary` options.
+        settings: settings of each run.
         out: the table to write.
-        png: the picture to write; None for one beside the table where the axes allow one.
-        overwrite: whether these may be there already.
+        png: the picture to write; None for one beside the table if the axes allow one.
+        overwrite: whether these files may exist.
 
     Returns:
         The sweep.
 
     Raises:
-        CrawlerError: one line for the first mistake.
+        CrawlerError: with one line about the first mistake.
     """
     values: dict[str, np.ndarray] = {}
     specs = {}
     for text in axes:
         key, numbers = parse_axis(text)
         if key in values:
-            raise CrawlerError(f"--vary {key}: given twice")
+            raise CrawlerError(f"--vary {key}: the key is repeated")
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
     variations = vary(scene, values)
     settings.check()
     if scene.drive.holds and settings.duration is None:
-        raise CrawlerError(f"{scene.name}: the scene has no drive; say how long to run with --duration")
+        raise CrawlerError(f"{scene.name}: the scene has no drive; set the simulated time with --duration")
     if png is None and 1 <= sum(n > 1 for n in variations.shape) <= 2:
         png = out.with_suffix(".png")
     elif png is not None and not 1 <= sum(n > 1 for n in variations.shape) <= 2:
-        raise CrawlerError(f"--png: a picture needs one or two keys that vary, here are {len(values)}")
+        raise CrawlerError(f"--png: a picture needs one or two keys that vary; this sweep has {len(values)}")
     for option, file, suffix in (("--out", out, ".parquet"), ("--png", png, ".png")):
         if file is None:
             continue
@@ -159,7 +159,7 @@ def plan_sweep(
         if not file.absolute().parent.is_dir():
             raise CrawlerError(f"{option}: the folder {file.absolute().parent} does not exist")
         if file.exists() and not overwrite:
-            raise CrawlerError(f"{option}: {file} is there already; take another name, or --overwrite")
+            raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
     return Sweep(variations, settings, specs, out, png)
 
 
@@ -169,13 +169,13 @@ def run_sweep(
     """Run a sweep and write its table and picture.
 
     Args:
-        sweep: what to run.
-        workers: how many runs at a time on this machine; None for one a core.
+        sweep: the sweep.
+        workers: number of parallel runs on this machine; None for one per core.
         scheduler: address of a Dask scheduler whose workers run it instead; None for this machine.
-        progress: called with the part done, in [0, 1].
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        The results, those that were done when Ctrl-C came.
+        The results; after Ctrl-C, those of the finished runs.
 
     Raises:
         CrawlerError: when no variation is valid, or the cluster cannot be used.
@@ -189,7 +189,7 @@ def run_sweep(
         runs = simulate_many(sweep.variations, settings.duration, settings.rate, settings.method, workers, progress)
     done = runs.status == "done"
     if not done.any() and not runs.interrupted:
-        raise CrawlerError(f"no variation is valid; the first: {runs.reason[0]}")
+        raise CrawlerError(f"no variation is valid; the reason of the first: {runs.reason[0]}")
     if done.any():
         with whole_file(sweep.out) as part:
             parquet.write_table(build_table(sweep, runs), part, compression="zstd")
@@ -205,13 +205,13 @@ def run_sweep(
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Write a file whole or not at all.
+    """Write a file completely or not at all.
 
     Args:
-        path: what it is called in the end.
+        path: final path of the file.
 
     Yields:
-        Where to write it.
+        The temporary path to write to.
     """
     handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}_", dir=path.absolute().parent)
     os.close(handle)
@@ -227,16 +227,16 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
-    """Lay results out as a table, a row a variation that was run, in the grid's order.
+    """Build the table of results: a row for each variation that was run, in the order of the grid.
 
     Args:
-        sweep: what ran.
-        runs: what came out.
+        sweep: the sweep.
+        runs: its results.
 
     Returns:
-        The numbers varied, status and reason, the results; scene, settings and versions in the metadata.
+        The values varied, status and reason, the results; scene, settings and versions in the metadata.
     """
-    kept = runs.status != "not run"
+    ran = runs.status != "not run"
     done = runs.status == "done"
     fields, columns = [], []
 
@@ -248,15 +248,15 @@ def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
         columns.append(array)
 
     for key, values in sweep.variations.values.items():
-        add(key, values[kept], unit_of(sweep.variations.base, key))
-    add("status", runs.status[kept].tolist())
-    add("reason", [reason for reason, keep in zip(runs.reason, kept, strict=True) if keep])
+        add(key, values[ran], unit_of(sweep.variations.base, key))
+    add("status", runs.status[ran].tolist())
+    add("reason", [reason for reason, has_run in zip(runs.reason, ran, strict=True) if has_run])
     for name, unit in RESULTS.items():
-        column = _result(runs, name)[kept]
+        column = _result(runs, name)[ran]
         for axis, values in zip(("_x", "_y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
             add(name + axis, values, unit, ~np.isfinite(values))
     for name in ("unique", "events", "overspent", "unsolved", "periods"):
-        add(name, getattr(runs, name)[kept], None, ~done[kept])
+        add(name, getattr(runs, name)[ran], None, ~done[ran])
     about = json.dumps(_about(sweep, runs), sort_keys=True)
     return pa.Table.from_arrays(columns, schema=pa.schema(fields, metadata={"crawler_sweep": about}))
 
@@ -270,7 +270,7 @@ def _result(runs: ManyRuns, name: str) -> np.ndarray:
 
 
 def _about(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
-    versions = {name: _version(name) for name in ("crawler-ros", "numpy", "numba", "pyarrow")}
+    versions = {name: installed_version(name) or "unknown" for name in ("crawler-ros", "numpy", "numba", "pyarrow")}
     settings = sweep.settings
     return {
         "schema": 1,
@@ -285,15 +285,8 @@ def _about(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
     }
 
 
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:  # run from its source, not installed
-        return "unknown"
-
-
 def unit_of(scene: Scene, key: str) -> str:
-    """Name the unit of a number of a scene.
+    """Return the unit of a number of a scene.
 
     Args:
         scene: the scene.
@@ -314,11 +307,11 @@ def unit_of(scene: Scene, key: str) -> str:
 
 
 def summarise(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
-    """Lay out what came of a sweep as `crawler sweep --json` prints it.
+    """Summarise a sweep as `crawler sweep --json` prints it.
 
     Args:
-        sweep: what ran.
-        runs: what came out.
+        sweep: the sweep.
+        runs: its results.
 
     Returns:
         Plain numbers, lists and text; schema 1.
@@ -345,11 +338,11 @@ def summarise(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
 
 
 def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
-    """Say in a few lines what came of a sweep.
+    """Describe the results of a sweep in a few lines.
 
     Args:
-        sweep: what ran.
-        runs: what came out.
+        sweep: the sweep.
+        runs: its results.
 
     Returns:
         The lines.
@@ -360,16 +353,18 @@ def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
     counts += f", {about['not_run']} not run" if about["not_run"] else ""
     lines = [f"{about['scene']}: {shape} variations of {', '.join(about['vary'])}; {counts} in {runs.wall_s:.3g} s"]
     if runs.interrupted:
-        lines.append("stopped: the table holds what was done" if about["done"] else "stopped: nothing is written")
+        lines.append("stopped: the table holds the finished runs" if about["done"] else "stopped: no file is written")
     if about["best"] is not None:
         at = ", ".join(f"{key} = {value:.6g}" for key, value in about["best"]["at"].items())
         name = "per_period" if "per_period" in about["best"] else "gained"
         words = {"per_period": "in the last period", "gained": "over the run"}[name]
         lines.append(f"largest net translation {words}: {about['best'][name]:.6g} m at {at}")
     if about["not_unique"]:
-        lines.append(f"{about['not_unique']} of them are not unique: the translation was open on some stretch")
+        lines.append(
+            f"{about['not_unique']} of them are not unique: in some interval the translation was not determined"
+        )
     first = next((reason for reason in runs.reason if reason), None)
     if first is not None:
-        lines.append(f"the first invalid one: {first}")
+        lines.append(f"first invalid variation: {first}")
     lines += [f"{what}: {about[what]}" for what in ("table", "picture") if about[what] is not None]
     return lines

@@ -1,4 +1,4 @@
-"""Sweeps on a Dask cluster: chunks of variations as tasks, gathered as they are done, run again when a worker dies."""
+"""Sweeps on a Dask cluster: chunks of variations as tasks, collected when done, repeated when a worker dies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from crawler_model import CrawlerError, ManyRuns, Variations
 from crawler_model.sweep.many import ROW, Settings, gather, run_chunk
 
 PATIENCE_S = 8.0
-"""How long an answer of the scheduler, and a first worker, are waited for."""
+"""Longest wait for the scheduler's answer, and for a first worker [s]."""
 _RETRIES = 10
 _CHUNKS_A_THREAD, _MOST_IN_A_CHUNK = 8, 512
 
@@ -30,19 +30,19 @@ def simulate_on_cluster(
 ) -> ManyRuns:
     """Run variations on the workers of a Dask scheduler; they need this package installed.
 
-    Scenes travel as documents and numbers, so that workers need nothing of this machine.
+    Scenes are sent as documents and numbers, so that workers need no files of this machine.
 
     Args:
-        address: of the scheduler, tcp://host:port.
-        variations: what to run.
-        settings: how each is run.
-        progress: called with the part done, in [0, 1].
+        address: address of the scheduler, tcp://host:port.
+        variations: the variations to run.
+        settings: settings of each run.
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        What `simulate_many` gives here, to the bit where the processors are alike.
+        The results of `simulate_many`, identical to the bit on equal processors.
 
     Raises:
-        CrawlerError: when there is no scheduler, no worker, or a worker cannot run it.
+        CrawlerError: when there is no scheduler or no worker, or a worker cannot run the variations.
     """
     began = time.perf_counter()
     settings.check()
@@ -54,7 +54,7 @@ def simulate_on_cluster(
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's logging off the screen: what matters of it is said in one line."""
+    """Silence the logging of Dask; errors that matter are reported in one line."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
@@ -111,7 +111,7 @@ def _gather_tasks(
         client.cancel(list(places), force=True)
         return rows, reasons, True
     except CancelledError:
-        print("crawler: --scheduler: the scheduler has gone; what was left is not run", file=sys.stderr)
+        print("crawler: --scheduler: the scheduler has ended; the remaining variations are not run", file=sys.stderr)
         return rows, reasons, True
     return rows, reasons, False
 
@@ -122,4 +122,4 @@ def _result(task: distributed.Future) -> tuple[np.ndarray, dict[int, str]]:
     except ModuleNotFoundError as error:
         raise CrawlerError(f"--scheduler: a worker lacks {error.name}; install crawler-ros there") from None
     except distributed.KilledWorker:
-        raise CrawlerError("--scheduler: the workers die one after another, as when memory is short") from None
+        raise CrawlerError("--scheduler: the workers die one after another, as they do when memory is short") from None

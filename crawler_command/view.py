@@ -1,4 +1,4 @@
-"""The verb `view`: rerun on a recording, or a rendered picture of it."""
+"""The verb `view`: a recording in rerun, or rendered to a picture."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .screen import check_picture, screen
 
 def view(
     recording: Annotated[
-        Path, typer.Argument(help="A bag folder, .mcap or .rrd file; of a folder of bags the newest.")
+        Path, typer.Argument(help="A bag folder, .mcap or .rrd file; for a folder of bags, the newest.")
     ],
-    png: Annotated[Path | None, typer.Option(help="Render into this file instead of opening a window.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Render to this file instead of opening a window.")] = None,
     at: Annotated[
         float | None, typer.Option(help="With --png: the simulated time to show, s; by default the end.")
     ] = None,
 ) -> None:
-    """Open rerun on a recording with our blueprint, or render that view without a screen.
+    """Open a recording in rerun with our blueprint, or render that view without a display.
 
     --png needs a Vulkan driver: on Debian and Ubuntu, apt install mesa-vulkan-drivers.
     """
@@ -39,11 +39,11 @@ def view(
     if recording.suffix == ".rrd" and recording.read_bytes()[:3] != b"RRF":
         raise CrawlerError(f"{recording}: not a rerun recording")
     if at is not None and png is None:
-        raise CrawlerError("--at goes with --png: it is the time that is rendered")
+        raise CrawlerError("--at needs --png: it is the time to render")
     check_picture(png)
     if png is None and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise CrawlerError(
-            "there is no display here; render the view with --png FILE, or copy the .rrd to your desktop"
+            "this machine has no display; render the view with --png FILE, or copy the .rrd file to your desktop"
         )
     with tempfile.TemporaryDirectory() as folder:
         rrd = recording

@@ -1,1 +1,1 @@
-"""What is drawn on paper: bodies, stasis domains, sweeps."""
+"""Pictures of bodies, stasis domains and sweeps, drawn by matplotlib."""

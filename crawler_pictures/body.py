@@ -1,4 +1,4 @@
-"""Pictures of bodies on a line: feet on the ground, springs between them, actuators where a link is read as one."""
+"""Pictures of bodies on a line: feet on the ground, and springs or actuators between them."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _BODY, _GROUND = "#202020", "#8a8a8a"
 def draw_body(
     axis: Axes, scene: Plan, displacement: ArrayLike, actuation: ArrayLike, actuators: Sequence[int] = ()
 ) -> None:
-    """Draw a chain of contacts where it stands; above it there is room for `draw_length`.
+    """Draw a chain of contacts at its position; above it there is room for `draw_length`.
 
-    A link has two readings, which give the same tension. As a spring its rest length is the distance of its contacts in
+    A link has two interpretations with the same tension. As a spring its rest length is the distance of its contacts in
     the reference shape plus L. As an actuator with a spring behind it, the spring keeps half of that distance as its
     rest length, and the actuator has the other half plus L.
 
     Args:
-        axis: where to: along it in m, across it from the ground at 0 to the body at 1, and on to 2.6.
-        scene: of isolated contacts on a line, each joined to the next.
+        axis: axes to draw on: x in m, y from the ground at 0 to the body at 1, and up to 2.6.
+        scene: a scene of isolated contacts on a line, each joined to the next.
         displacement: x, shape (N,) [m].
         actuation: L of each link, shape (N - 1,) [m].
         actuators: links drawn as an actuator with a spring behind it; the others are drawn as springs.
@@ -38,16 +38,16 @@ def draw_body(
     Raises:
         CrawlerError: for segments, other graphs than chains, and the plane.
     """
-    mesh = scene.body
-    if mesh.dimension == 2 or mesh.segments or not mesh.is_chain:
-        raise CrawlerError(f"{scene.name}: only chains of isolated contacts on a line are drawn")
-    place = mesh.position + np.asarray(displacement, dtype=np.float64)
-    length = np.diff(mesh.position) / 2.0 + np.asarray(actuation, dtype=np.float64)
-    reach = float(np.ptp(mesh.position))
-    for i in range(mesh.contacts):
+    body = scene.body
+    if body.dimension == 2 or body.segments or not body.is_chain:
+        raise CrawlerError(f"{scene.name}: only chains of isolated contacts on a line can be drawn")
+    place = body.position + np.asarray(displacement, dtype=np.float64)
+    length = np.diff(body.position) / 2.0 + np.asarray(actuation, dtype=np.float64)
+    reach = float(np.ptp(body.position))
+    for i in range(body.contacts):
         _draw_foot(axis, float(place[i]), reach)
         axis.annotate(str(i), (float(place[i]), 0.5), (-4, 0), textcoords="offset points", ha="right", va="center")
-    for i in range(mesh.springs):
+    for i in range(body.springs):
         start, end = float(place[i]), float(place[i + 1])
         if i in actuators:
             _draw_actuator(axis, start, start + float(length[i]))
@@ -63,11 +63,11 @@ def draw_length(axis: Axes, start: float, end: float, height: float, text: str) 
     """Draw a dimension line with its name above it.
 
     Args:
-        axis: where to.
-        start: [m].
-        end: [m].
-        height: above the ground, in heights of the body.
-        text: what it is.
+        axis: axes to draw on.
+        start: start of the line [m].
+        end: end of the line [m].
+        height: height above the ground, in heights of the body.
+        text: name of the length.
     """
     bar = {"arrowstyle": "|-|, widthA=0.25, widthB=0.25", "shrinkA": 0, "shrinkB": 0, "linewidth": 0.8}
     axis.annotate("", (end, height), (start, height), arrowprops=bar)
@@ -76,7 +76,7 @@ def draw_length(axis: Axes, start: float, end: float, height: float, text: str) 
 
 
 def _draw_foot(axis: Axes, place: float, reach: float) -> None:
-    """Draw a leg and the wedge that it stands on."""
+    """Draw a leg and the wedge on which it stands."""
     axis.plot([place, place], [0.0, 1.0], color=_BODY, linewidth=1.6, zorder=3)
     axis.plot(place, 1.0, "o", color=_BODY, markersize=4, zorder=3)
     toe = 0.03 * reach

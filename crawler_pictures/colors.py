@@ -1,9 +1,9 @@
-"""Colours of all pictures, on paper and in rerun; those of forward and back differ for colour-blind eyes too."""
+"""Colours of all pictures, in matplotlib and in rerun; colour-blind readers can tell forward from back."""
 
 from __future__ import annotations
 
 FORWARD, BACK = "#009e73", "#c8400f"
-"""Slips forward and back; facets of the stasis domain that let the body go that way."""
+"""Slips forward and back, and facets of the stasis domain that allow motion in that direction."""
 STICK, GREY = "#c8c8c8", "#8a8a8a"
 TENSION, ACTUATION = "#2f5fc4", "#e08a1e"
 CONTACTS = ("#1f3fbf", "#1fa8c8")
@@ -11,7 +11,7 @@ CONTACTS = ("#1f3fbf", "#1fa8c8")
 
 
 def rgb(color: str) -> tuple[int, int, int]:
-    """Take a colour apart.
+    """Split a colour into its components.
 
     Args:
         color: as "#rrggbb".

@@ -1,4 +1,4 @@
-"""Pictures of stasis domains: where nothing moves, which way each side lets the body go, and the path of a run in them.
+"""Pictures of stasis domains, with the direction of motion that each side allows and the path of a run.
 
 Tensions are drawn as they are, positive when stretched; [G] draws the same sets in -T.
 """
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 def draw_domain(scene: Plan, png: Path) -> None:
     """Draw the stasis domain of a scene on one page, with the run of its drive in it.
 
-    Two contacts: the box of both spring forces and its section, an interval; with constant friction also the sweeping
-    process, with commanded friction the boxes at the waypoints; below, tension and interval over time. Three contacts:
-    the polygon for each friction commanded, its sides marked with the direction they allow. More: projections onto
-    two sections, and the range of each. In the plane: the forces that each contact's friction can bear, and the path
-    of its spring force among them.
+    For two contacts: the box of both spring forces and its section, an interval; with constant friction also the
+    sweeping process, with commanded friction the boxes at the waypoints; below, tension and interval over time. For
+    three contacts: the polygon for each commanded friction, its sides marked with the direction that they allow. For
+    more: projections onto two sections, and the range of each. In the plane: the set of admissible friction forces of
+    each contact, and the path of its spring force.
 
     Args:
-        scene: the scene; without a drive, its start alone is drawn in the domain.
+        scene: the scene; without a drive, only its start is drawn in the domain.
         png: the file to write.
     """
     import matplotlib
@@ -56,8 +56,8 @@ def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
     """Draw each contact's friction set and spring force, of at most nine contacts."""
     from matplotlib import pyplot as plt
 
-    mesh, drive = scene.body, scene.drive
-    count = min(mesh.contacts, 9)
+    body, drive = scene.body, scene.drive
+    count = min(body.contacts, 9)
     columns = min(count, 3)
     figure, axes = plt.subplots(
         -(-count // columns),
@@ -67,13 +67,13 @@ def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
         squeeze=False,
     )
     figure.suptitle(
-        f"{scene.name}: forces that the ground can bear at each contact, and the springs' force over the last period"
+        f"{scene.name}: admissible friction forces of each contact, and its spring force over the last period"
     )
     rows = last_period(run)
-    force = np.array([mesh.spring_force(t) for t in run.tension[rows]])
+    force = np.array([body.spring_force(t) for t in run.tension[rows]])
     slides = run.contact_state[rows] != 0
-    friction = np.unique(drive.targets[:, 2 * mesh.springs :], axis=0).reshape(
-        -1, mesh.contacts, max(len(scene.directions), 1)
+    friction = np.unique(drive.targets[:, 2 * body.springs :], axis=0).reshape(
+        -1, body.contacts, max(len(scene.directions), 1)
     )
     for i, axis in enumerate(axes.flat):
         if i >= count:

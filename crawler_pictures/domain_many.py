@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def draw_three(scene: Plan, run: Trajectory) -> Figure:
-    """Lay out the page of three contacts."""
+    """Draw the page of three contacts."""
     from matplotlib import pyplot as plt
 
     shown = _distinct(shown_waypoints(scene))
@@ -61,7 +61,7 @@ def draw_three(scene: Plan, run: Trajectory) -> Figure:
 
 
 def _distinct(shown: list[tuple[float, StasisDomain]]) -> list[tuple[float, StasisDomain]]:
-    """Leave out domains that were there before."""
+    """Leave out repeated domains."""
     found = {(d.forward.tobytes(), d.backward.tobytes()): (t, d) for t, d in reversed(shown)}
     return list(reversed(found.values()))
 
@@ -73,7 +73,7 @@ def _nearest(run: Trajectory, time_s: float) -> int:
 
 
 def _limits(polygons: Sequence[np.ndarray]) -> list[tuple[float, float]]:
-    """Make limits of square axes around polygons, wide enough for labels outside them."""
+    """Compute limits of square axes around polygons, wide enough for labels outside them."""
     corners = np.concatenate(polygons)
     low, high = corners.min(axis=0), corners.max(axis=0)
     half = 1.0 * float((high - low).max()) or 1.0
@@ -84,9 +84,9 @@ def draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large: 
     """Draw a domain of three contacts, each side coloured by the direction that it allows.
 
     Args:
-        axis: where to; its limits are left to the caller.
-        domain: of three contacts.
-        names: what the three are called.
+        axis: axes to draw on; the caller sets the limits.
+        domain: domain of three contacts.
+        names: names of the three contacts.
         large: whether there is room for large letters.
     """
     corners = domain.vertices()
@@ -117,7 +117,7 @@ def draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large: 
 
 
 def _sides(domain: StasisDomain) -> Iterator[tuple[Facet, np.ndarray, np.ndarray]]:
-    """Find the side that each facet of a polygon is: its ends, each of shape (2,) [N]."""
+    """Yield the facets of a polygon with both ends of each, of shape (2,) [N]."""
     corners = domain.vertices()
     following = np.roll(corners, -1, axis=0)
     for facet in domain.facets():
@@ -130,12 +130,12 @@ def _sides(domain: StasisDomain) -> Iterator[tuple[Facet, np.ndarray, np.ndarray
 def draw_box_in_space(axis: Axes3D, domain: StasisDomain) -> None:
     """Draw the box C of three spring forces and its section by the plane in which they balance.
 
-    The section's sides are coloured by the direction that they allow: each lies in the face of the box whose normal is
-    the contact that slides there.
+    The sides of the section are coloured by the direction that they allow: each lies in the face of the box whose
+    normal belongs to the contact that slides there.
 
     Args:
-        axis: a three-dimensional one.
-        domain: of three contacts.
+        axis: three-dimensional axes to draw on.
+        domain: domain of three contacts.
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
@@ -155,12 +155,12 @@ def draw_box_in_space(axis: Axes3D, domain: StasisDomain) -> None:
 
 
 def draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
-    """Draw a path with arrows along it, its start a dot.
+    """Draw a path with arrows along it and a dot at its start.
 
     Args:
-        axis: where to.
-        path: shape (T, 2).
-        arrows: how many.
+        axis: axes to draw on.
+        path: the path, shape (T, 2).
+        arrows: number of arrows.
     """
     axis.plot(*path.T, color="black", linewidth=1.3, zorder=4)
     axis.plot(*path[0], "o", color="black", markersize=7, zorder=5)
@@ -180,15 +180,15 @@ def draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
 
 
 def draw_many(scene: Plan, run: Trajectory) -> Figure:
-    """Lay out the page of four contacts and more: two projections and the range of each section."""
+    """Draw the page of four contacts and more: two projections and the range of each section."""
     from matplotlib import pyplot as plt
 
     shown = _distinct(shown_waypoints(scene))
     path = section_path(scene, run.tension)[last_period(run)]
     first, which_first = ((0, 1), "the first two sections")
     if scene.body.segments:
-        first, which_first = _between_parts(scene.body), "sections that part the body"
-    pairs = list(dict.fromkeys([first, _liveliest(path)]))
+        first, which_first = _between_parts(scene.body), "sections that divide the body"
+    pairs = list(dict.fromkeys([first, _most_variable(path)]))
     names = [f"onto_{i}" for i in range(len(pairs))]
     rows: list[Any] = [names, ["ranges"] * len(names)]
     figure, axes = plt.subplot_mosaic(
@@ -207,17 +207,17 @@ def draw_many(scene: Plan, run: Trajectory) -> Figure:
     return figure
 
 
-def _between_parts(mesh: Body) -> tuple[int, int]:
+def _between_parts(body: Body) -> tuple[int, int]:
     """Find the first two sections between contacts and segments; where there are fewer, thirds of the body."""
-    inside = {i for s in mesh.segments for i in range(s.first, s.last)}
-    between = [i for i in range(mesh.contacts - 1) if i not in inside]
-    thirds = [mesh.contacts // 3 - 1, 2 * mesh.contacts // 3 - 1]
+    inside = {i for s in body.segments for i in range(s.first, s.last)}
+    between = [i for i in range(body.contacts - 1) if i not in inside]
+    thirds = [body.contacts // 3 - 1, 2 * body.contacts // 3 - 1]
     first, second = (between + [i for i in thirds if i not in between])[:2]
     return min(first, second), max(first, second)
 
 
-def _liveliest(path: np.ndarray) -> tuple[int, int]:
-    """Find the two sections that change most; in a long body a quarter of it apart, where neighbours are all alike."""
+def _most_variable(path: np.ndarray) -> tuple[int, int]:
+    """Find the two sections that change most; in a long body at least a quarter of its length apart."""
     travel = np.ptp(path, axis=0)
     first = int(travel.argmax())
     apart = 1 if travel.size <= MOST_BARS else travel.size // 4
@@ -229,7 +229,7 @@ def _liveliest(path: np.ndarray) -> tuple[int, int]:
 def _draw_projections(
     axis: Axes, scene: Plan, domains: Sequence[StasisDomain], pair: tuple[int, int], path: np.ndarray
 ) -> None:
-    """Draw the projections of all domains shown, the first with its sides marked."""
+    """Draw the projections of all domains, the first with its sides marked."""
     merged = [domain.merged(*pair) for domain in domains]
     bounds = [0, pair[0] + 1, pair[1] + 1, domains[0].contacts]
     groups = [f"contact {a}" if b - a == 1 else f"contacts {a}-{b - 1}" for a, b in itertools.pairwise(bounds)]
@@ -249,11 +249,11 @@ def _draw_projections(
 def _draw_ranges(axis: Axes, scene: Plan, path: np.ndarray) -> None:
     """Draw the range of each section, and the part of it that the run uses."""
     least, most = (np.array(side) for side in zip(*(d.ranges() for d in domain_evolution(scene.drive)[1]), strict=True))
-    _draw_bars(axis, least.min(axis=0), most.max(axis=0), 0.8, "what some state of stasis has", color=FACE)
+    _draw_bars(axis, least.min(axis=0), most.max(axis=0), 0.8, "possible in stasis", color=FACE)
     edge = {"edgecolor": "#c83c3c", "linewidth": 1.5}
-    label = "" if is_constant(scene) else "whatever the friction commanded"
+    label = "" if is_constant(scene) else "possible in stasis at every waypoint"
     _draw_bars(axis, least.max(axis=0), most.min(axis=0), 0.8, label, facecolor="none", **edge)
-    _draw_bars(axis, path.min(axis=0), path.max(axis=0), 0.35, "what the last period has", color=TENSION)
+    _draw_bars(axis, path.min(axis=0), path.max(axis=0), 0.35, "used in the last period", color=TENSION)
     sections = np.arange(path.shape[1])
     axis.use_sticky_edges = False
     axis.margins(x=0.02, y=0.06)

@@ -1,19 +1,15 @@
-"""What the pictures of stasis domains say, and which instants of a run they show."""
+"""Labels of the pictures of stasis domains, and the choice of the instants that they show."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from crawler_model import Trajectory, simulate
 from crawler_model.body.plan import Plan
 from crawler_model.theory.stasis import StasisDomain, directions_of, domain_evolution, section_forces
-
-if TYPE_CHECKING:
-    pass
-
 
 STYLE: dict[Any, Any] = {"font.size": 9, "axes.titlesize": 9, "mathtext.fontset": "dejavusans"}
 """matplotlib settings of these pictures."""
@@ -29,7 +25,7 @@ def section_path(scene: Plan, tension: np.ndarray) -> np.ndarray:
 
 
 def simulated(scene: Plan, periods: int) -> Trajectory:
-    """Run a few periods of the drive, or the whole of one that does not repeat."""
+    """Run a few periods of the drive, or all of a drive without a period."""
     drive = scene.drive
     span = float(drive.times[-1]) if drive.period is None else drive.period * periods
     if span == 0.0:
@@ -45,7 +41,7 @@ def last_period(run: Trajectory) -> np.ndarray:
 
 
 def is_constant(scene: Plan) -> bool:
-    """Tell whether friction is never commanded."""
+    """Return whether friction is constant."""
     drive = scene.drive
     return not (np.ptp(drive.forward, axis=0).any() or np.ptp(drive.backward, axis=0).any())
 
@@ -63,14 +59,14 @@ def shown_waypoints(scene: Plan) -> list[tuple[float, StasisDomain]]:
 
 
 def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Read the friction that a scene commands.
+    """Interpolate the friction that a scene commands.
 
     Args:
         scene: a body on a line.
-        time_s: when, shape (T,) [s].
+        time_s: times, shape (T,) [s].
 
     Returns:
-        mu_plus and mu_minus, straight lines between waypoints, each of shape (T, N) [N].
+        mu_plus and mu_minus, linear between waypoints, each of shape (T, N) [N].
     """
     drive = scene.drive
 
@@ -81,27 +77,27 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def verdict(domains: Sequence[StasisDomain]) -> str:
-    """Say which ways the body can be made to go."""
-    ways = directions_of(domains)
-    if ways == {1, -1}:
+    """Describe the possible directions of motion."""
+    directions = directions_of(domains)
+    if directions == {1, -1}:
         return "forward and backward motion are both possible"
-    if ways:
-        return f"only {'forward' if ways == {1} else 'backward'} motion is possible"
-    return "no facet: at its boundary several contacts are at their bounds at once"
+    if directions:
+        return f"only {'forward' if directions == {1} else 'backward'} motion is possible"
+    return "no facet: at the boundary several contacts are at their bounds at once"
 
 
 def symbol(scene: Plan) -> str:
-    """Choose the letter: T for the tension of a link, Q for the force through a section."""
+    """Return the symbol: T for the tension of a link, Q for the force through a section."""
     return "T" if scene.body.is_chain else "Q"
 
 
 def quantity(scene: Plan) -> str:
-    """Name what is drawn: in a chain sections and links are the same."""
+    """Return the name of the quantity drawn: in a chain sections and links are the same."""
     return "tension" if symbol(scene) == "T" else "section force"
 
 
 def label_of(scene: Plan, section: int) -> str:
-    """Label the axis of a section force."""
+    """Return the axis label of a section force."""
     if scene.body.segments:
         place = float(scene.body.position[section : section + 2].mean())
         return f"{quantity(scene)} at {place:.3g} m [N]  (> 0: stretched)"

@@ -1,4 +1,4 @@
-"""Pictures of the stasis domain of two contacts: boxes, the interval in them, the sweeping process."""
+"""Pictures of the stasis domain of two contacts: boxes, intervals in them, and the sweeping process."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LETTERS = "abcdefghi"
 
 
 def draw_two(scene: Plan, run: Trajectory) -> Figure:
-    """Lay out the page of two contacts."""
+    """Draw the page of two contacts."""
     from matplotlib import pyplot as plt
 
     shown = shown_waypoints(scene)
@@ -93,7 +93,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
 
 
 def _actuation(run: Trajectory) -> np.ndarray:
-    """Read the actuation at a run's ticks, shape (T, springs) [m]."""
+    """Interpolate the actuation at the ticks of a run, shape (T, springs) [m]."""
     drive = run.scene.drive
     columns = [np.interp(run.time, drive.times, column, period=drive.period) for column in drive.actuation.T]
     return np.column_stack(columns)
@@ -115,12 +115,12 @@ def _box_corners(domain: StasisDomain) -> np.ndarray:
 
 
 def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True) -> None:
-    """Draw the box C, its section in red and, at the section's ends, the normal that says which way they let go.
+    """Draw the box C, its section in red and, at the section's ends, normals in the direction of motion they allow.
 
     Args:
-        axis: where to; its limits are set.
-        domain: of two contacts.
-        reach: the largest friction that must find room [N].
+        axis: axes to draw on; their limits are set.
+        domain: domain of two contacts.
+        reach: the largest friction that must fit [N].
         large: whether there is room to name the contact that slides.
     """
     limit = 1.62 * reach
@@ -166,8 +166,8 @@ def draw_band(axis: Axes, run: Trajectory) -> None:
     """Draw the stasis interval over time as a band, its ends coloured by direction, and the tension in it.
 
     Args:
-        axis: where to.
-        run: of two contacts.
+        axis: axes to draw on.
+        run: run of two contacts.
     """
     scene, drive = run.scene, run.scene.drive
     repeats = [0.0] if drive.period is None else np.arange(0.0, run.time[-1], drive.period)
@@ -216,8 +216,8 @@ def draw_motion(axis: Axes, run: Trajectory) -> None:
     """Draw actuation, displacements and net translation over time.
 
     Args:
-        axis: where to.
-        run: of two contacts.
+        axis: axes to draw on.
+        run: run of two contacts.
     """
     actuation = _actuation(run)[:, : len(_DASHES)]
     for i in range(actuation.shape[1]):
@@ -233,9 +233,9 @@ def draw_motion(axis: Axes, run: Trajectory) -> None:
 
 
 def _marked_instants(run: Trajectory, middles: bool) -> list[int]:
-    """Choose the ticks at which sliding begins or ends, if wanted also the middles of the slides; not too many."""
+    """Choose a limited number of ticks at which sliding begins or ends, optionally also the middles of slides."""
     step = np.diff(run.displacement, axis=0)
-    state = np.sign(step) * (np.abs(step) > 1e-9 * np.ptp(run.displacement))  # in a tick, rounding is no slide
+    state = np.sign(step) * (np.abs(step) > 1e-9 * np.ptp(run.displacement))  # rounding within a tick is not a slide
     changes = np.flatnonzero((np.diff(state, axis=0) != 0).any(axis=1)) + 1
     if not middles:
         return [int(row) for row in changes[:MOST_TIMES]]
@@ -247,16 +247,16 @@ def _marked_instants(run: Trajectory, middles: bool) -> list[int]:
 
 
 def draw_sweeping(axis: Axes, run: Trajectory, marks: Sequence[int]) -> None:
-    """Draw the sweeping process of two contacts and one spring: the moving box and the point that it pushes along.
+    """Draw the sweeping process of two contacts and one spring: the moving box and the point that it pushes.
 
     With u = -2 k x and l = (-k L, k L) the spring forces are g = l + u - mean(u), and the law of motion becomes
     -udot in N_{C - l + mean(u)}(u): here the factor 2 k is exact, and everything is a force. In the turned plane of
     `_turned`, u is the point (-2 k y, k z) and its box is C moved to (-2 k y, k L). The first axis is reversed, so
-    that the body goes forward where the point goes right; hence boxes appear as mirror images of C.
+    that the body moves forward where the point moves right; hence boxes appear as mirror images of C.
 
     Args:
-        axis: where to; its limits and labels are set.
-        run: of two contacts and one spring under constant friction.
+        axis: axes to draw on; their limits and labels are set.
+        run: run of two contacts and one spring under constant friction.
         marks: ticks at which the box is drawn, lettered from a, at most nine.
     """
     domain = domain_evolution(run.scene.drive)[1][0]
@@ -283,5 +283,5 @@ def draw_sweeping(axis: Axes, run: Trajectory, marks: Sequence[int]) -> None:
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
         axis.annotate(text, tuple(np.array(corner) + side), (4, 0), bbox=box, **style)
     axis.set(aspect="equal", xlabel="net translation $2 k y$ [N]  (right: forward)", ylabel="shape $k z$ [N]")
-    axis.set_title("sweeping process: $k L$ moves the box up and down, sideways it follows the point that it pushes")
+    axis.set_title("sweeping process: $k L$ moves the box vertically; horizontally it follows the point that it pushes")
     axis.set_xlim(right=float(place[used].max()) + 1.6 * right)

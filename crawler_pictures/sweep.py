@@ -28,7 +28,7 @@ def draw_sweep(
 
     Args:
         variations: the scenes that ran.
-        units: of each key.
+        units: unit of each key.
         logarithmic: keys with a logarithmic axis.
         runs: the results.
         png: the file to write.
@@ -51,7 +51,7 @@ def draw_sweep(
         getattr(axes, f"set_{axis}label")(f"{key} [{units[key]}]".replace(" [1]", ""))
         if key in logarithmic:
             getattr(axes, f"set_{axis}scale")("log")
-    stopped = ", stopped before the end" if runs.interrupted else ""
+    stopped = ", stopped early" if runs.interrupted else ""
     axes.set_title(f"{variations.base.name}: {len(runs)} variations{stopped}", fontsize=10)
     figure.savefig(png, dpi=110)
     plt.close(figure)
@@ -101,7 +101,7 @@ def _draw_map(
 
 
 def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
-    """Choose the net translation that is shown: per period where there are periods; in the plane along x.
+    """Choose the net translation to show: per period if there are periods; in the plane along x.
 
     Args:
         runs: the results.

@@ -19,7 +19,7 @@ import crawler_model
 import crawler_ros.replay
 from crawler_command.app import app
 from crawler_model.scene.parts import SceneParts
-from crawler_ros.wire import interface
+from crawler_ros.node.parameters import read_parameters
 
 ROOT = Path(__file__).parent.parent
 REFERENCE = ROOT / "docs" / "reference"
@@ -227,7 +227,7 @@ def topics() -> str:
 def parameters() -> str:
     """Write the reference of the parameters of all nodes, the simulator's from msgs_config/simulator.yaml."""
     rows = []
-    for row in interface.parameters().values():
+    for row in read_parameters().values():
         bounds = " .. ".join(f"{bound:g}" for bound in row.range) if row.range else ", ".join(map(code, row.choices))
         default = "(empty)" if row.default == "" else code(row.default)
         rows.append((code(row.name), row.type, default, bounds, "yes" if row.runtime else "", row.meaning))

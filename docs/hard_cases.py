@@ -30,7 +30,7 @@ of about 1 m and 1 N, or relative where marked. "By the certificate" marks an er
 certificate admits: of a graph's distance from the chain, because over twelve decades of stiffness a graph sums
 displacements whose rounding affects its stiffest spring; and of a chain's distance from rational arithmetic, to the
 certificate's `rounding` or 1e-11, whichever is larger. In the plane a scene has a tolerance; "in tolerances" marks an
-error of each ramp divided by it, which must be at most 1.
+error of each ramp divided by it, which must be at most 1; "in accuracies" does the same for a segment and its accuracy.
 
 Times are those of a whole case, including the scene, on {machine}, with the kernels compiled. They were measured
 once; no test depends on them.

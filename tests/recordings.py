@@ -14,9 +14,9 @@ from crawler_model.run.simulate import rational_rate, tick_end_ns
 from crawler_ros.recording.bag import read
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.versions import versions
-from crawler_ros.wire import interface
 from crawler_ros.wire.messages import JointStateMessage, PoseMessage, TrajectoryMessage
 from crawler_ros.wire.states import contact_names, joint_state_names, shown_contacts
+from crawler_ros.wire.topics import read_topics
 
 Message = tuple[str, int, bytes]
 STATES = ("joint_states", "contact_states", "pose")
@@ -87,7 +87,7 @@ def write(folder: Path, sent, attached: dict, namespace: str = "/") -> Path:
     channels: dict[str, int] = {}
     for k, (name, _, data) in enumerate(sent):
         if name not in channels:
-            channels[name] = bag.add_topic(interface.topics()[name], namespace + name)
+            channels[name] = bag.add_topic(read_topics()[name], namespace + name)
         bag.write(channels[name], 10**18 + k, 10**18 + k, data)
         if k % 200 == 199:
             bag.flush()

@@ -1,4 +1,4 @@
-"""What takes part: a method at a number of ticks a period, and a run of it. All methods have this shape."""
+"""The interface of all methods: an entrant, which is a method at a number of ticks per period, and a run of it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Protocol
 import numpy as np
 
 LEAST = 2e-3
-"""A lap lasts at least this long [s], so that the clock and the first call are small."""
+"""A lap lasts at least this long [s], so that the clock and the first call are negligible."""
 
 
 class OutOfTime(Exception):
-    """A method needs more time than its share."""
+    """A method exceeded its time."""
 
 
 class Run(Protocol):
-    """A crawler on its way, by some method.
+    """A simulation of a crawler by some method.
 
     Attributes:
-        solves: problems solved so far; 0 where the method solves none.
-        failures: how many of them the solver itself called unsolved.
-        steps: steps that the method took so far, where it chooses them; otherwise 0.
+        solves: number of problems solved so far; 0 for methods that solve none.
+        failures: number of these that the solver itself reported as unsolved.
+        steps: number of steps so far, for methods that choose them; otherwise 0.
     """
 
     solves: int
@@ -36,14 +36,14 @@ class Run(Protocol):
         ...
 
     def quarter(self, number: int, deadline: float) -> float:
-        """Go on for a quarter of a period.
+        """Simulate a quarter of a period.
 
         Args:
-            number: which quarter since the start.
-            deadline: of `time.perf_counter`, after which to give up [s].
+            number: number of the quarter since the start.
+            deadline: value of `time.perf_counter` after which to stop [s].
 
         Returns:
-            Time spent on what the method must do in every tick [s].
+            Time spent on the work of every tick [s].
 
         Raises:
             OutOfTime: after the deadline.
@@ -51,11 +51,11 @@ class Run(Protocol):
         ...
 
     def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Go on for whole periods, as fast as the method can.
+        """Simulate whole periods as fast as the method can.
 
         Args:
-            number: the first quarter since the start.
-            deadline: as above [s].
+            number: number of the first quarter since the start.
+            deadline: value of `time.perf_counter` after which to stop [s].
 
         Returns:
             Time spent [s] and number of periods.
@@ -65,15 +65,15 @@ class Run(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Entrant:
-    """A method at a number of ticks a period.
+    """A method at a number of ticks per period.
 
     Attributes:
         method: its name; entrants of the same method are one line in a picture.
-        ticks: ticks a period; 0 where the method chooses its own steps.
-        start: makes a run.
-        label: what a picture writes at its point; by default the ticks.
-        detail: what a reader should know about how it was run.
-        largest: most contacts for which it can be run at all.
+        ticks: ticks per period; 0 for methods that choose their own steps.
+        start: function that starts a run.
+        label: label of its point in a picture; by default the number of ticks.
+        detail: remarks on how it was run.
+        largest: largest number of contacts for which it can be run.
         implicit: whether it takes catch-up steps, so that it can be compared with ours at the same ticks.
     """
 
@@ -87,12 +87,12 @@ class Entrant:
 
 
 def lap_by_quarters(run: Run, number: int, deadline: float) -> tuple[float, int]:
-    """Go on quarter by quarter, for one period or as many short ones as make a lap worth timing.
+    """Simulate one period, or as many short ones as a lap needs for its timing, quarter by quarter.
 
     Args:
         run: the run.
-        number: the first quarter since the start.
-        deadline: of `time.perf_counter` [s].
+        number: number of the first quarter since the start.
+        deadline: value of `time.perf_counter` after which to stop [s].
 
     Returns:
         Time spent [s] and number of periods.
@@ -105,23 +105,23 @@ def lap_by_quarters(run: Run, number: int, deadline: float) -> tuple[float, int]
 
 
 def check_time(deadline: float) -> None:
-    """Give up after the deadline.
+    """Stop after the deadline.
 
     Args:
-        deadline: of `time.perf_counter` [s].
+        deadline: value of `time.perf_counter` [s].
 
     Raises:
-        OutOfTime: after it.
+        OutOfTime: after the deadline.
     """
     if time.perf_counter() > deadline:
         raise OutOfTime
 
 
 class TickByTick:
-    """The part of a run that is the same for all solvers that are called from Python for each tick.
+    """The common part of runs of solvers that are called from Python for each tick.
 
     Attributes:
-        quarters: targets of the ticks of each quarter of a period.
+        quarters: targets of the ticks in each quarter of a period.
     """
 
     quarters: Sequence[np.ndarray]
@@ -135,7 +135,7 @@ class TickByTick:
         raise NotImplementedError
 
     def quarter(self, number: int, deadline: float) -> float:
-        """Go on for a quarter of a period; see `Run`."""
+        """Simulate a quarter of a period; see `Run`."""
         spent = 0.0
         for target in self.quarters[number % 4]:
             began = time.perf_counter()
@@ -145,5 +145,5 @@ class TickByTick:
         return spent
 
     def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Go on for a period; see `Run`."""
+        """Simulate a period; see `Run`."""
         return lap_by_quarters(self, number, deadline)

@@ -1,8 +1,8 @@
 """MuJoCo on a chain: slide joints with friction loss, springs between them as tendons.
 
-MuJoCo knows inertia and a soft solver of constraints; quasi-static dry friction is the limit of small mass. Mass,
-damping, the softness of friction and the integrator are tuned for each step. Friction that differs forwards and
-backwards does not exist there, and friction that changes with time means editing the model in every step.
+MuJoCo has inertia and soft constraints; quasi-static dry friction is the limit of small mass. Mass, damping, the
+softness of friction and the integrator are tuned for each step size. MuJoCo has no friction that differs forwards and
+backwards, and friction that changes with time requires editing the model in every step.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from ..cases import QUARTERS, Case
 from .entrant import Entrant, check_time, lap_by_quarters
 
 STEPS = (100, 300, 1_000, 3_000, 10_000)
-"""Steps a period."""
+"""Numbers of steps per period."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """What is tuned.
+    """The parameters that are tuned.
 
     Attributes:
-        mass: of each contact, as a part of stiffness times a squared second [k s^2].
-        damping: of each joint, as a part of the critical damping of mass and stiffness.
+        mass: mass of each contact relative to stiffness times a squared second [k s^2].
+        damping: damping of each joint relative to the critical damping of mass and stiffness.
         softness: time constant of the friction constraint in steps; negative for MuJoCo's default.
-        impedance: of the friction constraint, near 1 for hard.
-        integrator: MuJoCo's name of it.
-        noslip: iterations of MuJoCo's NoSlip pass, which takes the softness of friction out again.
+        impedance: impedance of the friction constraint, near 1 for a hard one.
+        integrator: MuJoCo's name of the integrator.
+        noslip: iterations of MuJoCo's NoSlip pass, which reduces the softness of friction.
     """
 
     mass: float
@@ -52,7 +52,7 @@ TUNED: dict[int, Tuning] = {
     3_000: Tuning(4.48e-7, 0.3, 2.0, 0.5, "Euler", 20),
     10_000: Tuning(3.2e-8, 0.3, 2.0, 0.5, "Euler", 20),
 }
-"""The best found for strategy A."""
+"""The best tunings found for strategy A."""
 
 
 class MujocoRun:
@@ -63,21 +63,21 @@ class MujocoRun:
 
         Args:
             scene: a chain with equal friction forwards and backwards.
-            steps: steps a period, a multiple of 4.
-            tuning: mass, damping and the rest.
+            steps: steps per period, a multiple of 4.
+            tuning: the tuning.
         """
         import mujoco
 
-        mujoco.set_mju_user_warning(lambda text: None)  # an unstable trial shows in its error; no log file is wanted
-        mesh, drive = scene.body, scene.drive
-        n, s = mesh.contacts, mesh.springs
+        mujoco.set_mju_user_warning(lambda text: None)  # an unstable trial shows in its error; no log file is needed
+        body, drive = scene.body, scene.drive
+        n, s = body.contacts, body.springs
         ends = np.rint(np.arange(1, steps + 1) * (1e9 / steps)).astype(np.int64)
         targets = drive.sample(ends)
         self.actuation, self.friction = targets[:, :s] + 1000.0, targets[:, s : s + n]
         self.per_quarter = steps // 4
         self.model: Any = mujoco.MjModel.from_xml_string(_document(scene, steps, tuning))
         self.data: Any = mujoco.MjData(self.model)
-        self.offset = 1000.0 * np.arange(n)  # so that rest lengths are positive, as tendons want them
+        self.offset = 1000.0 * np.arange(n)  # makes rest lengths positive, as tendons require
         self.data.qpos[:] = scene.start_displacement + self.offset
         self.model.tendon_lengthspring[:] = (drive.actuation[0] + 1000.0)[:, None]
         self.model.dof_frictionloss[:] = drive.forward[0]
@@ -90,7 +90,7 @@ class MujocoRun:
         return np.array(self.data.qpos) - self.offset
 
     def quarter(self, number: int, deadline: float) -> float:
-        """Go on for a quarter of a period; see `entrants.Run`."""
+        """Simulate a quarter of a period; see `entrant.Run`."""
         model, data, step = self.model, self.data, self.step
         rest, loss = model.tendon_lengthspring, model.dof_frictionloss
         first = (number % 4) * self.per_quarter
@@ -106,7 +106,7 @@ class MujocoRun:
         return spent
 
     def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Go on for a period; see `entrants.Run`."""
+        """Simulate a period; see `entrant.Run`."""
         return lap_by_quarters(self, number, deadline)
 
 
@@ -136,10 +136,10 @@ def _document(scene: Scene, steps: int, tuning: Tuning) -> str:
 
 
 def tunings() -> Iterator[Tuning]:
-    """List what the scan tries.
+    """List the tunings of the scan.
 
     Yields:
-        Mass, damping, softness, impedance and integrator.
+        The tunings.
     """
     masses = 10.0 ** np.arange(-3.0, -8.1, -0.5)
     for mass, damping, softness, noslip in itertools.product(masses, (0.0, 0.1, 0.3, 1.0), (-1.0, 2.0), (0, 20)):
@@ -147,15 +147,15 @@ def tunings() -> Iterator[Tuning]:
 
 
 def tune(case: Case, steps: int, seconds: float) -> tuple[Tuning, int]:
-    """Find the tuning with the least error at a number of steps a period.
+    """Find the tuning with the least error at a number of steps per period.
 
     Args:
         case: the crawler.
-        steps: steps a period.
-        seconds: after which the best so far is taken [s].
+        steps: steps per period.
+        seconds: time after which the scan stops [s].
 
     Returns:
-        The tuning, and how many were tried.
+        The best tuning, and the number of tunings tried.
     """
     deadline = time.perf_counter() + seconds
     tried, best, least = 0, next(tunings()), np.inf
@@ -190,7 +190,7 @@ def _error(case: Case, steps: int, tuning: Tuning) -> float:
 
 
 def why_not(case: Case) -> str | None:
-    """Say why MuJoCo cannot simulate a crawler.
+    """Explain why MuJoCo cannot simulate a crawler.
 
     Args:
         case: the crawler.
@@ -198,22 +198,22 @@ def why_not(case: Case) -> str | None:
     Returns:
         The reason; None if it can.
     """
-    mesh, drive = case.scene.body, case.scene.drive
-    if mesh.dimension == 2:
+    body, drive = case.scene.body, case.scene.drive
+    if body.dimension == 2:
         return "friction in the plane is a disc; MuJoCo's friction loss acts on each axis by itself"
     if (drive.forward != drive.backward).any():
-        return "friction differs forwards and backwards; MuJoCo's friction loss is the same both ways"
-    if not mesh.is_chain:
-        return "springs that are no chain are not built here"
+        return "friction differs forwards and backwards; MuJoCo's friction loss is equal in both directions"
+    if not body.is_chain:
+        return "the MuJoCo model is built only for chains"
     return None
 
 
 def build_mujoco_peers(case: Case, scan: bool) -> list[Entrant]:
-    """Make entrants of MuJoCo.
+    """Build entrants of MuJoCo.
 
     Args:
-        case: a chain for which `why_not` gives no reason.
-        scan: whether to tune anew, in up to about half a minute, rather than take what was found before.
+        case: a chain for which `why_not` returns None.
+        scan: whether to tune again, in up to about half a minute, instead of using the stored tuning.
 
     Returns:
         The entrants.

@@ -1,10 +1,10 @@
-"""Friction made smooth and a solver of stiff equations: what is done where nobody has a solver for dry friction.
+"""Regularised friction with a solver of stiff equations, the usual approach without a solver for dry friction.
 
     g_i = mu_i v_i / sqrt(v_i^2 + e^2) + (e mu_i / V^2) v_i,   mu_i = mu_plus for v_i > 0, mu_minus for v_i < 0
 
 without masses, solved for the velocity v_i at every contact; V is the fastest rate of the commands and e = eps V. The
-second term, of the size of the error of the first, keeps velocities bounded where a force is above mu. LSODA is told
-that the Jacobian has three bands, so that a step costs O(N), and where the commands have corners.
+second term, of the size of the error of the first, bounds velocities where a force exceeds mu. LSODA receives the
+bandwidth of the Jacobian, three, so that a step costs O(N), and the corners of the commands.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MOST_STEPS = 2_000_000
 
 @numba.njit(cache=True, error_model="numpy")
 def _rates(x, t, times, targets, stiffness, small, viscous, v):
-    """Compute the velocities of a chain, into v."""
+    """Compute the velocities of a chain in v."""
     n, s = x.shape[0], stiffness.shape[0]
     phase = t - np.floor(t)
     a = min(max(np.searchsorted(times, phase, side="right") - 1, 0), times.shape[0] - 2)
@@ -46,7 +46,7 @@ def _rates(x, t, times, targets, stiffness, small, viscous, v):
         c = viscous * mu
         size = abs(g)
         w = max(0.0, (size - mu) / c)
-        for _ in range(100):  # the law is concave: Newton's method goes up to the answer
+        for _ in range(100):  # the law is concave: Newton's method converges from below
             root = np.sqrt(w * w + small * small)
             step = (size - mu * w / root - c * w) / (mu * small * small / root**3 + c)
             w = max(w + step, 0.0)
@@ -56,14 +56,14 @@ def _rates(x, t, times, targets, stiffness, small, viscous, v):
 
 
 class OdeRun:
-    """LSODA on smooth friction."""
+    """A run of LSODA on smooth friction."""
 
     def __init__(self, scene: Scene, smoothing: float) -> None:
         """Prepare the equations at the scene's start.
 
         Args:
             scene: a chain with a drive of period 1 s and friction > 0.
-            smoothing: eps.
+            smoothing: the parameter eps.
         """
         from scipy.integrate import odeint
 
@@ -82,13 +82,13 @@ class OdeRun:
             _rates(x, t, *constants, v)
             return v
 
-        rates(np.array(scene.start_displacement), 0.0)  # compiled before it is timed
+        rates(np.array(scene.start_displacement), 0.0)  # compiles before the timing
         self.rates = rates
         self.displacement = np.array(scene.start_displacement)
         self.solves = self.failures = self.steps = 0
 
     def quarter(self, number: int, deadline: float) -> float:
-        """Go on for a quarter of a period, which ends at a corner of the commands; see `entrants.Run`."""
+        """Simulate a quarter of a period, which ends at a corner of the commands; see `entrant.Run`."""
         spent = 0.0
         first, last = 0.25 * (number % 4), 0.25 * (number % 4 + 1)
         corners = self.times[(self.times > first + 1e-9) & (self.times < last - 1e-9)]
@@ -115,16 +115,16 @@ class OdeRun:
         return spent
 
     def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Go on for a period; see `entrants.Run`."""
+        """Simulate a period; see `entrant.Run`."""
         return lap_by_quarters(self, number, deadline)
 
 
 def build_ode_peers(case: Case, smoothings: tuple[float, ...]) -> list[Entrant]:
-    """Make entrants of smooth friction.
+    """Build entrants of smooth friction.
 
     Args:
         case: a chain.
-        smoothings: eps.
+        smoothings: values of eps.
 
     Returns:
         The entrants.

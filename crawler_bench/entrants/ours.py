@@ -13,11 +13,11 @@ from ..cases import Case
 from .entrant import LEAST, Entrant
 
 _MOST_NUMBERS = 5_000_000
-"""Numbers of one lap's commands that are laid out at once."""
+"""Largest size of the commands of one call."""
 
 
 class _Ours:
-    """All ticks of a lap in one call, or one call a tick."""
+    """A run with all ticks of a lap in one call, or with one call per tick."""
 
     def __init__(self, scene: Scene, quarters: tuple[np.ndarray, ...], exact: bool, each: bool) -> None:
         planar = scene.dimension == 2
@@ -59,13 +59,13 @@ class _Ours:
 
 
 def build_ours(case: Case, exact: tuple[int, ...], catch_up: tuple[int, ...], each: tuple[int, ...]) -> list[Entrant]:
-    """Make entrants of our methods on a line.
+    """Build entrants of our methods on a line.
 
     Args:
         case: the crawler.
-        exact: ticks a period at which to try exact.
-        catch_up: likewise catch_up.
-        each: likewise catch_up and exact with one call from Python for each tick.
+        exact: numbers of ticks per period for exact.
+        catch_up: numbers of ticks per period for catch_up.
+        each: numbers of ticks per period for both with one call from Python for each tick.
 
     Returns:
         The entrants.
@@ -86,11 +86,11 @@ def build_ours(case: Case, exact: tuple[int, ...], catch_up: tuple[int, ...], ea
 
 
 def build_planar(case: Case, tolerances: tuple[float, ...]) -> list[Entrant]:
-    """Make entrants of our method in the plane, whose steps are refined to a tolerance.
+    """Build entrants of our method in the plane, whose steps are refined to a tolerance.
 
     Args:
         case: the crawler.
-        tolerances: relative to the stroke.
+        tolerances: tolerances relative to the stroke.
 
     Returns:
         The entrants.
@@ -113,12 +113,12 @@ def build_planar(case: Case, tolerances: tuple[float, ...]) -> list[Entrant]:
 
 
 def catch_up_displacement(case: Case, ticks: int, count: int) -> np.ndarray:
-    """Compute what catch-up steps give at a number of ticks, to tell a peer's own error from that of the steps.
+    """Compute the result of catch-up steps, to separate a peer's own error from that of the steps.
 
     Args:
         case: the crawler.
-        ticks: ticks a period.
-        count: quarters.
+        ticks: ticks per period.
+        count: number of quarters.
 
     Returns:
         x at the end of each quarter, shape (count, N) [m].

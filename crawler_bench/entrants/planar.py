@@ -1,8 +1,8 @@
-"""Clarabel on the implicit step in the plane, a second-order-cone program; the quadratic solvers cannot do discs.
+"""Clarabel on the implicit step in the plane, a second-order-cone program; quadratic solvers cannot represent discs.
 
     minimise  1/2 v' K v - r' v + sum_i mu_i t_i   subject to  |v_i| <= t_i
 
-over the displacements v of a tick, r the spring forces that the new command would cause without them.
+over the displacements v in a tick, where r are the spring forces under the new command without displacements.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..cases import Case
 from .entrant import Entrant, TickByTick
 
 TOLERANCES = (1e-6, 1e-8)
-"""Clarabel's own is 1e-8; of finer ones it calls many ticks unsolved."""
+"""Clarabel's default is 1e-8; with finer ones it reports many ticks as unsolved."""
 
 
 class ConeRun(TickByTick):
@@ -31,15 +31,15 @@ class ConeRun(TickByTick):
         Args:
             scene: the crawler.
             quarters: targets of each quarter of a period.
-            tolerance: that Clarabel is asked for.
+            tolerance: tolerance of Clarabel.
         """
         import clarabel
 
-        mesh = scene.body
-        n = mesh.contacts
-        self.mesh, self.quarters = mesh, quarters
-        friction = scene.drive.targets[0, 2 * mesh.springs :]
-        laplacian = laplacian_of(mesh.ends, mesh.stiffness, n)
+        body = scene.body
+        n = body.contacts
+        self.body, self.quarters = body, quarters
+        friction = scene.drive.targets[0, 2 * body.springs :]
+        laplacian = laplacian_of(body.ends, body.stiffness, n)
         self.force, stiffness = float(friction.max()), float(laplacian.max())
         self.length = self.force / stiffness
         quadratic = sp.block_diag((np.kron(laplacian / stiffness, np.eye(2)), sp.csc_matrix((n, n))))
@@ -63,10 +63,10 @@ class ConeRun(TickByTick):
         Args:
             target: L and mu at its end, flattened, shape (2 S + N,).
         """
-        mesh, x = self.mesh, self.displacement
-        command = target[: 2 * mesh.springs].reshape(-1, 2)
-        tension = mesh.stiffness[:, None] * (mesh.elongation(x) - command)
-        self.linear[: x.size] = -mesh.spring_force(tension).ravel() / self.force
+        body, x = self.body, self.displacement
+        command = target[: 2 * body.springs].reshape(-1, 2)
+        tension = body.stiffness[:, None] * (body.elongation(x) - command)
+        self.linear[: x.size] = -body.spring_force(tension).ravel() / self.force
         self.solver.update(q=self.linear)
         answer = self.solver.solve()
         self.displacement = x + np.array(answer.x)[: x.size].reshape(x.shape) * self.length
@@ -75,11 +75,11 @@ class ConeRun(TickByTick):
 
 
 def build_cone_peers(case: Case, ticks: tuple[int, ...]) -> list[Entrant]:
-    """Make entrants of Clarabel in the plane.
+    """Build entrants of Clarabel in the plane.
 
     Args:
         case: a crawler in the plane.
-        ticks: ticks a period at which to try it.
+        ticks: numbers of ticks per period.
 
     Returns:
         The entrants.
@@ -88,7 +88,7 @@ def build_cone_peers(case: Case, ticks: tuple[int, ...]) -> list[Entrant]:
     def start(tolerance: float, t: int) -> Callable[[], ConeRun]:
         return lambda: ConeRun(case.scene, case.quarters(t, t >= case.waypoints), tolerance)
 
-    detail = "second-order cones, one implicit step a tick, called from Python for each"
+    detail = "second-order cones, one implicit step per tick, each called from Python"
     return [
         Entrant(f"Clarabel {tolerance:.0e}".replace("e-0", "e-"), t, start(tolerance, t), detail)
         for tolerance in TOLERANCES

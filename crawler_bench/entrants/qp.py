@@ -1,15 +1,15 @@
-"""Quadratic-programming solvers on the catch-up step, behind one small shape.
+"""Quadratic-programming solvers on the catch-up step, with a common interface.
 
     minimise  1/2 T' P T + q' T   subject to  lower <= G T <= upper
 
 over the tensions T of all springs, made dimensionless: P = mean(k) / k, q = -(mean(k) / k) T_trial, G T the spring
 forces on the contacts and lower, upper = -mu_minus, mu_plus. The multipliers of the bounds *are* the displacements of
-the tick: stationarity says that the springs lengthen by the differences of the multipliers, and a contact that is
-strictly inside its bounds has multiplier 0 and does not move. So each solver gives x for free.
+the tick: by stationarity the springs lengthen by the differences of the multipliers, and a contact strictly inside its
+bounds has multiplier 0 and does not move. So each solver yields x at no extra cost.
 
 A backend is set up once for a crawler and returns a function (q, lower, upper) -> (multipliers, solved). Bounds are
-None when they are the same as before. Matrices are sparse where the solver has a sparse version, factorisations are
-kept and starts are warm where the solver can.
+None when they are the same as before. Matrices are sparse if the solver has a sparse version; factorisations are
+reused and starts are warm if the solver supports it.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ Solve = Callable[[np.ndarray, "np.ndarray | None", "np.ndarray | None"], "tuple[
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The parts of the quadratic program that stay the same; all dimensionless.
+    """The constant parts of the quadratic program; all dimensionless.
 
     Attributes:
         weight: diagonal of P, shape (S,).
         forces: G, the sum of tensions on each contact, sparse, shape (N, S).
-        lower: at the start, shape (N,).
-        upper: at the start, shape (N,).
-        tolerance: that the solver is asked for.
-        patience: longest time of one solution, for solvers that can be told [s].
+        lower: lower bounds at the start, shape (N,).
+        upper: upper bounds at the start, shape (N,).
+        tolerance: tolerance of the solver.
+        patience: longest time of one solution, for solvers with a time limit [s].
     """
 
     weight: np.ndarray
@@ -59,11 +59,11 @@ class Problem:
 
 
 def set_up_osqp(problem: Problem, polishing: bool = False) -> Solve:
-    """Set up OSQP: operator splitting, warm-started, step size adapted, factorisation kept.
+    """Set up OSQP: operator splitting, warm-started, step size adapted, factorisation reused.
 
     Args:
-        problem: what stays the same.
-        polishing: whether to end each tick with a linear system for the bounds found active, factorised anew.
+        problem: the constant parts.
+        polishing: whether to end each tick with a newly factorised linear system for the active bounds.
 
     Returns:
         The solver.
@@ -97,7 +97,7 @@ def set_up_clarabel(problem: Problem) -> Solve:
     """Set up Clarabel: interior points; data are updated in place, a warm start is not possible.
 
     Args:
-        problem: what stays the same.
+        problem: the constant parts.
 
     Returns:
         The solver.
@@ -128,10 +128,10 @@ def set_up_clarabel(problem: Problem) -> Solve:
 
 
 def set_up_daqp(problem: Problem) -> Solve:
-    """Set up DAQP: a dual active-set method, dense, factorisation and working set kept from tick to tick.
+    """Set up DAQP: a dual active-set method, dense, factorisation and working set reused from tick to tick.
 
     Args:
-        problem: what stays the same.
+        problem: the constant parts.
 
     Returns:
         The solver.
@@ -154,10 +154,10 @@ def set_up_daqp(problem: Problem) -> Solve:
 
 
 def set_up_piqp(problem: Problem) -> Solve:
-    """Set up PIQP: proximal interior points, sparse; data updated in place, the scaling kept.
+    """Set up PIQP: proximal interior points, sparse; data updated in place, scaling reused.
 
     Args:
-        problem: what stays the same.
+        problem: the constant parts.
 
     Returns:
         The solver.
@@ -186,11 +186,11 @@ def set_up_proxqp(problem: Problem) -> Solve:
     """Set up ProxQP: a proximal augmented Lagrangian, sparse, warm-started with the last result.
 
     Without the check of the duality gap a warm start stops too early, with multipliers that are wrong by up to 1e-4.
-    After long ticks a warm start may end nowhere; then it is solved again from scratch. The dense version crashes on a
+    After long ticks a warm start may fail; the tick is then solved again from scratch. The dense version crashes on a
     warm start (proxsuite 0.8.0), so it is not used.
 
     Args:
-        problem: what stays the same.
+        problem: the constant parts.
 
     Returns:
         The solver.
@@ -223,11 +223,11 @@ class Backend:
     """A solver.
 
     Attributes:
-        module: what must be installed.
-        set_up: sets it up.
-        tolerances: to which it is asked to solve.
-        largest: most contacts for which it is tried.
-        detail: how it is run.
+        module: module that must be installed.
+        set_up: function that sets it up.
+        tolerances: tolerances to which it solves.
+        largest: largest number of contacts for which it is run.
+        detail: remarks on how it is run.
     """
 
     module: str
@@ -238,20 +238,20 @@ class Backend:
 
 
 BACKENDS: dict[str, Backend] = {
-    "OSQP": Backend("osqp", set_up_osqp, (1e-3, 1e-6, 1e-9), 1_000_000, "sparse, warm start, factorisation kept"),
+    "OSQP": Backend("osqp", set_up_osqp, (1e-3, 1e-6, 1e-9), 1_000_000, "sparse, warm start, factorisation reused"),
     "OSQP polished": Backend(
         *("osqp", functools.partial(set_up_osqp, polishing=True), (1e-6,), 1_000_000),
-        "asked for 1e-6, then polished; sparse, warm start, factorisation kept but for the polish",
+        "tolerance 1e-6, then polished; sparse, warm start, factorisation reused except for polishing",
     ),
     "Clarabel": Backend("clarabel", set_up_clarabel, (1e-9, 1e-12), 1_000_000, "sparse, data updated, no warm start"),
-    "DAQP": Backend("daqp", set_up_daqp, (1e-9,), 1_000, "dense, factorisation and working set kept"),
+    "DAQP": Backend("daqp", set_up_daqp, (1e-9,), 1_000, "dense, factorisation and working set reused"),
     "PIQP": Backend("piqp", set_up_piqp, (1e-9, 1e-12), 1_000_000, "sparse, data updated, no warm start"),
     "ProxQP": Backend("proxsuite", set_up_proxqp, (1e-9,), 1_000, "sparse, warm start, duality gap checked"),
 }
 
 
 class QpRun(TickByTick):
-    """Catch-up steps by a quadratic program. The state is x alone, so that tensions and displacements cannot part."""
+    """Catch-up steps by a quadratic program. The state is only x: tensions and displacements agree."""
 
     def __init__(self, scene: Scene, quarters: tuple[np.ndarray, ...], backend: Backend, tolerance: float) -> None:
         """Set the solver up at the scene's start.
@@ -260,27 +260,27 @@ class QpRun(TickByTick):
             scene: the crawler.
             quarters: targets of each quarter of a period.
             backend: the solver.
-            tolerance: that it is asked for.
+            tolerance: its tolerance.
         """
-        mesh, drive = scene.body, scene.drive
-        n, s = mesh.contacts, mesh.springs
-        self.tail, self.head = mesh.ends.T.copy()
-        self.is_chain, self.elements, self.share = mesh.is_chain, mesh.element_ends, mesh.share
+        body, drive = scene.body, scene.drive
+        n, s = body.contacts, body.springs
+        self.tail, self.head = body.ends.T.copy()
+        self.is_chain, self.elements, self.share = body.is_chain, body.element_ends, body.share
         self.counts = (s, s + n)
         self.displacement = np.array(scene.start_displacement)
         self.force = float(drive.targets[:, s:].max())
-        self.length = self.force / float(mesh.stiffness.mean())
+        self.length = self.force / float(body.stiffness.mean())
         self.commanded = bool(np.ptp(drive.targets[:, s:], axis=0).any())
         self.forward, self.backward = drive.forward[0], drive.backward[0]
-        # where contacts change roles as a tick ends, or stand for stretches of ground, multipliers leave open how far
-        # the body goes when all of it slides: that is then decided as in our own step
+        # if friction changes at the end of a tick, or contacts represent elements of a segment, the multipliers do not
+        # determine the translation while the whole body slides: it is then chosen as in our own step
         self.chooses = self.commanded or self.elements.size > 0
         columns = np.arange(s)
         forces = sp.csc_matrix(
             (np.repeat([1.0, -1.0], s), (np.concatenate((self.tail, self.head)), np.tile(columns, 2))), shape=(n, s)
         )
         bounds = -self.backward / self.force, self.forward / self.force
-        weight = mesh.stiffness.mean() / mesh.stiffness
+        weight = body.stiffness.mean() / body.stiffness
         self.solve = backend.set_up(Problem(weight, forces, *bounds, tolerance, patience=2.0))
         self.quarters = quarters
         self.solves = self.failures = self.steps = 0
@@ -311,14 +311,14 @@ class QpRun(TickByTick):
 
 
 def build_qp_peers(case: Case, ticks: tuple[int, ...]) -> list[Entrant]:
-    """Make entrants of all solvers.
+    """Build entrants of all solvers.
 
     Args:
         case: a crawler on a line.
-        ticks: ticks a period at which to try them.
+        ticks: numbers of ticks per period.
 
     Returns:
-        The entrants; those that are not installed too.
+        The entrants, including those that are not installed.
     """
 
     def start(backend: Backend, tolerance: float, t: int) -> Callable[[], QpRun]:

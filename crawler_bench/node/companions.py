@@ -1,4 +1,4 @@
-"""Processes beside the simulator while the node is measured: one that listens to all, and one that does nothing.
+"""Processes that run beside the simulator while the node is measured: a subscriber to all topics, and an empty loop.
 
 python -m crawler_bench.node.companions listen
 python -m crawler_bench.node.companions idle RATE_HZ SECONDS
@@ -13,7 +13,8 @@ import time
 from fractions import Fraction
 
 from crawler_ros.node.stepper import Stepper
-from crawler_ros.wire import interface
+from crawler_ros.wire.definitions import find_ament_prefix
+from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 NS = 10**9
 
@@ -24,14 +25,14 @@ def listen() -> None:
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    interface.find_ament_prefix()
+    find_ament_prefix()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     ended = threading.Event()
     signal.signal(signal.SIGINT, lambda *_: ended.set())
     node = rclpy.create_node("listener")
-    for name, topic in interface.topics().items():
+    for name, topic in read_topics().items():
         if topic.direction == "out":
-            kind, qos = interface.message_class(topic.type), interface.qos_profile(topic)
+            kind, qos = message_class(topic.type), qos_profile(topic)
             node.create_subscription(kind, name, lambda _: None, qos, raw=True)
     executor = EventsExecutor()
     executor.add_node(node)
@@ -41,7 +42,7 @@ def listen() -> None:
 
 
 def keep_rate(rate: float, seconds: float) -> None:
-    """Keep a rate with nothing to do, as the simulator keeps it; print how many ticks were late."""
+    """Run an empty loop at a rate, timed like the simulator; print the number of late ticks."""
     stepper = Stepper(Fraction(rate))
     while stepper.tick < seconds * rate:
         wait = stepper.wait_ns(time.monotonic_ns())

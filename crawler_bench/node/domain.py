@@ -1,4 +1,4 @@
-"""A ROS domain of its own on loopback with real processes in it: simulators, listeners, and what they cost."""
+"""A ROS domain on loopback for measurements, with real processes in it: simulators and listeners."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from crawler_ros.node.life.domains import domain_environment, reserved_domain
-from crawler_ros.wire import interface
+from crawler_ros.wire.definitions import find_ament_prefix
+from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 from .processes import PATIENCE_S, wait_until
 
@@ -30,10 +31,10 @@ class Domain:
     """A ROS domain with a node of this process that listens to the simulator's diagnostics and sends commands."""
 
     def __init__(self, folder: Path) -> None:
-        """Join a domain that nobody else is in, until `close`.
+        """Join a domain that no other program uses, until `close`.
 
         Args:
-            folder: for logs and recordings.
+            folder: folder for logs and recordings.
         """
         import rclpy
         from rclpy.experimental.events_executor import EventsExecutor
@@ -42,7 +43,7 @@ class Domain:
         self._reservation = contextlib.ExitStack()
         self.number = self._reservation.enter_context(reserved_domain())
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        interface.find_ament_prefix()
+        find_ament_prefix()
         self._context = rclpy.Context()
         self._context.init(domain_id=self.number)
         self.node = rclpy.create_node("bench", context=self._context)
@@ -61,10 +62,8 @@ class Domain:
             self._executor.spin_once(timeout_sec=0.05)
 
     def _listen(self, name: str, receive: Callable[[Any], None]) -> Any:
-        topic = interface.topics()[name]
-        return self.node.create_subscription(
-            interface.message_class(topic.type), name, receive, interface.qos_profile(topic)
-        )
+        topic = read_topics()[name]
+        return self.node.create_subscription(message_class(topic.type), name, receive, qos_profile(topic))
 
     def _on_report(self, message: Any) -> None:
         stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
@@ -72,7 +71,7 @@ class Domain:
 
     @contextlib.contextmanager
     def hearing(self, name: str, receive: Callable[[Any], None]) -> Iterator[None]:
-        """Listen to a topic for a while."""
+        """Subscribe to a topic while the context is open."""
         subscription = self._listen(name, receive)
         try:
             yield
@@ -80,18 +79,18 @@ class Domain:
             self.node.destroy_subscription(subscription)
 
     def publisher(self, name: str) -> Any:
-        """Make a publisher of a command topic, and wait until the simulator listens to it."""
+        """Create a publisher of a command topic, and wait until the simulator subscribes to it."""
         if name not in self._publishers:
-            topic = interface.topics()[name]
-            kind = interface.message_class(topic.type)
-            self._publishers[name] = self.node.create_publisher(kind, name, interface.qos_profile(topic))
+            topic = read_topics()[name]
+            kind = message_class(topic.type)
+            self._publishers[name] = self.node.create_publisher(kind, name, qos_profile(topic))
         publisher = self._publishers[name]
         wait_until(lambda: publisher.get_subscription_count() > 0)
         return publisher
 
     @contextlib.contextmanager
     def process(self, module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-        """Run a module of this project in the domain; gives the process and the file of what it says."""
+        """Run a module of this project in the domain; yield the process and the file of its output."""
         log = self.folder / f"{module}_{next(self._count)}.log"
         environment = domain_environment(self.number)
         with log.open("wb") as stream:
@@ -112,14 +111,14 @@ class Domain:
 
     @contextlib.contextmanager
     def simulator(self, scene: Path | str, **parameters: Any) -> Iterator[tuple[int, Path]]:
-        """Run a simulator, recording into this folder where `record` is true; gives its process id and its log.
+        """Run a simulator that records to this folder if `record` is true.
 
         Args:
             scene: file or gallery name.
-            **parameters: of the node, a dot in a name written as it is.
+            **parameters: parameters of the node, with dots in their names.
 
         Yields:
-            Process id and log, as soon as its diagnostics are heard.
+            Its process id and log, once its diagnostics have arrived.
         """
         values = {"scene": str(scene), "rate": TICK_HZ, "real_time_factor": 0.0, "method": "auto", **parameters}
         recording = self.folder / "bags"
@@ -129,27 +128,27 @@ class Domain:
         self.reports.clear()
         try:
             with self.process("crawler_ros.node.simulator", "--ros-args", *words) as (process, log):
-                said = log.read_text
+                read_log = log.read_text
                 if values.get("publish.diagnostics", True):
                     wait_until(lambda: self.reports or process.poll() is not None)
                 else:
-                    wait_until(lambda: "waiting for commands" in said() or process.poll() is not None)
+                    wait_until(lambda: "waiting for commands" in read_log() or process.poll() is not None)
                 if process.poll() is not None:
-                    raise RuntimeError(f"the simulator ended: {said()}")
+                    raise RuntimeError(f"the simulator ended: {read_log()}")
                 yield process.pid, log
         finally:
             shutil.rmtree(recording, ignore_errors=True)
 
     def rate(self, seconds: float) -> float:
-        """Measure ticks a second over a while, from the diagnostics' stamps and counts of ticks.
+        """Measure ticks per second from the stamps and tick counts of the diagnostics.
 
         Args:
-            seconds: how long, after a second of warm-up.
+            seconds: duration, after a second of warm-up [s].
 
         Returns:
-            Ticks a second.
+            Ticks per second [Hz].
         """
-        first = len(self.reports) + 1  # what comes next may still be of the start
+        first = len(self.reports) + 1  # the next report may still belong to the start
         wait_until(lambda: len(self.reports) > first)
         began, before = self.reports[first]
         wait_until(lambda: self.reports[-1][0] - began >= (seconds - 0.2) * NS)
@@ -157,7 +156,7 @@ class Domain:
         return (int(after["ticks"]) - int(before["ticks"])) / ((ended - began) / NS)
 
     def close(self) -> None:
-        """Leave the domain to others."""
+        """Leave the domain and release its reservation."""
         self._ended.set()
         self._thread.join()
         self._executor.shutdown()
@@ -170,10 +169,10 @@ def drive(domain: Domain, names: Sequence[str], rows: np.ndarray, spacing: float
     """Send a long trajectory.
 
     Args:
-        domain: where a simulator listens.
-        names: of joints.
-        rows: shape (points, names).
-        spacing: simulated time from point to point [s].
+        domain: domain of the simulator.
+        names: names of joints.
+        rows: positions, shape (points, names).
+        spacing: simulated time between points [s].
     """
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 

@@ -1,8 +1,8 @@
-"""What the node costs: ticks a second, latency, late ticks, start-up, memory, and the price of each feature.
+"""The cost of the node: ticks per second, latency, late ticks, start-up, memory, and the cost of each feature.
 
-Real processes in a ROS domain of their own on loopback, started as a user starts them. Every variant of a comparison is
-run once in each repetition, one after the other, so that the noise of the machine falls on all of them; a row holds the
-median of the repetitions and their spread (largest less smallest).
+Real processes run in a ROS domain of their own on loopback, started as a user starts them. Each repetition runs every
+variant of a comparison once, so that the noise of the machine affects all of them; a row holds the median of the
+repetitions and their spread (largest minus smallest).
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from .domain import TICK_HZ, Domain, drive
 from .processes import PATIENCE_S, children, cpu_seconds, memory_mb, wait_until
 
 Row = dict[str, Any]
-Say = Callable[[str], None]
+Report = Callable[[str], None]
 PARTS = ("throughput", "latency", "real_time", "start", "ledger")
 QUICK: Row = {"contacts": (3, 10), "rates": (100.0, 1000.0), "seconds": 1.0, "repeats": 1, "trials": 50}
-"""What a quick run measures."""
+"""The settings of a quick run."""
 _OPTIONAL = ("contact_states", "pose", "odom", "applied_commands", "robot_description")
-_NOTHING = {f"publish.{name}": False for name in _OPTIONAL}
+_MINIMAL = {f"publish.{name}": False for name in _OPTIONAL}
 
 
 def write_chain(folder: Path, contacts: int) -> Path:
     """Write the scene of a chain that waits for commands.
 
     Args:
-        folder: where to.
-        contacts: N.
+        folder: folder of the file.
+        contacts: number of contacts N.
 
     Returns:
         The file.
@@ -56,8 +56,8 @@ def write_segment(folder: Path, accuracy: float) -> Path:
     """Write the gallery's continuous segment with another accuracy.
 
     Args:
-        folder: where to.
-        accuracy: of the scene's segment.
+        folder: folder of the file.
+        accuracy: accuracy of the scene's segment.
 
     Returns:
         The file.
@@ -72,7 +72,7 @@ def write_segment(folder: Path, accuracy: float) -> Path:
 
 
 def _wave(domain: Domain, contacts: int) -> None:
-    """Drive a chain by a travelling wave of a second's period, for as long as a measurement can take."""
+    """Drive a chain by a travelling wave with a period of 1 s for the longest duration of a measurement."""
     samples, periods = (64, 300) if contacts <= 100 else (16, 40)
     time_in_period = np.arange(samples * periods)[:, None] / samples
     rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
@@ -89,26 +89,26 @@ def _summary(values: Sequence[float], name: str) -> Row:
 
 
 def measure_throughput(
-    domain: Domain, contacts: Sequence[int], recording: Sequence[bool], seconds: float, repeats: int, say: Say
+    domain: Domain, contacts: Sequence[int], recording: Sequence[bool], seconds: float, repeats: int, report: Report
 ) -> list[Row]:
-    """Measure ticks a second as fast as possible: held and driven, recorded or not, with and without a subscriber.
+    """Measure the largest number of ticks per second: held and driven, recorded or not, with and without a subscriber.
 
     Args:
-        domain: where to.
-        contacts: N of the chains.
+        domain: domain of the processes.
+        contacts: numbers of contacts N of the chains.
         recording: off, on or both.
-        seconds: of a measurement.
-        repeats: repetitions.
-        say: told what is measured.
+        seconds: duration of a measurement [s].
+        repeats: number of repetitions.
+        report: function that reports the present measurement.
 
     Returns:
-        A row each.
+        The rows.
     """
     variants = list(itertools.product(contacts, recording, (False, True), (False, True)))
     found: dict[Any, list[float]] = {variant: [] for variant in variants}
     for _, variant in itertools.product(range(repeats), variants):
         n, record, subscribed, driven = variant
-        say(f"throughput N={n}" + " recorded" * record + " subscribed" * subscribed + " driven" * driven)
+        report(f"throughput N={n}" + " recorded" * record + " subscribed" * subscribed + " driven" * driven)
         with contextlib.ExitStack() as stack:
             if subscribed:
                 stack.enter_context(domain.process("crawler_bench.node.companions", "listen"))
@@ -116,7 +116,7 @@ def measure_throughput(
             if driven:
                 _wave(domain, n)
             if subscribed:
-                time.sleep(1.5)  # until it has found all topics
+                time.sleep(1.5)  # until it has discovered all topics
             found[variant].append(domain.rate(seconds))
     rows = []
     for (n, record, subscribed, driven), rates in found.items():
@@ -126,29 +126,27 @@ def measure_throughput(
     return rows
 
 
-def measure_latency(
-    domain: Domain, contacts: int, rates: Sequence[float], trials: int, say: Callable[[str], None]
-) -> list[Row]:
-    """Measure from the sending of a command to the arrival of the state that shows it, between two processes.
+def measure_latency(domain: Domain, contacts: int, rates: Sequence[float], trials: int, report: Report) -> list[Row]:
+    """Measure the time between sending a command and receiving the first state that shows it, between two processes.
 
-    The simulator runs at real time; a command waits for the tick that follows it to end, half a period on average.
+    The simulator runs in real time; a command waits for the end of the next tick, half a period on average.
 
     Args:
-        domain: where to.
-        contacts: N.
-        rates: of the ticks [Hz].
-        trials: commands at each rate.
-        say: told what is measured.
+        domain: domain of the processes.
+        contacts: number of contacts N.
+        rates: rates of the ticks [Hz].
+        trials: number of commands at each rate.
+        report: function that reports the present measurement.
 
     Returns:
-        A row each.
+        The rows.
     """
     from std_msgs.msg import Float64MultiArray
 
     rows = []
     pauses = np.random.default_rng(0).uniform(0.002, 0.006, trials)
     for rate in rates:
-        say(f"latency at {rate:g} Hz")
+        report(f"latency at {rate:g} Hz")
         arrived: dict[float, int] = {}
 
         def receive(message: Any, arrived: dict[float, int] = arrived) -> None:
@@ -186,23 +184,25 @@ def measure_latency(
     return rows
 
 
-def measure_real_time(domain: Domain, contacts: Sequence[int], seconds: float, repeats: int, say: Say) -> list[Row]:
-    """Measure late ticks and processor time at real time and 1 kHz, recorded, beside an empty loop at the same rate.
+def measure_real_time(
+    domain: Domain, contacts: Sequence[int], seconds: float, repeats: int, report: Report
+) -> list[Row]:
+    """Measure late ticks and processor time in real time at 1 kHz, recorded, beside an empty loop at the same rate.
 
     Args:
-        domain: where to.
-        contacts: N of the chains.
-        seconds: of a measurement.
-        repeats: repetitions.
-        say: told what is measured.
+        domain: domain of the processes.
+        contacts: numbers of contacts N of the chains.
+        seconds: duration of a measurement [s].
+        repeats: number of repetitions.
+        report: function that reports the present measurement.
 
     Returns:
-        A row each.
+        The rows.
     """
     keys = ("late_ticks", "late_ticks_of_an_empty_loop", "core_simulator", "core_recorder")
     found: dict[int, dict[str, list[float]]] = {n: {key: [] for key in keys} for n in contacts}
     for _, n in itertools.product(range(repeats), contacts):
-        say(f"real time N={n}")
+        report(f"real time N={n}")
         with domain.simulator(write_chain(domain.folder, n), real_time_factor=1.0, record=True) as (pid, _):
             (recorder,) = children(pid)
             domain.rate(0.5)
@@ -236,21 +236,21 @@ def measure_ledger(
     contacts: int,
     seconds: float,
     repeats: int,
-    say: Say,
+    report: Report,
     features: Sequence[str] | None = None,
 ) -> list[Row]:
-    """Measure what each feature costs when it alone is switched on: time a tick, memory, start-up.
+    """Measure the cost of each feature when only it is switched on: time per tick, memory, start-up.
 
     Args:
-        domain: where to.
-        contacts: N.
-        seconds: of a measurement.
-        repeats: repetitions.
-        say: told what is measured.
-        features: which of them, beside what they are compared with; None for all.
+        domain: domain of the processes.
+        contacts: number of contacts N.
+        seconds: duration of a measurement [s].
+        repeats: number of repetitions.
+        report: function that reports the present measurement.
+        features: the features to measure, along with those they are compared with; None for all.
 
     Returns:
-        A row each; `extra_us` is the time a tick beyond that of the row's `beside`.
+        The rows; `extra_us` is the time per tick beyond that of the row's `beside`.
     """
     chain, wave, strokes = (
         write_chain(domain.folder, contacts),
@@ -258,33 +258,33 @@ def measure_ledger(
         lambda: _strokes(domain),
     )
     base = "nothing optional"
-    # name: beside what, scene, parameters, what drives it
+    # name: compared with, scene, parameters, driver
     variants: dict[str, tuple[str, Path, dict[str, Any], Callable[[], None] | None]] = {
-        base: (base, chain, dict(_NOTHING), None)
+        base: (base, chain, dict(_MINIMAL), None)
     }
     for name in _OPTIONAL:
-        variants[name] = (base, chain, _NOTHING | {f"publish.{name}": True}, None)
-    variants["/diagnostics off"] = (base, chain, _NOTHING | {"publish.diagnostics": False}, None)
-    variants["/clock"] = (base, chain, _NOTHING | {"publish_clock": True}, None)
-    variants["recording"] = (base, chain, _NOTHING | {"record": True}, None)
-    variants["view to a file"] = (base, chain, _NOTHING | {"view": str(domain.folder / "view.rrd")}, None)
-    variants["driven, exact"] = (base, chain, dict(_NOTHING), wave)
-    variants["driven, catch_up"] = ("driven, exact", chain, _NOTHING | {"method": "catch_up"}, wave)
+        variants[name] = (base, chain, _MINIMAL | {f"publish.{name}": True}, None)
+    variants["/diagnostics off"] = (base, chain, _MINIMAL | {"publish.diagnostics": False}, None)
+    variants["/clock"] = (base, chain, _MINIMAL | {"publish_clock": True}, None)
+    variants["recording"] = (base, chain, _MINIMAL | {"record": True}, None)
+    variants["view to a file"] = (base, chain, _MINIMAL | {"view": str(domain.folder / "view.rrd")}, None)
+    variants["driven, exact"] = (base, chain, dict(_MINIMAL), wave)
+    variants["driven, catch_up"] = ("driven, exact", chain, _MINIMAL | {"method": "catch_up"}, wave)
     coarse = "segment, accuracy 0.01"
     for accuracy in (1e-2, 1e-3, 1e-4, 1e-5):
         scene = write_segment(domain.folder, accuracy)
-        variants[f"segment, accuracy {accuracy:g}"] = (coarse, scene, dict(_NOTHING), strokes)
+        variants[f"segment, accuracy {accuracy:g}"] = (coarse, scene, dict(_MINIMAL), strokes)
 
     if features is not None:
         wanted = {*features, *(variants[name][0] for name in features)}
         variants = {name: variant for name, variant in variants.items() if name in wanted}
     found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in variants}
     for _, (name, (_, scene, parameters, driver)) in itertools.product(range(repeats), variants.items()):
-        say(f"ledger: {name}")
+        report(f"ledger: {name}")
         (domain.folder / "view.rrd").unlink(missing_ok=True)
         began = time.time()
         with domain.simulator(scene, **parameters) as (pid, log):
-            ready = _said_at(log, "waiting for commands")
+            ready = _logged_at(log, "waiting for commands")
             if driver is not None:
                 driver()
             silent = not parameters.get("publish.diagnostics", True)
@@ -293,9 +293,9 @@ def measure_ledger(
             else:
                 rate = domain.rate(seconds)
             memory = sum(map(memory_mb, [pid, *children(pid)]))
-        if silent:  # nothing tells how many ticks: the last words do
+        if silent:  # without diagnostics, the last line of the log has the number of ticks
             counted = re.search(r"stopped after (\d+) ticks", log.read_text())
-            rate = int(counted[1]) / (_said_at(log, "stopped after") - ready) if counted else float("nan")
+            rate = int(counted[1]) / (_logged_at(log, "stopped after") - ready) if counted else float("nan")
         found[name].append((1e6 / rate, memory, ready - began))
     rows = []
     for name, (beside, *_) in variants.items():
@@ -306,29 +306,29 @@ def measure_ledger(
     return rows
 
 
-def _said_at(log: Path, words: str) -> float:
-    """Find when a simulator said something [s, wall]."""
+def _logged_at(log: Path, words: str) -> float:
+    """Find when a simulator logged some words [s, wall]."""
     line = next(line for line in log.read_text().splitlines() if words in line)
     found = re.search(r"\[(\d+\.\d+)\]", line)
     assert found is not None
     return float(found[1])
 
 
-def measure_start(domain: Domain, contacts: int, repeats: int, say: Say) -> list[Row]:
-    """Measure from the start of the process to its readiness and to the first state that another process hears.
+def measure_start(domain: Domain, contacts: int, repeats: int, report: Report) -> list[Row]:
+    """Measure the time from the start of the process to its readiness and to the first state in another process.
 
     Args:
-        domain: where to.
-        contacts: N.
-        repeats: repetitions; one more warms the caches.
-        say: told what is measured.
+        domain: domain of the processes.
+        contacts: number of contacts N.
+        repeats: number of repetitions; one more warms the caches.
+        report: function that reports the present measurement.
 
     Returns:
-        One row; the second figure holds the discovery between the two processes.
+        One row; the second time includes the discovery between the two processes.
     """
     ready, heard = [], []
     for _ in range(repeats + 1):
-        say("start-up")
+        report("start-up")
         first: list[float] = []
 
         def hear(_: Any, first: list[float] = first) -> None:
@@ -338,7 +338,7 @@ def measure_start(domain: Domain, contacts: int, repeats: int, say: Say) -> list
             began = time.time()
             with domain.simulator(write_chain(domain.folder, contacts), real_time_factor=1.0) as (_, log):
                 wait_until(lambda: first)  # noqa: B023
-                ready.append(_said_at(log, "waiting for commands") - began)
+                ready.append(_logged_at(log, "waiting for commands") - began)
                 heard.append(first[0] - began)
     return [{"case": "start", "n": contacts} | _summary(ready[1:], "ready_s") | _summary(heard[1:], "first_state_s")]
 
@@ -357,35 +357,36 @@ def measure_node(
     """Measure the node on generated chains, in a ROS domain of its own on loopback.
 
     Args:
-        contacts: N of the chains for throughput; the other parts take 10 (or the first) and the largest.
-        rates: of the ticks for the latency [Hz].
+        contacts: numbers of contacts N of the chains for throughput; the other parts use 10 (or the first) and the
+            largest.
+        rates: rates of the ticks for the latency [Hz].
         recording: off, on or both, for throughput.
-        seconds: of one measurement.
-        repeats: repetitions of everything but the latency.
-        trials: commands for the latency at each rate.
-        parts: of PARTS.
-        features: of the ledger; None for all.
-        progress: told what is measured.
+        seconds: duration of one measurement [s].
+        repeats: number of repetitions of all measurements but the latency.
+        trials: number of commands for the latency at each rate.
+        parts: the parts to measure, out of PARTS.
+        features: features of the ledger; None for all.
+        progress: function that reports the present measurement.
 
     Returns:
-        Rows of plain numbers and words.
+        Rows of plain numbers and text.
     """
-    say = progress or (lambda _: None)
+    report = progress or (lambda _: None)
     one = 10 if 10 in contacts else contacts[0]
     rows: list[Row] = []
     with tempfile.TemporaryDirectory(prefix="crawler_bench_") as folder:
         domain = Domain(Path(folder))
         try:
             if "throughput" in parts:
-                rows += measure_throughput(domain, contacts, recording, seconds, repeats, say)
+                rows += measure_throughput(domain, contacts, recording, seconds, repeats, report)
             if "latency" in parts:
-                rows += measure_latency(domain, one, rates, trials, say)
+                rows += measure_latency(domain, one, rates, trials, report)
             if "real_time" in parts:
-                rows += measure_real_time(domain, sorted({one, contacts[-1]}), 3.0 * seconds, repeats, say)
+                rows += measure_real_time(domain, sorted({one, contacts[-1]}), 3.0 * seconds, repeats, report)
             if "start" in parts:
-                rows += measure_start(domain, one, repeats, say)
+                rows += measure_start(domain, one, repeats, report)
             if "ledger" in parts:
-                rows += measure_ledger(domain, one, seconds, repeats, say, features)
+                rows += measure_ledger(domain, one, seconds, repeats, report, features)
         finally:
             domain.close()
     return rows

@@ -1,4 +1,4 @@
-"""What is waited for, and what a process costs, as the kernel counts it."""
+"""Waiting for conditions, and processor time and memory of a process, as the kernel counts them."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from typing import TypeVar
 
 T = TypeVar("T")
 PATIENCE_S = 600.0
-"""Only what hangs takes so long, on the busiest machine, where the kernels are compiled for the first time."""
+"""Time limit for hanging processes, beyond a first compilation on the busiest machine."""
 
 
 def wait_until(condition: Callable[[], T], seconds: float = PATIENCE_S, what: str = "it") -> T:
     """Wait for a condition.
 
     Args:
-        condition: asked a hundred times a second.
-        seconds: at most.
-        what: is waited for, for people.
+        condition: function called a hundred times a second.
+        seconds: longest time to wait [s].
+        what: name of the event, for the error.
 
     Returns:
-        What the condition gave that is true.
+        The first true value of the condition.
 
     Raises:
-        TimeoutError: when it does not come true.
+        TimeoutError: when the condition does not become true.
     """
     deadline = time.monotonic() + seconds
     while not (found := condition()):
@@ -37,7 +37,7 @@ def wait_until(condition: Callable[[], T], seconds: float = PATIENCE_S, what: st
 
 
 def cpu_seconds(pid: int) -> float:
-    """Read how much processor time a process has taken [s]."""
+    """Read the processor time that a process has used [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -53,7 +53,7 @@ def memory_mb(pid: int) -> float:
 
 
 def peak_memory_mb(pid: int) -> float:
-    """Read the most resident memory that a process has had [MiB]; 0 when it has ended."""
+    """Read the peak resident memory of a process [MiB]; 0 when it has ended."""
     return _status_mb(pid, "VmHWM")
 
 

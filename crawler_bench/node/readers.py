@@ -1,4 +1,4 @@
-"""Other libraries reading a recording: `python -m crawler_bench.node.readers mcap|rosbags BAG` counts its messages."""
+"""Recordings read by other libraries: `python -m crawler_bench.node.readers mcap|rosbags BAG` counts messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def read_with_mcap(bag: Path) -> int:
-    """Go over all messages with the mcap library, undecoded.
+    """Read all messages with the mcap library, without decoding them.
 
     Args:
         bag: the bag folder.

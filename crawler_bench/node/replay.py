@@ -1,4 +1,4 @@
-"""What it costs to read a recording, to analyse it and to export it, beside readers that only read."""
+"""The cost of reading, analysing and exporting a recording, compared with libraries that only read it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Row = dict[str, Any]
 QUICK: dict[str, Any] = {"periods": (60,), "repeats": 1}
 SCENE = "three_contacts_one_way"
 _PEERS_UP_TO = 2_000_000
-"""Messages from which on only ours are measured: what the others do is in proportion."""
+"""Number of messages beyond which only our jobs are measured: the time of the others is proportional."""
 _REPLAY = "-m crawler_command.app replay {bag}"
 JOBS = {
     "replay": _REPLAY,
@@ -29,7 +29,7 @@ JOBS = {
     "mcap reads": "-m crawler_bench.node.readers mcap {bag}",
     "rosbags reads and deserialises": "-m crawler_bench.node.readers rosbags {bag}",
 }
-"""What is run, as a process of its own each; `replay` simulates everything again, the readers count messages."""
+"""The jobs, each run as a process; `replay` simulates everything again, the readers count messages."""
 
 
 def measure_replay(
@@ -40,14 +40,14 @@ def measure_replay(
     """Record runs with the real nodes and replay them.
 
     Args:
-        periods: length of each run, in periods of the scene's drive: 100 ticks, 400 messages.
-        repeats: rounds over all jobs, in changing order; one from a million messages on.
-        progress: told what is done.
+        periods: length of each run in periods of the scene's drive, of 100 ticks and 400 messages each.
+        repeats: rounds over all jobs, in random order; one from a million messages on.
+        progress: function that reports the present measurement.
 
     Returns:
         A row for each recording and job: medians of the time [s] and rate [1/s], peak memory [MiB].
     """
-    say = progress or (lambda _: None)
+    report = progress or (lambda _: None)
     rows: list[Row] = []
     load_scene(SCENE)
     with tempfile.TemporaryDirectory(prefix="crawler_bench_") as folder:
@@ -55,12 +55,12 @@ def measure_replay(
         try:
             bags = []
             for count in periods:
-                say(f"recording {count} periods")
+                report(f"recording {count} periods")
                 bags.append(record_run(domain, count))
         finally:
             domain.close()
         for bag, count in zip(bags, periods, strict=True):
-            rows += _measure_bag(bag, count, repeats, say)
+            rows += _measure_bag(bag, count, repeats, report)
     return rows
 
 
@@ -68,8 +68,8 @@ def record_run(domain: Domain, periods: int) -> Path:
     """Record a run in lock-step.
 
     Args:
-        domain: where it runs.
-        periods: of the scene's drive.
+        domain: domain in which to run.
+        periods: number of periods of the scene's drive.
 
     Returns:
         The bag folder.
@@ -85,14 +85,14 @@ def record_run(domain: Domain, periods: int) -> Path:
     return bag
 
 
-def _measure_bag(bag: Path, periods: int, repeats: int, say: Callable[[str], None]) -> list[Row]:
+def _measure_bag(bag: Path, periods: int, repeats: int, report: Callable[[str], None]) -> list[Row]:
     messages = _count(bag)
     names = [name for name in JOBS if messages <= _PEERS_UP_TO or "replay" in name]
     seconds: dict[str, list[float]] = {name: [] for name in names}
     memory: dict[str, float] = dict.fromkeys(names, 0.0)
     for _ in range(repeats if messages < 1_000_000 else 1):
         for name in random.sample(names, len(names)):
-            say(f"{messages} messages: {name}")
+            report(f"{messages} messages: {name}")
             took, peak = run_job(JOBS[name], bag)
             seconds[name].append(took)
             memory[name] = max(memory[name], peak)
@@ -125,17 +125,17 @@ def run_job(words: str, bag: Path) -> tuple[float, float]:
     """Run a job as a process of its own.
 
     Args:
-        words: what Python is given, with places for the bag and a folder to write to.
+        words: arguments of Python, with placeholders for the bag and an output folder.
         bag: the recording.
 
     Returns:
-        How long it took [s], and its peak memory [MiB].
+        Its duration [s] and peak memory [MiB].
     """
     with tempfile.TemporaryDirectory() as out:
         command = [sys.executable, *(word.format(bag=bag, out=out) for word in words.split())]
         began, peak = time.perf_counter(), 0.0
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        while process.poll() is None:  # asked on its way: the usage told at its end counts this process before the exec
+        while process.poll() is None:  # polled: the usage reported at its end includes this process before the exec
             peak = max(peak, peak_memory_mb(process.pid))
             time.sleep(0.01)
         took = time.perf_counter() - began

@@ -120,6 +120,8 @@ def _load_plain(text: str) -> Any:
         return json.loads(text, object_pairs_hook=_pairs_once)
     except json.JSONDecodeError:
         pass
+    except RecursionError:
+        raise SceneError(f"more than {_DEEPEST} nested lists or mappings") from None
     _check_size(text, _MOST_YAML)
     _check_depth(text)
     loader = _Loader(text)

@@ -1,8 +1,8 @@
-"""A controller to copy: finds, by trying, the phase between shape and friction that carries two contacts furthest.
+"""An example controller: a search for the phase between shape and friction that moves two contacts furthest.
 
 The link lengthens and shortens once a period; the friction of one contact rises while that of the other falls, later
-by a phase. Each trial plays two periods, the first to settle, and takes the distance of the second. A coarse look round
-the circle finds the right hill, halved steps its top.
+by a phase. Each trial plays two periods, the first to settle, and measures the distance of the second. A coarse scan of
+all phases finds the neighbourhood of the best one, and steps halved repeatedly refine it.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ NAMES = ["link_0", "contact_0/friction", "contact_1/friction"]
 
 
 class PhaseControl(Node):
-    """Plays period after period, each with a phase that depends on what the ones before gained."""
+    """Plays period after period, each with a phase that depends on the distances of those before."""
 
     def __init__(self) -> None:
         """Declare parameters and open topics."""
         super().__init__("phase_control")
         self.length = self.declare_parameter("length", 4.0).value  # of the stroke, m
         self.friction = self.declare_parameter("friction", 1.0).value  # mean, N
-        self.depth = self.declare_parameter("depth", 0.5).value  # how much of it is modulated
-        self.phases = self.declare_parameter("phases", 8).value  # of the coarse look
+        self.depth = self.declare_parameter("depth", 0.5).value  # modulated fraction of it
+        self.phases = self.declare_parameter("phases", 8).value  # of the coarse scan
         self.tolerance = self.declare_parameter("tolerance", 1e-4).value  # of the phase, in periods
         self.period = round(self.declare_parameter("period", 1.0).value * NS)
         self.lead = round(self.declare_parameter("lead", 0.5).value * NS)  # s of simulated time for messages to arrive
-        self.now = self.end = -1  # simulated time, and when the period that is played ends, ns
+        self.now = self.end = -1  # simulated time, and the end of the current period, ns
         self.y = self.y_before = 0.0
         self.done = Future()
         self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
@@ -49,33 +49,35 @@ class PhaseControl(Node):
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.refuse_unknown_parameters()
         self.rivals = ""
-        self.create_timer(0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # never waits for /clock
+        self.create_timer(
+            0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )  # does not depend on /clock
         self.control = self.search()
 
     def on_pose(self, message: PoseStamped) -> None:
-        """Take the net translation and the simulated time."""
+        """Read the net translation and the simulated time."""
         now = message.header.stamp.sec * NS + message.header.stamp.nanosec
-        if now < self.now:  # the simulator was reset: begin again
+        if now < self.now:  # the simulator was reset: start again
             self.end, self.control = -1, self.search()
         self.now, self.y = now, message.pose.position.x
-        self.go_on()
+        self.play_next()
 
     def on_timer(self) -> None:
-        """Ask for a state: a simulator in lock-step is silent until a command comes, even one that changes nothing."""
+        """Ask a simulator in lock-step, which is silent until a command arrives, for one tick that changes nothing."""
         if self.now < 0:
             self.get_logger().info("waiting for a simulator", throttle_duration_sec=5.0)
             if self.commands.get_subscription_count():
                 self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
         self.look_for_rivals()
-        self.go_on()
+        self.play_next()
 
     def look_for_rivals(self) -> None:
-        """Warn, here and on /diagnostics, when another controller or another simulator has the same topics."""
+        """Warn in the log and on /diagnostics when another controller or another simulator has the same topics."""
         crowded = [name for name in ("joint_trajectory", "pose") if self.count_publishers(name) > 1]
         text = f"another node publishes {' and '.join(crowded)} too" if crowded else ""
         if text and text != self.rivals:
             self.get_logger().warning(text)
-        if text or self.rivals:  # the last one takes the warning back
+        if text or self.rivals:  # the last message withdraws the warning
             status = DiagnosticStatus(name=f"{self.get_name()}: rivals", message=text or "alone")
             status.level = DiagnosticStatus.WARN if text else DiagnosticStatus.OK
             message = DiagnosticArray(status=[status])
@@ -84,13 +86,13 @@ class PhaseControl(Node):
         self.rivals = text
 
     def refuse_unknown_parameters(self) -> None:
-        """End with one line when a parameter was given that there is not."""
+        """Exit with one line when an unknown parameter was passed."""
         known = [p for p in self._parameters if p not in ("use_sim_time", "start_type_description_service")]
         for name in self._parameter_overrides:
             if not self.has_parameter(name) and not name.startswith("qos_overrides"):
-                sys.exit(f"phase_control: there is no parameter {name!r}; there are {', '.join(known)}")
+                sys.exit(f"phase_control: unknown parameter {name!r}; the parameters are {', '.join(known)}")
 
-    def go_on(self) -> None:
+    def play_next(self) -> None:
         """Play the next period when the last one is over."""
         if self.now < max(self.end, 0) or not self.commands.get_subscription_count():
             return
@@ -115,18 +117,18 @@ class PhaseControl(Node):
         self.commands.publish(trajectory)
 
     def search(self) -> Generator[float, float, None]:
-        """Yield the phase of each period; be sent the distance that it gained."""
-        step, enough = 1.0 / self.phases, 1e-9 * self.length  # less is rounding
+        """Yield the phase of each period; receive the distance travelled in it."""
+        step, rounding = 1.0 / self.phases, 1e-9 * self.length
         best, most = 0.0, -float("inf")
         for phase in [k * step for k in range(self.phases)]:
             gained = yield from self.try_phase(phase)
-            if gained > most + enough:
+            if gained > most + rounding:
                 best, most = phase, gained
         while step > self.tolerance:
             step *= 0.5
             for phase in ((best + step) % 1.0, (best - step) % 1.0):
                 gained = yield from self.try_phase(phase)
-                if gained > most + enough:
+                if gained > most + rounding:
                     best, most = phase, gained
                     break
         self.get_logger().info(f"best phase {best!r} of a period, {most!r} m per period")

@@ -1,8 +1,8 @@
-"""A controller to copy: a PI loop on the distance per period, by way of a gait's amplitude.
+"""An example controller: a PI loop that controls the distance per period by the amplitude of a gait.
 
 The gait lengthens the links one after another and shortens them in the same order. Each period is one trajectory; when
-its last state has arrived, the distance that it gained decides the amplitude of the next one. Waiting in between costs
-nothing: the crawler is rate-independent.
+its last state has arrived, the distance travelled determines the amplitude of the next one. Waiting in between does not
+change the motion: the crawler is rate-independent.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NS = 10**9
 
 
 class SpeedControl(Node):
-    """Plays a period, measures what it gained, corrects the amplitude, plays the next."""
+    """Plays a period, measures the distance travelled, corrects the amplitude, plays the next."""
 
     def __init__(self) -> None:
         """Declare parameters and open topics."""
@@ -44,7 +44,7 @@ class SpeedControl(Node):
         self.periods = self.declare_parameter("periods", 0).value  # 0: for ever
         self.joints = self.declare_parameter("joints", "link_.*").value  # a regular expression
         self.links: list[str] = []
-        self.now = self.end = -1  # simulated time, and when the period that is played ends, ns
+        self.now = self.end = -1  # simulated time, and the end of the current period, ns
         self.y = self.y_before = 0.0
         self.done = Future()
         self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
@@ -53,39 +53,41 @@ class SpeedControl(Node):
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.refuse_unknown_parameters()
         self.rivals = ""
-        self.create_timer(0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # never waits for /clock
+        self.create_timer(
+            0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )  # does not depend on /clock
         self.control = self.choose_amplitudes()
 
     def on_joints(self, message: JointState) -> None:
         """Find the joints to command, once."""
         if not self.links:
             self.links = [name for name in message.name if re.fullmatch(self.joints, name)]
-            self.go_on()
+            self.play_next()
 
     def on_pose(self, message: PoseStamped) -> None:
-        """Take the net translation and the simulated time."""
+        """Read the net translation and the simulated time."""
         now = message.header.stamp.sec * NS + message.header.stamp.nanosec
-        if now < self.now:  # the simulator was reset: begin again
+        if now < self.now:  # the simulator was reset: start again
             self.end, self.control = -1, self.choose_amplitudes()
         self.now, self.y = now, message.pose.position.x
-        self.go_on()
+        self.play_next()
 
     def on_timer(self) -> None:
-        """Ask for a state: a simulator in lock-step is silent until a command comes, even one that changes nothing."""
+        """Ask a simulator in lock-step, which is silent until a command arrives, for one tick that changes nothing."""
         if self.now < 0:
             self.get_logger().info("waiting for a simulator", throttle_duration_sec=5.0)
             if self.commands.get_subscription_count():
                 self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
         self.look_for_rivals()
-        self.go_on()
+        self.play_next()
 
     def look_for_rivals(self) -> None:
-        """Warn, here and on /diagnostics, when another controller or another simulator has the same topics."""
+        """Warn in the log and on /diagnostics when another controller or another simulator has the same topics."""
         crowded = [name for name in ("joint_trajectory", "pose") if self.count_publishers(name) > 1]
         text = f"another node publishes {' and '.join(crowded)} too" if crowded else ""
         if text and text != self.rivals:
             self.get_logger().warning(text)
-        if text or self.rivals:  # the last one takes the warning back
+        if text or self.rivals:  # the last message withdraws the warning
             status = DiagnosticStatus(name=f"{self.get_name()}: rivals", message=text or "alone")
             status.level = DiagnosticStatus.WARN if text else DiagnosticStatus.OK
             message = DiagnosticArray(status=[status])
@@ -94,13 +96,13 @@ class SpeedControl(Node):
         self.rivals = text
 
     def refuse_unknown_parameters(self) -> None:
-        """End with one line when a parameter was given that there is not."""
+        """Exit with one line when an unknown parameter was passed."""
         known = [p for p in self._parameters if p not in ("use_sim_time", "start_type_description_service")]
         for name in self._parameter_overrides:
             if not self.has_parameter(name) and not name.startswith("qos_overrides"):
-                sys.exit(f"speed_control: there is no parameter {name!r}; there are {', '.join(known)}")
+                sys.exit(f"speed_control: unknown parameter {name!r}; the parameters are {', '.join(known)}")
 
-    def go_on(self) -> None:
+    def play_next(self) -> None:
         """Play the next period when the last one is over."""
         if not self.links or self.now < max(self.end, 0) or not self.commands.get_subscription_count():
             return
@@ -123,7 +125,7 @@ class SpeedControl(Node):
         self.commands.publish(trajectory)
 
     def choose_amplitudes(self) -> Generator[float, float, None]:
-        """Yield the amplitude of each period; be sent the distance that it gained."""
+        """Yield the amplitude of each period; receive the distance travelled in it."""
         amplitude = integral = 0.0
         count = 0
         while not self.periods or count < self.periods:
@@ -133,7 +135,7 @@ class SpeedControl(Node):
             self.get_logger().info(f"period {count}: amplitude {amplitude!r} m, gained {gained!r} m, error {error!r} m")
             wanted = integral + (self.kp + self.ki) * error
             amplitude = min(max(wanted, 0.0), self.limit)
-            if (wanted - amplitude) * error <= 0.0:  # no further into a limit
+            if (wanted - amplitude) * error <= 0.0:  # no integration further into a limit
                 integral += self.ki * error
 
 

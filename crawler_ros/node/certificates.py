@@ -1,4 +1,4 @@
-"""Certificates of ticks, judged: an energy account and forces that are right to a part of the body's own scale."""
+"""Judgement of the certificates of ticks: energies and forces that are exact to a fraction of the body's own scale."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from crawler_model.motion.state import COMPLEMENTARITY, DISSIPATION, RESIDUAL, V
 from .intake.limits import body_length
 
 _FINE = {"exact": 1e-6}
-_COARSE = 0.1  # of catch_up the certificate is the error of its steps, not rounding
+_COARSE = 0.1  # for catch_up the certificate measures the error of its steps, not rounding
 
 
 @dataclass
@@ -21,9 +21,9 @@ class Certificates:
 
     Attributes:
         force: the scale of forces [N].
-        energy: the scale of energies: what it costs to drag the body over its own length [J].
-        allowed: the part of these scales that is taken for exact [1].
-        worst: of the run: energy residual [J], violation [N], complementarity [J].
+        energy: the scale of energies: the energy to drag the body over its own length [J].
+        allowed: the fraction of these scales that counts as exact [1].
+        worst: the worst of the run: energy residual [J], violation [N], complementarity [J].
     """
 
     force: float
@@ -34,7 +34,7 @@ class Certificates:
     _work: float = 0.0
 
     def add(self, account: np.ndarray) -> None:
-        """Take the account of a tick."""
+        """Add the account of a tick."""
         residual, violation, complementarity, work, dissipation = account[_ENTRIES].tolist()
         now = self._now
         if not abs(residual) <= now[0]:  # not a number counts as worse
@@ -46,10 +46,10 @@ class Certificates:
         self._work += abs(work) + dissipation
 
     def judge(self) -> tuple[bool, str]:
-        """Judge the ticks since this was last asked.
+        """Judge the ticks since the last call.
 
         Returns:
-            Whether their numbers are finite, and what is wrong with them; empty when nothing is.
+            Whether their numbers are finite, and a description of what is wrong; empty when nothing is.
         """
         (residual, violation, complementarity), energy = self._now, self.energy + self._work
         self.worst = [float(np.fmax(a, b)) if b == b else b for a, b in zip(self.worst, self._now, strict=True)]
@@ -61,7 +61,7 @@ class Certificates:
             ("violation of a bound", violation, self.force, "N of {:.1e} N of friction"),
             ("complementarity", complementarity, energy, "J of {:.1e} J turned over"),
         ]
-        # however much was turned over, an error that could drag the body over its own length is one
+        # however large the turnover, an energy that could drag the body over its own length is an error
         most = {self.force: self.allowed * self.force, energy: min(self.allowed * energy, self.energy)}
         bad = [f"{name} {value:.1e} {of.format(scale)}" for name, value, scale, of in named if value > most[scale]]
         return True, f"states are inaccurate: {'; '.join(bad)}" if bad else ""
@@ -71,14 +71,14 @@ _ENTRIES = np.array([RESIDUAL, VIOLATION, COMPLEMENTARITY, WORK, DISSIPATION])
 
 
 def certificates_of(scene: Scene, method: str) -> Certificates:
-    """Find the scales of a scene's certificates.
+    """Compute the scales of a scene's certificates.
 
     Args:
-        scene: what runs.
-        method: how its ticks are computed.
+        scene: the scene that runs.
+        method: the method by which its ticks are computed.
 
     Returns:
-        Certificates of no tick.
+        Certificates with no tick added yet.
     """
     body = scene.body
     extent = body_length(body)

@@ -1,4 +1,4 @@
-"""What /diagnostics says of a simulator: how the simulation, the commands, the recording and the viewer fare."""
+"""The contents of /diagnostics: the status of the simulation, the commands, the recording and the viewer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Part = tuple[int, str, list[tuple[str, str]]]
 
 
 class Diagnosed(Protocol):
-    """What is looked at: a simulator, its counts, and what was reported before."""
+    """The part of a simulator that its diagnostics read: its state, its counts, and the counts last reported."""
 
     ambiguous: int
     overspent: int
@@ -46,7 +46,7 @@ class Diagnosed(Protocol):
     stepper: Stepper
 
     def get_fully_qualified_name(self) -> str:
-        """Name the node, namespace and all."""
+        """Return the name of the node including its namespace."""
         ...
 
     def warn_once(self, text: str) -> None:
@@ -55,15 +55,15 @@ class Diagnosed(Protocol):
 
 
 def diagnose(node: Diagnosed) -> list[Status]:
-    """Describe how the simulation, the commands, the recording and the viewer fare since this was last asked.
+    """Describe the status of the simulation, the commands, the recording and the viewer since the last call.
 
-    Warnings are of what happened since then; counts are of the whole run.
+    Warnings concern events since then; counts concern the whole run.
 
     Args:
         node: the simulator.
 
     Returns:
-        Level, name, message, hardware id and key-value pairs of each.
+        Level, name, message, hardware id and key-value pairs of each part.
     """
     states = {name: publishers_of(node, name) for name in node.states}
     commands = node.intake.settle(node)
@@ -136,7 +136,7 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         message = f"{rival}; {message}"
         node.warn_once(rival)
     if intake.lost > before[1]:
-        message = f"{intake.lost - before[1]} message(s) lost: they came faster than they can be taken; {message}"
+        message = f"{intake.lost - before[1]} message(s) lost: they arrived faster than they could be read; {message}"
     if node.commands.unheld > before[3]:
         message = f"{node.commands.unheld - before[3]} row(s) dropped: no equilibrium holds their loads; {message}"
     if rival or any(a > b for a, b in zip(now, before, strict=True)):

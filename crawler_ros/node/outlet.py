@@ -1,4 +1,4 @@
-"""A topic that the simulator sends on, with its recording."""
+"""A topic that the simulator publishes and records."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ if TYPE_CHECKING:
 
 
 class Outlet:
-    """Where the messages of one topic go: to who listens, and into the recording."""
+    """Sends the messages of one topic to its subscribers and to the recording."""
 
     def __init__(self, publisher: Any, recorder: Recorder | None, channel: int | None) -> None:
-        """Take both ways out.
+        """Store the publisher and the recording channel.
 
         Args:
-            publisher: rclpy's; None to publish nothing.
-            recorder: the recording, if there is one.
-            channel: its channel; None to record nothing.
+            publisher: rclpy's publisher; None to publish nothing.
+            recorder: the recorder, if there is one.
+            channel: the recorder's channel; None to record nothing.
         """
-        # what Publisher.publish does with bytes once it has looked at their type: half of its time
+        # Publisher.publish calls this with bytes after checking their type, which takes as long again
         self._publish = None if publisher is None else publisher.handle.publish_raw
         self._record = None if recorder is None or channel is None else recorder.record
         self._now_ns = time.time_ns if recorder is None else recorder.now_ns
@@ -28,7 +28,7 @@ class Outlet:
         self.wanted = self._publish is not None or self._record is not None
         self._publisher = publisher
         self._last = b""
-        self._listeners = 0
+        self._subscribers = 0
 
     def send(self, data: bytes) -> None:
         """Publish and record a message.
@@ -37,20 +37,20 @@ class Outlet:
             data: its CDR bytes.
         """
         self._last = data
-        if self._record is not None:  # before anybody can answer
+        if self._record is not None:  # before a subscriber can answer
             now = self._now_ns()
             self._record(self._channel, now, now, data)
         if self._publish is not None:
             self._publish(data)
 
-    def greet(self, newcomers: bool = True) -> None:
-        """Publish the last message again if somebody has come to listen since this was last asked.
+    def resend(self, newcomers: bool = True) -> None:
+        """Publish the last message again if there are more subscribers than at the last call.
 
         Args:
-            newcomers: False when all who listen now have heard it.
+            newcomers: False when all present subscribers have received it already.
         """
         if self._publish is None:
             return
-        before, self._listeners = self._listeners, self._publisher.get_subscription_count()
-        if newcomers and self._listeners > before:
+        before, self._subscribers = self._subscribers, self._publisher.get_subscription_count()
+        if newcomers and self._subscribers > before:
             self._publish(self._last)

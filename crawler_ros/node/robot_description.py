@@ -1,8 +1,8 @@
 """The robot description: a URDF of a scene's body, so that robot_state_publisher, RViz and Foxglove show it.
 
-Contacts are boxes on the ground. The root slides along the ground by the joint `contact_0`, every other station by the
-joint of a link or segment, all prismatic and named as in joint_states. A URDF is a tree: a link that closes a loop of
-the body has no joint in it, and joint_states says nothing that is lost by that.
+Contacts are boxes on the ground. The joint `contact_0` moves the root along the ground, and the joint of a link or
+segment moves every other station; all joints are prismatic and named as in joint_states. A URDF is a tree: a link that
+closes a loop of the body has no joint in it, and its elongation follows from the other joints.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ..wire.states import joint_names, station_names, tree_of_joints
 _CONTACT_COLOUR = "0.16 0.47 0.71 1"
 _BODY_COLOUR = "0.55 0.55 0.58 1"
 _REACH = 1e3
-"""Prismatic joints must have limits: this many body lengths, which nothing enforces."""
+"""Limits of the prismatic joints in body lengths; URDF requires limits, and nothing enforces them."""
 
 
 def describe_robot(scene: Scene, world: str = "world") -> str:
-    """Write the URDF of a scene's body.
+    """Build the URDF of a scene's body.
 
     Args:
         scene: the scene.
@@ -32,13 +32,13 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     Returns:
         The XML text.
     """
-    mesh = scene.body
-    planar = mesh.dimension == 2
-    place = np.zeros((mesh.stations.size, 3))
-    place[:, : mesh.dimension] = mesh.position[mesh.stations].reshape(mesh.stations.size, -1)
-    stations, joints = station_names(mesh), joint_names(mesh)
+    body = scene.body
+    planar = body.dimension == 2
+    place = np.zeros((body.stations.size, 3))
+    place[:, : body.dimension] = body.position[body.stations].reshape(body.stations.size, -1)
+    stations, joints = station_names(body), joint_names(body)
     span = float(np.abs(place - place[0]).max()) or 1.0
-    size = 0.3 * _least_distance(place, mesh.joints)
+    size = 0.3 * _least_distance(place, body.joints)
     robot = ET.Element("robot", name=scene.name)
     for name, colour in (("contact", _CONTACT_COLOUR), ("body", _BODY_COLOUR)):
         ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=colour)
@@ -48,7 +48,7 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     for link in links:
         _add_box(link, (size, size, size), (0.0, 0.0, 0.5 * size), "contact")
     _add_joints(robot, stations[0], world, frames[0], place[0], 1.0, _REACH * span, planar)
-    for known, new, joint, sign in tree_of_joints(mesh):
+    for known, new, joint, sign in tree_of_joints(body):
         offset = place[new] - place[known]
         _add_joints(robot, joints[joint], frames[known], frames[new], offset, sign, _REACH * span, planar)
         _add_rod(links[known], offset, size)
@@ -57,12 +57,12 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
 
 
 def _least_distance(place: np.ndarray, joints: np.ndarray) -> float:
-    """Find the shortest reference length of a joint, 1 where there is none [m]."""
+    """Return the shortest reference length of a joint [m]; 1 when there are no joints."""
     lengths = np.linalg.norm(place[joints[:, 1]] - place[joints[:, 0]], axis=1)
     return float(lengths.min(initial=np.inf)) if lengths.size else 1.0
 
 
-def _write(*numbers: float) -> str:
+def _text(*numbers: float) -> str:
     return " ".join(f"{number:.9g}" for number in numbers)
 
 
@@ -74,8 +74,8 @@ def _add_box(
     turn: tuple[float, ...] = (0.0, 0.0, 0.0),
 ) -> None:
     visual = ET.SubElement(link, "visual")
-    ET.SubElement(visual, "origin", xyz=_write(*centre), rpy=_write(*turn))
-    ET.SubElement(ET.SubElement(visual, "geometry"), "box", size=_write(*size))
+    ET.SubElement(visual, "origin", xyz=_text(*centre), rpy=_text(*turn))
+    ET.SubElement(ET.SubElement(visual, "geometry"), "box", size=_text(*size))
     ET.SubElement(visual, "material", name=material)
 
 
@@ -98,20 +98,20 @@ def _add_joints(
     planar: bool,
 ) -> None:
     """Join two frames by one prismatic joint, in the plane by one along x and one along y."""
-    ways = (
+    axes = (
         [(name, (sign, 0.0, 0.0))] if not planar else [(f"{name}/x", (sign, 0.0, 0.0)), (f"{name}/y", (0.0, sign, 0.0))]
     )
-    for i, (joint_name, axis) in enumerate(ways):
-        last = i == len(ways) - 1
+    for i, (joint_name, axis) in enumerate(axes):
+        last = i == len(axes) - 1
         to = child if last else f"{child}_x"
         if not last:
             ET.SubElement(robot, "link", name=to)
         joint = ET.SubElement(robot, "joint", name=joint_name, type="prismatic")
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=to)
-        ET.SubElement(joint, "origin", xyz=_write(*(offset if i == 0 else np.zeros(3))), rpy="0 0 0")
-        ET.SubElement(joint, "axis", xyz=_write(*axis))
-        ET.SubElement(joint, "limit", lower=_write(-reach), upper=_write(reach), effort="1e9", velocity="1e9")
+        ET.SubElement(joint, "origin", xyz=_text(*(offset if i == 0 else np.zeros(3))), rpy="0 0 0")
+        ET.SubElement(joint, "axis", xyz=_text(*axis))
+        ET.SubElement(joint, "limit", lower=_text(-reach), upper=_text(reach), effort="1e9", velocity="1e9")
         parent = to
 
 

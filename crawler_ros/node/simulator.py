@@ -1,4 +1,4 @@
-"""The node `crawler`: parameters in, commands in, states out, at a fixed rate."""
+"""The node `crawler`: it takes parameters and commands and publishes states at a fixed rate."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ from crawler_model.run.simulate import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
-from ..recording.versions import versions
-from ..wire import interface
 from ..wire.messages import (
     JointStateMessage,
     OdometryMessage,
@@ -32,6 +30,7 @@ from ..wire.messages import (
     encode_string,
 )
 from ..wire.states import contact_names, joint_state_names, shown_contacts
+from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
 from .certificates import certificates_of
 from .diagnostics import diagnose
 from .intake.commands import CommandQueue
@@ -40,6 +39,7 @@ from .intake.limits import command_limits
 from .life.quiet_node import QuietNode
 from .life.run import end_on_signals, run_node
 from .outlet import Outlet
+from .parameters import declare_parameters, expand_home, read_parameters
 from .stepper import Stepper
 
 if TYPE_CHECKING:
@@ -49,27 +49,26 @@ if TYPE_CHECKING:
 
 STATES = ("joint_states", "contact_states", "pose", "applied_commands", "odom", "/clock")
 """Topics that one node alone publishes."""
-_MOST_WARNED = 100
 
 
 class Simulator(QuietNode):
-    """Wires a `Crawler` to topics. `spin` runs it; everything else happens under one lock."""
+    """Connects a `Crawler` to topics. `spin` runs it; all access to its state is under one lock."""
 
     def __init__(self, scene: Scene | None = None, **options: Any) -> None:
         """Declare parameters, load the scene, open topics, services, recording and viewer.
 
         Args:
-            scene: what is simulated; None to load what the parameter names.
+            scene: the scene to simulate; None to load the one that the parameter names.
             **options: for rclpy's Node.
 
         Raises:
-            CrawlerError: when a parameter or the scene is wrong.
+            CrawlerError: when a parameter or the scene is invalid.
             OSError: when the recording cannot be opened.
         """
         super().__init__("crawler", **options)
-        self.values = interface.declare_parameters(self)
+        self.values = declare_parameters(self)
         for name in ("scene", "record", "view"):
-            self.values[name] = interface.in_home(self.values[name])
+            self.values[name] = expand_home(self.values[name])
         self.scene = load_scene(self.values["scene"]) if scene is None else scene
         rate = rational_rate(self.values["rate"])
         prepare(self.scene)
@@ -85,7 +84,6 @@ class Simulator(QuietNode):
         self.ambiguous = self.overspent = self.unsolved = 0
         self.reported = (0, 0, 0, 0)
         self.reported_commands = (0, 0, 0, 0)
-        self._warned: set[str] = set()
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
         self.lock = threading.Lock()
@@ -101,9 +99,11 @@ class Simulator(QuietNode):
 
             check_view(view)  # before anything is opened
         if self.values["record"]:
+            from ..recording.attachments import describe_run
             from ..recording.recorder import Recorder
 
-            self.recorder = Recorder(Path(self.values["record"]), "crawler", self._attachments())
+            run = describe_run(self.scene, self.crawler, self.values, self.get_fully_qualified_name())
+            self.recorder = Recorder(Path(self.values["record"]), "crawler", run)
         self._open_topics()
         if self.recorder is not None:
             self.recorder.start()
@@ -123,31 +123,17 @@ class Simulator(QuietNode):
         )
 
     def _prepare_messages(self) -> None:
-        """Lay out what is sent at every tick."""
-        mesh = self.scene.body
+        """Encode the constant parts of the messages of every tick."""
+        body = self.scene.body
         self._hold = np.empty((0, self.columns.index.size))
         frame = self.values["frame_id"]
         self._ledger = TrajectoryMessage(list(self.columns.names))
         shown = self.values["publish.contact_states"]
-        self._joints = JointStateMessage(joint_state_names(mesh))
-        self._contacts = JointStateMessage(contact_names(self.scene.body) if shown else [], frame)
-        self._readout = Readout(mesh, shown_contacts(self.scene.body) if shown else np.zeros(0, np.int64))
+        self._joints = JointStateMessage(joint_state_names(body))
+        self._contacts = JointStateMessage(contact_names(body) if shown else [], frame)
+        self._readout = Readout(body, shown_contacts(body) if shown else np.zeros(0, np.int64))
         self._pose = PoseMessage(frame)
         self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
-
-    def _attachments(self) -> dict[str, Any]:
-        return {
-            "scene": self.scene.document(),
-            "parameters": self.values | {"method": self.crawler.method},
-            "versions": versions(),
-            "node": self.get_fully_qualified_name(),
-            "start": {
-                "displacement": self.crawler.displacement.tolist(),
-                "tension": self.crawler.tension.tolist(),
-                "actuation": self.crawler.actuation.tolist(),
-                "friction": self.crawler.friction.tolist(),
-            },
-        }
 
     def _open_topics(self) -> None:
         wanted = {
@@ -163,13 +149,13 @@ class Simulator(QuietNode):
         recorder = self.recorder
         self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count)
         self.states = [n for n in STATES if wanted[n]]
-        for name, topic in interface.topics().items():
+        for name, topic in read_topics().items():
             full = self.resolve_topic_name(name)
             if topic.direction == "out":
-                publisher = interface.open_publisher(self, topic) if wanted[name] else None
+                publisher = open_publisher(self, topic) if wanted[name] else None
                 channel = None
                 if recorder is not None and (publisher is not None or name == "applied_commands"):
-                    used = topic if publisher is None else interface.qos_in_use(topic, publisher)
+                    used = topic if publisher is None else qos_in_use(topic, publisher)
                     channel = recorder.add_topic(used, full)
                 self._outlets[name] = Outlet(publisher, recorder, channel)
             else:
@@ -177,9 +163,9 @@ class Simulator(QuietNode):
                 self.intake.open(self, topic, channel)
 
     def _open_services(self) -> None:
-        answers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
-        for name, kind in interface.services().items():
-            self.create_service(interface.message_class(kind), f"~/{name}", answers[name])
+        handlers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
+        for name, kind in read_services().items():
+            self.create_service(message_class(kind), f"~/{name}", handlers[name])
 
     # -- services and parameters ------------------------------------------------------------------------------------
 
@@ -191,7 +177,7 @@ class Simulator(QuietNode):
             self.certificates = certificates_of(self.scene, self.crawler.method)
             self.ambiguous = self.overspent = self.unsolved = 0
             self.reported = (0, 0, 0, self.reported[3])
-            self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
+            self._resend_states(newcomers=False)  # later subscribers get the state, at worst twice
             self._send_states(None)
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
@@ -230,14 +216,14 @@ class Simulator(QuietNode):
         server = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
         server.start()
         gc.collect()
-        gc.freeze()  # what was loaded so far stays: looking through it again and again would make ticks late
+        gc.freeze()  # objects loaded so far stay: collecting them again and again would make ticks late
         with self.lock:
             if self._outlets["robot_description"].wanted:
                 from .robot_description import describe_robot
 
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
-            self._greet(newcomers=False)  # who comes from here on is greeted, at worst twice
+            self._resend_states(newcomers=False)  # later subscribers get the state, at worst twice
             self._send_states(None)
         try:
             while not self.stopping.is_set():
@@ -261,24 +247,24 @@ class Simulator(QuietNode):
             self.close()
 
     def _wait_ns(self, wall_ns: int) -> int | None:
-        """Tell how long to wait before the next tick [ns], 0 when it is due, None for who knows."""
+        """Compute the time to the next tick [ns]: 0 when it is due; None while paused or waiting for a command."""
         if self.lock_step:
             return None if self.stepper.paused or self.commands.is_idle else 0
         return self.stepper.wait_ns(wall_ns)
 
     def _wait_for_commands(self) -> None:
-        """Wait a little, in lock-step for a command; before the first one, tell newcomers where the crawler stands."""
+        """Wait a little, in lock-step for a command; before the first one, send the state to new subscribers."""
         if self.stepper.paused or not self.lock_step:
             self.stopping.wait(0.01)
             return
         self.commands.arrived.wait(0.01)
         with self.lock:
             if self.stepper.tick == 0 and self.commands.is_idle:
-                self._greet()
+                self._resend_states()
 
-    def _greet(self, newcomers: bool = True) -> None:
+    def _resend_states(self, newcomers: bool = True) -> None:
         for name in ("/clock", "joint_states", "contact_states", "pose", "odom"):
-            self._outlets[name].greet(newcomers)
+            self._outlets[name].resend(newcomers)
 
     def _push_recording(self, wall_ns: int) -> None:
         if self.recorder is not None and self.recorder.error is None:
@@ -291,7 +277,7 @@ class Simulator(QuietNode):
         try:
             while not self.stopping.is_set():
                 executor.spin_once(timeout_sec=0.1)
-        except Exception as error:  # deaf to commands it must not go on as if all were well
+        except Exception as error:  # without commands the simulation must not go on as if all were well
             self.get_logger().fatal(f"topics and services are no longer served: {error!r}")
             self.stopping.set()
         executor.remove_node(self)
@@ -343,18 +329,8 @@ class Simulator(QuietNode):
         if outlet.wanted:
             outlet.send(encode_diagnostics(time.time_ns(), diagnose(self)))
 
-    def warn_once(self, text: str) -> None:
-        """Log a warning unless the same one was logged before.
-
-        Args:
-            text: the line.
-        """
-        if text not in self._warned and len(self._warned) < _MOST_WARNED:
-            self._warned.add(text)
-            self.get_logger().warning(text)
-
     def close(self) -> None:
-        """Finish recording and viewer and take the node out of the graph."""
+        """Close the recording and the viewer and remove the node from the graph."""
         if self.recorder is not None:
             self.recorder.close()
             if self.recorder.error is None:
@@ -373,25 +349,27 @@ def main(args: list[str] | None = None) -> int:
         args: command line, for ROS arguments; None for the process's own.
 
     Returns:
-        The exit status: 0, or 1 when scene or parameters were wrong or the recording failed.
+        The exit status: 0, or 1 when the scene or a parameter was invalid or the recording failed.
     """
-    sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to let go
-    return run_node("simulator", _make, _spin, args, " ".join(interface.parameters()))
+    sys.setswitchinterval(
+        0.0005
+    )  # the loop must not wait five milliseconds for a callback to release the interpreter's lock
+    return run_node("simulator", _build, _spin, args, " ".join(read_parameters()))
 
 
-def _make() -> Simulator:
-    """Make the node when its kernels are compiled: what stands in the graph answers."""
+def _build() -> Simulator:
+    """Build the node after its kernels are compiled, so that a node in the graph always answers."""
     scout = QuietNode("crawler", start_parameter_services=False, enable_rosout=False)
     try:
-        values = interface.declare_parameters(scout, silent=True)
+        values = declare_parameters(scout, silent=True)
     finally:
         scout.destroy_node()
-    scene = load_scene(interface.in_home(values["scene"]))
+    scene = load_scene(expand_home(values["scene"]))
     rational_rate(values["rate"])
     if values["record"]:
         from ..recording.bag_folder import check_parent
 
-        check_parent(Path(interface.in_home(values["record"])))
+        check_parent(Path(expand_home(values["record"])))
     prepare(scene)
     joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
     Readout(scene.body, np.zeros(0, np.int64)).read(Crawler(scene), np.inf, joints.numbers, contacts.numbers)

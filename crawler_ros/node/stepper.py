@@ -1,6 +1,6 @@
-"""When ticks happen: simulated time in integer nanoseconds, playing, paused or stepping. Reads no clock itself.
+"""The times of ticks: simulated time in integer nanoseconds, playing, paused or stepping. It reads no clock itself.
 
-In lock-step ticks are made by messages and the wall clock has no say: see `CommandQueue`.
+In lock-step messages make the ticks and the wall clock plays no part: see `CommandQueue`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from crawler_model.run.simulate import tick_end_ns
 
 
 class Stepper:
-    """Counts ticks and tells when the next one is due.
+    """Counts ticks and computes when the next one is due.
 
     A tick that starts later than a period after its deadline is counted late, and simulated time slows: the deadlines
     that follow move by as much. None is ever skipped.
@@ -50,18 +50,18 @@ class Stepper:
         self._origin_wall_ns = None
 
     def pause(self, paused: bool) -> None:
-        """Pause or play on."""
+        """Pause or resume."""
         self.paused = paused
         self._origin_wall_ns = None
 
     def wait_ns(self, wall_ns: int) -> int | None:
-        """Tell how long to wait before the next tick.
+        """Compute the time to the next tick.
 
         Args:
-            wall_ns: a steady clock's time [ns].
+            wall_ns: time of a steady clock [ns].
 
         Returns:
-            Nanoseconds, 0 when it is due, None while paused.
+            The time to the next tick [ns], 0 when it is due; None while paused.
         """
         if self.paused:
             return None
@@ -76,7 +76,7 @@ class Stepper:
         return self._origin_wall_ns + round((self.next_ns - self._origin_ns) / self._factor)
 
     def begin(self, wall_ns: int) -> None:
-        """Note that the next tick starts now, and whether it is late."""
+        """Record that the next tick starts now, and count it if it is late."""
         if self.paused or self._factor == 0.0 or self._origin_wall_ns is None:
             return
         behind = wall_ns - self._deadline()
@@ -90,6 +90,6 @@ class Stepper:
         self.now_ns, self.next_ns = self.next_ns, tick_end_ns(self.tick + 1, self.rate)
 
     def reset(self) -> None:
-        """Go back to simulated time 0; the count of late ticks stays."""
+        """Return to simulated time 0; the count of late ticks is not reset."""
         self._go_to(0)
         self._origin_wall_ns = None

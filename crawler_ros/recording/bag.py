@@ -1,8 +1,9 @@
-"""Reading recordings: bag folders, bare .mcap files, and files whose end is missing."""
+"""Reading of recordings: bag folders, bare .mcap files, and files whose end is missing."""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import struct
 from collections.abc import Callable, Iterator, Mapping
@@ -34,25 +35,25 @@ def recorded_scene(path: Path, attachments: Mapping[str, Any]) -> Scene | None:
 
     Args:
         path: the recording, for errors.
-        attachments: of the recording, by name.
+        attachments: attachments of the recording by name.
 
     Returns:
-        The scene; None where there is none.
+        The scene; None when the recording holds none.
 
     Raises:
-        BagError: when it is not a scene of this version.
+        BagError: when the scene is not valid in this version.
     """
     if "scene" not in attachments:
         return None
     try:
         return Scene.model_validate(attachments["scene"])
     except SceneError as error:
-        raise BagError(f"{path}: the scene that it holds: {error}") from None
+        raise BagError(f"{path}: invalid scene in the recording: {error}") from None
 
 
 @dataclass(frozen=True)
 class Record:
-    """One message: where it was heard, what it is, when, and its bytes; and its channel and schema as recorded."""
+    """One message: its topic, type, times and bytes, and its channel and schema as recorded."""
 
     topic: str
     type: str
@@ -64,7 +65,7 @@ class Record:
 
 
 def find_file(path: Path) -> Path:
-    """Find the .mcap file of a bag folder, or take the file itself.
+    """Find the .mcap file of a bag folder, or return the file itself.
 
     Args:
         path: a bag folder or an .mcap file.
@@ -73,7 +74,7 @@ def find_file(path: Path) -> Path:
         The file.
 
     Raises:
-        BagError: when there is none, or it is something else.
+        BagError: when there is no .mcap file, more than one, or the file has another format.
     """
     if path.is_dir():
         files = sorted(path.glob("*.mcap"))
@@ -94,16 +95,16 @@ def find_file(path: Path) -> Path:
 
 @dataclass
 class Bag:
-    """What a recording holds besides messages, known once it has been read to the end."""
+    """The contents of a recording besides its messages, complete once it has been read to the end."""
 
     attachments: dict[str, Any]
     complete: bool = False
     damaged: int = 0
-    """Chunks that could not be read, and were passed over."""
+    """Number of chunks that could not be read and were skipped."""
     lost: int | None = None
-    """Messages that the file promises and does not give; None where its end is missing, which would tell."""
+    """Number of messages counted at the end of the file but not found in it; None when that end is missing."""
     channels: dict[int, tuple[Channel, Schema]] = field(default_factory=dict)
-    """By number, as `read_blocks` meets them."""
+    """By number, as `read_blocks` finds them."""
 
 
 def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
@@ -111,13 +112,13 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
 
     Args:
         path: a bag folder or an .mcap file.
-        bag: filled with the attachments as they come, and with whether the file is whole.
+        bag: filled with the attachments as they are read, and with whether the file is complete.
 
     Yields:
         The messages.
 
     Raises:
-        BagError: when it is no recording at all.
+        BagError: when the file is not a recording.
     """
     file = find_file(path)
     schemas: dict[int, Schema] = {}
@@ -146,38 +147,38 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
 
 
 def _whole_records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Read records, those inside chunks too; damaged chunks are passed over, a torn record is the end."""
+    """Read records, including those inside chunks; skip damaged chunks and stop at an incomplete record."""
     for record in _top_records(stream):
         try:
             inside = list(breakup_chunk(record, validate_crc=True)) if isinstance(record, Chunk) else [record]
-        except Exception:  # whatever the decompressor makes of damaged bytes: the next chunk may be well
+        except Exception:  # any error of the decompressor on damaged bytes: the next chunk may be intact
             continue
         yield from inside
 
 
 def _top_records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Read records, chunks as they are, up to the first that is torn or damaged."""
+    """Read top-level records, without opening chunks, up to the first incomplete or damaged one."""
     records = iter(
         StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LARGEST_RECORD).records
     )
     while True:
         try:
             record = next(records)
-        except Exception:  # whatever the parser makes of damaged bytes: here the readable part ends
+        except Exception:  # any error of the parser on damaged bytes: the readable part ends here
             return
         yield record
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Messages that stand together in a file, many at once: their bytes in one piece, and where each stands.
+    """Many consecutive messages of a file: their bytes in one piece, and the position of each.
 
     Attributes:
-        data: the piece, uint8, shape (B,).
-        channel: number of each message's channel, shape (K,).
-        first: where its bytes begin, shape (K,).
-        size: how many they are, shape (K,).
-        log_ns: when it was heard, shape (K,) [ns, wall].
+        data: the bytes, uint8, shape (B,).
+        channel: channel number of each message, shape (K,).
+        first: position of its first byte, shape (K,).
+        size: number of its bytes, shape (K,).
+        log_ns: when it was received, shape (K,) [ns, wall].
     """
 
     data: np.ndarray
@@ -188,24 +189,24 @@ class Block:
 
 
 def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None = None) -> Iterator[Block]:
-    """Read all messages as `read` does, a chunk at a time and without an object for each.
+    """Read all messages as `read` does, but a chunk at a time and without an object for each message.
 
     Args:
         path: a bag folder or an .mcap file.
-        bag: filled with attachments and channels as they come, and with whether the file is whole.
-        progress: called with the part read, in [0, 1].
+        bag: filled with attachments and channels as they are read, and with whether the file is complete.
+        progress: called with the fraction read, in [0, 1].
 
     Yields:
         The messages in the order of the file.
 
     Raises:
-        BagError: when it is no recording at all.
+        BagError: when the file is not a recording.
     """
     file = find_file(path)
     size = max(file.stat().st_size, 1)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    pending = bytearray()  # small chunks, and messages that stand in none, make one block
+    pending = bytearray()  # small chunks, and messages outside chunks, make one block
     found, promised, ended = 0, -1, False
 
     def scanned() -> Block:
@@ -258,7 +259,7 @@ _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
 
 
 def _large_records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Read records as `_top_records` does, but pass over the indices of messages, which cost more than the messages."""
+    """Read records as `_top_records` does, but skip message indices, which take longer to read than the messages."""
     stream.seek(8)  # the magic
     while True:
         head = stream.read(_RECORD.size)
@@ -275,14 +276,14 @@ def _large_records(stream: IO[bytes]) -> Iterator[McapRecord]:
                 yield Message.read(ReadDataStream(BytesIO(data)), length)
             elif opcode in _READERS:
                 yield _READERS[opcode](ReadDataStream(BytesIO(data)))
-        except Exception:  # whatever the parser makes of damaged bytes: here the readable part ends
+        except Exception:  # any error of the parser on damaged bytes: the readable part ends here
             return
         if opcode == Opcode.FOOTER:
             return
 
 
 def _decompressed(chunk: Chunk) -> bytes | None:
-    """Take a chunk's bytes; None where they are damaged, whatever the decompressor makes of that."""
+    """Decompress a chunk; return None when its bytes are damaged, whatever error that causes."""
     try:
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         return stream.read(size)
@@ -291,7 +292,7 @@ def _decompressed(chunk: Chunk) -> bytes | None:
 
 
 def _scan(data: bytes, schemas: dict[int, Schema], channels: dict[int, Channel]) -> Block:
-    """Find the messages in a chunk's bytes, and what schemas and channels it holds."""
+    """Find the messages, schemas and channels in the bytes of a chunk."""
     rows: list[tuple[int, int, int, int]] = []
     place, end = 0, len(data)
     read_head, read_message = _RECORD.unpack_from, _MESSAGE.unpack_from
@@ -318,7 +319,7 @@ def _scan(data: bytes, schemas: dict[int, Schema], channels: dict[int, Channel])
 
 @dataclass(frozen=True)
 class Health:
-    """What a look through a whole recording finds."""
+    """The number of messages on each topic of a recording, and whether the file is complete."""
 
     complete: bool
     counts: dict[str, int]
@@ -328,16 +329,16 @@ class Health:
 
 
 def examine(path: Path) -> Health:
-    """Count a recording's messages and tell whether it is whole.
+    """Count the messages of a recording and check that it is complete.
 
     Args:
         path: a bag folder or an .mcap file.
 
     Returns:
-        What was found.
+        The counts, types and times found.
 
     Raises:
-        BagError: when it is no recording at all.
+        BagError: when the file is not a recording.
     """
     bag = Bag({})
     counts: dict[str, int] = {}
@@ -352,13 +353,13 @@ def examine(path: Path) -> Health:
 
 
 def newest(path: Path) -> Path:
-    """Choose a recording.
+    """Choose the newest recording in a folder.
 
     Args:
         path: a recording, or a folder of recordings.
 
     Returns:
-        The recording itself, or the newest in the folder.
+        The path itself if it is a recording, else the newest recording in the folder.
     """
     if not path.is_dir() or any(path.glob("*.mcap")):
         return path
@@ -367,34 +368,32 @@ def newest(path: Path) -> Path:
 
 
 def recover(path: Path, folder: Path) -> int:
-    """Write what can be read of a torn recording as a whole one, with a note that it is not all.
+    """Write the readable part of a damaged recording as a complete one, marked as recovered.
 
     Args:
         path: a bag folder or an .mcap file.
-        folder: the bag folder to make; it must not exist.
+        folder: the bag folder to create; it must not exist.
 
     Returns:
         The number of messages recovered.
 
     Raises:
-        BagError: when it is no recording at all.
+        BagError: when the file is not a recording.
         FileExistsError: when the folder exists.
     """
     from .bag_writer import BagWriter
 
     bag = Bag({})
     records = read(path, bag)
-    record = next(records, None)  # attachments stand before the first message
+    first = list(itertools.islice(records, 1))  # attachments precede the first message
     writer = BagWriter(folder, {**bag.attachments, "recovered": {"from": path.name}})
     channels: dict[int, int] = {}
     count = 0
-    while record is not None:
+    for record in itertools.chain(first, records):
         if record.channel.id not in channels:
-            channels[record.channel.id] = writer.add_channel(
-                record.topic, record.type, record.schema.data, record.channel.metadata
-            )
+            added = writer.add_channel(record.topic, record.type, record.schema.data, record.channel.metadata)
+            channels[record.channel.id] = added
         writer.write(channels[record.channel.id], record.log_ns, record.publish_ns, record.data)
         count += 1
-        record = next(records, None)
     writer.close()
     return count

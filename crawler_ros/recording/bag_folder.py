@@ -1,4 +1,4 @@
-"""Where a recording goes: a new folder in a parent folder, or one line that says why not."""
+"""The folder of a recording: a new folder in a parent folder, or a one-line error with the reason."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 
 
 def check_parent(parent: Path) -> None:
-    """Check that bag folders can be made in a folder; it is made where it does not exist, with its parents.
+    """Check that bag folders can be created in a folder, and create that folder with its parents if it does not exist.
 
     Args:
-        parent: folder in which a bag folder is to be made.
+        parent: folder in which a bag folder is to be created.
 
     Raises:
         OSError: naming the folder and the reason.
@@ -21,18 +21,18 @@ def check_parent(parent: Path) -> None:
         parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         blocked = next((p for p in (parent, *parent.parents) if p.exists() and not p.is_dir()), None)
-        reason = error.strerror if blocked is None else f"{blocked} is no folder"
-        raise OSError(f"record: {parent}: the folder cannot be made: {reason}") from None
+        reason = error.strerror if blocked is None else f"{blocked} is not a folder"
+        raise OSError(f"record: {parent}: the folder cannot be created: {reason}") from None
     if not os.access(parent, os.W_OK | os.X_OK):
         raise PermissionError(f"record: {parent}: the folder is not writable")
 
 
 def make_folder(parent: Path, name: str) -> Path:
-    """Make a new folder: whatever is there already, a dangling link too, keeps its name to itself.
+    """Create a new folder with a name that nothing in the parent has, not even a dangling link.
 
     Args:
-        parent: folder in which it is made.
-        name: how its name begins; the time follows.
+        parent: folder in which it is created.
+        name: beginning of its name; the time follows.
 
     Returns:
         The folder.
@@ -50,5 +50,5 @@ def make_folder(parent: Path, name: str) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise OSError(f"record: {parent}: no folder can be made in it: {error.strerror}") from None
+            raise OSError(f"record: {parent}: no folder can be created in it: {error.strerror}") from None
     return folder

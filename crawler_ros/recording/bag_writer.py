@@ -1,4 +1,4 @@
-"""Bag folders as `ros2 bag record -s mcap` writes them: an .mcap file and metadata.yaml. Pure: no ROS is loaded."""
+"""Bag folders as `ros2 bag record -s mcap` writes them: an .mcap file and metadata.yaml. ROS is not loaded."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import IO, Any
 
 import yaml
 
-from ..wire.interface import Topic, message_definition, offered_qos, type_hash
+from ..wire.definitions import message_definition, type_hash
+from ..wire.topics import Topic, offered_qos
 from .mcap_file import McapFile, message_head
 
 CHUNK_SIZE = 768 * 1024
@@ -18,10 +19,10 @@ DISTRO = "jazzy"
 
 
 def describe_channel(topic: Topic) -> tuple[str, bytes, dict[str, str]]:
-    """Collect what the file says of a topic beside its name.
+    """Collect the type, definition and metadata that the file holds for a topic.
 
     Args:
-        topic: its row in the table of topics, with the QoS that is offered.
+        topic: its row in the table of topics, with the offered QoS.
 
     Returns:
         The type, its definition with those of all types that it contains, and the channel's metadata.
@@ -35,23 +36,23 @@ def describe_channel(topic: Topic) -> tuple[str, bytes, dict[str, str]]:
 
 
 class BagWriter:
-    """One bag folder: an .mcap file and its metadata.yaml. Not for several threads."""
+    """One bag folder: an .mcap file and its metadata.yaml. Not thread-safe."""
 
     def __init__(self, folder: Path, attachments: dict[str, Any]) -> None:
         """Open the recording in a new folder, or in an empty one.
 
         Args:
-            folder: made where it does not exist, with its parents.
-            attachments: name to plain data, stored as JSON before the first message.
+            folder: the folder; it is created with its parents if it does not exist.
+            attachments: plain data by name, stored as JSON before the first message.
 
         Raises:
-            FileExistsError: when something is in the folder: a recording never overwrites another.
+            FileExistsError: when the folder is not empty: a recording never overwrites another.
         """
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise FileExistsError(f"{folder}: the folder is not empty")
         self.folder = folder
-        self._place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # the folder itself, wherever it is moved
+        self._place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # the folder itself, even if it is moved
         self.path = folder / f"{folder.name}_0.mcap"
         self._file: IO[bytes] = self.path.open("xb")
         self._writer = McapFile(self._file, "ros2", "crawler", CHUNK_SIZE)
@@ -69,7 +70,7 @@ class BagWriter:
 
         Args:
             topic: its row in the table of topics.
-            name: what it is called in the graph, namespace and all.
+            name: its full name in the ROS graph.
 
         Returns:
             The channel to write its messages to.
@@ -80,9 +81,9 @@ class BagWriter:
         """Register a channel.
 
         Args:
-            name: the topic's name in the graph.
+            name: full name of the topic in the ROS graph.
             type_name: its type.
-            definition: the type's definition and those of all that it contains.
+            definition: definition of the type and of all types that it contains.
             metadata: offered_qos_profiles and topic_type_hash.
 
         Returns:
@@ -111,25 +112,25 @@ class BagWriter:
         """Append messages that are MCAP records already.
 
         Args:
-            data: message records, the last of which may be torn.
+            data: message records, the last of which may be incomplete.
 
         Returns:
-            The bytes of the whole ones, which are taken.
+            The number of bytes of the complete records, which are written.
         """
         return self._writer.add_messages(data)
 
     def flush(self) -> None:
-        """Hand everything to the operating system: a killed process loses nothing of it."""
+        """Pass everything to the operating system, so that a killed process loses none of it."""
         self._writer.flush()
 
     def find_trouble(self) -> str:
-        """Look whether the recording is still where it was begun, and can be finished there.
+        """Check that the recording is still in its original place and can be finished there.
 
         Returns:
-            What is wrong while everything can still be written; "" when nothing is.
+            A description of what is wrong while messages can still be written; "" when nothing is.
 
         Raises:
-            FileNotFoundError: when the file was deleted: nobody can ever read what is written to it.
+            FileNotFoundError: when the file was deleted, so that nothing written to it can be read.
         """
         held = os.fstat(self._file.fileno())
         if held.st_nlink == 0:
@@ -139,11 +140,11 @@ class BagWriter:
         except OSError:
             there = False
         if not there:
-            return (
-                f"{self.path} was moved away or cannot be reached; the recording continues in the file that was moved"
-            )
+            return f"{self.path} was moved or cannot be reached; the recording continues in the moved file"
         if not os.access(self.folder, os.W_OK | os.X_OK):
-            return f"{self.folder} is not writable any more; messages are still recorded, metadata.yaml cannot be"
+            return (
+                f"{self.folder} is no longer writable; messages are still recorded, but metadata.yaml cannot be written"
+            )
         return ""
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""CDR bytes to arrays, many messages at once.
+"""Decoding of CDR bytes to arrays, many messages at once.
 
-Messages of one topic whose names never change and whose sizes are equal have their numbers in equal places: the places
-are found in the first of them, and the others are read by numpy. A message that does not look like it is read alone.
+Messages of one topic with constant names and equal sizes have their numbers at equal positions: the positions are found
+in the first message, and numpy reads the others. A message with another layout is read separately.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MOST_LAYOUTS = 64
 
 @dataclass(eq=False)
 class _Walk:
-    """A walk through one message that notes where its numbers are and which bytes give it its form."""
+    """A pass through one message that collects the positions of its numbers and of the bytes that fix its layout."""
 
     data: bytes
     place: int = _HEAD
@@ -67,14 +67,14 @@ class _Walk:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the numbers of messages of one size stand.
+    """The positions of the numbers in messages of one size.
 
     Attributes:
         names: joint names.
-        stamps: where the stamp begins, then where each point's time_from_start does.
-        numbers: where each sequence of numbers begins, and its length.
-        fixed: the bytes that are equal in all such messages, as places.
-        model: what they are.
+        stamps: position of the stamp, then of each point's time_from_start.
+        numbers: position of each sequence of numbers, and its length.
+        fixed: positions of the bytes that are equal in all such messages.
+        model: the values of these bytes.
     """
 
     names: tuple[str, ...]
@@ -85,17 +85,17 @@ class Layout:
 
 
 def find_layout(kind: str, data: bytes) -> Layout:
-    """Find where the numbers of a message stand.
+    """Find the positions of the numbers in a message.
 
     Args:
         kind: JOINT_STATE, TRAJECTORY or POSE.
         data: its CDR bytes, little-endian.
 
     Returns:
-        The layout. Of a trajectory's points the positions alone are numbers.
+        The layout; for the points of a trajectory it covers only the positions.
 
     Raises:
-        ValueError: when it is no such message.
+        ValueError: when the bytes are not such a message.
     """
     walk = _Walk(data)
     names: tuple[str, ...] = ()
@@ -139,16 +139,16 @@ class Decoder:
     """Reads the messages of one topic."""
 
     def __init__(self, topic: str, kind: str) -> None:
-        """Know nothing yet; the first message tells.
+        """Start without a layout; the first message determines it.
 
         Args:
-            topic: its name, for messages to people.
+            topic: its name, for errors.
             kind: JOINT_STATE, TRAJECTORY or POSE.
         """
         self.topic = topic
         self.names: tuple[str, ...] | None = None
-        self.alone = 0
-        """Messages that had to be read one by one."""
+        self.single = 0
+        """Number of messages that had to be read one by one."""
         self._kind = kind
         self._layouts: dict[int, Layout] = {}
 
@@ -157,13 +157,13 @@ class Decoder:
 
         Args:
             block: the block.
-            which: places of the messages in it, shape (K,).
+            which: indices of the messages in it, shape (K,).
 
         Returns:
-            Groups of messages of one size: their places in `which`, times (K, 1 + points) [ns], and their sequences.
+            Groups of messages of one size: their indices in `which`, times (K, 1 + points) [ns], and their sequences.
 
         Raises:
-            BagError: when bytes are no message of this type, or speak of other joints than those before.
+            BagError: when bytes are not a message of this type, or the joints differ from those of earlier messages.
         """
         groups = []
         sizes = block.size[which]
@@ -185,17 +185,17 @@ class Decoder:
             if same.any():
                 groups.append((at[same], *_read(layout, table[same])))
             for row in np.flatnonzero(~same):
-                self.alone += 1
+                self.single += 1
                 own, plain = self._find(table[row].tobytes())
                 groups.append((at[row : row + 1], *_read(own, np.frombuffer(plain, np.uint8)[None])))
         return groups
 
     def _find(self, data: bytes) -> tuple[Layout, bytes]:
-        """Find the layout of a message; what is encoded in another way is put into ours first."""
+        """Find the layout of a message; re-encode it first if its encoding differs from ours."""
         try:
             layout = find_layout(self._kind, data)
         except ValueError:
-            data = self._encode_plainly(data)
+            data = self._reencode(data)
             layout = find_layout(self._kind, data)
         if self.names is None:
             self.names = layout.names
@@ -206,11 +206,11 @@ class Decoder:
             )
         return layout, data
 
-    def _encode_plainly(self, data: bytes) -> bytes:
+    def _reencode(self, data: bytes) -> bytes:
         from rosbags.typesys import Stores, get_typestore
 
         store = get_typestore(Stores.ROS2_JAZZY)
         try:
             return bytes(store.serialize_cdr(store.deserialize_cdr(data, self._kind), self._kind, little_endian=True))
         except Exception as error:
-            raise BagError(f"{self.topic}: a message of {len(data)} bytes is no {self._kind} ({error})") from None
+            raise BagError(f"{self.topic}: a message of {len(data)} bytes is not a {self._kind} ({error})") from None

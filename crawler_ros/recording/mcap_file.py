@@ -1,7 +1,8 @@
-"""An MCAP file written from whole message records, many at once.
+"""Writing of an MCAP file from complete message records, many at once.
 
-The bytes are those that `mcap.writer.Writer` writes, and its record classes write all but the messages: they arrive
-here as records already, so that a chunk is a copy and a look at each record's head instead of a dozen calls a message.
+The bytes are those that `mcap.writer.Writer` writes, and the record classes of mcap write all but the messages. These
+arrive as records already, so that building a chunk means copying them and reading the head of each, instead of a dozen
+calls per message.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from mcap.records import (
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _SIZED = 9
-"""Bytes of a record that its size does not count: the opcode and the size."""
+"""Bytes of a record not counted in its size: the opcode and the size."""
 _HEAD_REST = _MESSAGE_HEAD.size - _SIZED
 _INDEX_HEAD = struct.Struct("<BQHI")
 _MAGIC = b"\x89MCAP0\r\n"
@@ -57,21 +58,21 @@ def message_head(channel: int, sequence: int, log_ns: int, publish_ns: int, size
 
 
 class McapFile:
-    """Writes one file: zstd chunks with message indices, and a summary. Not for several threads."""
+    """Writes one file: zstd chunks with message indices, and a summary. Not thread-safe."""
 
     def __init__(self, stream: IO[bytes], profile: str, library: str, chunk_size: int) -> None:
         """Write the head of the file.
 
         Args:
-            stream: where to; it is not closed here.
-            profile: of the header.
-            library: of the header.
-            chunk_size: a chunk ends with the message that takes it beyond so many bytes.
+            stream: stream to write to; it is not closed here.
+            profile: profile in the header.
+            library: library in the header.
+            chunk_size: a chunk ends with the message that takes it beyond this size [bytes].
         """
         self._stream = stream
         self._chunk_size = chunk_size
         self._chunk = bytearray()
-        # of names that repeat and numbers that do not, level 1 leaves as much as the default in two thirds of the time
+        # on repeating names and changing numbers, level 1 compresses as well as the default in two thirds of the time
         self._compress = zstandard.ZstdCompressor(level=1).compress
         self._indices: dict[int, array[int]] = {}  # log time and offset in the chunk of each message, by channel
         self._schemas: list[Schema] = []
@@ -99,7 +100,7 @@ class McapFile:
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
-        """Register a channel; return its number: 1, 2, ... in the order in which they come."""
+        """Register a channel; return its number: 1, 2, ... in the order of registration."""
         number = len(self._channels) + 1
         channel = Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=metadata)
         self._channels.append(channel)
@@ -122,13 +123,13 @@ class McapFile:
         """Append message records of registered channels.
 
         Args:
-            data: records; the last may be torn.
+            data: records; the last may be incomplete.
 
         Returns:
-            The bytes of the whole ones, which are taken.
+            The number of bytes of the complete records, which are written.
         """
         view, unpack, indices, total = memoryview(data), _MESSAGE_HEAD.unpack_from, self._indices, len(data)
-        begin = place = 0  # of what the chunk does not have yet; of the record
+        begin = place = 0  # start of the data not yet in the chunk; start of the record
         shift = len(self._chunk)
         while total - place >= _MESSAGE_HEAD.size:
             _, size, channel, _, log_ns, _ = unpack(view, place)
@@ -162,7 +163,7 @@ class McapFile:
                 uncompressed_size=len(self._chunk),
             )
         )
-        behind = place + length
+        after = place + length
         offsets = {}
         for channel, index in self._indices.items():
             offsets[channel] = self._stream.tell()
@@ -177,7 +178,7 @@ class McapFile:
                 chunk_start_offset=place,
                 chunk_length=length,
                 message_index_offsets=offsets,
-                message_index_length=self._stream.tell() - behind,
+                message_index_length=self._stream.tell() - after,
                 compression="zstd",
                 compressed_size=len(data),
                 uncompressed_size=len(self._chunk),
@@ -189,7 +190,7 @@ class McapFile:
         self._indices.clear()
 
     def flush(self) -> None:
-        """End the chunk and hand everything to the operating system: a killed process loses nothing of it."""
+        """End the chunk and pass everything to the operating system, so that a killed process loses none of it."""
         self._finish_chunk()
         self._stream.flush()
 

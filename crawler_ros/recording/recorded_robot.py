@@ -1,7 +1,7 @@
-"""Which recorded topic is which of a crawler's: as its recording notes it, else by the namespace that names begin with.
+"""The topics of a crawler in a recording: as the recording lists them, else by the namespace in their names.
 
 A topic may have been remapped, alone or with its namespace, so its name in a recording need not end with its name in
-the table of topics. The simulator notes both in the attachment `topics`; other recorders do not.
+the table of topics. The simulator records both in the attachment `topics`; other recorders do not.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from ..wire import interface
+from ..wire.topics import read_topics
 
 
 @dataclass(frozen=True)
@@ -19,18 +19,18 @@ class Robot:
     """A crawler in a recording.
 
     Attributes:
-        namespace: of its node, as "/" or "/left".
-        topics: name in the table of topics to name in the recording.
+        namespace: namespace of its node, as "/" or "/left".
+        topics: names in the recording by names in the table of topics.
     """
 
     namespace: str
     topics: Mapping[str, str]
 
     def recorded(self, name: str) -> str:
-        """Tell what a topic is called in the recording.
+        """Return the recorded name of a topic.
 
         Args:
-            name: in the table of topics.
+            name: its name in the table of topics.
 
         Returns:
             Its recorded name; "" when this crawler had no such topic.
@@ -38,13 +38,13 @@ class Robot:
         return self.topics.get(name, "")
 
     def meant(self, topic: str) -> str:
-        """Tell which topic a recorded one is.
+        """Return the name in the table of topics of a recorded topic.
 
         Args:
             topic: the recorded name.
 
         Returns:
-            Its name in the table of topics; the recorded name when it is none of this crawler's.
+            Its name in the table of topics; the recorded name when it does not belong to this crawler.
         """
         return self._meanings.get(topic, topic)
 
@@ -54,13 +54,13 @@ class Robot:
 
 
 def noted_robot(attachments: Mapping[str, Any]) -> Robot | None:
-    """Take the crawler whose topics a recording notes.
+    """Read the crawler whose topics a recording lists.
 
     Args:
-        attachments: of the recording.
+        attachments: attachments of the recording.
 
     Returns:
-        The crawler; None when nothing is noted.
+        The crawler; None when the recording lists none.
     """
     names, node = attachments.get("topics"), attachments.get("node")
     if not isinstance(names, dict) or not all(isinstance(name, str) for name in names.values()):
@@ -69,13 +69,13 @@ def noted_robot(attachments: Mapping[str, Any]) -> Robot | None:
 
 
 def robot_in(namespace: str) -> Robot:
-    """Make the crawler whose topics are not remapped.
+    """Build the crawler of a namespace whose topics are not remapped.
 
     Args:
-        namespace: of its node, as "/" or "/left".
+        namespace: namespace of its node, as "/" or "/left".
 
     Returns:
         The crawler.
     """
     prefix = f"{namespace.rstrip('/')}/"
-    return Robot(namespace, {name: name if name.startswith("/") else prefix + name for name in interface.topics()})
+    return Robot(namespace, {name: name if name.startswith("/") else prefix + name for name in read_topics()})

@@ -18,7 +18,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from ..wire.interface import Topic
+from ..wire.topics import Topic
 from .bag_folder import make_folder
 from .bag_writer import BagWriter, describe_channel
 from .mcap_file import message_head
@@ -29,7 +29,7 @@ _PIPE_BYTES = 1 << 20
 _PUSH_EVERY_NS = 2_000_000
 _LISTEN_EVERY_NS = 200_000_000
 _MOST_WAITING = 1 << 26
-"""Bytes. What waits is lost when the simulator is killed: no more than can be written in a second."""
+"""Bytes. Waiting data is lost when the simulator is killed: no more than can be written in a second."""
 
 
 class Recorder:
@@ -39,39 +39,39 @@ class Recorder:
     """
 
     def __init__(self, parent: Path, name: str, attachments: dict[str, Any]) -> None:
-        """Note what is to be recorded; nothing is made before `start`.
+        """Store what is to be recorded; nothing is created before `start`.
 
         Args:
-            parent: folder in which the bag folder is made.
-            name: how the folder's name begins.
-            attachments: name to plain data: scene, parameters, versions, start state.
+            parent: folder in which the bag folder is created.
+            name: beginning of the folder's name.
+            attachments: plain data by name: scene, parameters, versions, start state.
         """
         self.folder = parent
-        """The bag folder, once it is made by `start`."""
+        """The bag folder, once `start` has created it."""
         self._name = name
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.error: str | None = None
-        """Why nothing is recorded any more."""
+        """Why recording has stopped."""
         self.trouble = ""
-        """What is wrong while the recording goes on."""
+        """A problem during which the recording continues."""
         self.waiting = 0
-        """Bytes taken up by `push` and not yet handed over."""
+        """Bytes collected by `push` and not yet written to the pipe."""
         self._attachments = attachments
         self._names: dict[str, str] = {}
         self._channels: list[tuple[str, str, str, dict[str, str]]] = []
         self._sequences: list[int] = []
         self._process: subprocess.Popen[bytes] | None = None
-        self._arrived: list[bytes] = []  # appended to by any thread, emptied by one
+        self._arrived: list[bytes] = []  # any thread appends, one empties it
         self._blocks: deque[memoryview] = deque()
         self._next_push_ns = self._next_listen_ns = 0
-        self._said = b""
+        self._output = b""
 
     def add_topic(self, topic: Topic, name: str) -> int:
-        """Register a topic; all of them before `start`.
+        """Register a topic; call it before `start`.
 
         Args:
-            topic: its row in the table of topics, with the QoS that is offered.
-            name: what it is called in the graph, namespace and all.
+            topic: its row in the table of topics, with the offered QoS.
+            name: its full name in the ROS graph.
 
         Returns:
             The channel to record its messages on.
@@ -86,10 +86,10 @@ class Recorder:
         return len(self._channels) - 1
 
     def start(self) -> None:
-        """Make a new bag folder, named after the crawler and the time, and start the recording process.
+        """Create a bag folder, named after the crawler and the time, and start the recording process.
 
         Raises:
-            OSError: when the folder cannot be made.
+            OSError: when the folder cannot be created.
         """
         self.folder = make_folder(self.folder, self._name)
         self._process = subprocess.Popen(
@@ -98,26 +98,26 @@ class Recorder:
             stdout=subprocess.PIPE,
             start_new_session=True,
         )
-        attachments = self._attachments | {"topics": self._names}  # remapped or not: replay looks for them by these
+        attachments = self._attachments | {"topics": self._names}  # replay finds them by these names, remapped or not
         header = {"folder": str(self.folder), "attachments": attachments, "channels": self._channels}
         data = json.dumps(header).encode()
         self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
-        self._take(struct.pack("<I", len(data)) + data)
-        with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
+        self._append(struct.pack("<I", len(data)) + data)
+        with contextlib.suppress(OSError):  # a larger pipe is not essential
             fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._fd, False)
         os.set_blocking(self._process.stdout.fileno(), False)  # type: ignore[union-attr]
 
     def now_ns(self) -> int:
-        """Tell the time for the messages of a recording [ns, wall].
+        """Return the time for the messages of a recording [ns, wall].
 
-        It is the wall clock's when the recording began, and goes on steadily: readers play messages in the order of
-        their times, and a wall clock that is set meanwhile would bring them out of order.
+        It starts from the wall clock's time at the start of the recording and advances with a steady clock: readers
+        play messages in the order of their times, and setting the wall clock meanwhile would change that order.
         """
         return self._ahead_ns + time.monotonic_ns()
 
     def record(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
-        """Take a message; from any thread, each channel from one at a time. `push` hands it on.
+        """Accept a message, from any thread but for each channel from one at a time. `push` passes it on.
 
         Args:
             channel: from `add_topic`.
@@ -129,63 +129,63 @@ class Recorder:
             return
         sequence = self._sequences[channel]
         self._sequences[channel] = sequence + 1
-        # one call, so that another thread's message comes before or behind and never between; channels count from 1
+        # one call, so that another thread's message comes before or after but never between; channels count from 1
         self._arrived.extend((message_head(channel + 1, sequence, log_ns, publish_ns, len(data)), data))
 
     @property
     def messages(self) -> int:
-        """Messages taken."""
+        """Number of messages accepted."""
         return sum(self._sequences)
 
     def push(self, now_ns: int) -> None:
-        """Hand over what has arrived, now and then; waits only while very much waits already; from one thread.
+        """Write accepted messages to the pipe from time to time; block only if very many wait; call from one thread.
 
         Args:
-            now_ns: a steady clock's time [ns].
+            now_ns: time of a steady clock [ns].
         """
-        if now_ns < self._next_push_ns:  # a tick's few messages are not worth a call of the system
+        if now_ns < self._next_push_ns:  # a tick's few messages are not worth a system call
             return
         self._next_push_ns = now_ns + _PUSH_EVERY_NS
         if self.error is None:
-            self._hand_over(_MOST_WAITING)
+            self._write_pipe(_MOST_WAITING)
         if self.error is None and now_ns >= self._next_listen_ns:
             self._next_listen_ns = now_ns + _LISTEN_EVERY_NS
-            self._listen()
+            self._read_reports()
 
     @property
     def problem(self) -> str:
-        """What is wrong with the recording, whether it has ended or goes on; "" when nothing is."""
+        """What is wrong with the recording, whether it has stopped or continues; "" when nothing is."""
         return self.error or self.trouble
 
-    def _listen(self) -> None:
-        """Take what the process says: a line is what is wrong now, an empty one that all is well again."""
-        said = self._process.stdout.read()  # type: ignore[union-attr]
-        if said == b"":  # it has ended, though nobody asked it to
-            self.error = self._last_words() or "recording stopped: the process has ended"
-        elif said is not None:
-            self._said += said
-            lines = self._said.split(b"\n")
+    def _read_reports(self) -> None:
+        """Read the lines of the process: each names a problem, and an empty one means that it is over."""
+        output = self._process.stdout.read()  # type: ignore[union-attr]
+        if output == b"":  # it has ended unexpectedly
+            self.error = self._wait_for_error() or "recording stopped: the process has ended"
+        elif output is not None:
+            self._output += output
+            lines = self._output.split(b"\n")
             if len(lines) > 1:
                 self.trouble = f"recording in trouble: {lines[-2].decode()}" if lines[-2] else ""
-            self._said = lines[-1]
+            self._output = lines[-1]
 
-    def _take(self, block: bytes) -> None:
+    def _append(self, block: bytes) -> None:
         self._blocks.append(memoryview(block))
         self.waiting += len(block)
 
-    def _hand_over(self, most: int) -> None:
-        """Write what the pipe takes, and wait until no more than `most` bytes are left."""
+    def _write_pipe(self, most: int) -> None:
+        """Write as much as the pipe accepts, and wait until no more than `most` bytes are left."""
         arrived = self._arrived
         if arrived:
             count = len(arrived)
-            self._take(b"".join(arrived[:count]))
-            del arrived[:count]  # what came meanwhile stands behind
-        blocks, patient = self._blocks, False
+            self._append(b"".join(arrived[:count]))
+            del arrived[:count]  # messages that arrived meanwhile stay
+        blocks, blocking = self._blocks, False
         try:
             while blocks:
-                if patient != (self.waiting > most):
-                    patient = not patient
-                    os.set_blocking(self._fd, patient)
+                if blocking != (self.waiting > most):
+                    blocking = not blocking
+                    os.set_blocking(self._fd, blocking)
                 block = blocks.popleft()
                 try:
                     written = os.write(self._fd, block[:_PIPE_BYTES])
@@ -196,34 +196,34 @@ class Recorder:
                 if written < len(block):
                     blocks.appendleft(block[written:])
         except BrokenPipeError:
-            self.error = self._last_words()
+            self.error = self._wait_for_error()
             blocks.clear()
             self.waiting = 0
         finally:
-            if patient:
+            if blocking:
                 os.set_blocking(self._fd, False)
 
     def close(self) -> None:
-        """Hand over the rest and let the process write the end of the file and metadata.yaml."""
+        """Write the rest to the pipe and let the process write the end of the file and metadata.yaml."""
         assert self._process is not None
         assert self._process.stdin is not None
         if self.error is None:
-            self._hand_over(0)
+            self._write_pipe(0)
         with contextlib.suppress(BrokenPipeError):
             self._process.stdin.close()
-        self.error = self.error or self._last_words()
+        self.error = self.error or self._wait_for_error()
 
-    def _last_words(self) -> str | None:
-        """Wait for the process and say what went wrong, if anything did."""
+    def _wait_for_error(self) -> str | None:
+        """Wait for the process to end; return its error, None when there was none."""
         assert self._process is not None
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), True)
-        said = (self._said + self._process.stdout.read()).decode().strip()
+        output = (self._output + self._process.stdout.read()).decode().strip()
         self._process.wait()
         if self._process.returncode == 0:
             return None
-        last = said.rpartition("\n")[2] or self.trouble.removeprefix("recording in trouble: ")
-        return f"recording stopped: {last or f'the process ended with {self._process.returncode}'}"
+        last = output.rpartition("\n")[2] or self.trouble.removeprefix("recording in trouble: ")
+        return f"recording stopped: {last or f'the process ended with status {self._process.returncode}'}"
 
 
 def main() -> int:
@@ -244,22 +244,22 @@ def main() -> int:
         _record(fd, data, bag)
         trouble = bag.find_trouble()
         bag.close()
-    except OSError as error:  # a full disk: what was flushed can be recovered
-        _say(str(error))
+    except OSError as error:  # such as a full disk: flushed messages can be recovered
+        _report(str(error))
         return 1
     if trouble:
-        _say(trouble)
+        _report(trouble)
     return 1 if trouble else 0
 
 
-def _say(text: str) -> None:
-    """Tell the simulator in a line what is wrong, "" when nothing is any more; it may have been killed."""
+def _report(text: str) -> None:
+    """Send the simulator, which may have been killed, a line with the problem; "" when it is over."""
     with contextlib.suppress(OSError):
         os.write(sys.stdout.fileno(), f"{' '.join(text.split())}\n".encode())
 
 
 def _record(fd: int, data: bytes, bag: BagWriter) -> None:
-    """Write the message records that come behind `data`, flushing twice a second."""
+    """Write `data` and the message records that follow it, flushing twice a second."""
     buffer = bytearray(2 * _PIPE_BYTES)
     filled = len(data)
     buffer[:filled] = data
@@ -269,13 +269,13 @@ def _record(fd: int, data: bytes, bag: BagWriter) -> None:
             taken = bag.write_records(view[:filled])
             view[: filled - taken] = view[taken:filled]
             filled -= taken
-        if filled > len(buffer) - _PIPE_BYTES:  # a message larger than any before
+        if filled > len(buffer) - _PIPE_BYTES:  # for a message larger than any before
             buffer += bytes(len(buffer))
         if time.monotonic() - flushed >= FLUSH_EVERY_S:
             bag.flush()
             flushed, before, trouble = time.monotonic(), trouble, bag.find_trouble()
             if trouble != before:
-                _say(trouble)
+                _report(trouble)
         ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
         if ready:
             with memoryview(buffer) as view:

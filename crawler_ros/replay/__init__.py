@@ -1,8 +1,8 @@
-"""From a recording to knowledge.
+"""Analysis of recordings.
 
-`analyse` is the door. Bytes become arrays in `layouts` and `health`; states come from the model (`resimulate`,
-`midrun`) or, where no scene is known, from what was recorded (`observe`); every ramp goes through `ramps` to `cycles`,
-`slips`, `cycle_table` and `margins`; `report`, `tables`, `page` and `compare` show what was found.
+`analyse` is the entry point. `recording.layouts` and `health` decode bytes to arrays; states come from the model
+(`resimulate`, `midrun`) or, where no scene is known, from the recorded states (`observe`); `ramps` passes every ramp to
+`cycles`, `slips`, `cycle_table` and `margins`; `show` prints, tabulates, draws and compares the results.
 """
 
 from .analysis import Replay, analyse, simulate_again

@@ -1,4 +1,4 @@
-"""From a recording to knowledge: health, cycles, slips, energy, margins, and the recorded commands simulated again."""
+"""Analysis of a recording: health, cycles, slips, energy, margins, and a new simulation of the recorded commands."""
 
 from __future__ import annotations
 
@@ -28,34 +28,35 @@ from .slips import Slips, SlipSink
 from .standstill import Standstill, find_standstill
 
 _SURVEYED = 0.2
-"""The part of the work that the first look is."""
+"""Fraction of the work that the survey takes."""
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a recording tells.
+    """The results of analysing a recording.
 
     Attributes:
         path: the recording.
-        survey: all stamps of it.
+        survey: all of its stamps.
         robot: the crawler, with the names of its topics.
-        scene: what ran; None when nobody knows.
-        method: how it was integrated; None when nobody knows.
+        scene: the scene that ran; None when it is not known.
+        method: the method of integration; None when it is not known.
         topics: health of each topic.
-        problems: what is not as it should be, a line each.
-        comparison: with the simulation; None where there was none.
-        explanation: why it is identical, or is not, or was not made.
-        fitted_ns: where the simulation started, when it had to be read from the states [ns]; None at the scene's start.
-        table: a row a ramp.
+        problems: one line for each problem.
+        comparison: comparison with the new simulation; None when there is none.
+        explanation: why the states are identical, differ, or were not compared.
+        fitted_ns: simulated time at which the new simulation started, if its start was read from the states [ns]; None
+            if it started at the scene's start.
+        table: one row per ramp.
         contacts: names of the shown contacts.
-        stations: names of what slips are told of: isolated contacts, then both ends of each segment.
-        cycles: in order.
+        stations: names of the stations of the slips: isolated contacts, then both ends of each segment.
+        cycles: the cycles in order.
         cycle_source: "drive", "recurrence" or "none".
-        slips: of the stations.
-        energy: of the whole run; None when the scene is not known.
-        margins: likewise.
-        standstill: the rest in which it ended; None when it moved to the end.
+        slips: slips of the stations.
+        energy: energy account of the whole run; None when the scene is not known.
+        margins: margins of the whole run; None when the scene is not known.
+        standstill: the rest at the end of the run; None when the crawler moved to the end.
     """
 
     path: Path
@@ -80,21 +81,21 @@ class Replay:
 
     @property
     def healthy(self) -> bool:
-        """Whether all is as it should be."""
+        """Whether there are no problems."""
         return not self.problems
 
     @property
     def seconds(self) -> float:
-        """How much time was simulated, all runs together [s]."""
+        """Simulated time of all runs together [s]."""
         return float((self.table.end_ns - self.table.start_ns).sum()) / NS
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out as `crawler replay --json` prints it.
+        """Convert to the values that `crawler replay --json` prints.
 
         Returns:
             Plain numbers, lists and text, schema 1; lengths in m, times in s, energies in J, forces in N.
         """
-        said = self.comparison
+        compared = self.comparison
         return {
             "schema": 1,
             "recording": str(self.path),
@@ -113,12 +114,12 @@ class Replay:
             "margins": None if self.margins is None else self.margins.as_plain(),
             "standstill": None if self.standstill is None else self.standstill.as_plain(),
             "resimulation": {
-                "ticks": 0 if said is None else said.ticks,
-                "max_difference": None if said is None else said.max_difference,
-                "identical": said is not None and said.identical,
-                "first_difference": None if said is None else said.first_difference,
-                "resets": 0 if said is None else said.resets,
-                "from": None if said is None else (self.fitted_ns or 0) / NS,
+                "ticks": 0 if compared is None else compared.ticks,
+                "max_difference": None if compared is None else compared.max_difference,
+                "identical": compared is not None and compared.identical,
+                "first_difference": None if compared is None else compared.first_difference,
+                "resets": 0 if compared is None else compared.resets,
+                "from": None if compared is None else (self.fitted_ns or 0) / NS,
                 "explanation": self.explanation,
             },
         }
@@ -130,13 +131,13 @@ class Replay:
         return [
             {
                 "contact": self.stations[contact],
-                "direction": way if planar else int(way),
+                "direction": direction if planar else int(direction),
                 "start": start / NS,
                 "length": (end - start) / NS,
                 "distance": distance,
                 "run": run,
             }
-            for contact, way, run, start, end, distance in zip(*(c.tolist() for c in columns), strict=True)
+            for contact, direction, run, start, end, distance in zip(*(c.tolist() for c in columns), strict=True)
         ]
 
 
@@ -147,45 +148,45 @@ def analyse(
     sinks: Sequence[Sink] | Callable[[Survey, Scene | None], Sequence[Sink]] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Replay:
-    """Read a recording and find out what happened.
+    """Read and analyse a recording.
 
     Args:
         path: a bag folder or an .mcap file.
-        scene: what ran, for a recording that does not hold it.
-        namespace: which crawler, where several were recorded.
-        sinks: take what every ramp did; or what makes them once the recording has been looked through.
-        progress: called with the part done, in [0, 1].
+        scene: the scene that ran, for a recording that does not hold it.
+        namespace: namespace of the crawler, where several were recorded.
+        sinks: callables that receive every ramp, or a function that builds them after the survey.
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        What was found.
+        The results.
 
     Raises:
-        BagError: when it is no recording of a crawler.
+        BagError: when the file is not a recording of a crawler.
     """
-    tell, path = progress or (lambda part: None), Path(path)
-    survey = survey_recording(path, lambda part: tell(_SURVEYED * part))
+    report, path = progress or (lambda part: None), Path(path)
+    survey = survey_recording(path, lambda part: report(_SURVEYED * part))
     robot = choose_robot(survey, namespace)
     rate = find_rate(survey, robot)
     recorded = recorded_scene(survey.path, survey.attachments)
-    given, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
+    other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and _is_planar(survey, robot))
     finder = SlipSink()
-    takers: list[Sink] = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
+    receivers: list[Sink] = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
     def rest(part: float) -> None:
-        tell(_SURVEYED + (1.0 - _SURVEYED) * part)
+        report(_SURVEYED + (1.0 - _SURVEYED) * part)
 
-    said, why, fitted, method = _follow(survey, robot, scene, rate, [table, *takers], rest)
-    if said is None:
-        shown, stations = observe(survey, robot, table, takers, rest)
+    compared, why, fitted, method = _follow(survey, robot, scene, rate, [table, *receivers], rest)
+    if compared is None:
+        shown, stations = observe(survey, robot, table, receivers, rest)
         if planar:
             shown = shown[::2]
     else:
         assert scene is not None
         table.finish()
         shown, stations = tuple(contact_names(scene.body)[:: scene.dimension]), tuple(station_names(scene.body))
-    known = said is not None
+    known = compared is not None
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
     return Replay(
@@ -195,8 +196,8 @@ def analyse(
         scene=scene,
         method=method,
         topics=topics,
-        problems=tuple(_problems(survey, robot, topics, said, why, fitted, scene, given)),
-        comparison=said,
+        problems=tuple(_problems(survey, robot, topics, compared, why, fitted, scene, other_scene)),
+        comparison=compared,
         explanation=why,
         fitted_ns=fitted,
         table=table,
@@ -212,7 +213,7 @@ def analyse(
 
 
 def simulate_again(path: Path) -> Comparison:
-    """Follow a recording's ledger from its start and compare every recorded state.
+    """Simulate a recording's ledger from its start and compare every recorded state.
 
     Args:
         path: a bag folder or an .mcap file that holds its scene and `applied_commands`.
@@ -227,15 +228,15 @@ def simulate_again(path: Path) -> Comparison:
     robot = choose_robot(survey, None)
     scene = recorded_scene(survey.path, survey.attachments)
     if scene is None:
-        raise BagError(f"{path}: it does not hold its scene, so it cannot be simulated again")
-    said, why, _, _ = _follow(survey, robot, scene, find_rate(survey, robot), [], None)
-    if said is None:
+        raise BagError(f"{path}: the recording does not hold its scene, so it cannot be simulated again")
+    compared, why, _, _ = _follow(survey, robot, scene, find_rate(survey, robot), [], None)
+    if compared is None:
         raise BagError(why)
-    return said
+    return compared
 
 
 def _is_planar(survey: Survey, robot: Robot) -> bool:
-    """Tell a recording of a planar body by the names of its joints."""
+    """Return whether a recording is of a planar body, judging by the names of its joints."""
     from ..recording import bag
 
     for record in bag.read(survey.path):
@@ -252,42 +253,44 @@ def _follow(
     sinks: Sequence[Sink],
     progress: Callable[[float], None] | None,
 ) -> tuple[Comparison | None, str, int | None, str | None]:
-    """Simulate again where that is possible; say why it is not, or what came of it."""
+    """Simulate again where possible; return the comparison, an explanation, the fitted start and the method."""
     if scene is None:
-        return None, "not simulated again: the recording does not hold its scene; give it with --scene", None, None
+        return None, "not simulated again: the recording does not hold its scene; name it with --scene", None, None
     ledger = survey.topics.get(robot.recorded("applied_commands"))
     if ledger is None or ledger.stamp_ns.size == 0:
-        return None, "not simulated again: applied_commands, what the ticks followed, was not recorded", None, None
+        return None, "not simulated again: applied_commands, the ledger of the ticks, was not recorded", None, None
     parameters = survey.attachments.get("parameters")
-    given = parameters.get("method") if isinstance(parameters, dict) else None
-    start = Crawler(scene, None if given == "auto" else given)
+    recorded = parameters.get("method") if isinstance(parameters, dict) else None
+    start = Crawler(scene, None if recorded == "auto" else recorded)
     fitted: int | None = None
     if int(ledger.stamp_ns[0]) > 0:
         try:
             start, fitted = fit_start(survey, robot, start, rate)
         except BagError as error:
             return None, f"not simulated again: {str(error).removeprefix(f'{survey.path}: ')}", None, start.method
-    said = Resimulation(survey, robot, start, rate, sinks, fitted or 0).go(progress)
-    return said, _explain(survey, said, start, fitted, given is not None), fitted, start.method
+    compared = Resimulation(survey, robot, start, rate, sinks, fitted or 0).run(progress)
+    return compared, _explain(survey, compared, start, fitted, recorded is not None), fitted, start.method
 
 
-def _explain(survey: Survey, said: Comparison, start: Crawler, fitted: int | None, method_known: bool) -> str:
-    """Say in a line why states are the same, or what can have made them differ."""
-    if said.ticks == 0:
-        return "no state was compared: joint_states was not recorded" + (f"; {said.stopped}" if said.stopped else "")
+def _explain(survey: Survey, compared: Comparison, start: Crawler, fitted: int | None, method_known: bool) -> str:
+    """Explain in one line why the states are identical, or what may have made them differ."""
+    if compared.ticks == 0:
+        return "no state was compared: joint_states was not recorded" + (
+            f"; {compared.stopped}" if compared.stopped else ""
+        )
     if fitted is not None:
-        text = f"begins in mid-run: the state at {fitted / NS:g} s was read from the recording, but for its rounding"
-        if said.identical:
+        text = f"begins in mid-run: the state at {fitted / NS:g} s was read from the recording, up to rounding"
+        if compared.identical:
             return f"{text}; identical from there on"
-    elif said.identical:
-        return "identical to the bit" + (f", up to where {said.stopped}" if said.stopped else "")
+    elif compared.identical:
+        return "identical to the bit" + (f", up to the point where {compared.stopped}" if compared.stopped else "")
     else:
-        text = f"first difference at {said.first_difference:g} s, {said.first_where}"
+        text = f"first difference at {compared.first_difference:g} s, {compared.first_where}"
     reasons = []
-    if said.stopped:
-        reasons.append(said.stopped)
-    if said.missing:
-        reasons.append(f"{said.missing} ledger message(s) missing from {said.missing_at:g} s on")
+    if compared.stopped:
+        reasons.append(compared.stopped)
+    if compared.missing:
+        reasons.append(f"{compared.missing} ledger message(s) missing from {compared.missing_at:g} s on")
     recorded = survey.attachments.get("versions")
     if isinstance(recorded, dict):
         ours = versions()
@@ -297,9 +300,9 @@ def _explain(survey: Survey, said: Comparison, start: Crawler, fitted: int | Non
             if recorded.get(name, ours[name]) != ours[name]
         ]
     elif fitted is None:
-        reasons.append("the recording does not say which versions made it")
+        reasons.append("the recording does not name the versions that made it")
     if not method_known:
-        reasons.append(f"it does not say how it was made: {start.method} from the scene's start is assumed")
+        reasons.append(f"it does not name its method: {start.method} from the scene's start is assumed")
     if not reasons and fitted is None:
         reasons.append("ledger, versions and method are the recording's own: were its states changed?")
     return f"{text}; {'; '.join(reasons)}" if reasons else text
@@ -309,13 +312,13 @@ def _problems(
     survey: Survey,
     robot: Robot,
     topics: dict[str, TopicHealth],
-    said: Comparison | None,
+    compared: Comparison | None,
     why: str,
     fitted: int | None,
     scene: Scene | None,
     other_scene: bool,
 ) -> list[str]:
-    """List what is wrong, the worst first."""
+    """List the problems, the worst first."""
     found = []
     if survey.lost is None:
         found.append("its end is missing; crawler replay --recover writes what can be read")
@@ -325,30 +328,30 @@ def _problems(
             "crawler replay --recover writes the others"
         )
     if other_scene:
-        found.append("--scene is not the scene that the recording holds: what follows is about the former")
+        found.append("--scene is not the scene that the recording holds; the results are for --scene")
     for name, topic in topics.items():
         short = robot.meant(name)
         if topic.missing:
             after = topic.gaps[0][0]
-            found.append(f"{short}: {topic.missing} tick(s) missing, the first behind {after:g} s")
+            found.append(f"{short}: {topic.missing} tick(s) missing, the first after {after:g} s")
         if topic.out_of_order and short in ("applied_commands", "joint_states", "contact_states", "pose"):
-            found.append(f"{short}: {topic.out_of_order} stamp(s) go back without a reset")
+            found.append(f"{short}: {topic.out_of_order} stamp(s) decrease without a reset")
         if topic.duplicates and short == "applied_commands":
-            found.append(f"{short}: {topic.duplicates} tick(s) came twice")
-    if scene is not None and said is None:
+            found.append(f"{short}: {topic.duplicates} tick(s) occur twice")
+    if scene is not None and compared is None:
         found.append(why)
-    if said is not None and not said.identical:
-        size = 1.0 + abs(said.max_difference)
-        rounding = fitted is not None and said.ticks > 0 and said.max_difference <= _SAME * size
+    if compared is not None and not compared.identical:
+        size = 1.0 + abs(compared.max_difference)
+        rounding = fitted is not None and compared.ticks > 0 and compared.max_difference <= _SAME * size
         if not rounding:
-            found.append(f"simulated again it is not identical: {why}")
-    elif said is not None and said.stopped:
-        found.append(said.stopped)
+            found.append(f"not identical when simulated again: {why}")
+    elif compared is not None and compared.stopped:
+        found.append(compared.stopped)
     return found
 
 
 def size_of(table: RampTable) -> float:
-    """Tell the size of the lengths in a run, for what rounding is.
+    """Compute the size of the lengths in a run, against which rounding is judged.
 
     Args:
         table: all ramps of the run.

@@ -1,4 +1,4 @@
-"""What each cycle of a run gained and cost. Pure: a table of ramps in, cycles out."""
+"""Translation and energy of each cycle of a run, computed from a table of ramps."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .ramps import RampTable
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of some time.
+    """The energy account of an interval of time.
 
     Attributes:
-        work: done by the actuators [J].
-        dissipation: lost to friction [J].
-        stored: in the springs at the end, less what was there at the start [J].
+        work: work of the actuators [J].
+        dissipation: energy dissipated by friction [J].
+        stored: change of the energy in the springs [J].
         residual: stored + dissipation - work, relative to the largest of them [1].
     """
 
@@ -31,7 +31,7 @@ class Energy:
     residual: float
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON.
+        """Convert to plain values for JSON.
 
         Returns:
             The attributes by name, as plain numbers, lists and text.
@@ -44,15 +44,15 @@ class Cycle:
     """One cycle of the commands.
 
     Attributes:
-        run: between which resets it lies.
+        run: number of the run between resets.
         start: when it begins [s].
         end: when it ends [s].
         translation: net translation gained [m]; in the plane x and y.
-        slip_forward: distance that contacts slid forward, all together, a segment with the mean over its length [m].
+        slip_forward: sum of the distances that contacts slid forward, for a segment the mean over its length [m].
         slip_backward: the same backward [m].
-        energy: its account; None when the scene is not known.
-        least_margin: least distance of a spring force from its bound [N]; None likewise.
-        transient: whether shape or translation are not yet those of the steady cycle.
+        energy: its energy account; None when the scene is not known.
+        least_margin: least distance of a spring force from its bound [N]; None when the scene is not known.
+        transient: whether its shape or translation still differs from the steady cycle.
     """
 
     run: int
@@ -66,7 +66,7 @@ class Cycle:
     transient: bool
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON.
+        """Convert to plain values for JSON.
 
         Returns:
             The attributes by name, as plain numbers, lists and text.
@@ -79,7 +79,7 @@ class Cycle:
 
 
 def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Energy:
-    """Sum up the energies of some ramps; the stored energy of each run counts from its own start.
+    """Sum the energies of some ramps; the stored energy of each run counts from its own start.
 
     Args:
         table: the ramps.
@@ -102,14 +102,14 @@ def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Ene
 
 
 def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle, ...], str]:
-    """Find the cycles of a recording and what each did.
+    """Find the cycles of a recording and compute their translations and energies.
 
     Args:
         table: its ramps.
-        scene: what ran; None when that is not known.
+        scene: the scene that ran; None when it is not known.
 
     Returns:
-        The cycles in order, and where they are from: "drive", "recurrence" or "none".
+        The cycles in order, and their source: "drive", "recurrence" or "none".
     """
     if table.run.size == 0:
         return (), "none"
@@ -128,7 +128,7 @@ def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle,
 def _tabulate(table: RampTable, run: int, rows: np.ndarray) -> list[Cycle]:
     y, shape = table.net_translation, table.shape
     gained = y[rows[1:]] - y[rows[:-1]]
-    # of a shape the largest elongation tells what rounding is, and so does how far the body is from the origin
+    # rounding is judged against the largest elongation, and against the largest translation of a cycle
     near = ROUNDING * max(table.shape_size, float(np.abs(gained).max(initial=0.0)))
     closes = np.abs(shape[rows[1:]] - shape[rows[:-1]]).max(axis=1) <= near
     steady = closes & (np.abs(gained - gained[-1]).max(axis=1) <= near)

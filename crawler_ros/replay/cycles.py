@@ -1,7 +1,7 @@
-"""Cycles in what was commanded. Pure: arrays in, places out.
+"""Cycles in the commands of a run.
 
-The crawler is rate-independent: only the path of the commands matters, so pauses and speed do not. A cycle is a closed
-stretch of that path that comes back: the drive of the recorded scene where it was played, else whatever repeats.
+The crawler is rate-independent: only the path of the commands matters, not pauses or speed. A cycle is a closed part of
+that path that recurs: the drive of the recorded scene where it was played, else any repetition.
 Commands are compared through two fixed combinations of all their numbers, so that memory does not grow with the body.
 """
 
@@ -14,31 +14,31 @@ import numpy as np
 from crawler_model.body.drive import NS, Drive
 
 ROUNDING = 1e-9
-"""Commands, shapes and translations that differ by less than this part of their size are the same."""
+"""Commands, shapes and translations that differ by less than this fraction of their size count as equal."""
 _INSTANT_NS = 2
 _MOST_TRIES = 200
 _MOST_STRETCHES = 50
 
 
 def signature_weights(count: int) -> np.ndarray:
-    """Choose the weights with which rows of numbers are compared.
+    """Return the fixed weights with which rows of numbers are compared.
 
     Args:
         count: numbers in a row.
 
     Returns:
-        Always the same ones, shape (count, 2).
+        The weights, shape (count, 2).
     """
     return np.random.default_rng(20260101).uniform(0.5, 1.5, (count, 2)) * [1.0, -1.0]
 
 
 @dataclass(frozen=True, eq=False)
 class CommandPath:
-    """The path that the commands took in a run, from vertex to vertex.
+    """The path of the commands in a run, from vertex to vertex.
 
     Attributes:
         time_ns: when each vertex was reached, shape (V,) [ns]; the first is the start.
-        place: what was commanded there, as two combinations of all numbers, in SI units, shape (V, 2).
+        place: the command there, as two combinations of all its numbers, in SI units, shape (V, 2).
     """
 
     time_ns: np.ndarray
@@ -46,25 +46,25 @@ class CommandPath:
 
     @property
     def tolerance(self) -> float:
-        """What counts as rounding [the unit of `place`]."""
+        """Largest difference that counts as rounding [the unit of `place`]."""
         return ROUNDING * float(np.abs(self.place).max(initial=0.0))
 
     def moved(self) -> np.ndarray:
-        """Tell on the way to which vertices the command changed.
+        """Return between which vertices the command changed.
 
         Returns:
-            A bool for each stretch between two vertices, shape (V - 1,).
+            A bool for each pair of consecutive vertices, shape (V - 1,).
         """
         return np.abs(np.diff(self.place, axis=0)).max(axis=1, initial=0.0) > self.tolerance
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Cycles that follow one another.
+    """Consecutive cycles.
 
     Attributes:
-        bounds: vertices where they begin and end, one more than cycles.
-        source: "drive" when they are the recorded scene's, else "recurrence".
+        bounds: the vertices where they begin and end, one more than there are cycles.
+        source: "drive" for periods of the recorded scene's drive, else "recurrence".
     """
 
     bounds: tuple[int, ...]
@@ -75,9 +75,9 @@ def find_cycles(path: CommandPath, drive: Drive | None, weights: np.ndarray) -> 
     """Find the cycles of a run.
 
     Args:
-        path: what was commanded.
-        drive: the recorded scene's, if it has one with a period.
-        weights: with which the path's places were made, shape (C, 2).
+        path: the path of the commands.
+        drive: the drive of the recorded scene, if it has one with a period.
+        weights: the weights from which the path's places were computed, shape (C, 2).
 
     Returns:
         Stretches of cycles in order; none where nothing repeats.
@@ -86,7 +86,7 @@ def find_cycles(path: CommandPath, drive: Drive | None, weights: np.ndarray) -> 
         return []
     played = [] if drive is None or drive.period is None else _find_drive(path, drive, drive.rows @ weights)
     repeated = _find_recurrence(path)
-    # a drive that was played with pauses, or at another speed, repeats more often than it keeps its time
+    # a drive played with pauses, or at another speed, recurs more often than it is found in its own time
     return played if _count(played) >= _count(repeated) else repeated
 
 
@@ -94,28 +94,28 @@ def _count(stretches: list[Stretch]) -> int:
     return sum(len(s.bounds) - 1 for s in stretches)
 
 
-def _find_drive(path: CommandPath, drive: Drive, way: np.ndarray) -> list[Stretch]:
+def _find_drive(path: CommandPath, drive: Drive, places: np.ndarray) -> list[Stretch]:
     """Find where a drive was played in its own time."""
     assert drive.period is not None
     time, place, moved = path.time_ns, path.place, path.moved()
-    tolerance = max(path.tolerance, ROUNDING * float(np.abs(way).max(initial=0.0)))
-    changes = np.flatnonzero(np.abs(np.diff(way, axis=0)).max(axis=1, initial=0.0) > tolerance)
+    tolerance = max(path.tolerance, ROUNDING * float(np.abs(places).max(initial=0.0)))
+    changes = np.flatnonzero(np.abs(np.diff(places, axis=0)).max(axis=1, initial=0.0) > tolerance)
     if changes.size == 0:
         return []
     flat_ns = round(float(drive.times[changes[0]]) * NS)
     times = np.append(drive.times, drive.period) if drive.times[-1] < drive.period else drive.times
-    way = np.vstack((way, way[:1])) if drive.times[-1] < drive.period else way
+    places = np.vstack((places, places[:1])) if drive.times[-1] < drive.period else places
     begins = np.flatnonzero(moved & np.append(True, ~moved[:-1]))
-    begins = begins[np.abs(place[begins] - way[0]).max(axis=1) <= tolerance]
+    begins = begins[np.abs(place[begins] - places[0]).max(axis=1) <= tolerance]
     found: list[Stretch] = []
     first = tries = 0
     for begin in begins.tolist():
         if begin < first or tries > _MOST_TRIES:
             continue
         start_ns = int(time[begin]) - flat_ns
-        bounds = _follow_drive(path, moved, begin, start_ns, drive.period, times, way, tolerance, most=1)
+        bounds = _follow_drive(path, moved, begin, start_ns, drive.period, times, places, tolerance, most=1)
         if len(bounds) > 1:
-            bounds = _follow_drive(path, moved, begin, start_ns, drive.period, times, way, tolerance, most=None)
+            bounds = _follow_drive(path, moved, begin, start_ns, drive.period, times, places, tolerance, most=None)
             found.append(Stretch(tuple(bounds), "drive"))
             first = bounds[-1]
         else:
@@ -130,11 +130,11 @@ def _follow_drive(
     start_ns: int,
     period: float,
     times: np.ndarray,
-    way: np.ndarray,
+    places: np.ndarray,
     tolerance: float,
     most: int | None,
 ) -> list[int]:
-    """Tell how long a path keeps to a drive that starts at a vertex: the vertices where its periods end."""
+    """Follow a drive that starts at a vertex as long as the path agrees; return the vertices where its periods end."""
     span = period * NS
     last_ns = int(path.time_ns[-1])
     count = int((last_ns - start_ns + _INSTANT_NS) / span)
@@ -146,15 +146,15 @@ def _follow_drive(
     phase = np.mod((time - start_ns) / NS, period)
     off = np.zeros(time.size)
     for k in range(2):
-        expected = np.interp(phase, times, way[:, k])
+        expected = np.interp(phase, times, places[:, k])
         off = np.maximum(off, np.abs(path.place[begin:end, k] - expected))
-    # a vertex at most an instant from a waypoint: the drive's steepest change in that time is no difference
-    steep = float((np.abs(np.diff(way, axis=0)).max(axis=1) / np.diff(times)).max())
+    # a vertex may be an instant away from a waypoint: the drive's steepest change in that time is tolerated
+    steep = float((np.abs(np.diff(places, axis=0)).max(axis=1) / np.diff(times)).max())
     wrong = np.flatnonzero(off > tolerance + steep * _INSTANT_NS / NS)
     good_ns = int(time[wrong[0]]) if wrong.size else last_ns + 1
     bounds = [begin]
     for k in range(count):
-        if not _corners_kept(path, moved, start_ns + k * span, times, way, tolerance):
+        if not _passes_corners(path, moved, start_ns + k * span, times, places, tolerance):
             break
         at = start_ns + (k + 1) * span
         vertex = int(np.searchsorted(path.time_ns, at + _INSTANT_NS, side="right")) - 1
@@ -166,11 +166,11 @@ def _follow_drive(
     return bounds
 
 
-def _corners_kept(
-    path: CommandPath, moved: np.ndarray, start_ns: float, times: np.ndarray, way: np.ndarray, tolerance: float
+def _passes_corners(
+    path: CommandPath, moved: np.ndarray, start_ns: float, times: np.ndarray, places: np.ndarray, tolerance: float
 ) -> bool:
-    """Tell whether every waypoint of a period at which the drive turns is a vertex of the path."""
-    slope = np.diff(way, axis=0) / np.diff(times)[:, None]
+    """Return whether every waypoint of a period at which the drive turns is a vertex of the path."""
+    slope = np.diff(places, axis=0) / np.diff(times)[:, None]
     turns = np.flatnonzero(np.abs(np.diff(slope, axis=0)).max(axis=1, initial=0.0) > tolerance) + 1
     at = start_ns + times[turns] * NS
     near = np.clip(np.searchsorted(path.time_ns, at), 1, path.time_ns.size - 1)
@@ -179,7 +179,7 @@ def _corners_kept(
 
 
 def _find_recurrence(path: CommandPath) -> list[Stretch]:
-    """Find what repeats in a path, whatever its speed."""
+    """Find the repetitions in a path at any speed."""
     corners = _corners(path)
     marks = _marks(path.place[corners], path.tolerance)
     moved = path.moved()
@@ -192,7 +192,7 @@ def _find_recurrence(path: CommandPath) -> list[Stretch]:
             continue
         begin += first
         bounds = corners[begin : begin + period * count + 1 : period].tolist()
-        while not moved[bounds[0]]:  # a cycle begins where the path leaves, behind a pause
+        while not moved[bounds[0]]:  # a cycle begins where the path leaves a vertex, after a pause
             bounds[0] += 1
         found.append(Stretch(tuple(bounds), "recurrence"))
         waiting += [(first, begin + 1), (begin + period * count, last)]
@@ -200,7 +200,7 @@ def _find_recurrence(path: CommandPath) -> list[Stretch]:
 
 
 def _corners(path: CommandPath) -> np.ndarray:
-    """List the vertices at which a path turns, the first and the last: what lies on a straight line says nothing."""
+    """List the vertices at which a path turns, and the first and the last, but not those on straight lines."""
     at = np.append(0, np.flatnonzero(path.moved()) + 1)
     step = np.diff(path.place[at], axis=0)
     if step.shape[0] < 2:
@@ -215,7 +215,7 @@ def _corners(path: CommandPath) -> np.ndarray:
 
 
 def _marks(place: np.ndarray, tolerance: float) -> np.ndarray:
-    """Number places, equal ones alike."""
+    """Number places so that equal ones have equal numbers."""
     marks = np.zeros(place.shape[0], np.int64)
     for k in range(place.shape[1]):
         order = np.argsort(place[:, k], kind="stable")
@@ -226,10 +226,10 @@ def _marks(place: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _longest_repetition(marks: np.ndarray) -> tuple[int, int, int]:
-    """Find the longest stretch that repeats, of those the one with the shortest period.
+    """Find the longest repetition; among equally long ones, that with the shortest period.
 
     Returns:
-        Where it begins, its period, and how many whole periods it has; all 0 when nothing repeats.
+        Its beginning, its period and its number of whole periods; all 0 when nothing repeats.
     """
     best, covered = (0, 0, 0), 0
     for period in _possible_periods(marks):
@@ -247,7 +247,7 @@ def _longest_repetition(marks: np.ndarray) -> tuple[int, int, int]:
 
 
 def _possible_periods(marks: np.ndarray, most: int = 40) -> list[int]:
-    """List how far apart equal marks most often are, the shortest first."""
+    """List the most frequent distances between equal marks, the shortest first."""
     order = np.argsort(marks, kind="stable")
     counts: dict[int, int] = {}
     for ahead in range(1, 6):

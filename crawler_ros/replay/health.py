@@ -1,4 +1,4 @@
-"""Is a recording whole? A first look through it: what is on each topic, how often, and what is missing."""
+"""Survey of a recording: the messages on each topic, their rates, and what is missing."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ _TYPES = {
     "odom": "nav_msgs/msg/Odometry",
 }
 """The topics that have a message at every tick."""
-_TELLING = ("applied_commands", "joint_states")
-"""The topics of which a crawler has at least one in a recording that can be understood."""
+_ESSENTIAL = ("applied_commands", "joint_states")
+"""A recording must have at least one of these topics of a crawler."""
 _MOST_GAPS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class Stamps:
-    """When the messages of a topic were meant and heard, in the order of the file.
+    """The stamps of a topic's messages and the times when they were received, in the order of the file.
 
     Attributes:
-        type: the topic's type.
-        stamp_ns: of the header [ns, simulated], shape (K,); of types without one, none, shape (0,).
-        log_ns: shape (K,) [ns, wall].
+        type: type of the topic.
+        stamp_ns: stamps of the headers [ns, simulated], shape (K,); shape (0,) for types without a stamp.
+        log_ns: times of reception, shape (K,) [ns, wall].
     """
 
     type: str
@@ -50,15 +50,15 @@ class Stamps:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What a first look finds.
+    """The stamps, attachments and completeness of a recording.
 
     Attributes:
         path: the recording.
-        attachments: name to data: scene, parameters, versions, start, node, topics.
-        complete: whether the file has its end and all messages that it promises.
-        damaged: chunks that could not be read.
-        lost: messages that the file promises and does not give; None where its end is missing.
-        topics: by name.
+        attachments: data by name: scene, parameters, versions, start, node, topics.
+        complete: whether the file has its end and all messages counted there.
+        damaged: number of chunks that could not be read.
+        lost: number of messages counted at the end of the file but not found; None when that end is missing.
+        topics: stamps of each topic by name.
     """
 
     path: Path
@@ -70,7 +70,7 @@ class Survey:
 
     @property
     def messages(self) -> int:
-        """How many there are."""
+        """Number of messages."""
         return sum(t.log_ns.size for t in self.topics.values())
 
 
@@ -79,17 +79,17 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
 
     Args:
         path: a bag folder or an .mcap file.
-        progress: called with the part done, in [0, 1].
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        What was found.
+        The survey.
 
     Raises:
-        BagError: when it is no recording at all.
+        BagError: when the file is not a recording.
     """
     head = bag.Bag({})
     stamps: dict[str, array[int]] = {}
-    heard: dict[str, array[int]] = {}
+    received: dict[str, array[int]] = {}
     types: dict[str, str] = {}
     for block in bag.read_blocks(path, head, progress):
         for channel in np.unique(block.channel).tolist():
@@ -99,15 +99,15 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
             topic = described.topic
             if topic not in types:
                 types[topic] = schema.name
-                stamps[topic], heard[topic] = array("q"), array("q")
+                stamps[topic], received[topic] = array("q"), array("q")
             which = np.flatnonzero(block.channel == channel)
-            heard[topic].frombytes(block.log_ns[which].tobytes())
+            received[topic].frombytes(block.log_ns[which].tobytes())
             if schema.name in _STAMPED:
                 which = which[block.size[which] >= 12]
                 words = block.data[block.first[which][:, None] + np.arange(4, 12)].copy().view("<i4").astype(np.int64)
                 stamps[topic].frombytes((words[:, 0] * NS + (words[:, 1] & 0xFFFFFFFF)).tobytes())
     topics = {
-        name: Stamps(kind, np.array(stamps[name], np.int64), np.array(heard[name], np.int64))
+        name: Stamps(kind, np.array(stamps[name], np.int64), np.array(received[name], np.int64))
         for name, kind in types.items()
     }
     return Survey(path, head.attachments, head.complete, head.damaged, head.lost, topics)
@@ -117,23 +117,23 @@ def choose_robot(survey: Survey, namespace: str | None) -> Robot:
     """Find the crawler in a recording.
 
     Args:
-        survey: of the recording.
-        namespace: which, where there are several; None for the only one.
+        survey: survey of the recording.
+        namespace: namespace of the crawler, where there are several; None for the only one.
 
     Returns:
         The crawler, with the names of its topics.
 
     Raises:
-        BagError: when there is none, or several and none is named.
+        BagError: when there is no crawler, or there are several and no namespace is named.
     """
     noted = noted_robot(survey.attachments)
     found: dict[str, Robot] = {}
-    for name in _TELLING:
+    for name in _ESSENTIAL:
         if noted is not None and noted.recorded(name) in survey.topics:
             found[noted.namespace] = noted
     own = set(found[noted.namespace].topics.values()) if noted is not None and found else set()
     for topic, stamps in survey.topics.items():
-        for name in _TELLING:
+        for name in _ESSENTIAL:
             if topic.endswith("/" + name) and stamps.type == _TYPES[name] and topic not in own:
                 space = topic.removesuffix(name).rstrip("/") or "/"
                 found.setdefault(space, robot_in(space))
@@ -142,17 +142,17 @@ def choose_robot(survey: Survey, namespace: str | None) -> Robot:
         wanted = f"/{namespace.strip('/')}"
         if wanted in found:
             return found[wanted]
-        there = f"there are {names}" if found else "there is no crawler in it"
+        there = f"there are {names}" if found else "the recording has no crawler"
         raise bag.BagError(f"{survey.path}: no crawler in the namespace {wanted}; {there}")
     if not survey.topics:
-        hint = "" if survey.complete else "; its end is missing, and nothing before it can be read"
-        raise bag.BagError(f"{survey.path}: there is no message in it{hint}")
+        hint = "" if survey.complete else "; its end is missing, and no message before it can be read"
+        raise bag.BagError(f"{survey.path}: the recording has no messages{hint}")
     if not found:
         listed = [f"{name} ({stamps.type})" for name, stamps in sorted(survey.topics.items())]
         more = f" and {len(listed) - 4} more" if len(listed) > 4 else ""
         raise bag.BagError(
-            f"{survey.path}: no crawler in it: neither applied_commands nor joint_states is among its topics, "
-            f"{', '.join(listed[:4])}{more}"
+            f"{survey.path}: no crawler in this recording: its topics are neither applied_commands nor "
+            f"joint_states but {', '.join(listed[:4])}{more}"
         )
     if len(found) > 1:
         raise bag.BagError(f"{survey.path}: {len(found)} robots; choose one with --namespace {names}")
@@ -160,22 +160,22 @@ def choose_robot(survey: Survey, namespace: str | None) -> Robot:
 
 
 def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
-    """Tell at how many ticks a second a crawler ran.
+    """Find the rate at which a crawler ran.
 
     Args:
-        survey: of the recording.
-        robot: what its topics begin with.
+        survey: survey of the recording.
+        robot: the crawler.
 
     Returns:
-        The rate of its parameters, else the one that its stamps show; None when they show none.
+        The rate in its parameters, else the rate of its stamps; None when there are too few.
     """
-    given = survey.attachments.get("parameters")
-    if isinstance(given, dict) and "rate" in given:
+    parameters = survey.attachments.get("parameters")
+    if isinstance(parameters, dict) and "rate" in parameters:
         try:
-            return rational_rate(given["rate"])
+            return rational_rate(parameters["rate"])
         except CommandError:
             return None
-    for name in _TELLING:
+    for name in _ESSENTIAL:
         stamps = survey.topics.get(robot.recorded(name))
         if stamps is not None and stamps.stamp_ns.size > 2:
             steps = np.diff(stamps.stamp_ns)
@@ -186,14 +186,14 @@ def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
 
 
 def next_tick_ns(stamp_ns: int, rate: Fraction | None) -> int:
-    """Tell when the tick that begins at a stamp ends.
+    """Compute the end of the tick that begins at a stamp.
 
     Args:
         stamp_ns: simulated time of the tick's start [ns].
-        rate: ticks per second [Hz]; None where it is not known.
+        rate: ticks per second [Hz]; None when it is not known.
 
     Returns:
-        Simulated time of the tick's end [ns]; for unknown rates that of its start.
+        Simulated time of the tick's end [ns]; that of its start when the rate is not known.
     """
     if rate is None:
         return stamp_ns
@@ -206,18 +206,19 @@ def next_tick_ns(stamp_ns: int, rate: Fraction | None) -> int:
 
 @dataclass(frozen=True)
 class TopicHealth:
-    """What is right and wrong on one topic.
+    """The number, rate and gaps of the messages on one topic.
 
     Attributes:
         type: its type.
-        count: messages.
-        rate: messages per simulated second where they are stamped, else per second heard [Hz]; None for a single one.
-        first: earliest stamp [s]; None where there is none.
+        count: number of messages.
+        rate: messages per simulated second where they are stamped, else per second of reception [Hz]; None for a single
+            message.
+        first: earliest stamp [s]; None when there are no stamps.
         last: latest stamp [s].
-        gaps: (after, before, missing ticks), the first twenty; times in s.
-        missing: ticks without a message, all gaps together.
-        out_of_order: stamps that go back other than to 0.
-        duplicates: stamps that repeat the one before.
+        gaps: (after, before, missing ticks) of the first twenty gaps; times in s.
+        missing: number of ticks without a message.
+        out_of_order: number of stamps that decrease, other than to 0.
+        duplicates: number of stamps equal to the one before.
     """
 
     type: str
@@ -231,7 +232,7 @@ class TopicHealth:
     duplicates: int
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON.
+        """Convert to plain values for JSON.
 
         Returns:
             The attributes by name, as plain numbers, lists and text.
@@ -241,15 +242,15 @@ class TopicHealth:
 
 
 def check_topics(survey: Survey, robot: Robot, rate: Fraction | None) -> dict[str, TopicHealth]:
-    """Judge every topic of a recording.
+    """Check every topic of a recording.
 
     Args:
-        survey: of the recording.
+        survey: survey of the recording.
         robot: the crawler.
-        rate: of its ticks [Hz].
+        rate: ticks per second [Hz].
 
     Returns:
-        By the topic's name.
+        The health of each topic by name.
     """
     return {
         name: _check_topic(stamps, rate if robot.meant(name) in _TYPES else None)

@@ -1,4 +1,4 @@
-"""How near a run came to the boundary of its stasis domain, and to sliding as a whole."""
+"""Margins of a run: its least distances from the boundary of the stasis domain and from sliding as a whole."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Margins:
     """Margins of a run.
 
     Attributes:
-        least: least distance of a spring force from its bound, at the end of any tick [N]; 0 (but for rounding) as soon
-            as something slides.
-        least_at: when that was first [s].
-        least_contact: which contact it was.
-        visited: how near all contacts came to sliding at once [1], 0 for all of them; None when nothing was commanded.
+        least: least distance of a spring force from its bound, at the end of any tick [N]; 0, up to rounding,
+            as soon as a contact slides.
+        least_at: when it was first reached [s].
+        least_contact: the contact that reached it.
+        visited: how near all contacts came to sliding at once [1], 0 when all did; None when nothing was commanded.
         unique: whether the translation was determined throughout.
-        ambiguous: stretches in which it was not (start, end) [s], the first hundred.
+        ambiguous: the first hundred intervals in which it was not, (start, end) [s].
     """
 
     least: float
@@ -38,7 +38,7 @@ class Margins:
     ambiguous: tuple[tuple[float, float], ...]
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON.
+        """Convert to plain values for JSON.
 
         Returns:
             The attributes by name, as plain numbers, lists and text.
@@ -47,17 +47,19 @@ class Margins:
 
 
 def find_margins(table: RampTable, scene: Scene) -> Margins:
-    """Find a run's margins.
+    """Compute the margins of a run.
 
     Args:
-        table: its ramps.
-        scene: what ran.
+        table: the ramps of the run.
+        scene: the scene that ran.
 
     Returns:
         The margins.
     """
     near = _ROUNDING * (1.0 + float(np.abs(table.margin).max()))
-    row = int((table.margin <= max(float(table.margin.min()), 0.0) + near).argmax())  # at a bound is at a bound
+    row = int(
+        (table.margin <= max(float(table.margin.min()), 0.0) + near).argmax()
+    )  # differences by rounding do not count
     visited = float(table.visited.min())
     open_ = np.concatenate(([False], ~table.unique, [False])).astype(np.int8)
     begins, ends = np.flatnonzero(np.diff(open_) > 0), np.flatnonzero(np.diff(open_) < 0) - 1

@@ -1,4 +1,4 @@
-"""Where a crawler stood when its recording begins in mid-run: read from its states, to simulate on from there."""
+"""The start of a recording that begins in mid-run, read from its states, to simulate from there on."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from .health import Survey, next_tick_ns
 
 
 def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | None) -> tuple[Crawler, int]:
-    """Find a state at which all is known: the end of the first tick in which something was commanded.
+    """Find the first state that is fully known: the end of the first tick with a command.
 
-    Before it the friction in force is nowhere recorded; behind it the ledger names every command, and the states tell
-    where the contacts stand.
+    Before it the friction in force is not recorded; after it the ledger holds every command, and the states hold the
+    positions of the contacts.
 
     Args:
-        survey: of the recording.
+        survey: survey of the recording.
         robot: the crawler.
-        crawler: of the scene and method.
+        crawler: a crawler with the scene and the method.
         rate: ticks per second [Hz].
 
     Returns:
-        The crawler there, and that time [ns].
+        The crawler in that state, and its time [ns].
 
     Raises:
-        BagError: saying what is missing.
+        BagError: naming what is missing.
     """
-    mesh = crawler.body
-    whole = np.unique(shown_contacts(crawler.scene.body)).size == mesh.contacts
+    body = crawler.body
+    whole = np.unique(shown_contacts(crawler.scene.body)).size == body.contacts
     source = "contact_states" if whole and robot.recorded("contact_states") in survey.topics else "joint_states"
-    begins = f"{survey.path}: it begins in mid-run"
-    if robot.recorded(source) not in survey.topics or (source == "joint_states" and mesh.segments):
+    begins = f"{survey.path}: the recording begins in mid-run"
+    if robot.recorded(source) not in survey.topics or (source == "joint_states" and body.segments):
         raise bag.BagError(
-            f"{begins}, and without contact_states of {'all contacts' if mesh.segments else 'any kind'} "
-            "nothing tells where the contacts stood"
+            f"{begins}, and without contact_states of {'all contacts' if body.segments else 'any kind'} "
+            "the positions of the contacts are not known"
         )
     ledger = Decoder(robot.recorded("applied_commands"), TRAJECTORY)
     states = Decoder(robot.recorded(source), JOINT_STATE)
@@ -62,16 +62,16 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
             seen |= dict(zip(times[:, 0].tolist(), numbers[0], strict=True))
         if found is not None and found[0] in seen:
             return _place(crawler, source, seen[found[0]], found[1]), found[0]
-    what = "nothing is commanded in it" if found is None else "the state behind its first command is missing"
+    what = "nothing is commanded in it" if found is None else "the state after its first command is missing"
     raise bag.BagError(f"{begins}, and {what}")
 
 
 def _place(crawler: Crawler, source: str, numbers: np.ndarray, row: np.ndarray) -> Crawler:
-    mesh, scene = crawler.body, crawler.scene
-    x = np.zeros(mesh.position.shape)
+    body, scene = crawler.body, crawler.scene
+    x = np.zeros(body.position.shape)
     if source == "contact_states":
         shown = shown_contacts(scene.body)
-        x[shown] = numbers.reshape(-1, *mesh.position.shape[1:]) - mesh.position[shown]
+        x[shown] = numbers.reshape(-1, *body.position.shape[1:]) - body.position[shown]
     else:
-        x[mesh.stations] = StationReader(mesh).read(numbers)
+        x[body.stations] = StationReader(body).read(numbers)
     return crawler.placed(x, scene.columns.target(row))

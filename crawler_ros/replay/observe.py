@@ -1,4 +1,4 @@
-"""What a recording says by itself, without a scene: where the contacts stood, what was commanded, no forces within."""
+"""Ramps of a recording without a scene: recorded positions, ground forces and commands, but no tensions."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def observe(
     sinks: Sequence[Sink],
     progress: Callable[[float], None] | None = None,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Lay a recording out as ramps, one a state.
+    """Convert a recording to ramps, one per state.
 
     Args:
-        survey: of the recording.
+        survey: survey of the recording.
         robot: the crawler.
-        table: filled; its net translation is that of `pose` where there is one, else the mean of contacts and segments.
-        sinks: take the pieces.
-        progress: called with the part done, in [0, 1].
+        table: table to fill; its net translation is that of `pose` if recorded, else the mean of contacts and segments.
+        sinks: callables that receive the pieces.
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        The names of the contacts, in the plane one for each axis, and those of the stations among them.
+        The names of the contacts, in the plane one for each axis, and the names of the stations.
 
     Raises:
         BagError: when no state was recorded.
@@ -42,14 +42,14 @@ def observe(
     states = "contact_states" if robot.recorded("contact_states") in survey.topics else "joint_states"
     if robot.recorded(states) not in survey.topics:
         raise bag.BagError(
-            f"{survey.path}: neither contact_states nor joint_states was recorded: nothing tells how it moved"
+            f"{survey.path}: neither contact_states nor joint_states was recorded: the motion is not known"
         )
     kinds = {states: JOINT_STATE, "applied_commands": TRAJECTORY, "pose": POSE}
     decoders = {n: Decoder(robot.recorded(n), k) for n, k in kinds.items() if robot.recorded(n) in survey.topics}
     head = bag.Bag({})
     reader = _Reader(states)
     poses: list[np.ndarray] = []
-    takers: list[Sink] = [table, *sinks]
+    receivers: list[Sink] = [table, *sinks]
     for block in bag.read_blocks(survey.path, head, progress):
         names = {d.topic: c for c, (d, _) in head.channels.items()}
         read = {}
@@ -62,11 +62,11 @@ def observe(
         reader.command(*read.get("applied_commands", (None, None)))
         if states in read:
             piece = reader.piece(*read[states], decoders[states].names or ())
-            for sink in takers:
+            for sink in receivers:
                 sink(piece)
     table.finish()
     if poses:
-        _take_poses(table, np.concatenate(poses))
+        _use_poses(table, np.concatenate(poses))
     names_of = decoders[states].names or ()
     stations = () if reader.parts is None else reader.parts.station_names
     return (names_of if states == "contact_states" else names_of[:1]), stations
@@ -86,7 +86,7 @@ def _in_order(groups: list[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Reader:
-    """Keeps what passes from block to block."""
+    """Converts states and commands block by block."""
 
     def __init__(self, states: str) -> None:
         self._whole = states == "contact_states"
@@ -97,7 +97,7 @@ class _Reader:
         self._stamps, self._rows = np.zeros(0, np.int64), np.zeros((0, 0))
 
     def command(self, stamps: np.ndarray | None, rows: np.ndarray | None) -> None:
-        """Take the ledger of a block; ticks without a point hold."""
+        """Add the ledger of a block; ticks without a point hold."""
         if stamps is None or rows is None or rows.shape[1] == 0:
             return
         known = ~np.isnan(rows[:, -1]).any(axis=1)
@@ -109,7 +109,7 @@ class _Reader:
         self._stamps, self._rows = stamps, rows
 
     def piece(self, stamps: np.ndarray, numbers: np.ndarray, names: tuple[str, ...]) -> Piece:
-        """Lay out the states of a block."""
+        """Build the piece of the states of a block."""
         planar = any(name.endswith("/x") for name in names)
         count = stamps.size
         before = np.append(self._last_ns, stamps[:-1])
@@ -119,7 +119,7 @@ class _Reader:
         ground = numbers[:, 2] if self._whole else numbers[:, 2, : 1 + planar]
         earlier = np.vstack((position[:1] if self._position is None else self._position[None], position[:-1]))
         gained = np.where((begins | (before < 0))[:, None], 0.0, position - earlier)
-        # differences of positions have their rounding
+        # differences of positions are subject to rounding
         moved = np.abs(gained) > _NOISE * np.abs(position).max(initial=0.0)
         gained = gained * moved
         shape = (count, -1, 2) if planar else (count, -1)
@@ -166,8 +166,8 @@ class _Reader:
         )
 
 
-def _take_poses(table: RampTable, poses: np.ndarray) -> None:
-    """Put recorded poses in the place of means, where each state has one."""
+def _use_poses(table: RampTable, poses: np.ndarray) -> None:
+    """Replace the net translations by recorded poses if each state has one."""
     run = np.cumsum(np.append(False, (poses[1:, 0] == 0) & (poses[:-1, 0] > 0)))
     place = {key: i for i, key in enumerate(zip(run.tolist(), poses[:, 0].astype(np.int64).tolist(), strict=True))}
     at = np.array([place.get(key, -1) for key in zip(table.run.tolist(), table.end_ns.tolist(), strict=True)])

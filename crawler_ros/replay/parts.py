@@ -1,7 +1,7 @@
-"""What slides: isolated contacts, and segments as a whole. Pure: what is said of a segment does not depend on its mesh.
+"""Slip of the parts of a body: isolated contacts, and segments as a whole, independent of their body.
 
-A segment stands on as many contacts as it has elements, so a sum over them grows with the mesh. Its slip forward is the
-mean of the distances that its material slid forward,
+A segment stands on as many contacts as it has elements, so a sum over them grows with the body. Its slip forward is the
+mean distance by which its material slid forward,
 
     (1 / l) int max(dx, 0) ds
 
@@ -29,7 +29,7 @@ class Parts:
         station_names: as "contact_0" or "trunk.from".
         order: the contacts, part by part, shape (M,).
         first: where each part begins in `order`, shape (P,).
-        share: of each contact of `order` in its part, shape (M,); those of a part add up to 1.
+        share: weight of each contact of `order` in its part, shape (M,); the weights of a part add up to 1.
     """
 
     stations: np.ndarray
@@ -42,20 +42,20 @@ class Parts:
         """Average over each part.
 
         Args:
-            values: one per contact, shape (R, M).
+            values: one value per contact, shape (R, M).
 
         Returns:
             Shape (R, P).
         """
-        if self.first.size == self.order.size:  # isolated contacts alone, or reduceat would add nothing up
+        if self.first.size == self.order.size:  # only isolated contacts: the average of each is its value
             return np.ascontiguousarray(values[:, self.order])
         return np.add.reduceat(values[:, self.order] * self.share, self.first, axis=1)
 
     def slid(self, gained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tell how far all parts together slid forward and backward, a segment with the mean over its length.
+        """Sum the distances that all parts slid forward and backward; a segment counts with the mean over its length.
 
         Args:
-            gained: of each contact, shape (R, M), in the plane (R, M, 2) [m].
+            gained: displacement of each contact, shape (R, M), in the plane (R, M, 2) [m].
 
         Returns:
             Distances forward and backward, each shape (R,) [m]; in the plane by the sign of x.
@@ -66,31 +66,31 @@ class Parts:
         return self.average(forward).sum(axis=1), self.average(backward).sum(axis=1)
 
 
-def parts_of(mesh: Body) -> Parts:
+def parts_of(body: Body) -> Parts:
     """List the parts of a body.
 
     Args:
-        mesh: the body.
+        body: the body.
 
     Returns:
         Its parts, over all of its contacts.
     """
-    count = mesh.isolated.size
-    groups = [np.array([contact]) for contact in mesh.isolated]
-    groups += [np.arange(s.first, s.last + 1) for s in mesh.segments]
-    shares = [np.ones(1)] * count + [mesh.share[g] / mesh.share[g].sum() for g in groups[count:]]
-    return _laid_out(mesh.stations, station_names(mesh), groups, shares)
+    count = body.isolated.size
+    groups = [np.array([contact]) for contact in body.isolated]
+    groups += [np.arange(s.first, s.last + 1) for s in body.segments]
+    shares = [np.ones(1)] * count + [body.share[g] / body.share[g].sum() for g in groups[count:]]
+    return _build(body.stations, station_names(body), groups, shares)
 
 
 def parts_by_name(names: tuple[str, ...], position: np.ndarray) -> Parts:
-    """Guess the parts of a body that nobody knows from what its contacts are called and where they stand.
+    """Infer the parts of an unknown body from the names and positions of its contacts.
 
     Args:
-        names: of the contacts shown, as "contact_0" or "trunk/contact_7", shape (M,).
-        position: where they stand, shape (M,), in the plane, where there are no segments, (M, 2) [m].
+        names: names of the contacts shown, as "contact_0" or "trunk/contact_7", shape (M,).
+        position: positions of the contacts, shape (M,); in the plane, where there are no segments, (M, 2) [m].
 
     Returns:
-        Its parts, over the contacts shown. A contact of a segment counts for half the way to each of its neighbours.
+        Its parts, over the contacts shown. A contact of a segment counts for half the distance to each neighbour.
     """
     alone = [contact for contact, name in enumerate(names) if "/" not in name]
     segments: dict[str, list[int]] = {}
@@ -98,20 +98,20 @@ def parts_by_name(names: tuple[str, ...], position: np.ndarray) -> Parts:
         if "/" in name:
             segments.setdefault(name.partition("/")[0], []).append(contact)
     ends = [end for inside in segments.values() for end in (inside[0], inside[-1])]
-    called = [names[c] for c in alone] + [f"{name}.{end}" for name in segments for end in ("from", "to")]
+    station_labels = [names[c] for c in alone] + [f"{name}.{end}" for name in segments for end in ("from", "to")]
     groups = [np.array([contact]) for contact in alone] + [np.array(inside) for inside in segments.values()]
     shares = [np.ones(1)] * len(alone) + [_cells(position[group]) for group in groups[len(alone) :]]
-    return _laid_out(np.array([*alone, *ends], np.int64), called, groups, shares)
+    return _build(np.array([*alone, *ends], np.int64), station_labels, groups, shares)
 
 
 def _cells(position: np.ndarray) -> np.ndarray:
-    """Weigh contacts of a segment by the stretch around them; the weights add up to 1."""
+    """Weight the contacts of a segment by the length around them; the weights add up to 1."""
     gaps = np.abs(np.diff(position))
     cells = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps))
     return cells / cells.sum() if cells.sum() > 0.0 else np.full(cells.size, 1.0 / cells.size)
 
 
-def _laid_out(stations: np.ndarray, names: list[str], groups: list[np.ndarray], shares: list[np.ndarray]) -> Parts:
+def _build(stations: np.ndarray, names: list[str], groups: list[np.ndarray], shares: list[np.ndarray]) -> Parts:
     none = np.zeros(0)
     first = np.cumsum([0, *(group.size for group in groups)])[:-1]
     order = np.concatenate([none, *groups]).astype(np.int64)

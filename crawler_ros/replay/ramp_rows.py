@@ -1,4 +1,4 @@
-"""Ramps followed by the model, collected row by row and laid out as arrays."""
+"""Ramps followed by the model, collected row by row and converted to arrays."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from .parts import parts_of
 from .ramps import Piece
 
 _NOISE = 1e-14
-"""Gains below this part of the body's length are rounding."""
+"""Displacements below this fraction of the body's length are rounding."""
 
 
 class RampRows:
-    """Ramps as they are computed, one after another, and then a piece of them."""
+    """Collects ramps as they are computed and builds a piece of them."""
 
     def __init__(self, scene: Plan, widths: tuple[int, int]) -> None:
-        """Begin empty.
+        """Start empty.
 
         Args:
-            scene: what runs.
-            widths: entries of joint_states and of contact_states.
+            scene: the scene that runs.
+            widths: numbers of entries of joint_states and of contact_states.
         """
         self._scene, self._widths, self._parts = scene, widths, parts_of(scene.body)
         self.run: list[int] = []
@@ -58,17 +58,17 @@ class RampRows:
         crawler: Crawler,
         account: np.ndarray,
     ) -> None:
-        """Note a ramp that was just followed.
+        """Add a ramp that was just followed.
 
         Args:
-            run: between which resets it lies.
+            run: number of the run between resets.
             start_ns: when it begins [ns].
             end_ns: when it ends [ns].
             ends_tick: whether a tick ends there too.
             row: the command at its end.
             target: the same for every spring and contact.
-            crawler: at its end.
-            account: of the step.
+            crawler: the crawler at its end.
+            account: account of the step.
         """
         self.run.append(run)
         self.start_ns.append(start_ns)
@@ -83,10 +83,10 @@ class RampRows:
         self._accounts.append(account)
 
     def hold(self, run: int, start_ns: int, end_ns: int, row: np.ndarray, target: np.ndarray, crawler: Crawler) -> None:
-        """Note a tick in which nothing was commanded; as `add` notes a ramp.
+        """Add a tick in which nothing was commanded, as `add` adds a ramp.
 
         Args:
-            run: between which resets it lies.
+            run: number of the run between resets.
             start_ns: simulated time at its start [ns].
             end_ns: simulated time at its end [ns].
             row: the command in force, shape (C,).
@@ -99,12 +99,12 @@ class RampRows:
         self._gained[-1] = np.zeros_like(self._gained[-1])
 
     def read(self, readout: Readout, crawler: Crawler, seconds: float) -> None:
-        """Note what the topics say at the end of a tick.
+        """Add the contents of the topics at the end of a tick.
 
         Args:
-            readout: of the scene.
-            crawler: at the tick's end, which it went to in one step.
-            seconds: what the tick took [s]; infinite at the start, NaN where it is not known.
+            readout: readout of the scene.
+            crawler: the crawler at the end of the tick, reached in one step.
+            seconds: duration of the tick [s]; infinite at the start, NaN when it is not known.
         """
         joints, contacts = np.empty((3, self._widths[0])), np.empty((3, self._widths[1]))
         readout.read(crawler, seconds, joints, contacts)
@@ -114,24 +114,24 @@ class RampRows:
         self.poses.append((x, y, 0.0, 0.0, 0.0, 0.0, 1.0))
 
     def piece(self, shown: np.ndarray) -> Piece:
-        """Lay out all of them.
+        """Build a piece of all ramps.
 
         Args:
-            shown: the contacts that contact_states speaks of, shape (M,).
+            shown: the contacts in contact_states, shape (M,).
 
         Returns:
             The piece.
         """
-        mesh = self._scene.body
+        body = self._scene.body
         x, tension, gained = np.array(self._x), np.array(self._tension), np.array(self._gained)
         shape, target, account = np.array(self._shape), np.array(self._targets), np.array(self._accounts)
-        force = spring_forces(mesh, tension)
+        force = spring_forces(body, tension)
         margins = self._margins(force, target)
         least, most = self._bounds(tension, target)
-        # a contact that reaches its bound as a ramp ends may gain what rounding left over: that is no slip
-        noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(mesh.position, axis=0).max()))
+        # a contact that reaches its bound as a ramp ends may move by rounding: that is not a slip
+        noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(body.position, axis=0).max()))
         gained = np.where(np.abs(gained) > noise, gained, 0.0)
-        stiffness = mesh.stiffness.reshape(-1, *(1,) * (mesh.dimension - 1))
+        stiffness = body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
         forward, backward = self._parts.slid(gained)
         rows = x.shape[0]
         return Piece(
@@ -140,17 +140,17 @@ class RampRows:
             end_ns=np.array(self.end_ns, np.int64),
             ends_tick=np.array(self.ends_tick),
             command=np.array(self._commands),
-            position=(mesh.position + x)[:, shown],
+            position=(body.position + x)[:, shown],
             gained=gained[:, shown],
             station_gained=gained[:, self._parts.stations],
             forward=forward,
             backward=backward,
             ground=-force[:, shown],
-            elongation=_over_joints(mesh.joint_sum, shape),
-            tension=_over_joints(mesh.joint_mean, tension),
+            elongation=_over_joints(body.joint_sum, shape),
+            tension=_over_joints(body.joint_mean, tension),
             least=least,
             most=most,
-            net_translation=average_displacement(mesh, x) if mesh.dimension == 1 else x.mean(axis=1),
+            net_translation=average_displacement(body, x) if body.dimension == 1 else x.mean(axis=1),
             work=account[:, WORK] + account[:, LOADS_WORK],
             dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
             stored=(0.5 * tension**2 / stiffness).reshape(rows, -1).sum(axis=1),
@@ -162,9 +162,9 @@ class RampRows:
 
     def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""
-        mesh, scene = self._scene.body, self._scene
-        n, lengths = mesh.contacts, mesh.springs * mesh.dimension
-        if mesh.dimension == 1:
+        body, scene = self._scene.body, self._scene
+        n, lengths = body.contacts, body.springs * body.dimension
+        if body.dimension == 1:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n :]
             return np.minimum(forward - force, force + backward)
         friction = target[:, lengths:].reshape(target.shape[0], n, -1)
@@ -173,28 +173,28 @@ class RampRows:
         return (friction - force @ scene.directions.T).min(axis=2)
 
     def _bounds(self, tension: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute between which tensions each link may be; NaN where the body is no chain of links."""
-        mesh = self._scene.body
-        if mesh.dimension == 2 or not mesh.is_chain or mesh.segments:
-            nothing = np.full((tension.shape[0], mesh.joints.shape[0]), np.nan)
+        """Compute the bounds of each link's tension; NaN where the body is not a chain of links."""
+        body = self._scene.body
+        if body.dimension == 2 or not body.is_chain or body.segments:
+            nothing = np.full((tension.shape[0], body.joints.shape[0]), np.nan)
             return nothing, nothing
-        s, n = mesh.springs, mesh.contacts
+        s, n = body.springs, body.contacts
         return stasis_bounds(tension, target[:, s : s + n], target[:, s + n :])
 
 
-def spring_forces(mesh: Body, tension: np.ndarray) -> np.ndarray:
+def spring_forces(body: Body, tension: np.ndarray) -> np.ndarray:
     """Compute g on each contact for many tensions.
 
     Args:
-        mesh: the body.
-        tension: of its springs, shape (R, S), in the plane (R, S, 2) [N].
+        body: the body.
+        tension: tensions of its springs, shape (R, S), in the plane (R, S, 2) [N].
 
     Returns:
         Shape (R, N), in the plane (R, N, 2) [N].
     """
-    if mesh.dimension == 1:
-        return mesh.spring_force(tension)
-    return np.array([mesh.spring_force(row) for row in tension])
+    if body.dimension == 1:
+        return body.spring_force(tension)
+    return np.array([body.spring_force(row) for row in tension])
 
 
 def _over_joints(combine: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:

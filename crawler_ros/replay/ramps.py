@@ -1,7 +1,7 @@
-"""What is known of each ramp of a run: pieces as they are computed, and the table that is kept of all of them.
+"""The data of each ramp of a run: pieces with every contact, and a table of all ramps with a few numbers each.
 
-A ramp is one straight line of the commands; a tick has one, or several where commands came in between. Pieces hold
-every contact and go to whoever wants them (a table on disk, a picture); the table that stays has a few numbers a ramp,
+A ramp is one straight line of the commands; a tick has one, or several if commands arrived in between. Pieces hold
+every contact and are passed to sinks (a table on disk, a picture); the table in memory has a few numbers per ramp,
 however large the body is.
 """
 
@@ -17,30 +17,30 @@ from .cycles import CommandPath, signature_weights
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Ramps that follow one another. What is not known is NaN.
+    """Consecutive ramps. Unknown numbers are NaN.
 
     Attributes:
-        run: between which resets, shape (R,).
+        run: number of the run between resets, shape (R,).
         start_ns: when each ramp begins, shape (R,) [ns, simulated].
         end_ns: when it ends, shape (R,) [ns, simulated].
         ends_tick: whether a tick ends there too, shape (R,).
-        command: the row in force at its end, shape (R, C); C = 0 where no command is known.
+        command: the command row in force at its end, shape (R, C); C = 0 where no command is known.
         position: of each shown contact, xi + x, shape (R, M), in the plane (R, M, 2) [m].
-        gained: what each shown contact gained, likewise [m].
-        station_gained: what each station of the body gained, shape (R, Q), in the plane (R, Q, 2) [m].
+        gained: displacement of each shown contact in the ramp, likewise [m].
+        station_gained: displacement of each station of the body, shape (R, Q), in the plane (R, Q, 2) [m].
         forward: how far the body slid forward (`parts.Parts.slid`), shape (R,) [m].
         backward: the same backward, likewise.
-        ground: force of the ground on each shown contact, -g, likewise [N].
-        elongation: of each joint, shape (R, J), in the plane (R, J, 2) [m].
-        tension: of each joint, likewise [N].
-        least: least tension that its link may have while the others keep theirs, shape (R, J) [N].
+        ground: force of the ground on each shown contact, -g, shaped as `position` [N].
+        elongation: elongation of each joint, shape (R, J), in the plane (R, J, 2) [m].
+        tension: tension of each joint, likewise [N].
+        least: least tension that its link may have while the others are unchanged, shape (R, J) [N].
         most: the greatest, likewise.
         net_translation: y, shape (R,), in the plane (R, 2) [m].
-        work: of the actuators, shape (R,) [J].
-        dissipation: lost to friction, shape (R,) [J].
-        stored: at the end, shape (R,) [J].
+        work: work of the actuators, shape (R,) [J].
+        dissipation: dissipated energy, shape (R,) [J].
+        stored: stored energy at the end, shape (R,) [J].
         margin: least distance of a spring force from its nearest bound at the end, shape (R,) [N].
-        nearest: the contact that has it, counted along the whole body, shape (R,); -1 where it is not known.
+        nearest: number of the contact with the least distance, shape (R,); -1 when it is not known.
         visited: how near all contacts came to sliding at once, shape (R,).
         unique: whether the translation was determined, shape (R,).
     """
@@ -71,19 +71,19 @@ class Piece:
 
 
 Sink = Callable[[Piece], None]
-"""Takes pieces in order."""
+"""A callable that receives pieces in order."""
 
-_KEPT = (
+_COPIED = (
     *("run", "start_ns", "end_ns", "ends_tick", "work", "dissipation", "stored"),
     *("margin", "nearest", "visited", "unique", "forward", "backward"),
 )
 
 
 class RampTable:
-    """Keeps of all pieces what does not grow with the body: a `Sink`. Arrays are there after `finish`."""
+    """Collects the numbers of all pieces that do not grow with the body: a `Sink`. `finish` builds the arrays."""
 
     def __init__(self) -> None:
-        """Begin empty."""
+        """Start empty."""
         self._parts: dict[str, list[np.ndarray]] = {}
         self.run = self.start_ns = self.end_ns = np.zeros(0, np.int64)
         self.ends_tick = self.unique = np.zeros(0, bool)
@@ -98,8 +98,8 @@ class RampTable:
         self.shape_size = 0.0
 
     def __call__(self, piece: Piece) -> None:
-        """Take a piece."""
-        made = {name: getattr(piece, name) for name in _KEPT}
+        """Add a piece."""
+        made = {name: getattr(piece, name) for name in _COPIED}
         rows = piece.run.size
         made["net_translation"] = piece.net_translation.reshape(rows, -1)
         made["place"] = piece.command @ signature_weights(piece.command.shape[1])
@@ -120,10 +120,10 @@ class RampTable:
         return self
 
     def path(self, run: int) -> tuple[int, CommandPath]:
-        """Lay out the commands of a run; its first ramp is the state at its start.
+        """Return the path of the commands of a run; its first ramp is the state at its start.
 
         Args:
-            run: between which resets.
+            run: number of the run between resets.
 
         Returns:
             The row of the run's first ramp, and the path.

@@ -1,4 +1,4 @@
-"""From a recording's commands back through the model: every ramp again, with its account, against what was recorded."""
+"""New simulation of a recording's commands: every ramp with its account, compared with the recorded states."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ _AXES = ("x", "y", "z", *(f"orientation.{axis}" for axis in "xyzw"))
 
 @dataclass
 class Comparison:
-    """How recorded states differ from ours.
+    """The differences between recorded and simulated states.
 
     Attributes:
-        ticks: states compared.
-        resets: how often simulated time went back to 0.
+        ticks: number of states compared.
+        resets: number of times that simulated time returned to 0.
         max_difference: largest difference of a displacement or elongation [m].
         max_force_difference: largest difference of a force [N].
         first_difference: simulated time of the first difference [s]; None when there is none.
         first_where: the joint, its quantity, recorded and simulated value there.
-        unmatched: recorded states without a simulated one.
+        unmatched: number of recorded states without a simulated one.
         stopped: why the ledger could not be followed to its end; "" when it could.
-        missing: ticks whose ledger message is missing.
+        missing: number of ticks whose ledger message is missing.
         missing_at: simulated time of the first of them [s]; None when there is none.
-        duplicates: ledger messages that came twice; they were followed once.
+        duplicates: number of repeated ledger messages; each was followed once.
     """
 
     ticks: int = 0
@@ -64,15 +64,15 @@ class Comparison:
 
 
 @dataclass(eq=False)
-class _Kept:
-    """States that wait for their partner: keys and numbers."""
+class _Unpaired:
+    """States that wait for their counterparts: keys and numbers."""
 
     keys: list[tuple[int, int]] = field(default_factory=list)
     numbers: list[np.ndarray] = field(default_factory=list)
 
 
 class Resimulation:
-    """Follows the ledger of a recording and compares."""
+    """Follows the ledger of a recording and compares the states."""
 
     def __init__(
         self,
@@ -83,21 +83,21 @@ class Resimulation:
         sinks: Sequence[Sink],
         begin_ns: int = 0,
     ) -> None:
-        """Stand at the start.
+        """Prepare the simulation at its start.
 
         Args:
-            survey: of the recording.
+            survey: survey of the recording.
             robot: the crawler.
-            start: the crawler as it was when simulated time was `begin_ns`.
+            start: the crawler at simulated time `begin_ns`.
             rate: ticks per second [Hz].
-            sinks: take what every ramp did.
-            begin_ns: ledger messages before it are passed over [ns].
+            sinks: callables that receive every ramp.
+            begin_ns: simulated time before which ledger messages are skipped [ns].
         """
         self.comparison = Comparison()
         self._survey, self._robot, self._rate, self._sinks = survey, robot, rate, sinks
         self._start, self._crawler, self._begin_ns = start, start.copy(), begin_ns
         scene = start.scene
-        self._scene, self._mesh = scene, scene.body
+        self._scene, self._body = scene, scene.body
         self._shown = shown_contacts(scene.body)
         self._readout = Readout(scene.body, self._shown)
         self._widths = len(joint_state_names(scene.body)), len(contact_names(scene.body))
@@ -105,35 +105,35 @@ class Resimulation:
         self._target = np.concatenate((start.actuation.ravel(), start.friction))
         self._run, self._last_ns, self._ticked = 0, begin_ns - 1, False
         self._end_ns = begin_ns
-        self._waiting = {name: (_Kept(), _Kept()) for name in _STATES}
+        self._waiting = {name: (_Unpaired(), _Unpaired()) for name in _STATES}
         self._decoders = {
             name: Decoder(robot.recorded(name), kind)
             for name, kind in {_LEDGER: TRAJECTORY, **_STATES}.items()
             if robot.recorded(name) in survey.topics
         }
 
-    def go(self, progress: Callable[[float], None] | None = None) -> Comparison:
-        """Read the recording once and follow it.
+    def run(self, progress: Callable[[float], None] | None = None) -> Comparison:
+        """Read the recording once and simulate it.
 
         Args:
-            progress: called with the part done, in [0, 1].
+            progress: called with the fraction done, in [0, 1].
 
         Returns:
             The comparison.
 
         Raises:
-            BagError: when the recording's joints are not the scene's.
+            BagError: when the joints of the recording and of the scene differ.
         """
         head = bag.Bag({})
-        self._give_start()
+        self._send_start()
         for block in bag.read_blocks(self._survey.path, head, progress):
-            self._take(block, {c: self._robot.meant(d.topic) for c, (d, _) in head.channels.items()})
+            self._add_block(block, {c: self._robot.meant(d.topic) for c, (d, _) in head.channels.items()})
             if self.comparison.stopped:
                 break
         self.comparison.unmatched += sum(len(theirs.keys) for _, theirs in self._waiting.values())
         return self.comparison
 
-    def _take(self, block: bag.Block, names: dict[int, str]) -> None:
+    def _add_block(self, block: bag.Block, names: dict[int, str]) -> None:
         places = {
             name: np.flatnonzero(np.isin(block.channel, [c for c, n in names.items() if n == name]))
             for name in self._decoders
@@ -145,7 +145,7 @@ class Resimulation:
             for at, times, numbers in read.get(name, []):
                 where = places[name][at]
                 runs = self._run + np.searchsorted(resets, where, side="right")
-                self._keep(name, 1, runs, times[:, 0], np.stack(numbers, axis=1))
+                self._store(name, 1, runs, times[:, 0], np.stack(numbers, axis=1))
         self._follow_block(places.get(_LEDGER, np.zeros(0, np.int64)), read.get(_LEDGER, []), resets)
         for name in _STATES:
             self._compare(name)
@@ -153,7 +153,7 @@ class Resimulation:
     def _check_names(self) -> None:
         wanted = {
             _LEDGER: self._scene.columns.names,
-            _JOINTS: tuple(joint_state_names(self._mesh)),
+            _JOINTS: tuple(joint_state_names(self._body)),
             "contact_states": tuple(contact_names(self._scene.body)),
             "pose": (),
         }
@@ -161,11 +161,11 @@ class Resimulation:
             if decoder.names is not None and decoder.names != wanted[name] and (decoder.names or name != _LEDGER):
                 raise bag.BagError(
                     f"{self._survey.path}: {decoder.topic} has {', '.join(decoder.names[:5])}, the scene "
-                    f"{self._scene.name} {', '.join(wanted[name][:5])}: it is not the scene that was recorded"
+                    f"{self._scene.name} {', '.join(wanted[name][:5])}: this is not the recorded scene"
                 )
 
     def _find_resets(self, places: dict[str, np.ndarray], read: dict[str, list[Any]]) -> np.ndarray:
-        """Find where in a block simulated time goes back to 0: at a state of time 0 behind ticks."""
+        """Find where in a block simulated time returns to 0: at a state of time 0 after ticks."""
         ledger = places.get(_LEDGER, np.zeros(0, np.int64))
         found: list[int] = []
         if _JOINTS in self._decoders:
@@ -197,7 +197,7 @@ class Resimulation:
         self._run += 1
         self._last_ns, self._ticked, self._end_ns = -1, False, 0
         self.comparison.resets += 1
-        self._give_start()
+        self._send_start()
 
     def _follow_block(self, places: np.ndarray, groups: list[Any], resets: np.ndarray) -> None:
         """Follow the ledger's messages of a block, in order."""
@@ -211,7 +211,7 @@ class Resimulation:
         for place, stamp, offsets, numbers, j in messages:
             while turns and turns[0] < place:
                 turns.pop(0)
-                self._give(rows)
+                self._send(rows)
                 rows = RampRows(self._scene, self._widths)
                 self._reset()
             if stamp < self._begin_ns and self._run == 0:
@@ -221,11 +221,11 @@ class Resimulation:
                 continue
             if stamp < self._last_ns:
                 self.comparison.stopped = (
-                    f"the ledger's clock jumps back from {self._last_ns / NS:g} s to {stamp / NS:g} s without a reset"
+                    f"the ledger's time goes back from {self._last_ns / NS:g} s to {stamp / NS:g} s without a reset"
                 )
                 break
             self._tick(rows, stamp, offsets, [n[j] for n in numbers])
-        self._give(rows)
+        self._send(rows)
         for _ in turns:
             self._reset()
 
@@ -239,7 +239,7 @@ class Resimulation:
         whole = crawler
         if (
             len(points) > 1
-        ):  # the node follows a tick at once: what was gained in it is the sum of its ramps but for bits
+        ):  # the node follows a tick in one call: its displacements are the sums over the ramps up to rounding
             whole = crawler.copy()
             whole.follow(np.array([self._scene.columns.target(np.ascontiguousarray(row)) for row in points]))
         for number, row in enumerate(points):
@@ -255,33 +255,33 @@ class Resimulation:
         rows.read(self._readout, whole, np.nan if self._begin_ns else (end - stamp) / NS)
         self._last_ns, self._end_ns, self._ticked = stamp, end, True
 
-    def _give_start(self) -> None:
-        """Hand on the state at the start of a run, as a ramp that takes no time."""
+    def _send_start(self) -> None:
+        """Send the state at the start of a run to the sinks, as a ramp without duration."""
         rows = RampRows(self._scene, self._widths)
         rows.hold(self._run, self._end_ns, self._end_ns, self._row, self._target, self._crawler)
         rows.read(self._readout, self._crawler, np.nan if self._begin_ns else np.inf)
-        self._give(rows)
+        self._send(rows)
 
-    def _give(self, rows: RampRows) -> None:
+    def _send(self, rows: RampRows) -> None:
         if not rows.run:
             return
         ends = np.array(rows.end_ns)[np.array(rows.ends_tick)]
         runs = np.array(rows.run)[np.array(rows.ends_tick)]
-        said = (np.array(rows.joints), np.array(rows.contacts), np.array(rows.poses)[:, None])
-        for name, numbers in zip(_STATES, said, strict=True):
-            self._keep(name, 0, runs, ends, numbers)
+        states = (np.array(rows.joints), np.array(rows.contacts), np.array(rows.poses)[:, None])
+        for name, numbers in zip(_STATES, states, strict=True):
+            self._store(name, 0, runs, ends, numbers)
         piece = rows.piece(self._shown)
         for sink in self._sinks:
             sink(piece)
 
-    def _keep(self, name: str, side: int, runs: np.ndarray, ns: np.ndarray, numbers: np.ndarray) -> None:
+    def _store(self, name: str, side: int, runs: np.ndarray, ns: np.ndarray, numbers: np.ndarray) -> None:
         if name in self._decoders:
-            kept = self._waiting[name][side]
-            kept.keys += zip(runs.tolist(), ns.tolist(), strict=True)
-            kept.numbers.append(numbers)
+            waiting = self._waiting[name][side]
+            waiting.keys += zip(runs.tolist(), ns.tolist(), strict=True)
+            waiting.numbers.append(numbers)
 
     def _compare(self, name: str) -> None:
-        """Compare the states whose partner is there; the others wait, as long as there is memory."""
+        """Compare the states whose counterparts have arrived; a bounded number of others wait."""
         ours, theirs = self._waiting[name]
         if not ours.keys or not theirs.keys:
             return
@@ -301,20 +301,20 @@ class Resimulation:
         theirs.keys, theirs.numbers = [theirs.keys[i] for i in rest], [recorded[rest]]
 
     def _count(self, name: str, keys: list[tuple[int, int]], ours: np.ndarray, theirs: np.ndarray) -> None:
-        said = self.comparison
+        result = self.comparison
         if name == _JOINTS:
-            said.ticks += len(keys)
+            result.ticks += len(keys)
         wrong = ~((ours == theirs) | (np.isnan(ours) & ~np.isnan(theirs)))
         if not wrong.any():
             return
         apart = np.nan_to_num(np.abs(ours - theirs), nan=0.0)
-        said.max_difference = max(said.max_difference, float(apart[:, 0].max()))
-        said.max_force_difference = max(said.max_force_difference, float(apart[:, 2:].max(initial=0.0)))
+        result.max_difference = max(result.max_difference, float(apart[:, 0].max()))
+        result.max_force_difference = max(result.max_force_difference, float(apart[:, 2:].max(initial=0.0)))
         row, quantity, place = (int(v) for v in np.argwhere(wrong)[0])
         seconds = keys[row][1] / NS
-        if said.first_difference is None:
-            said.first_difference = seconds
+        if result.first_difference is None:
+            result.first_difference = seconds
             label = ((self._decoders[name].names or ()) + _AXES)[place]
             what = ("position", "velocity", "effort")[quantity]
             pair = f"recorded {theirs[row, quantity, place]:.17g}, simulated {ours[row, quantity, place]:.17g}"
-            said.first_where = f"{name} {label} {what}: {pair}"
+            result.first_where = f"{name} {label} {what}: {pair}"

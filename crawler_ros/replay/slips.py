@@ -1,4 +1,4 @@
-"""Slips: stretches of time in which a contact or an end of a segment slides one way. Pure: arrays in, tables out."""
+"""Slips: intervals of time in which a contact or an end of a segment slides in one direction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from .ramps import Piece
 
 ROUNDING = 1e-12
-"""A contact that gains less than this part of what the fastest one gains stands: it is rounding."""
+"""A contact whose displacement is less than this fraction of the largest one sticks: the rest is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,12 +17,12 @@ class Slips:
     """Slips in the order in which they begin.
 
     Attributes:
-        contact: place among the stations, isolated contacts and then both ends of each segment, shape (K,).
+        contact: index among the stations, isolated contacts and then both ends of each segment, shape (K,).
         direction: 1 forward, -1 backward; in the plane the angle of the whole slip [rad]; shape (K,).
-        run: between which resets, shape (K,).
-        start_ns: shape (K,) [ns, simulated].
-        end_ns: shape (K,) [ns, simulated].
-        distance: the sum of what it gained in each ramp, >= 0, shape (K,) [m].
+        run: number of the run between resets, shape (K,).
+        start_ns: start, shape (K,) [ns, simulated].
+        end_ns: end, shape (K,) [ns, simulated].
+        distance: sum of the distances in each ramp, >= 0, shape (K,) [m].
     """
 
     contact: np.ndarray
@@ -34,13 +34,13 @@ class Slips:
 
 
 def sliding(gained: np.ndarray) -> np.ndarray:
-    """Tell which way contacts slid in each ramp.
+    """Compute in which direction contacts slid in each ramp.
 
     Args:
-        gained: shape (R, M), in the plane (R, M, 2) [m].
+        gained: displacement of each contact, shape (R, M), in the plane (R, M, 2) [m].
 
     Returns:
-        1 forward, -1 backward, 0 stuck; in the plane 1 slid; int8, shape (R, M).
+        1 forward, -1 backward, 0 stuck; in the plane 1 for sliding; int8, shape (R, M).
     """
     if gained.ndim == 3:
         size = np.linalg.norm(gained, axis=2)
@@ -50,10 +50,10 @@ def sliding(gained: np.ndarray) -> np.ndarray:
 
 
 class SlipFinder:
-    """Collects slips from pieces of a run that follow one another. A pause in which nothing moves ends a slip."""
+    """Collects slips from consecutive pieces of a run. A pause in which nothing moves ends a slip."""
 
     def __init__(self, contacts: int, planar: bool) -> None:
-        """Begin with every contact stuck.
+        """Start with every contact stuck.
 
         Args:
             contacts: number of contacts M.
@@ -61,48 +61,48 @@ class SlipFinder:
         """
         self._planar = planar
         self._found: list[np.ndarray] = []
-        self._way = np.zeros(contacts, np.int8)
+        self._direction = np.zeros(contacts, np.int8)
         self._since = np.zeros(contacts, np.int64)
         self._until = np.zeros(contacts, np.int64)
         self._sum = np.zeros((contacts, 3))
         self._run = 0
 
     def add(self, run: np.ndarray, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
-        """Take the ramps that come next.
+        """Add the next ramps.
 
         Args:
-            run: between which resets each lies, not decreasing, shape (R,).
+            run: number of the run of each, not decreasing, shape (R,).
             start_ns: when each begins, shape (R,) [ns].
             end_ns: when it ends, shape (R,) [ns].
-            gained: what each contact gained, shape (R, M), in the plane (R, M, 2) [m].
+            gained: displacement of each contact, shape (R, M), in the plane (R, M, 2) [m].
         """
         for number in np.unique(run).tolist():
             rows = np.flatnonzero(run == number)
             if number != self._run:
-                self._close(np.arange(self._way.size))
+                self._close(np.arange(self._direction.size))
                 self._run = number
             self._add_run(start_ns[rows], end_ns[rows], gained[rows])
 
     def _add_run(self, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
-        way = sliding(gained)
+        direction = sliding(gained)
         size = np.linalg.norm(gained, axis=2) if self._planar else np.abs(gained)
         total = np.zeros((gained.shape[0] + 1, gained.shape[1], 3))
         np.cumsum(size, axis=0, out=total[1:, :, 0])
         np.cumsum(gained if self._planar else gained[..., None], axis=0, out=total[1:, :, 1 : 1 + 1 + self._planar])
-        changed = np.flatnonzero((way != np.vstack((self._way[None], way[:-1]))).any(axis=0))
+        changed = np.flatnonzero((direction != np.vstack((self._direction[None], direction[:-1]))).any(axis=0))
         for contact in changed.tolist():
-            column = way[:, contact]
-            edges = np.flatnonzero(column != np.append(self._way[contact], column[:-1]))
+            column = direction[:, contact]
+            edges = np.flatnonzero(column != np.append(self._direction[contact], column[:-1]))
             at = 0
             for edge in edges.tolist():
-                if self._way[contact]:
+                if self._direction[contact]:
                     self._extend(contact, total[edge, contact] - total[at, contact], end_ns[edge - 1], edge > at)
                     self._close([contact])
-                self._way[contact], at = column[edge], edge
+                self._direction[contact], at = column[edge], edge
                 self._since[contact], self._sum[contact] = start_ns[edge], 0.0
-            if self._way[contact]:
+            if self._direction[contact]:
                 self._extend(contact, total[-1, contact] - total[at, contact], end_ns[-1], True)
-        unchanged = np.setdiff1d(np.flatnonzero(self._way), changed)
+        unchanged = np.setdiff1d(np.flatnonzero(self._direction), changed)
         self._sum[unchanged] += total[-1, unchanged]
         self._until[unchanged] = end_ns[-1]
 
@@ -113,45 +113,45 @@ class SlipFinder:
 
     def _close(self, contacts: np.ndarray | list[int]) -> None:
         for contact in contacts:
-            if self._way[contact]:
+            if self._direction[contact]:
                 distance, x, y = self._sum[contact]
-                direction = np.arctan2(y, x) if self._planar else float(self._way[contact])
+                direction = np.arctan2(y, x) if self._planar else float(self._direction[contact])
                 row = (contact, direction, self._run, self._since[contact], self._until[contact], distance)
                 self._found.append(np.array(row, dtype=_ROW))
-                self._way[contact] = 0
+                self._direction[contact] = 0
 
     def finish(self) -> Slips:
-        """End the slips that go on and lay out all of them.
+        """End the open slips and return all of them.
 
         Returns:
-            The slips, in the order in which they begin, run by run.
+            The slips by run and by start.
         """
-        self._close(np.arange(self._way.size))
+        self._close(np.arange(self._direction.size))
         table = np.array(self._found, dtype=_ROW) if self._found else np.zeros(0, dtype=_ROW)
         table = table[np.lexsort((table["contact"], table["start_ns"], table["run"]))]
         return Slips(*(np.ascontiguousarray(table[name]) for name in _ROW.names or ()))
 
 
 class SlipSink:
-    """Finds the slips of a body's stations in the pieces of a run: a `Sink`."""
+    """Finds the slips of the stations of a body in the pieces of a run: a `Sink`."""
 
     def __init__(self) -> None:
-        """Begin empty; the first piece tells how many stations there are."""
+        """Start empty; the first piece determines the number of stations."""
         self._finder = SlipFinder(0, False)
         self._begun = False
 
     def __call__(self, piece: Piece) -> None:
-        """Take a piece."""
+        """Add a piece."""
         if not self._begun:
             self._finder = SlipFinder(piece.station_gained.shape[1], piece.station_gained.ndim == 3)
             self._begun = True
         self._finder.add(piece.run, piece.start_ns, piece.end_ns, piece.station_gained)
 
     def finish(self) -> Slips:
-        """End the slips that go on and lay out all of them.
+        """End the open slips and return all of them.
 
         Returns:
-            The slips, in the order in which they begin, run by run.
+            The slips by run and by start.
         """
         return self._finder.finish()
 

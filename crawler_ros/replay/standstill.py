@@ -1,4 +1,4 @@
-"""Whether a run ended at rest, since when, and whether for want of commands or of force."""
+"""Detection of a rest at the end of a run, and its reason: no commands, or forces too small."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ COMMANDS = (
 
 @dataclass(frozen=True)
 class Standstill:
-    """A rest at the end of a recording that is longer than any before.
+    """A rest at the end of a recording, longer than any before.
 
     Attributes:
         since: when the last slip ended [s]; the start of the run when there was none.
         until: the end of the recording [s].
         commanded_until: when the commands changed for the last time [s]; None when they never did.
-        margin: least distance of a spring force from its bound meanwhile [N]; None when forces are not known.
+        margin: least distance of a spring force from its bound during the rest [N]; None when forces are not known.
         last_message: topic of the last command message; None when none was recorded.
-        last_message_at: simulated time when it arrived [s].
+        last_message_at: simulated time of its arrival [s].
     """
 
     since: float
@@ -43,29 +43,29 @@ class Standstill:
     last_message_at: float | None
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out for JSON.
+        """Convert to plain values for JSON.
 
         Returns:
-            Its attributes by name.
+            The attributes by name.
         """
         return dict(self.__dict__)
 
     def explain(self) -> str:
-        """Say it in a line.
+        """Describe the rest in one line.
 
         Returns:
-            Since when it rested, and why.
+            Its time and its reason.
         """
         rest = f"at rest from {self.since:g} s to the end at {self.until:g} s"
         if self.commanded_until is None:
             return f"{rest}: no command changed anything{self._arrival()}"
-        said = [f"{rest}: commands changed up to {self.commanded_until:g} s"]
+        clauses = [f"{rest}: commands changed up to {self.commanded_until:g} s"]
         if self.commanded_until > self.since:
             near = "" if self.margin is None else f" (the nearest stayed {self.margin:.3g} N away)"
-            said.append(f"meanwhile no spring force got past its bound{near}")
+            clauses.append(f"meanwhile no spring force exceeded its bound{near}")
         if self.commanded_until < self.until:
-            said.append("no change after that")
-        return "; ".join(said) + self._arrival()
+            clauses.append("no change after that")
+        return "; ".join(clauses) + self._arrival()
 
     def _arrival(self) -> str:
         if self.last_message is None:
@@ -74,15 +74,15 @@ class Standstill:
 
 
 def find_standstill(table: RampTable, survey: Survey, robot: Robot) -> Standstill | None:
-    """Look at the end of the last run.
+    """Find a rest at the end of the last run.
 
     Args:
-        table: its ramps; without commands where none were recorded.
-        survey: of the recording.
+        table: the ramps of the recording; without commands if none were recorded.
+        survey: survey of the recording.
         robot: the crawler.
 
     Returns:
-        The rest, or None when the crawler moved to the end, or had rested as long before.
+        The rest; None when the crawler moved to the end, or had rested as long before.
     """
     rows = np.flatnonzero(table.run == table.run[-1])
     start, end = table.start_ns[rows], table.end_ns[rows]
@@ -109,10 +109,10 @@ def find_standstill(table: RampTable, survey: Survey, robot: Robot) -> Standstil
 def _last_message(survey: Survey, robot: Robot) -> tuple[str | None, float | None]:
     """Find the last command message, and the last state before it arrived."""
     recorded = {name: survey.topics.get(robot.recorded(name)) for name in COMMANDS}
-    heard = {name: topic.log_ns[-1] for name, topic in recorded.items() if topic is not None}
+    received = {name: topic.log_ns[-1] for name, topic in recorded.items() if topic is not None}
     states = survey.topics.get(robot.recorded("joint_states"))
-    if not heard or states is None:
+    if not received or states is None:
         return None, None
-    topic = max(heard, key=lambda name: int(heard[name]))
-    before = int(np.searchsorted(states.log_ns, heard[topic], side="right")) - 1
+    topic = max(received, key=lambda name: int(received[name]))
+    before = int(np.searchsorted(states.log_ns, received[topic], side="right")) - 1
     return topic, float(states.stamp_ns[max(before, 0)]) / NS

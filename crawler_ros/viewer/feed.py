@@ -1,4 +1,4 @@
-"""The simulator's end of the pipe to the process that draws: it never blocks."""
+"""The simulator's end of the pipe to the drawing process: it never blocks."""
 
 from __future__ import annotations
 
@@ -22,40 +22,40 @@ from crawler_model import Crawler, Scene
 from .frames import FRAME_EVERY_NS, frame_of
 
 LIVE_PORT = 9876
-"""The port of the first live viewer on a machine, rerun's own; those that follow take the next ones."""
+"""The port of the first live viewer on a machine, rerun's default; later viewers use the next ones."""
 _MOST_VIEWERS = 100
 _PIPE_BYTES = 1 << 20
 
 
 def check_view(view: str) -> None:
-    """Check where a view goes.
+    """Check the target of a view.
 
     Args:
-        view: "live", or the path of an .rrd file that is not there yet.
+        view: "live", or the path of an .rrd file that does not exist yet.
 
     Raises:
         FileExistsError: when the file exists.
-        ValueError: when it is something else.
+        ValueError: when it is neither.
     """
     if view == "live":
         return
     if Path(view).suffix != ".rrd":
         raise ValueError(f"view: {view!r}; it must be off, live, or a path that ends in .rrd")
     if Path(view).exists():
-        raise FileExistsError(f"view: {view} exists; give a path that does not")
+        raise FileExistsError(f"view: {view} exists; choose a path that does not")
 
 
 def is_free(port: int) -> bool:
-    """Tell whether nobody listens on a port of 127.0.0.1.
+    """Return whether a port of 127.0.0.1 is free.
 
     Args:
         port: its number.
 
     Returns:
-        True when a server can be opened there.
+        True when a server can be opened on it.
     """
     with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections that were closed do not count
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # closed connections do not count
         try:
             probe.bind(("127.0.0.1", port))
             probe.listen(1)
@@ -65,10 +65,10 @@ def is_free(port: int) -> bool:
 
 
 def claim_port() -> tuple[int, socket.socket]:
-    """Choose the first free port from `LIVE_PORT` on, and keep it from simulators that start at the same time.
+    """Choose the first free port from `LIVE_PORT` on, and reserve it against simulators starting at the same time.
 
     Returns:
-        The port, and what holds it: closed, or with the end of this process, the port can be chosen again.
+        The port, and the socket that reserves it until it is closed or this process ends.
 
     Raises:
         OSError: when all ports tried are taken.
@@ -77,7 +77,7 @@ def claim_port() -> tuple[int, socket.socket]:
     for port in range(LIVE_PORT, last + 1):
         claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            claim.bind(f"\0crawler live view {port}")  # a name of Linux's that no file stands for
+            claim.bind(f"\0crawler live view {port}")  # an abstract name of Linux, without a file
         except OSError:
             claim.close()
             continue
@@ -90,18 +90,18 @@ def claim_port() -> tuple[int, socket.socket]:
 class ViewerFeed:
     """The simulator's end of the pipe to a drawing process."""
 
-    def __init__(self, scene: Scene, view: str, say: Callable[[str], Any]) -> None:
+    def __init__(self, scene: Scene, view: str, log: Callable[[str], Any]) -> None:
         """Start the drawing process.
 
         Args:
-            scene: what is drawn.
+            scene: the scene to draw.
             view: "live", or the path of an .rrd file.
-            say: told where to look.
+            log: function that logs where the view is.
 
         Raises:
             FileExistsError: when the file exists: nothing is overwritten.
             OSError: when no port is free.
-            ValueError: when `view` is something else.
+            ValueError: when `view` is neither.
         """
         check_view(view)
         self._claim: socket.socket | None = None
@@ -123,21 +123,21 @@ class ViewerFeed:
         header = json.dumps(scene.document()).encode()
         self._pipe.write(struct.pack("<I", len(header)) + header)
         self._pipe.flush()
-        with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
+        with contextlib.suppress(OSError):  # a larger pipe is not essential
             fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._pipe.fileno(), False)
         self._waiting = b""
         self._shown_ns: int | None = None
         self._moved: np.ndarray | None = None
         self.dropped = 0
-        say(f"drawing to {where}")
+        log(f"drawing to {where}")
 
     def show(self, time_ns: int, crawler: Crawler) -> None:
-        """Offer a frame; at most fifty a simulated second are taken, and none waits.
+        """Send a frame without waiting; at most fifty per simulated second are sent.
 
         Args:
-            time_ns: simulated time.
-            crawler: its state is drawn.
+            time_ns: simulated time [ns].
+            crawler: the crawler to draw.
         """
         state = crawler.contact_state
         self._moved = state if self._moved is None else np.where(state != 0, state, self._moved)
@@ -154,11 +154,11 @@ class ViewerFeed:
 
     @property
     def alive(self) -> bool:
-        """Whether the drawing process still runs."""
+        """Whether the drawing process is still running."""
         return self._process.poll() is None
 
     def _push(self) -> bool:
-        """Write what is waiting as far as it goes; tell whether it all went."""
+        """Write waiting bytes as far as the pipe accepts them; return whether all were written."""
         try:
             while self._waiting:
                 self._waiting = self._waiting[os.write(self._pipe.fileno(), self._waiting) :]
@@ -170,7 +170,7 @@ class ViewerFeed:
         return True
 
     def close(self) -> None:
-        """Let the drawing process finish its file; give a stuck one a minute, which a busy machine may need."""
+        """Let the drawing process finish its file; end it after a minute, which a busy machine may need."""
         deadline = time.monotonic() + 60.0
         while not self._push() and self.alive and time.monotonic() < deadline:
             time.sleep(0.02)

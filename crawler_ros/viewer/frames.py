@@ -37,63 +37,63 @@ class Frame:
     backward: np.ndarray
 
     def pack(self) -> bytes:
-        """Lay the frame out as bytes: the time, then all numbers as doubles."""
+        """Encode the frame as bytes: the time, then all numbers as doubles."""
         numbers = (self.displacement, self.tension, self.state, self.forward, self.backward)
         return struct.pack("<q", self.time_ns) + np.concatenate(numbers).astype("<f8").tobytes()
 
     @staticmethod
-    def unpack(data: bytes, mesh: Body) -> Frame:
-        """Undo `pack`."""
+    def unpack(data: bytes, body: Body) -> Frame:
+        """Decode the bytes of `pack`."""
         (ns,) = struct.unpack_from("<q", data)
-        cuts = np.cumsum(frame_sizes(mesh))
+        cuts = np.cumsum(frame_sizes(body))
         x, tension, state, forward, backward = np.split(np.frombuffer(data, "<f8", int(cuts[-1]), 8), cuts[:-1])
         return Frame(ns, x, tension, state.astype(np.int8), forward, backward)
 
 
-def frame_sizes(mesh: Body) -> list[int]:
+def frame_sizes(body: Body) -> list[int]:
     """Count the numbers of a frame.
 
     Args:
-        mesh: the body.
+        body: the body.
 
     Returns:
         Entries of displacement, tension, state, forward and backward.
     """
-    stations, joints = mesh.stations.size, mesh.joints.shape[0]
-    friction = stations if has_stasis_bounds(mesh) else 0
-    return [stations * mesh.dimension, joints, stations, friction, friction]
+    stations, joints = body.stations.size, body.joints.shape[0]
+    friction = stations if has_stasis_bounds(body) else 0
+    return [stations * body.dimension, joints, stations, friction, friction]
 
 
-def has_stasis_bounds(mesh: Body) -> bool:
-    """Tell whether each link's tension has bounds that follow from its neighbours'.
+def has_stasis_bounds(body: Body) -> bool:
+    """Return whether the bounds of each link's tension follow from its neighbours.
 
     Args:
-        mesh: the body.
+        body: the body.
 
     Returns:
         True for a chain of isolated contacts.
     """
-    return mesh.is_chain and not mesh.segments
+    return body.is_chain and not body.segments
 
 
 def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray) -> Frame:
-    """Take a frame of a crawler.
+    """Build a frame of a crawler.
 
     Args:
         crawler: the crawler.
         time_ns: simulated time [ns].
-        state: what each of its contacts did since the frame before.
+        state: motion of each of its contacts since the frame before.
 
     Returns:
         The frame.
     """
-    mesh = crawler.body
-    at = mesh.stations
+    body = crawler.body
+    at = body.stations
     tension = crawler.joint_tension
-    if mesh.dimension == 2:
+    if body.dimension == 2:
         tension = np.linalg.norm(tension, axis=1)
     none = np.zeros(0)
-    bounded = has_stasis_bounds(mesh)
+    bounded = has_stasis_bounds(body)
     forward, backward = (crawler.forward[at], crawler.backward[at]) if bounded else (none, none)
     return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward)
 
@@ -104,10 +104,10 @@ def frames_of_recording(
     """Read frames from a recording.
 
     Args:
-        path: a bag folder or an .mcap file, whole or torn.
+        path: a bag folder or an .mcap file, complete or not.
         scene: the body, for a recording that does not hold its scene.
-        robot: which crawler, where several were recorded; None for the one whose topics the recording notes, else for
-            all there are.
+        robot: the crawler, where several were recorded; None for the one whose topics the recording lists, else for
+            all.
 
     Returns:
         The scene and its frames, one per joint_states message.
@@ -119,21 +119,18 @@ def frames_of_recording(
 
     head = bag.Bag({})
     records = bag.read(path, head)
-    waiting = []
-    for record in records:  # attachments stand before the first message
-        waiting.append(record)
-        break
+    waiting = list(itertools.islice(records, 1))  # attachments precede the first message
     if scene is None:
         scene = bag.recorded_scene(path, head.attachments)
         if scene is None:
-            raise bag.BagError(f"{path}: it does not hold its scene; give one with --scene")
+            raise bag.BagError(f"{path}: the recording does not hold its scene; name one with --scene")
 
     drawn = robot or noted_robot(head.attachments)
     return scene, in_sequence(_frames(itertools.chain(waiting, records), scene, drawn))
 
 
 def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Put runs between resets one after another: a reset takes simulated time back to 0, a picture goes on."""
+    """Shift runs between resets so that each follows the one before, as a picture needs increasing times."""
     offset = last = 0
     for frame in frames:
         if frame.time_ns + offset < last:
@@ -146,11 +143,11 @@ def _frames(records: Iterable[Any], scene: Scene, robot: Robot | None) -> Iterat
     from rosbags.typesys import Stores, get_typestore
 
     decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-    mesh, columns = scene.body, scene.columns
-    bounded = has_stasis_bounds(mesh)
-    n = mesh.contacts if bounded else 0
+    body, columns = scene.body, scene.columns
+    bounded = has_stasis_bounds(body)
+    n = body.contacts if bounded else 0
     forward, backward = scene.drive.forward[0][:n], scene.drive.backward[0][:n]
-    stations = StationReader(mesh)
+    stations = StationReader(body)
     for record in records:
         name = record.topic.rsplit("/", 1)[-1] if robot is None else robot.meant(record.topic)
         if name == "applied_commands":
@@ -162,15 +159,15 @@ def _frames(records: Iterable[Any], scene: Scene, robot: Robot | None) -> Iterat
             message = decode(record.data, record.type)
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
             x, v = stations.read(message.position), stations.read(message.velocity)
-            tension = message.effort[mesh.dimension :]
-            if mesh.dimension == 2:
+            tension = message.effort[body.dimension :]
+            if body.dimension == 2:
                 v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
             moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
             yield Frame(stamp, x.ravel(), tension, (np.sign(v) * moving).astype(np.int8), forward, backward)
 
 
 def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:
-    """Keep frames at least `every_ns` apart; a slip between two of them shows in the later one."""
+    """Yield frames at least `every_ns` apart; a slip between two of them shows in the later one."""
     shown: int | None = None
     moved: np.ndarray | None = None
     for frame in frames:

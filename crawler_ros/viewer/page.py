@@ -1,4 +1,4 @@
-"""Pictures of a run: one page by matplotlib, and screenshots of our rerun view without a screen."""
+"""Pictures of a run: one page by matplotlib, and screenshots of the rerun view without a display."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
 _MOST_LINKS, _MOST_NAMED = 4, 12
 _TIMELINE = "sim_time"
 _PATIENCE_S = 60.0
-_AT_REST_S = 3.0  # the viewer greets with notes that cover a corner and vanish
+_AT_REST_S = 3.0  # at its start the viewer shows notices that cover a corner and vanish
 _NO_DRIVER = ("No graphics adapter", "render context", "create render state", "Vulkan", "wgpu")
-_INSTALL = "rendering without a screen needs one (Debian, Ubuntu: apt install mesa-vulkan-drivers)"
+_INSTALL = "rendering without a display needs one (Debian, Ubuntu: apt install mesa-vulkan-drivers)"
 
 
 class PictureError(CrawlerError):
-    """A picture that cannot be made on this machine."""
+    """A picture that cannot be drawn on this machine."""
 
 
 def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     """Draw positions, tensions in their bounds, stick and slip, and net translation over time, on one page.
 
     Args:
-        scene: what ran.
-        frames: at least one.
+        scene: the scene that ran.
+        frames: the frames, at least one.
         png: the file to write.
 
     Raises:
@@ -108,7 +108,7 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
 
 
 def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
-    """Render our rerun view without a screen; needs a Vulkan driver (Debian: mesa-vulkan-drivers).
+    """Render the rerun view without a display; this needs a Vulkan driver (Debian: mesa-vulkan-drivers).
 
     Args:
         rrd: the recording to show.
@@ -125,15 +125,15 @@ def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
     port = _free_port()
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "viewer.log"
-        with log.open("wb") as said:
+        with log.open("wb") as output:
             viewer = subprocess.Popen(
                 [
                     *(viewer_binary(), "--headless", "--bind", "127.0.0.1", "--port", str(port)),
                     *("--hide-welcome-screen", "--window-size", "1920x1080", str(rrd.absolute())),
                 ],
                 stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
+                stdout=output,
+                stderr=output,
             )
         try:
             url = f"rerun+http://127.0.0.1:{port}/proxy"
@@ -144,7 +144,7 @@ def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
 
 
 class _Viewer:
-    """A viewer in a process of its own that is asked until it answers, fails or is given up."""
+    """A viewer in a process of its own, polled until it answers, fails or exceeds the time limit."""
 
     def __init__(self, connect: Callable[[], Any], process: subprocess.Popen[bytes], log: Path, png: Path) -> None:
         self.png = png
@@ -155,7 +155,7 @@ class _Viewer:
         self._pause = {"play_state": "paused"} if "play_state" in known else {}  # before 0.41 it always pauses
 
     def wait(self, what: str, ask: Callable[[], Any]) -> Any:
-        """Ask until the answer is something; no answer is none."""
+        """Poll until the answer is not None; exceptions count as no answer."""
         deadline = time.monotonic() + _PATIENCE_S
         last = ""
         while time.monotonic() < deadline:
@@ -173,25 +173,25 @@ class _Viewer:
         raise PictureError(f"{self.png}: {what}{last}")
 
     def shown(self) -> Any:
-        """Read the recording that is shown, with its cursor, once all of it is there; None before."""
+        """Return the recording shown, with its cursor, once it is fully loaded; None before."""
         state = self._state()
         found = [r for r in state.recordings if r.store_id == state.active_recording]
         return found[0] if found and not state.loading and state.views else None
 
     def set_time(self, ns: int) -> None:
-        """Move the cursor, and stop it there."""
+        """Move the cursor and pause it there."""
         self.client.set_time(_TIMELINE, duration=np.timedelta64(ns, "ns"), **self._pause)
 
     def _why_ended(self) -> str:
-        said = self._log.read_text(encoding="utf-8", errors="replace")
-        if any(word in said for word in _NO_DRIVER):
-            return f"there is no Vulkan driver here; {_INSTALL}"
-        panic = said[said.find("panicked at") :].splitlines()[:1] if "panicked at" in said else said.splitlines()[-1:]
+        text = self._log.read_text(encoding="utf-8", errors="replace")
+        if any(word in text for word in _NO_DRIVER):
+            return f"this machine has no Vulkan driver; {_INSTALL}"
+        panic = text[text.find("panicked at") :].splitlines()[:1] if "panicked at" in text else text.splitlines()[-1:]
         return f"the viewer ended: {' '.join(panic)[:200]}; if this machine has no Vulkan driver, {_INSTALL}"
 
 
 def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
-    """Show a time, see that it is shown, and save the picture once it does not change any more."""
+    """Move to a time, wait until it is shown, and save the picture once it no longer changes."""
 
     def range_ns() -> tuple[int, int] | None:
         recording = viewer.shown()
@@ -228,7 +228,7 @@ def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
 
 
 def viewer_binary() -> str:
-    """Find the viewer itself: its wrapper script would leave it behind when killed."""
+    """Find the viewer binary, as killing its wrapper script would leave the viewer running."""
     import rerun_cli
 
     return str(Path(rerun_cli.__file__).parent / "rerun")

@@ -35,44 +35,44 @@ _LINK_COLORS = [(64, 110, 220), (230, 140, 30), (120, 80, 200), (20, 160, 160)]
 _BOUND_COLOR = (200, 60, 60)
 _SINGLE_PLOTS = 4
 _TRAIL = 50
-_PAGE = 1.6  # how far the body walks before the page turns, in body lengths
+_PAGE = 1.6  # distance that the body walks before the page turns, in body lengths
 
 
 class Drawing:
     """Logs frames of one crawler into a rerun recording."""
 
     def __init__(self, scene: Scene, open_sinks: Callable[[Any], Any]) -> None:
-        """Open a recording, send what never changes and the blueprint.
+        """Open a rerun recording and send the blueprint and all that is constant.
 
         Args:
-            scene: what is drawn.
-            open_sinks: is given the RecordingStream, to say where it goes.
+            scene: the scene to draw.
+            open_sinks: function that connects the RecordingStream to its target.
         """
         import rerun as rr
 
         self._rr = rr
         self._scene = scene
-        mesh = scene.body
-        self._mesh = mesh
-        self._xi = mesh.position[mesh.stations]
-        self._joints = mesh.joints
-        self._names = station_names(mesh)
-        self._plotted = joint_names(mesh)[:_SINGLE_PLOTS]
-        self._bounded = has_stasis_bounds(mesh)
-        self._along = self._xi if mesh.dimension == 1 else self._xi[:, 0]
-        self._middle = float(mesh.station_share @ self._along)
-        self._length = float(np.ptp(self._xi)) if mesh.dimension == 1 else float(np.ptp(self._xi, axis=0).max())
+        body = scene.body
+        self._body = body
+        self._xi = body.position[body.stations]
+        self._joints = body.joints
+        self._names = station_names(body)
+        self._plotted = joint_names(body)[:_SINGLE_PLOTS]
+        self._bounded = has_stasis_bounds(body)
+        self._along = self._xi if body.dimension == 1 else self._xi[:, 0]
+        self._middle = float(body.station_share @ self._along)
+        self._length = float(np.ptp(self._xi)) if body.dimension == 1 else float(np.ptp(self._xi, axis=0).max())
         n = self._xi.shape[0]
         self._polygon = self._bounded and n == 3
-        # links that pass over others are drawn as bows
+        # links that cross over others are drawn as arcs
         rank = np.argsort(np.argsort(self._along))
-        spans = np.abs(np.diff(rank[self._joints], axis=1)[:, 0]) if mesh.dimension == 1 else 1.0
+        spans = np.abs(np.diff(rank[self._joints], axis=1)[:, 0]) if body.dimension == 1 else 1.0
         self._bows = np.broadcast_to(0.06 * self._length * (spans - 1.0), self._joints.shape[0])
         self._last_state = np.full(n, 99)
         self._last_polygon = b""
         self._trail: deque[tuple[tuple[float, float], tuple[int, int, int]]] = deque(maxlen=_TRAIL)
         self._window = float(self._along.min()) + np.array([-0.6, 3.4]) * self._length
-        self._tick = _round_step(self._length / (3.0 if mesh.dimension == 1 else 0.8))
+        self._tick = _round_step(self._length / (3.0 if body.dimension == 1 else 0.8))
         self._page: int | None = None
         self.stream = rr.RecordingStream(f"crawler: {scene.name}")
         open_sinks(self.stream)
@@ -83,7 +83,7 @@ class Drawing:
         import rerun.blueprint as rrb
 
         n, length = self._xi.shape[0], self._length
-        depth = 0.25 * length if self._mesh.dimension == 1 else 1.2 * length
+        depth = 0.25 * length if self._body.dimension == 1 else 1.2 * length
         page = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-depth, depth])
         tensions = [
             rrb.TimeSeriesView(
@@ -95,7 +95,7 @@ class Drawing:
         lanes = rrb.StateTimelineView(origin="contacts", name="Stick / slip")
         left = rrb.Vertical(*tensions, lanes, row_shares=[1.0] * len(tensions) + [min(0.5 + 0.25 * n, 3.0)])
         about = (
-            ", from the ends of segments" if self._mesh.segments else ", along x" if self._mesh.dimension == 2 else ""
+            ", from the ends of segments" if self._body.segments else ", along x" if self._body.dimension == 2 else ""
         )
         right: list[Any] = [rrb.TimeSeriesView(origin="net_translation", name=f"Net translation{about} [m]")]
         if self._polygon:
@@ -110,7 +110,7 @@ class Drawing:
         body = rrb.Spatial2DView(
             origin="world", name="Crawler on its track", background=[250, 250, 250], visual_bounds=page
         )
-        shares = [1, 3] if self._mesh.dimension == 1 else [2, 3]
+        shares = [1, 3] if self._body.dimension == 1 else [2, 3]
         layout = rrb.Vertical(body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=shares)
         blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
         self.stream.send_blueprint(blueprint)
@@ -156,7 +156,7 @@ class Drawing:
         place = self._xi + frame.displacement.reshape(self._xi.shape)
         radius = 0.045 * self._length
         points = place * (1.0, -1.0) if place.ndim == 2 else np.column_stack((place, np.full(place.size, -radius)))
-        y = float(self._mesh.station_share @ (place if place.ndim == 1 else place[:, 0]))
+        y = float(self._body.station_share @ (place if place.ndim == 1 else place[:, 0]))
         points[:, 0] -= self._turn_page(y)
         colors = [_STATE_COLORS[int(s)] for s in frame.state]
         stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radius, draw_order=2.0))
@@ -183,9 +183,9 @@ class Drawing:
             self._draw_polygon(frame)
 
     def _turn_page(self, middle: float) -> float:
-        """Draw the stretch of track that the body's middle is on; return where its origin lies [m].
+        """Draw the page of track around the body's middle; return the position of its origin [m].
 
-        A view in two dimensions does not follow: the body walks across a page, then the page turns.
+        A two-dimensional view does not follow the body: it walks across a page, then the page turns.
         """
         page = int(np.floor((middle - self._middle) / (_PAGE * self._length)))
         origin = page * _PAGE * self._length
@@ -223,7 +223,7 @@ class Drawing:
         self.stream.log("stasis/path", rr.Points2D(points, colors=colors, radii=sizes, draw_order=30.0))
 
     def close(self) -> None:
-        """Write out everything."""
+        """Flush and close the stream."""
         self.stream.flush()
         self.stream.disconnect()
 
@@ -235,7 +235,7 @@ def _round_step(size: float) -> float:
 
 
 def _spring(start: np.ndarray, end: np.ndarray, radius: float, bow: float, teeth: int = 4) -> np.ndarray:
-    """Draw a spring between two points as a zigzag, bowed upwards by `bow`, shape (2 teeth + 3, 2) [m]."""
+    """Draw a spring between two points as a zigzag, arched upwards by `bow`, shape (2 teeth + 3, 2) [m]."""
     length = max(float(np.hypot(*(end - start))), 1e-9 * radius)
     along = (end - start) / length
     across = np.array([along[1], -along[0]])
@@ -258,7 +258,7 @@ def to_viewer(url: str) -> Callable[[Any], None]:
     def serve(stream: Any) -> None:
         import rerun as rr
 
-        if not is_free(port):  # rerun would serve nobody, and not tell
+        if not is_free(port):  # rerun would fail without an error
             raise OSError(f"port {port} of 127.0.0.1 is taken")
         stream.set_sinks(rr.GrpcServerSink(bind_ip="127.0.0.1", port=port))
         if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
@@ -274,7 +274,7 @@ def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot
         recording: a bag folder or an .mcap file.
         rrd: the file to write.
         scene: the body, for a recording that does not hold its scene.
-        robot: which crawler, where several were recorded.
+        robot: the crawler to draw, where several were recorded.
 
     Returns:
         The number of frames drawn: at most fifty a simulated second.
@@ -303,10 +303,10 @@ def main() -> int:
     except Exception as error:  # a port in use, a folder that cannot be written: rerun's errors have no common type
         print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
         return 1
-    mesh = scene.body
-    size = 8 + 8 * sum(frame_sizes(mesh))
+    body = scene.body
+    size = 8 + 8 * sum(frame_sizes(body))
     for frame in in_sequence(
-        Frame.unpack(data, mesh) for data in iter(lambda: source.read(size), b"") if len(data) == size
+        Frame.unpack(data, body) for data in iter(lambda: source.read(size), b"") if len(data) == size
     ):
         drawing.draw(frame)
     drawing.close()

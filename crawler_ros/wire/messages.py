@@ -1,4 +1,4 @@
-"""Arrays to CDR bytes: the bytes that are published are the bytes that are recorded.
+"""Encoding of arrays as CDR bytes: the published bytes are the recorded bytes.
 
 A message whose names never change has a fixed layout: it is encoded once, and each tick overwrites the stamp and the
 numbers in place. Plain XCDR1, little-endian, gaps zeroed, so that equal states give equal bytes.
@@ -18,19 +18,19 @@ _STAMP = struct.Struct("<iI")
 
 
 class CdrWriter:
-    """Appends primitive values at the alignment that CDR asks for."""
+    """Appends primitive values with the alignment that CDR requires."""
 
     def __init__(self) -> None:
         """Start with the encapsulation header."""
         self.buffer = bytearray(_ENCAPSULATION)
 
     def align(self, size: int) -> int:
-        """Pad to a multiple of `size` behind the header; return the place reached."""
+        """Pad to a multiple of `size` after the header; return the position reached."""
         self.buffer.extend(bytes(-(len(self.buffer) - 4) % size))
         return len(self.buffer)
 
     def pack(self, code: str, value: float) -> int:
-        """Append one number of a `struct` code; return where it stands."""
+        """Append one number of a `struct` code; return its position."""
         place = self.align(struct.calcsize(code))
         self.buffer += struct.pack("<" + code, value)
         return place
@@ -48,20 +48,20 @@ class CdrWriter:
             self.text(value)
 
     def doubles(self, count: int) -> int:
-        """Append a sequence of `count` zeros; return where the first stands."""
+        """Append a sequence of `count` zeros; return the position of the first."""
         self.pack("I", count)
         place = self.align(8) if count else len(self.buffer)
         self.buffer += bytes(8 * count)
         return place
 
     def stamp(self, ns: int) -> int:
-        """Append a time or duration; return where it stands."""
+        """Append a time or duration; return its position."""
         place = self.pack("i", ns // NS)
         self.pack("I", ns % NS)
         return place
 
     def header(self, frame: str) -> int:
-        """Append a std_msgs/Header; return where its stamp stands."""
+        """Append a std_msgs/Header; return the position of its stamp."""
         place = self.stamp(0)
         self.text(frame)
         return place
@@ -78,7 +78,7 @@ class JointStateMessage:
         """Encode the message once.
 
         Args:
-            names: of the joints, M of them.
+            names: the M joint names.
             frame: the header's frame_id.
         """
         cdr = CdrWriter()
@@ -86,12 +86,12 @@ class JointStateMessage:
         cdr.texts(names)
         first, second, _ = (cdr.doubles(len(names)) for _ in range(3))
         self._buffer = cdr.buffer
-        # three sequences of one length stand equally far apart: the rows of one array
+        # three sequences of equal length are equally spaced: they are the rows of one array
         self.numbers = np.ndarray((3, len(names)), np.float64, self._buffer, first, (second - first, 8))
         self.position, self.velocity, self.effort = self.numbers
 
     def encode(self, stamp_ns: int) -> bytes:
-        """Return the bytes of what stands in `position`, `velocity` and `effort`, the rows of `numbers`, (3, M)."""
+        """Return the bytes for the present `position`, `velocity` and `effort`, the rows of `numbers`, (3, M)."""
         _put_stamp(self._buffer, self._stamp, stamp_ns)
         return bytes(self._buffer)
 
@@ -122,7 +122,7 @@ class PoseMessage:
 
 
 class OdometryMessage:
-    """A nav_msgs/Odometry on the ground; what it says is exact, so its covariances are zero."""
+    """A nav_msgs/Odometry on the ground; its numbers are exact, so its covariances are zero."""
 
     def __init__(self, frame: str, child: str) -> None:
         """Encode the message once.
@@ -142,7 +142,7 @@ class OdometryMessage:
         self._position, self._velocity = numbers[:2], numbers[43:45]
 
     def encode(self, stamp_ns: int, position: np.ndarray | float, velocity: np.ndarray | float) -> bytes:
-        """Return the bytes for a net translation and its velocity, on a line numbers, in the plane of shape (2,)."""
+        """Return the bytes for a net translation and its velocity: numbers on a line, shape (2,) in the plane."""
         self._position[: np.size(position)] = position
         self._velocity[: np.size(velocity)] = velocity
         _put_stamp(self._buffer, self._stamp, stamp_ns)
@@ -153,10 +153,10 @@ class TrajectoryMessage:
     """A trajectory_msgs/JointTrajectory with fixed names and any number of points, positions only."""
 
     def __init__(self, names: Sequence[str], frame: str = "") -> None:
-        """Keep what does not change.
+        """Store the parts that do not change.
 
         Args:
-            names: of the joints, M of them.
+            names: the M joint names.
             frame: the header's frame_id.
         """
         self._names = list(names)
@@ -192,7 +192,7 @@ class TrajectoryMessage:
         layout = self._layouts.get(points)
         if layout is None:
             layout = self._layout(points)
-            if points <= 8:  # keep the common ones
+            if points <= 8:  # cache the common ones
                 self._layouts[points] = layout
         buffer, stamp, views, times = layout
         for view, place, position, ns in zip(views, times, positions, times_ns, strict=True):

@@ -1,4 +1,4 @@
-"""What joint_states and contact_states say of a crawler, and the way back to where its stations stand."""
+"""The names in joint_states and contact_states, and the positions of stations computed from joint_states."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def shown_contacts(body: Body) -> np.ndarray:
         body: the body.
 
     Returns:
-        The isolated ones, then those of each segment: all, or as many as `shown` says, evenly.
+        The isolated ones, then those of each segment: all of them, or `shown` evenly spaced ones.
     """
     parts = [body.isolated]
     for segment in body.segments:
@@ -88,26 +88,26 @@ def tree_of_joints(body: Body) -> list[tuple[int, int, int, float]]:
         body: the body.
 
     Returns:
-        For each other station: the station before it, itself, the joint between, and 1.0 where that joint goes from the
-        former to the latter, else -1.0.
+        For each other station: the station before it, the station itself, the joint between them, and 1.0 if that joint
+        goes from the former to the latter, else -1.0.
     """
     steps: list[tuple[int, int, int, float]] = []
-    beside: list[list[tuple[int, int, float]]] = [[] for _ in range(body.stations.size)]
+    neighbours: list[list[tuple[int, int, float]]] = [[] for _ in range(body.stations.size)]
     for joint, (a, b) in enumerate(body.joints.tolist()):
-        beside[a].append((b, joint, 1.0))
-        beside[b].append((a, joint, -1.0))
-    known, waiting = {0}, [0]
+        neighbours[a].append((b, joint, 1.0))
+        neighbours[b].append((a, joint, -1.0))
+    reached, waiting = {0}, [0]
     for station in waiting:
-        for other, joint, sign in beside[station]:
-            if other not in known:
-                known.add(other)
+        for other, joint, sign in neighbours[station]:
+            if other not in reached:
+                reached.add(other)
                 waiting.append(other)
                 steps.append((station, other, joint, sign))
     return steps
 
 
 class StationReader:
-    """Turns the positions of joint_states back into displacements of the stations."""
+    """Computes displacements of the stations from the positions of joint_states."""
 
     def __init__(self, body: Body) -> None:
         """Order the joints along a tree that starts at the root.

@@ -12,12 +12,14 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 
+from .bodies import CHAIN, GRAPH, HYBRID, ON_A_LINE, SEGMENT, Drawn, Driven
 from .planar_ramps import Planar, on_a_line, random_line
+from .segments import accuracies, random_homogeneous
 
 NOT_UNIQUE = "unique: False"
 SPENT = "overspent > 0"
 
-CHAIN, GRAPH, SEGMENT, HYBRID, PLANE = "chain", "graph", "segment", "hybrid", "plane"
+PLANE = "plane"
 BOTH = ("exact", "catch_up")
 LINE = (CHAIN, GRAPH, PLANE)
 """Bodies of the same contacts and springs: the graph has each spring twice, half as stiff, the plane lies on a line."""
@@ -640,85 +642,20 @@ def no_drift(periods: int) -> Callable[[str, str], Found]:
 # -- symmetries ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Driven:
-    """A body and its ramps as numbers, so that they can be scaled and mirrored."""
-
-    data: dict[str, Any]
-    rows: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
-
-    def run(self, method: str, parts: int = 1) -> tuple[np.ndarray, set[str], list[Any]]:
-        crawler = Crawler(Scene.model_validate(self.data), method)
-        states, said, steps = [], set(), []
-        for row in self.rows:
-            target = crawler.target(*row)
-            before = np.concatenate((crawler.actuation, crawler.forward, crawler.backward))
-            for part in np.arange(1, parts + 1) / parts:
-                step = crawler.follow((before + part * (target - before) if part < 1.0 else target)[None])
-                said |= diagnoses(step)
-                steps.append(step)
-            states.append(crawler.displacement)
-        return np.array(states), said, steps
+def run(driven: Driven, method: str, parts: int = 1) -> tuple[np.ndarray, set[str], list[Any]]:
+    states, steps = driven.run(method, parts)
+    return states, diagnoses(*steps), steps
 
 
-def random_driven(body: str, seed: int, length: float = 1.0, force: float = 1.0, mirrored: bool = False) -> Driven:
-    rng = np.random.default_rng(seed)
-    n = 7
-    between = [(i, i + 1) for i in range(n - 1)]
-    segments: list[dict[str, Any]] = []
-    contacts = np.arange(n, dtype=float)
-    if body == GRAPH:
-        between = [(int(rng.integers(0, i)), i) for i in range(1, n)] + [(0, 5), (2, 6)]
-    if body in (SEGMENT, HYBRID):
-        for k in range(1 if body == SEGMENT else 2):
-            mu = np.exp(rng.uniform(-2, 0, 2))
-            if mirrored:
-                mu = mu[::-1]
-            part = {"name": f"s{k}", "from": 10.0 + 2 * k, "to": 11.0 + 2 * k, "elements": 20}
-            if mirrored:
-                part |= {"from": -part["to"], "to": -part["from"]}
-            part |= {"from": part["from"] * length, "to": part["to"] * length}
-            friction = dict(zip(("forward", "backward"), (mu * force / length).tolist(), strict=True))
-            segments.append(part | {"stiffness": 2.0 * force, "friction": friction})
-        n = 0 if body == SEGMENT else 3
-        contacts, between = contacts[:n], []
-        if body == HYBRID:
-            between = [(0, 1), (1, 2), (2, "s0.from"), ("s0.to", "s1.from"), (0, "s1.to")]
-    turn = {"from": "to", "to": "from"}
-    if mirrored:
-        contacts = -contacts[::-1]
-
-        def flip(end: Any) -> Any:
-            return n - 1 - end if isinstance(end, int) else f"{end.split('.')[0]}.{turn[end.split('.')[1]]}"
-
-        between = [(flip(b), flip(a)) for a, b in between]
-    stiffness = np.exp(rng.uniform(-1, 1, len(between)))
-    built: dict[str, Any] = {"contacts": (contacts * length).tolist(), "segments": segments}
-    if between:
-        built["links"] = {"stiffness": (stiffness * force / length).tolist(), "between": [list(p) for p in between]}
-    data: dict[str, Any] = {"name": "hard", "body": built}
-    mu = np.exp(rng.uniform(-2, 0, (2, n)))
-    if mirrored:
-        mu = mu[::-1, ::-1]
-    if n:
-        data["friction"] = dict(zip(("forward", "backward"), (mu * force).tolist(), strict=True))
-    rows = []
-    for _ in range(5):
-        actuation = rng.uniform(-2, 2, len(between)) * length
-        strain = rng.uniform(-1, 1, len(segments))
-        rows.append((np.concatenate((actuation, strain)), None, None))
-    return Driven(data, tuple(rows))
-
-
-EVERY = (CHAIN, GRAPH, SEGMENT, HYBRID)
+EVERY = ON_A_LINE
 
 
 def units(length: float, force: float) -> Callable[[str, str], Found]:
     def play(body: str, method: str) -> Found:
         wrong, said = [], set()
         for seed in range(3):
-            here, some, steps = random_driven(body, seed).run(method)
-            there, more, others = random_driven(body, seed, length, force).run(method)
+            here, some, steps = run(Drawn(body, seed).driven(), method)
+            there, more, others = run(Drawn(body, seed).driven(length, force), method)
             wrong.append((there / length - here) / np.abs(here).max())
             wrong += [b.work / (length * force) - a.work for a, b in zip(steps, others, strict=True)]
             said |= some | more
@@ -730,8 +667,8 @@ def units(length: float, force: float) -> Callable[[str, str], Found]:
 def mirror(body: str, method: str) -> Found:
     wrong, said = [], set()
     for seed in range(5):
-        here, some, _ = random_driven(body, seed).run(method)
-        there, more, _ = random_driven(body, seed, mirrored=True).run(method)
+        here, some, _ = run(Drawn(body, seed).driven(), method)
+        there, more, _ = run(Drawn(body, seed).driven(mirrored=True), method)
         wrong.append((there[:, ::-1] + here) / np.abs(here).max())
         said |= some | more
     return Found(largest(*wrong), frozenset(said))
@@ -741,8 +678,8 @@ def splitting(parts: int) -> Callable[[str, str], Found]:
     def play(body: str, method: str) -> Found:
         wrong, said = [], set()
         for seed in range(5):
-            here, some, _ = random_driven(body, seed).run(method)
-            there, more, _ = random_driven(body, seed).run(method, parts)
+            here, some, _ = run(Drawn(body, seed).driven(), method)
+            there, more, _ = run(Drawn(body, seed).driven(), method, parts)
             wrong.append((there - here) / np.abs(here).max())
             said |= some | more
         return Found(largest(*wrong), frozenset(said))
@@ -751,13 +688,13 @@ def splitting(parts: int) -> Callable[[str, str], Found]:
 
 
 def twice(body: str, method: str) -> Found:
-    one, two = (random_driven(body, 1).run(method, 3)[0] for _ in range(2))
+    one, two = (run(Drawn(body, 1).driven(), method, 3)[0] for _ in range(2))
     return Found(0.0 if one.tobytes() == two.tobytes() else 1.0)
 
 
 def spent(body: str, method: str) -> Found:
-    driven = random_driven(body, 2)
-    crawler = Crawler(Scene.model_validate(driven.data), method, budget=0)
+    driven = Drawn(body, 2).driven()
+    crawler = Crawler(driven.scene, method, budget=0)
     step = crawler.advance(driven.rows[0][0])
     target = crawler.target(driven.rows[0][0])
     left = crawler.actuation - target[: crawler.actuation.size]
@@ -790,6 +727,23 @@ def two_dimensions(tolerance: float, directional: bool) -> Callable[[str, str], 
         return Found(largest([Planar(seed, directional).error(tolerance) for seed in range(1000, 1003)]))
 
     return play
+
+
+# -- the accuracy of segments ----------------------------------------------------------------------------------------
+
+
+def unequal_sides(forward: float, backward: float, accuracy: float) -> Callable[[str, str], Found]:
+    """Strain a short, stiff segment that stands next to its end, one way round and the other."""
+
+    def play(body: str, method: str) -> Found:
+        sides = (forward, backward), (backward, forward)
+        return Found(largest([accuracies(0.037, 5e3, *mu, 1e-3, accuracy, method) for mu in sides]))
+
+    return play
+
+
+def random_unequal(body: str, method: str) -> Found:
+    return Found(largest([accuracies(*random_homogeneous(seed), method) for seed in range(1000, 1012)]))
 
 
 UNDECIDED = frozenset({NOT_UNIQUE})
@@ -909,6 +863,14 @@ def _cases() -> list[Case]:
             cases.append(Case(f"Random ramps on a line, {kind}, {on}", play, line, 1.0, **kept))
             play = two_dimensions(tolerance, corners > 0)
             cases.append(Case(f"Random ramps in the plane, {kind}, {on}", play, path, 1.0, **kept))
+    kept = {"bodies": (SEGMENT,), "verdict": "within the accuracy"}
+    against = "closed form, in accuracies"
+    for accuracy in (1e-1, 1e-2, 1e-3, 3e-4):
+        for forward, backward in ((0.013, 9.7), (0.13, 9.7), (0.0013, 9.7), (3.1, 9.7)):
+            name = f"A segment with friction {forward:g} and {backward:g} N/m, accuracy {accuracy:g}"
+            cases.append(Case(name, unequal_sides(forward, backward, accuracy), against, 1.0, **kept))
+    name = "Random segments with friction up to a thousand times stronger one way"
+    cases.append(Case(name, random_unequal, against, 1.0, **kept))
     return cases
 
 

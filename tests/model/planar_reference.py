@@ -7,11 +7,31 @@ locates starts and stops.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 
 CLOSE = 1e-10
+
+
+def least_speeds(matrix, goal, rise):
+    """Minimise |matrix speed - goal|^2 + 2 rise . speed over speed >= 0."""
+    shift = np.linalg.lstsq(matrix.T, rise, rcond=None)[0]
+    if np.abs(matrix.T @ shift - rise).max() <= 1e-9 * np.abs(rise).max():
+        return nnls(matrix, goal - shift)[0]
+    # some speeds together stretch no link, so only the growth of the bounds decides on them: try every active set
+    for count in range(len(rise) + 1):
+        for moving in map(list, itertools.combinations(range(len(rise)), count)):
+            speed = np.zeros(len(rise))
+            part = matrix[:, moving]
+            speed[moving] = np.linalg.lstsq(part.T @ part, part.T @ goal - rise[moving], rcond=None)[0]
+            slope = matrix.T @ (matrix @ speed - goal) + rise
+            small = 1e-9 * (np.abs(matrix.T @ goal).max() + np.abs(rise).max())
+            if (speed >= 0.0).all() and (slope >= -small).all() and (np.abs(slope[moving]) <= small).all():
+                return speed
+    raise RuntimeError("no active set")
 
 
 class Reference:
@@ -41,8 +61,8 @@ class Reference:
             root = np.sqrt(self.stiffness)
             pull = root[:, :, None] * self.incidence[:, whose, None] * normals
             matrix = pull.transpose(0, 2, 1).reshape(-1, len(whose))
-            goal = (root * longer).ravel() - np.linalg.lstsq(matrix.T, rise, rcond=None)[0]
-            speed = nnls(matrix, goal)[0]
+            speed = least_speeds(matrix, (root * longer).ravel(), rise)
+            speed[speed < 1e-11 * speed.max(initial=0.0)] = 0.0  # rounding
             np.add.at(velocity, whose, speed[:, None] * normals)
         return velocity
 

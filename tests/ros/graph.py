@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_ros.node.life.domains import domain_environment, reserved_domain
-from crawler_ros.wire import interface
+from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 _kept = ExitStack()
 
@@ -125,25 +125,25 @@ class Graph:
         return process
 
     def hear(self, name: str, raw: bool = False, type_name: str | None = None) -> None:
-        topic = interface.topics()[type_name or name]
-        kind = interface.message_class(topic.type)
+        topic = read_topics()[type_name or name]
+        kind = message_class(topic.type)
         keep = self.heard[name].append
-        qos = interface.qos_profile(topic)
+        qos = qos_profile(topic)
         qos.depth = 100_000  # a stall of this process must not lose what the test is about
         self.node.create_subscription(kind, name, keep, qos, raw=raw)
 
     def publish(self, name: str, message: Any, table_name: str | None = None) -> None:
         if name not in self._publishers:
-            topic = interface.topics()[table_name or name]
-            kind = interface.message_class(topic.type)
-            publisher = self.node.create_publisher(kind, name, interface.qos_profile(topic))
+            topic = read_topics()[table_name or name]
+            kind = message_class(topic.type)
+            publisher = self.node.create_publisher(kind, name, qos_profile(topic))
             self._publishers[name] = publisher
             wait_until(lambda: publisher.get_subscription_count() > 0, what=f"a subscriber of {name}")
         self._publishers[name].publish(message)
 
     def call(self, service: str, kind: str, **fields: Any) -> Any:
         if service not in self._clients:
-            self._clients[service] = self.node.create_client(interface.message_class(kind), service)
+            self._clients[service] = self.node.create_client(message_class(kind), service)
         client = self._clients[service]
         assert client.wait_for_service(PATIENCE_S), f"no service {service}"
         request = client.srv_type.Request(**fields)

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
-from crawler_ros.wire import interface
+from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 from .graph import Graph, environment, node_command
 
@@ -96,10 +96,10 @@ class Sender:
     def __init__(self, ros: Graph, *topics: str, depth: int = 1000) -> None:
         self._publishers = {}
         for name in topics:
-            topic = interface.topics()[name]
-            qos = interface.qos_profile(topic)
+            topic = read_topics()[name]
+            qos = qos_profile(topic)
             qos.depth = depth
-            self._publishers[name] = ros.node.create_publisher(interface.message_class(topic.type), name, qos)
+            self._publishers[name] = ros.node.create_publisher(message_class(topic.type), name, qos)
         self.wait = ros.taken_up
         for name, publisher in self._publishers.items():
             wait_until(lambda p=publisher: p.get_subscription_count() > 0, what=f"a subscriber of {name}")

@@ -93,7 +93,7 @@ def test_a_segment_is_commanded_by_one_strain(tmp_path):
 
         def refused():
             said = [s.message for m in ros.heard["/diagnostics"] for s in m.status]
-            return any("1 value(s); give 2, one per link and segment" in text for text in said)
+            return any("1 value(s); it needs 2, one per link and segment" in text for text in said)
 
         wait_until(refused)
 

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 from crawler_bench.node.processes import PATIENCE_S
-from crawler_ros.wire import interface
+from crawler_ros.wire.topics import read_services, read_topics
 
 from ..pages import ROOT, blocks
 from .graph import environment
@@ -27,7 +27,7 @@ def test_the_first_controller_is_short():
 
 def test_the_topics_that_it_names_are_there():
     for name in re.findall(r"^\| `([a-z_/]+)`[^|]*\| (?!std_srvs)", TEXT, re.M):
-        known = {**interface.topics(), **interface.services()}
+        known = {**read_topics(), **read_services()}
         assert name in known, name
 
 

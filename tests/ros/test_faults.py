@@ -207,12 +207,12 @@ def test_behind_a_stopped_viewer_frames_are_dropped_and_counted(ros):
 
 LISTENER = """
 import rclpy
-from crawler_ros.wire import interface
+from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 rclpy.init()
 node = rclpy.create_node("slow")
-for name, topic in interface.topics().items():
+for name, topic in read_topics().items():
     if topic.direction == "out":
-        node.create_subscription(interface.message_class(topic.type), name, lambda m: None, interface.qos_profile(topic))
+        node.create_subscription(message_class(topic.type), name, lambda m: None, qos_profile(topic))
 print("listening", flush=True)
 heard = 0
 def count(m):
@@ -220,7 +220,7 @@ def count(m):
     heard += 1
     if heard == 100:
         print("heard", flush=True)
-node.create_subscription(interface.message_class("sensor_msgs/msg/JointState"), "joint_states", count, 10)
+node.create_subscription(message_class("sensor_msgs/msg/JointState"), "joint_states", count, 10)
 rclpy.spin(node)
 """
 

@@ -74,7 +74,7 @@ def test_refused_commands_end_it(ros, tmp_path):
 
 
 def test_without_a_simulator_it_ends(ros):
-    assert "there is none: start crawler-simulator" in last_words(player(ros, "patience:=1.0"))
+    assert "no simulator was found: start crawler-simulator" in last_words(player(ros, "patience:=1.0"))
 
 
 def test_a_paused_simulator_ends_it(ros):
@@ -93,4 +93,4 @@ def test_a_dead_simulator_ends_it(ros, number):
     playing = player(ros, "patience:=60.0")
     wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
     simulator.end(number)
-    assert "the simulator has gone at simulated time" in last_words(playing)
+    assert "the simulator disappeared at simulated time" in last_words(playing)

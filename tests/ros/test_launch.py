@@ -22,8 +22,10 @@ pytest.importorskip("rclpy")
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_bench.node.processes import wait_until
+from crawler_ros.node.parameters import read_parameters
 from crawler_ros.recording import bag
-from crawler_ros.wire import interface
+from crawler_ros.wire.definitions import find_ament_prefix
+from crawler_ros.wire.topics import read_services, read_topics
 
 from .graph import Graph, graph, seconds
 from .launch_files import FOLDER, PACKAGE, ROOT, Started, read, start
@@ -43,7 +45,7 @@ EXAMPLES = [{}, {"controller": "phase_control", "scene": "two_anchor_a"}]
 def declared(executable: str) -> dict[str, object]:
     """Read a node's parameters and their defaults out of its table or its source."""
     if executable == "simulator":
-        return {name: row.default for name, row in interface.parameters().items()}
+        return {name: row.default for name, row in read_parameters().items()}
     module = __import__(MODULES[executable], fromlist=["main"])
     found = {}
     for node in ast.walk(ast.parse(inspect.getsource(module))):
@@ -128,7 +130,7 @@ def test_defaults_are_the_nodes_own():
 def test_remaps_name_topics():
     for _, process in every_start():
         for name in process.remaps:
-            assert name in interface.topics() or name in interface.services()
+            assert name in read_topics() or name in read_services()
 
 
 def test_one_at_most_publishes_the_clock():
@@ -160,7 +162,7 @@ def test_every_executable_is_installed_in_each_way():
 def test_every_executable_and_launch_file_is_found_through_the_ament_index():
     from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
-    interface.find_ament_prefix()
+    find_ament_prefix()
     prefix = Path(get_package_prefix(PACKAGE))
     for name in MODULES:
         assert os.access(prefix / "lib" / PACKAGE / name, os.X_OK), f"{name}: install the package anew"
@@ -184,12 +186,10 @@ def test_rviz_shows_topics_that_there_are():
     topics = [d[key] for d in displays for key in ("Topic", "Description Topic") if key in d]
     assert {t["Value"] for t in topics} == {"robot_description", "pose", "odom"}
     for shown in topics:
-        qos = interface.topics()[shown["Value"]].qos
+        qos = read_topics()[shown["Value"]].qos
         assert shown["Reliability Policy"].lower() == qos["reliability"]
         assert shown["Durability Policy"].lower().replace(" ", "_") == qos["durability"]
-    assert (
-        config["Visualization Manager"]["Global Options"]["Fixed Frame"] == interface.parameters()["frame_id"].default
-    )
+    assert config["Visualization Manager"]["Global Options"]["Fixed Frame"] == read_parameters()["frame_id"].default
     assert processes["simulator"].parameters["publish.odom"] == "true"
 
 

@@ -121,7 +121,7 @@ def test_two_controllers_warn_of_each_other(ros, name):
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 @pytest.mark.parametrize(
-    ("given", "said"), [("no_such:=1.0", "no parameter 'no_such'; there are"), ("period:=x", "period")]
+    ("given", "said"), [("no_such:=1.0", "unknown parameter 'no_such'; the parameters are"), ("period:=x", "period")]
 )
 def test_controllers_refuse_wrong_parameters_in_one_line(name, given, said):
     command = [sys.executable, "-m", f"crawler_ros.examples.{name}", "--ros-args", "-p", given]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_ros.wire import interface
 from crawler_ros.wire.messages import (
     JointStateMessage,
     PoseMessage,
@@ -13,6 +12,7 @@ from crawler_ros.wire.messages import (
     encode_clock,
     encode_diagnostics,
 )
+from crawler_ros.wire.topics import message_class
 
 pytest.importorskip("rclpy")
 from rclpy.serialization import deserialize_message
@@ -63,7 +63,7 @@ def test_the_bytes_are_those_of_rosbags(kind, data):
 @pytest.mark.parametrize(("kind", "data"), EVERY, ids=range(len(EVERY)))
 def test_ros_reads_what_rosbags_reads(kind, data):
     ours = STORE.deserialize_cdr(data, kind)
-    theirs = deserialize_message(data, interface.message_class(kind))
+    theirs = deserialize_message(data, message_class(kind))
     assert_same(ours, theirs)
 
 

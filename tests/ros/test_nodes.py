@@ -19,10 +19,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_model import Crawler, load_scene, simulate
+from crawler_ros.node.parameters import read_parameters
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 from crawler_ros.viewer.frames import frames_of_recording
-from crawler_ros.wire import interface
 
 from .graph import environment, graph, seconds
 from .test_recording import DECODE
@@ -161,7 +161,7 @@ BAD = [
     ("friction_controller/commands", Float64MultiArray(data=[math.inf]), "entry 0 is inf"),
     ("joint_trajectory", trajectory(["link_7"], (0.0, [1.0])), "no joint is called 'link_7'"),
     ("joint_trajectory", trajectory(["link_0"], (0.0, [1.0, 2.0])), "2 position(s) for 1 name(s)"),
-    ("joint_trajectory", trajectory(["link_0"], (1.0, [1.0]), (0.5, [1.0])), "times must not fall"),
+    ("joint_trajectory", trajectory(["link_0"], (1.0, [1.0]), (0.5, [1.0])), "times must not decrease"),
     ("joint_trajectory", trajectory(["contact_0/friction"], (0.0, [math.nan])), "entry 0 is nan"),
     ("joint_trajectory", trajectory(["x" * 10_000], (0.0, [1.0])), "no joint is called 'xxx"),
 ]
@@ -216,7 +216,7 @@ def test_two_crawlers_in_namespaces(ros):
 
 def test_parameters_are_declared_with_ranges_and_mostly_read_only(ros):
     ros.simulator("real_time_factor:=0.01", hear=("joint_states",))  # a tick takes a second
-    names = list(interface.parameters())
+    names = list(read_parameters())
     described = ros.call("/crawler/describe_parameters", "rcl_interfaces/srv/DescribeParameters", names=names)
     by_name = {d.name: d for d in described.descriptors}
     assert set(by_name) == set(names)
@@ -269,9 +269,9 @@ WRONG = [
     (["rate:=fast"], "parameter rate takes a number"),
     (["method:=euler"], "it must be one of auto, exact, catch_up"),
     (["view:=window"], "it must be off, live, or a path that ends in .rrd"),
-    (["record:=/proc/nowhere"], "record: /proc/nowhere: the folder cannot be made: No such file or directory"),
-    (["record:=file"], "record: file: the folder cannot be made: file is no folder"),
-    (["record:=file/deep/er"], "record: file/deep/er: the folder cannot be made: file is no folder"),
+    (["record:=/proc/nowhere"], "record: /proc/nowhere: the folder cannot be created: No such file or directory"),
+    (["record:=file"], "record: file: the folder cannot be created: file is not a folder"),
+    (["record:=file/deep/er"], "record: file/deep/er: the folder cannot be created: file is not a folder"),
     (["record:=~nobody-at-all/bags"], "there is no user 'nobody-at-all'"),
 ]
 
@@ -292,9 +292,9 @@ def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
     ("words", "said"),
     [
         (["two_anchor_a"], "unknown argument 'two_anchor_a'"),
-        (["--ros-args", "scene:=two_anchor_a"], "parameters are given as in --ros-args -p scene:=FILE"),
-        (["--ros-args", "-p"], "parameters are given as in"),
-        (["--ros-args", "-p", "scene=two_anchor_a"], "parameters are given as in"),
+        (["--ros-args", "scene:=two_anchor_a"], "pass parameters as in --ros-args -p scene:=FILE"),
+        (["--ros-args", "-p"], "pass parameters as in"),
+        (["--ros-args", "-p", "scene=two_anchor_a"], "pass parameters as in"),
     ],
 )
 def test_a_wrong_command_line_is_one_line(words, said):
@@ -316,8 +316,8 @@ def test_what_is_meant_is_taken_and_what_is_unknown_is_named(ros):
     simulator = ros.simulator("rate:=50", "view:=off", "rte:=3.0", "zzz:=1", hear=("joint_states",))
     wait_until(lambda: len(ros.heard["joint_states"]) > 5)
     assert seconds(ros.heard["joint_states"][5]) - seconds(ros.heard["joint_states"][4]) == pytest.approx(0.02)
-    assert "there is no parameter 'rte'; the nearest is 'rate'" in simulator.said
-    assert "there is no parameter 'zzz'; there are scene, " in simulator.said
+    assert "unknown parameter 'rte'; the nearest is 'rate'" in simulator.said
+    assert "unknown parameter 'zzz'; the parameters are scene, " in simulator.said
     assert "3 contacts, 2 links, exact at 50 Hz; waiting for commands" in simulator.said
 
 

@@ -28,7 +28,8 @@ from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.mcap_file import McapFile, message_head
 from crawler_ros.recording.recorder import Recorder
-from crawler_ros.wire import interface
+from crawler_ros.wire.definitions import type_hash
+from crawler_ros.wire.topics import read_topics
 
 from .graph import graph, seconds
 
@@ -81,7 +82,7 @@ def test_it_has_what_rosbag2_writes(run):
         schema = summary.schemas[channel.schema_id]
         assert schema.encoding == "ros2msg"
         assert channel.message_encoding == "cdr"
-        assert channel.metadata["topic_type_hash"] == interface.type_hash(schema.name)
+        assert channel.metadata["topic_type_hash"] == type_hash(schema.name)
         assert yaml.safe_load(channel.metadata["offered_qos_profiles"])[0]["reliability"] == "reliable"
 
 
@@ -233,7 +234,7 @@ def test_damaged_bytes_end_the_reading_and_are_not_taken_for_whole(run, tmp_path
 
 def test_two_threads_record_without_tearing_each_other_s_messages(tmp_path):
     recorder = Recorder(tmp_path, "two", {})
-    channels = [recorder.add_topic(interface.topics()[name], f"/{name}") for name in ("pose", "joint_states")]
+    channels = [recorder.add_topic(read_topics()[name], f"/{name}") for name in ("pose", "joint_states")]
     recorder.start()
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
@@ -337,7 +338,7 @@ def test_the_file_is_that_of_the_mcap_library(tmp_path, monkeypatch, messages):
 
 def test_what_waits_for_a_slow_recording_is_bounded_and_nothing_is_lost(tmp_path):
     recorder = Recorder(tmp_path, "slow", {})
-    channel = recorder.add_topic(interface.topics()["pose"], "/pose")
+    channel = recorder.add_topic(read_topics()["pose"], "/pose")
     recorder.start()
     data, limit = bytes(100_000), 1 << 26
     pid = recorder._process.pid
@@ -359,7 +360,7 @@ def test_what_waits_for_a_slow_recording_is_bounded_and_nothing_is_lost(tmp_path
 
 def test_nothing_piles_up_behind_a_recording_that_failed(tmp_path):
     recorder = Recorder(tmp_path, "dead", {})
-    channel = recorder.add_topic(interface.topics()["pose"], "/pose")
+    channel = recorder.add_topic(read_topics()["pose"], "/pose")
     recorder.start()
     os.kill(recorder._process.pid, signal.SIGKILL)
     recorder._process.wait()
@@ -374,7 +375,7 @@ def test_nothing_piles_up_behind_a_recording_that_failed(tmp_path):
 
 def test_an_empty_recording_is_whole(tmp_path):
     writer = BagWriter(tmp_path / "bag", {"scene": {"a": 1}})
-    writer.add_topic(interface.topics()["pose"], "/pose")
+    writer.add_topic(read_topics()["pose"], "/pose")
     writer.close()
     health = bag.examine(tmp_path / "bag")
     assert health.complete

@@ -88,11 +88,11 @@ def test_a_recording_that_is_moved_away_loses_nothing_and_is_reported(ros):
     process = ros.simulator(f"record:={bags}", hear=("joint_states", "/diagnostics"))
     source, target = only(bags), ros.folder / "moved"
     source.rename(target)
-    assert_trouble_is_shown(ros, process, "was moved away")
+    assert_trouble_is_shown(ros, process, "was moved or cannot be reached")
     target.rename(source)
     wait_until(lambda: status(ros, "recording").level == b"\0", what="the end of the trouble")
     source.rename(target)
-    assert_trouble_is_shown(ros, process, "was moved away")
+    assert_trouble_is_shown(ros, process, "was moved or cannot be reached")
     assert process.end() == 1
     assert process.said.splitlines()[-1].startswith("simulator: recording stopped: ")
     assert bag.examine(target).complete
@@ -105,7 +105,7 @@ def test_a_folder_that_is_locked_keeps_its_messages_and_is_reported(ros):
     process = ros.simulator(f"record:={bags}", hear=("joint_states", "/diagnostics"))
     folder = only(bags)
     with locked(folder):
-        assert_trouble_is_shown(ros, process, "is not writable any more")
+        assert_trouble_is_shown(ros, process, "is no longer writable")
         assert process.end() == 1
     assert "metadata.yaml" in process.said.splitlines()[-1]
     assert bag.examine(folder).complete
@@ -142,4 +142,4 @@ def test_a_package_without_definitions_is_named_with_the_variable(tmp_path):
     assert len(said) == 1, done.stderr
     assert f"AMENT_PREFIX_PATH={tmp_path}: the ROS package trajectory_msgs is under none of these folders" in said[0]
     assert "Traceback" not in done.stderr
-    assert not (tmp_path / "bags").exists()
+    assert not list((tmp_path / "bags").glob("*"))

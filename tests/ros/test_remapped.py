@@ -114,7 +114,7 @@ def test_a_torn_one_is_recovered_with_its_names(recordings, tmp_path):
 def test_two_crawlers_in_one_file_are_told_apart_though_one_notes_its_names(tmp_path):
     """As merged by another tool: the notes are those of one, the other is found by its namespace."""
     from crawler_model import load_scene
-    from crawler_ros.wire import interface
+    from crawler_ros.wire.topics import read_topics
 
     scene = load_scene("two_anchor_a")
     noted = {"joint_states": "/js", "applied_commands": "/left/ledger", "pose": "/left/pose"}
@@ -124,7 +124,7 @@ def test_two_crawlers_in_one_file_are_told_apart_though_one_notes_its_names(tmp_
         for topic in (noted.get(name), f"/right/{name}"):
             if topic is not None:
                 if topic not in channels:
-                    channels[topic] = writer.add_topic(interface.topics()[name], topic)
+                    channels[topic] = writer.add_topic(read_topics()[name], topic)
                 writer.write(channels[topic], 10**18 + k, 10**18 + k, data)
     writer.close()
     with pytest.raises(bag.BagError, match="2 robots; choose one with --namespace /left, /right"):

@@ -14,11 +14,12 @@ from urdf_parser_py.urdf import URDF
 
 from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, gallery, load_scene, simulate
+from crawler_ros.node.parameters import read_parameters
 from crawler_ros.node.robot_description import describe_robot
 from crawler_ros.recording import bag
-from crawler_ros.wire import interface
 from crawler_ros.wire.messages import OdometryMessage, encode_string
 from crawler_ros.wire.states import joint_state_names, station_names
+from crawler_ros.wire.topics import message_class
 
 from .graph import graph, seconds
 from .test_nodes import trajectory
@@ -110,7 +111,7 @@ def test_an_odometry_message_is_what_others_decode():
 def test_a_trajectory_controllers_topic_takes_lengths_alone(ros):
     process = ros.simulator("rate:=100.0", hear=("joint_states", "/diagnostics"))
     ros.publish("actuation_controller/joint_trajectory", trajectory(["contact_0/forward"], (0.1, [1.0])))
-    wait_until(lambda: "this topic takes links and segments alone" in process.said)
+    wait_until(lambda: "this topic takes only links and segments" in process.said)
     message = trajectory(["link_1"], (0.2, [0.3]))
     message.points[0].velocities = [0.0]
     ros.publish("actuation_controller/joint_trajectory", message)
@@ -136,7 +137,7 @@ def test_qos_can_be_overridden_and_is_recorded_as_it_is(ros, tmp_path):
     assert info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     heard = []
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    kind = interface.message_class("sensor_msgs/msg/JointState")
+    kind = message_class("sensor_msgs/msg/JointState")
     ros.node.create_subscription(kind, "joint_states", heard.append, best_effort)
     wait_until(lambda: heard)
     process.end()
@@ -151,10 +152,10 @@ def test_qos_can_be_overridden_and_is_recorded_as_it_is(ros, tmp_path):
 
 def test_parameters_tell_rqt_all_it_wants_to_know(ros):
     ros.simulator()
-    names = list(interface.parameters())
+    names = list(read_parameters())
     answer = ros.call("/crawler/describe_parameters", "rcl_interfaces/srv/DescribeParameters", names=names)
     for name, described in zip(names, answer.descriptors, strict=True):
-        row = interface.parameters()[name]
+        row = read_parameters()[name]
         assert described.description == row.meaning
         assert described.read_only != row.runtime
         if row.range is not None:

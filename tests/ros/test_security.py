@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import socket
 import stat
@@ -19,12 +18,11 @@ import pytest
 pytest.importorskip("rclpy")
 
 from crawler_bench.node.processes import PATIENCE_S, children, wait_until
-from crawler_model import SceneError, load_scene
-from crawler_model.scene.file import LARGEST_FILE, parse_scene
 from crawler_ros.recording import bag, bag_folder
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.recorder import Recorder
 
+from ..model.scene.test_file import EVIL
 from ..sockets import addresses
 from .graph import environment, graph
 from .machine import SOAK, crawler_command, simulator
@@ -165,105 +163,10 @@ def test_help_says_what_can_be_reached():
     done = subprocess.run(
         [*simulator(), "--help"], env=environment(), capture_output=True, text=True, timeout=PATIENCE_S
     )
-    assert "127.0.0.1 alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET" in done.stdout
+    assert "127.0.0.1 only; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET" in done.stdout
 
 
 # -- scene files ------------------------------------------------------------------------------------------------------
-
-GOOD = "{name: a, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}"
-
-
-def bomb(kind: str) -> str:
-    """A few lines that stand for billions of values."""
-    opening, closing = ("[", "]") if kind == "lists" else ("{<<: [", "]}")
-    lines = ["a0: &a0 " + ("[1, 1]" if kind == "lists" else "{k: 1}")]
-    for k in range(1, 30):
-        items = ", ".join([f"*a{k - 1}"] * 10)
-        lines.append(f"a{k}: &a{k} {opening}{items}{closing}")
-    return "\n".join(
-        [*lines, "name: bomb", "body: {contacts: *a29, links: {stiffness: 1}}", "friction: {isotropic: *a8}"]
-    )
-
-
-EVIL = {
-    "python/object/apply": "name: !!python/object/apply:os.system ['touch {marker}']",
-    "python/object/new": "name: !!python/object/new:os.system ['touch {marker}']",
-    "python/name": "name: !!python/name:os.system",
-    "python/module": "name: !!python/module:os",
-    "python/object": "name: !!python/object:subprocess.Popen [touch, '{marker}']",
-    "a tag": "name: !Evil x",
-    "lists of lists": bomb("lists"),
-    "merged maps": bomb("maps"),
-    "keys": "? " + bomb("lists").replace("\n", "\n  ") + "\n: 1",
-    "a list of itself": "name: a\nbody: &b {contacts: [0, *b], links: {stiffness: 1}}\nfriction: {isotropic: 1}",
-    "a map of itself": "&a\nname: a\nbody: *a\n",
-    "very deep": "name: " + "[" * 100_000,
-    "no date": "name: 2026-13-45",
-    "a long integer": "name: a\ndimension: " + "9" * 10_000,
-    "a long number": GOOD.replace("isotropic: 1", "isotropic: 1" + "0" * 400),
-    "a long word": GOOD.replace("isotropic: 1", "isotropic: " + "x" * 1_000_000),
-    "a long list": GOOD.replace("isotropic: 1", "isotropic: [[[" + "1, " * 10_000 + "1]]]"),
-    "a file": "name: a\nbody: !include /etc/passwd",
-    "nul": "name: a\0b",
-    "two documents": GOOD + "\n---\n" + GOOD,
-}
-
-
-@pytest.mark.parametrize("name", list(EVIL))
-def test_what_a_scene_file_must_not_do_is_one_line(tmp_path, name):
-    marker = tmp_path / "done"
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(SceneError) as error:
-        parse_scene(EVIL[name].replace("{marker}", str(marker)), "evil.yaml")
-    text = str(error.value)
-    assert text.startswith("evil.yaml: ")
-    assert "\n" not in text
-    assert len(text) < 1000
-    assert not marker.exists()
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000  # KiB
-
-
-def test_aliases_that_stand_for_little_are_taken():
-    text = "name: a\nbody: {contacts: [0, 1, 2], links: {stiffness: &k [1, 2]}}\nfriction: {forward: &f [1, 1, 1], backward: *f}"
-    assert parse_scene(text).parts.friction.backward == (1.0, 1.0, 1.0)
-
-
-def strange_paths(folder: Path) -> list[tuple[str, str]]:
-    os.mkfifo(folder / "pipe.yaml")
-    (folder / "folder.yaml").mkdir()
-    (folder / "loop.yaml").symlink_to(folder / "loop.yaml")
-    (folder / "zero.yaml").symlink_to("/dev/zero")
-    (folder / "empty.yaml").touch()
-    (folder / "latin.yaml").write_bytes(b"name: \xe9")
-    with (folder / "huge.yaml").open("wb") as stream:
-        stream.truncate(LARGEST_FILE + 1)
-    return [
-        ("../" * 40 + "etc/passwd", "a scene is a mapping"),
-        ("/etc/passwd", "a scene is a mapping"),
-        ("/dev/zero", "not a file"),
-        ("/dev/stdin", "not a file"),
-        ("/proc/kmsg", "it is empty"),
-        ("/proc/self/environ", "it is empty"),
-        (str(folder / "pipe.yaml"), "not a file"),
-        (str(folder / "folder.yaml"), "not a file"),
-        (str(folder / "loop.yaml"), "no such file"),
-        (str(folder / "zero.yaml"), "not a file"),
-        (str(folder / "empty.yaml"), "it is empty"),
-        (str(folder / "latin.yaml"), "cannot be read"),
-        (str(folder / "huge.yaml"), f"it has {LARGEST_FILE + 1} bytes"),
-        ("two_anchor_a\0.yaml", "no such file"),
-        ("scenes/../two_anchor_a", "no such file"),
-        ("", "no such file"),
-    ]
-
-
-def test_a_strange_scene_path_is_one_line(tmp_path):
-    for path, said in strange_paths(tmp_path):
-        with pytest.raises(SceneError) as error:
-            load_scene(path)
-        assert said in str(error.value), path
-        assert "\n" not in str(error.value)
-        assert "root:" not in str(error.value)
 
 
 def test_the_simulator_and_the_command_say_so_too(tmp_path):

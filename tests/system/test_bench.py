@@ -98,14 +98,14 @@ def test_the_picture_shows_something(quick):
 def test_for_people(tmp_path):
     text = good("bench", "--quick", "--case", "graph", "--out", str(tmp_path))
     assert "graph: three contacts" in text
-    assert "side by side in this run" in text
+    assert "ratios within this run" in text
     assert "left out: MuJoCo on graph: friction differs" in text
     assert (tmp_path / "graph.png").stat().st_size > 20_000
 
 
 def test_an_unknown_case_is_one_line(tmp_path):
     text = bad("bench", "--case", "strategie", cwd=tmp_path)
-    assert "there is no case 'strategie'; the nearest is 'strategy_a'" in " ".join(text.split())
+    assert "unknown case 'strategie'; the nearest is 'strategy_a'" in " ".join(text.split())
     assert not (tmp_path / "bench").exists()
 
 

@@ -99,14 +99,51 @@ def test_check_says_what_is_too_weak(tmp_path):
 def test_check_says_what_a_body_is_and_where_it_can_go():
     text = good("check", "three_springs")
     assert "3 contacts, 3 links, a graph; valid" in text
-    assert "let the body go forward only" in text
+    assert "allows motion forward only" in text
     text = good("check", "friction_wave_segment")
     assert "segment foot (21 elements)" in text
     assert "changing by at most 0.9" in text
-    assert "a second; regular" in text
+    assert "per second; regular" in text
     text = good("check", "planar_three_points")
     assert "in the plane" in text
-    assert "net translation per period, at the end: 0.046" in text
+    assert "net translation in the last period: 0.046" in text
+
+
+UNITS = {
+    "strokes in millimetres": (
+        "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",
+        "[[0], [60], [0]]",
+        "millimetres for metres? the drive changes the length of link 0 by 60 m, the body is 0.2 m long",
+    ),
+    "a strain in percent": (
+        "{segments: [{name: trunk, from: 0, to: 0.5, stiffness: 9, friction: {isotropic: 1}, elements: 8}]}",
+        "[[0], [20], [0]]",
+        "millimetres for metres? the drive changes the length of segment trunk by 10 m, the body is 0.5 m long",
+    ),
+    "stiffness in N/mm": (
+        "{contacts: [0, 0.2], links: {stiffness: 0.1}}, friction: {isotropic: 1}",
+        "[[0], [0.1], [0]]",
+        "too soft or too rough: a spring must change by 10 m before contact 0 slides, the body is 0.2 m long",
+    ),
+    "all in metres": (
+        "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",
+        "[[0], [0.06], [0]]",
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(UNITS))
+def test_check_warns_of_lengths_far_beyond_the_body(name, tmp_path):
+    body, rows, warning = UNITS[name]
+    scene = tmp_path / "units.yaml"
+    scene.write_text(f"{{name: units, body: {body}, drive: {{times: [0, 1, 2], period: 2, actuation: {rows}}}}}")
+    text = " ".join(good("check", str(scene)).split())
+    if warning:
+        assert warning in text
+    else:
+        assert "millimetres for metres" not in text
+        assert "too soft or too rough" not in text
 
 
 def test_check_says_where_friction_vanishes(tmp_path):
@@ -114,7 +151,7 @@ def test_check_says_where_friction_vanishes(tmp_path):
     scene.write_text(
         "{name: slippery, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {forward: [1, 0], backward: 1}}"
     )
-    assert "contact_1/forward goes down to 0" in good("check", str(scene))
+    assert "contact_1/forward falls to 0" in good("check", str(scene))
 
 
 MISTAKES = [
@@ -127,21 +164,21 @@ MISTAKES = [
     (["simulate", "typo.yaml"], "body.links.stifness: unknown key; the nearest known key is 'stiffness'"),
     (["check", "typo.yaml"], "unknown key"),
     (["check", "code.yaml"], "not plain YAML"),
-    (["simulate", "idle.yaml"], "say how long to run with --duration"),
+    (["simulate", "idle.yaml"], "set the simulated time with --duration"),
     (["view", "nothing"], "nothing: no such file or folder"),
-    (["view", "."], "there is no display here"),
-    (["view", ".", "--at", "3"], "--at goes with --png"),
+    (["view", "."], "this machine has no display"),
+    (["view", ".", "--at", "3"], "--at needs --png"),
     (["view", "text.mcap", "--png", "nodir/x.png"], "does not exist"),
     (["view", "fake.rrd", "--png", "x.png"], "fake.rrd: not a rerun recording"),
     (["check", "two_anchor_a", "--png", "x.foo"], "--png: x.foo must end in .png"),
     (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "do not fit in memory"),
     (["simulate", "two_anchor_a", "--rate", "fast"], "Invalid value for '--rate'"),
     (["simulate"], "Missing argument"),
-    (["replay", "parent"], "parent/one: there is no message in it"),
+    (["replay", "parent"], "parent/one: the recording has no messages"),
     (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
     (["replay", "text.mcap"], "not an MCAP file"),
     (["replay", "nothing"], "nothing: no such file or folder"),
-    (["nonsense"], "No such command 'nonsense'. There are bench, check, compare, demo, "),
+    (["nonsense"], "No such command 'nonsense'. The commands are bench, check, compare, demo, "),
     (["simulat"], "Did you mean 'simulate'?"),
     (["simulate", "nonsense"], "nonsense: no such file, nor a scene of the gallery; there are "),
 ]
@@ -173,4 +210,4 @@ def test_nothing_of_ros_is_needed_for_the_model():
     code = code.replace("'scenes'", "'demo'")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 1
-    assert "rclpy is not installed; it comes with: pip install 'crawler-ros[ros]'" in done.stderr
+    assert "rclpy is not installed; install with: pip install 'crawler-ros[ros]'" in done.stderr

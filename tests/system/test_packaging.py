@@ -180,7 +180,9 @@ def test_every_scene_is_installed(workspace):
 
 @pytest.mark.parametrize("name", EXECUTABLES)
 def test_an_executable_says_how_it_is_used(workspace, name):
-    usage = {"replay": "Usage: crawler replay"}.get(name, "A controller" if "control" in name else f"usage: {name}")
+    usage = {"replay": "Usage: crawler replay"}.get(
+        name, "An example controller" if "control" in name else f"usage: {name}"
+    )
     assert usage in workspace.sourced(f"install/{PACKAGE}/lib/{PACKAGE}/{name} --help")
 
 
@@ -198,7 +200,7 @@ def test_a_scene_and_every_executable_run_from_there(workspace):
         {lib}/phase_control --ros-args -p phases:=1 -p tolerance:=1.0
         kill -INT $simulator; wait $simulator && {lib}/replay bags/*"""
         )
-    for part in ("period 2 of 2", "period 2: amplitude", "best phase", "whole", "identical to the bit"):
+    for part in ("period 2 of 2", "period 2: amplitude", "best phase", "complete", "identical to the bit"):
         assert part in said
 
 

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from crawler_bench.node.processes import PATIENCE_S
-from crawler_ros.wire import interface
+from crawler_ros.node.parameters import read_parameters
+from crawler_ros.wire.definitions import find_ament_prefix
+from crawler_ros.wire.topics import read_services, read_topics
 
 from ..pages import ROOT, blocks, prose
 from .test_command import CRAWLER, good
@@ -41,7 +43,7 @@ def test_demos_recording_is_whole(demonstrated):
     folder, _ = demonstrated
     (recording,) = [p for p in (folder / "demo").iterdir() if p.is_dir()]
     text = good("replay", str(recording))
-    assert "whole" in text
+    assert "complete" in text
     assert "identical to the bit" in text
     assert "nothing to recover" in good("replay", str(recording), "--recover")
 
@@ -77,7 +79,7 @@ def rows(head: str) -> list[list[str]]:
 
 def test_every_topic_is_in_the_table_with_its_type_and_direction():
     table = {name: (kind, direction) for name, kind, direction, _ in rows("topic | type | direction | meaning")}
-    wanted = interface.topics().items()
+    wanted = read_topics().items()
     assert table == {f"`{name}`": (topic.type.replace("/msg/", "/"), topic.direction) for name, topic in wanted}
 
 
@@ -85,13 +87,13 @@ def test_parameters_in_the_table_have_the_defaults_of_the_node():
     table = rows("parameter | default | meaning")
     assert [name for name, _, _ in table][:2] == ["`scene`", "`rate`"]
     for name, default, _ in table:
-        value = interface.parameters()[name.strip("`")].default
+        value = read_parameters()[name.strip("`")].default
         shown = value if isinstance(value, str) else json.dumps(value)
         assert default == (f"`{shown}`" if shown else "(empty)"), name
 
 
 def test_every_service_is_named():
-    for name in interface.services():
+    for name in read_services():
         assert f"`crawler/{name}`" in README
 
 
@@ -100,7 +102,7 @@ def test_the_nodes_are_found_through_the_ament_index():
     from ament_index_python.packages import get_package_prefix
 
     os.environ.pop("AMENT_PREFIX_PATH", None)
-    interface.find_ament_prefix()
+    find_ament_prefix()
     prefix = Path(get_package_prefix("crawler_ros"))
     assert (prefix / "share" / "crawler_ros" / "package.xml").is_file()
     for name in ("simulator", "gait_player"):

@@ -102,14 +102,14 @@ def test_a_missing_package_names_the_extra_that_brings_it(name, words, missing, 
     status, said = end(start(tmp_path, name, *words, NOT_INSTALLED=missing))
     (line,) = said
     assert line.startswith(f"{name}: ")
-    assert line.endswith(f" is not installed; it comes with: pip install 'crawler-ros[{extra}]'")
+    assert line.endswith(f" is not installed; install with: pip install 'crawler-ros[{extra}]'")
     assert status == 1
 
 
 @pytest.mark.parametrize("package", ["numba", "yaml", "typer"])
 def test_a_missing_requirement_is_named(package, tmp_path):
     status, said = end(start(tmp_path, "crawler", "scenes", NOT_INSTALLED=package))
-    assert said == [f"crawler: {package} is not installed; it comes with: pip install crawler-ros"]
+    assert said == [f"crawler: {package} is not installed; install with: pip install crawler-ros"]
     assert status == 1
 
 

@@ -96,12 +96,12 @@ def test_nothing_is_overwritten_unasked(tmp_path, monkeypatch, capsys):
     assert sweep() == 0
     before = (tmp_path / "b.parquet").read_bytes()
     assert sweep() == 1
-    assert "b.parquet is there already" in capsys.readouterr().err
+    assert "b.parquet exists already" in capsys.readouterr().err
     assert sweep("--overwrite") == 0
     assert (tmp_path / "b.parquet").read_bytes() == before
     (tmp_path / "b.parquet").unlink()
     assert sweep() == 1
-    assert "b.png is there already" in capsys.readouterr().err
+    assert "b.png exists already" in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["b.png"]
 
 
@@ -135,7 +135,7 @@ def test_ctrl_c_writes_what_is_done(tmp_path):
     assert process.returncode == 130, shown
     assert "Traceback" not in "".join(shown)
     assert "not run" in out
-    assert "stopped: the table holds what was done" in out
+    assert "stopped: the table holds the finished runs" in out
     table = table_of(tmp_path / "b.parquet")
     assert 0 < table.num_rows < 10_000
     assert "not run" not in table["status"].to_pylist()
@@ -150,7 +150,7 @@ def read_screen(screen: int, shown: list[str]) -> None:
 
 
 MISTAKES = [
-    ([*LENGTHS, "--vary", "drive.length=1:2:3"], "drive.length: given twice"),
+    ([*LENGTHS, "--vary", "drive.length=1:2:3"], "drive.length: the key is repeated"),
     (["--vary", "drive.lenth=0:6:3"], "drive.lenth: unknown key; the nearest known key is 'drive.length'"),
     (["--vary", "drive.strategy=0:6:3"], "'B' is not a number"),
     (["--vary", "drive.length"], "write KEY=FROM:TO:N"),
@@ -161,7 +161,7 @@ MISTAKES = [
     (["--vary", "drive.length=0:6:2.5"], "N is '2.5'; it must be a whole number"),
     (["--vary", "drive.length=log:0:6:5"], "log: goes from one number > 0"),
     (["--vary", "drive.length=0:6:9999", "--vary", "drive.friction=1:2:9999"], "at most 10000000"),
-    (["--vary", "drive.friction=-2,-1"], "no variation is valid; the first: friction: -2 N"),
+    (["--vary", "drive.friction=-2,-1"], "no variation is valid; the reason of the first: drive: friction: -2 N"),
     ([*LENGTHS, "--out", "x.csv"], "must end in .parquet"),
     ([*LENGTHS, "--out", "nodir/x.parquet"], "the folder"),
     ([*LENGTHS, "--png", "x.jpg"], "must end in .png"),

@@ -123,7 +123,7 @@ def _join(floats, children, path, low, high):
 
 @compiled
 def _cut(floats, children, path, root, direction, here, height, flat):
-    """Find where the curve fell (direction -1) or rose (1) by `height`, outwards from `here`; cut the tree there.
+    """Find where the curve has fallen (direction -1) or risen (1) by `height` outwards from `here`; cut the tree there.
 
     Returns the trees below and above, the zero, the heights left before and beyond it, the slopes there,
     and the number of nodes visited. A breakpoint at the zero is in neither tree: its jump is split.

@@ -25,7 +25,7 @@ from .active_set import move
     ROW_ARRIVAL,
 ) = range(14)
 _FLOAT_ROWS = 14
-# Rows of the scratch bytes: side of a contact, bound that it approaches, bounds at which it stays; zeros.
+# Rows of the scratch bytes: side of a contact, bound that it approaches, bounds at which it stays; constant zeros.
 ROW_SIDE, ROW_COMING, ROW_HELD, ROW_NO_STATUS = range(4)
 _BYTE_ROWS = 4
 

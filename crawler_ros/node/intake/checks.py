@@ -1,4 +1,4 @@
-"""What a command must be: names that there are, numbers that can be followed, times of this clock."""
+"""Checks of commands: known names, numbers that can be followed, times of the simulation's clock."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from crawler_model.errors import LARGEST, CommandError
 from .limits import Limits
 
 _MOST_AHEAD_NS = 60 * NS
-"""A stamp farther ahead is of another clock."""
+"""A stamp farther ahead is from another clock."""
 _LONGEST_NS = 86_400 * NS
-"""A trajectory that lasts longer is a mistake; in lock-step all its ticks would run at once."""
+"""A longer trajectory is a mistake; in lock-step all its ticks would run at once."""
 
 
 def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) -> list[np.ndarray]:
-    """Find what the names of a trajectory command.
+    """Find the columns that the names of a trajectory command.
 
     Args:
-        columns: what can be commanded.
-        names: as they came.
-        only_lengths: whether links and segments alone may be named.
+        columns: the columns that can be commanded.
+        names: the names in the message.
+        only_lengths: whether only links and segments may be named.
 
     Returns:
         The columns of each name.
 
     Raises:
-        CommandError: naming the name that does not fit.
+        CommandError: naming the unknown, unsuitable or repeated name.
     """
     found = []
     for name in names:
@@ -40,7 +40,7 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
         found.append(columns.aliases[name])
         if only_lengths and found[-1][0] >= columns.lengths:
             kind = "friction" if columns.kind(int(found[-1][0])) == "friction" else "load"
-            raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes links and segments alone")
+            raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes only links and segments")
     taken = np.concatenate(found) if found else np.zeros(0, int)
     if np.unique(taken).size != taken.size:
         raise CommandError("trajectory: a joint is named twice")
@@ -48,17 +48,17 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
 
 
 def _known(columns: Columns, name: str) -> str:
-    """List what can be named, the nearest first."""
+    """List the known names, the nearest first."""
     names = list(columns.aliases)
     near = difflib.get_close_matches(name, names, n=4, cutoff=0.3) or names[:4]
     return f"there are {', '.join(near)}{f' and {len(names) - len(near)} more' if len(names) > len(near) else ''}"
 
 
 def check_finite(what: str, values: np.ndarray) -> None:
-    """Refuse numbers that are not finite or larger than products of them can be.
+    """Refuse numbers that are not finite, or so large that products of them would overflow.
 
     Args:
-        what: the message, for the error.
+        what: name of the message, for the error.
         values: shape (M,).
 
     Raises:
@@ -82,16 +82,16 @@ def check_points(
         columns: of each name.
         times: time_from_start of each point, shape (P,) [ns].
         table: positions, shape (P, N).
-        limits: the largest sizes taken.
+        limits: the largest sizes accepted.
 
     Raises:
-        CommandError: naming the first point that does not fit, and why.
+        CommandError: naming the first invalid point and the reason.
     """
     falls = np.flatnonzero(np.diff(times, prepend=0) < 0)
     if falls.size:
         i = int(falls[0])
         before = int(times[i - 1]) if i else 0
-        raise CommandError(f"trajectory: point {i} at {times[i]} ns comes before {before} ns; times must not fall")
+        raise CommandError(f"trajectory: point {i} at {times[i]} ns comes before {before} ns; times must not decrease")
     first = np.array([column[0] for column in columns], dtype=np.int64)
     least = np.where((first >= limits.lengths) & (first < limits.lengths + limits.frictions), 0.0, -np.inf)
     fits = (np.abs(table) <= limits.largest[first]) & (table >= least)
@@ -172,12 +172,12 @@ def is_held(columns: Columns, row: np.ndarray) -> bool:
 
 
 def check_times(stamp_ns: int, now_ns: int, tick_ns: int, last_ns: int) -> None:
-    """Refuse a trajectory of another clock.
+    """Refuse a trajectory that was stamped by another clock.
 
     Args:
         stamp_ns: when it starts [ns, simulated].
         now_ns: simulated time [ns].
-        tick_ns: what a tick lasts [ns].
+        tick_ns: duration of a tick [ns].
         last_ns: time_from_start of its last point [ns].
 
     Raises:
@@ -188,10 +188,11 @@ def check_times(stamp_ns: int, now_ns: int, tick_ns: int, last_ns: int) -> None:
     ahead, most = stamp_ns - now_ns, _MOST_AHEAD_NS + tick_ns
     if ahead > most:
         raise CommandError(
-            f"trajectory: stamp {stamp_ns / NS:g} s is {ahead / NS:g} s ahead of simulated time; it may be "
-            f"{most / NS:g} s; stamps are simulated time, as those of joint_states are, and 0 starts at once"
+            f"trajectory: stamp {stamp_ns / NS:g} s is {ahead / NS:g} s ahead of simulated time; at most "
+            f"{most / NS:g} s are allowed; stamps are simulated time, like those of joint_states, and 0 starts at once"
         )
     if last_ns > _LONGEST_NS:
         raise CommandError(
-            f"trajectory: the last point's time_from_start is {last_ns / NS:g} s; it may be {_LONGEST_NS / NS:g} s"
+            f"trajectory: time_from_start of the last point is {last_ns / NS:g} s; "
+            f"at most {_LONGEST_NS / NS:g} s are allowed"
         )

@@ -17,7 +17,7 @@ from .limits import Limits
 from .received import wrong_point
 
 MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
-"""What may wait: command rows, and the memory that they take."""
+"""The largest queue: command rows, and the memory that they take."""
 _ROW_BYTES = 128  # of an array or a vertex, beside its numbers
 
 
@@ -26,8 +26,8 @@ class Trajectory:
     """A checked trajectory: when it starts, and its waypoints.
 
     Attributes:
-        start_ns: simulated time [ns]; None for as soon as possible.
-        columns: which numbers of a command row it sets, one array of indices per name.
+        start_ns: simulated time [ns]; None to start as soon as possible.
+        columns: the numbers of a command row that it sets, one array of indices per name.
         times_ns: time_from_start of each point, shape (points,) [ns].
         positions: shape (points, names).
     """
@@ -40,7 +40,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Vertex:
-    """One end of a ramp within a tick: the simulated time it is due [ns] and the row commanded there."""
+    """The end of a ramp within a tick: its simulated time [ns] and the row commanded there."""
 
     due_ns: int
     row: np.ndarray
@@ -49,9 +49,9 @@ class Vertex:
 class CommandQueue:
     """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread.
 
-    In lock-step it takes one after another what makes ticks: an actuation array for one tick, with the friction arrays
-    then pending, or a trajectory for as many as it lasts. Nothing replaces anything then, so that the ticks depend on
-    the order of the messages alone and never on when they arrive.
+    In lock-step, messages make the ticks, one after another: an actuation array makes one tick, with the friction
+    arrays then pending; a trajectory makes as many as it lasts. No message replaces another, so that the ticks depend
+    only on the order of the messages and never on when they arrive.
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class CommandQueue:
         """Start with nothing pending.
 
         Args:
-            columns: what can be commanded.
+            columns: the columns that can be commanded.
             in_force: the command row in force, shape (C,).
             lock_step: whether messages make the ticks.
-            limits: the largest sizes taken; None for whatever doubles can hold.
+            limits: the largest sizes accepted; None to accept all that doubles can hold.
         """
         self._columns = columns
         self._lock_step = lock_step
         self._limits = Limits.none(columns) if limits is None else limits
         self.arrived = threading.Event()
-        """Set when something arrived that makes a tick in lock-step."""
+        """Set when a message that makes a tick in lock-step has arrived."""
         self.full = 0
         """Messages refused because too much was waiting."""
         self.unheld = 0
@@ -79,7 +79,7 @@ class CommandQueue:
         self.reset(in_force)
 
     def reset(self, in_force: np.ndarray) -> None:
-        """Drop what is pending or running."""
+        """Drop all pending and running commands."""
         with self._lock:
             self._actuation: list[np.ndarray] = []
             self._beside: dict[int, list[np.ndarray]] = {}
@@ -95,25 +95,25 @@ class CommandQueue:
 
     @property
     def waiting(self) -> int:
-        """Command rows that wait, those of a trajectory that runs included."""
+        """Number of waiting command rows, including those of a running trajectory."""
         return self._pending + self._pending_beside + len(self._path)
 
     @property
     def most_waiting(self) -> int:
-        """How many rows may wait: each becomes a whole row of commands when its tick comes."""
+        """Largest number of waiting rows: each becomes a full row of commands at its tick."""
         return min(MOST_ROWS, MOST_BYTES // (8 * self._columns.count + _ROW_BYTES))
 
-    def _take_in(self, rows: int) -> None:
-        """Refuse what does not fit; call it with the lock held."""
+    def _reserve(self, rows: int) -> None:
+        """Refuse rows for which the queue has no room; call it with the lock held."""
         if self.waiting + rows > self.most_waiting:
             self.full += 1
             raise CommandError(
-                f"{self.waiting} command rows wait already and {rows} more are too many: at most {self.most_waiting} "
-                "may wait; send no faster than ticks follow (a paused simulator follows none)"
+                f"{self.waiting} command rows are waiting and {rows} more are too many: at most {self.most_waiting} "
+                "may wait; send commands no faster than they are followed (a paused simulator follows none)"
             )
 
     def accept_actuation(self, values: Sequence[float] | np.ndarray) -> None:
-        """Take a command for all links and segments.
+        """Accept a command for all links and segments.
 
         Args:
             values: L of each link [m], then the strain of each segment; in the plane x and y of each link.
@@ -128,12 +128,12 @@ class CommandQueue:
             counts = f"{sizes.size}, one per {self._columns.items('link')}"
             if planar:
                 counts = f"{self._lengths}, x and y of each link"
-            raise CommandError(f"actuation command has {array.size} value(s); give {counts}")
+            raise CommandError(f"actuation command has {array.size} value(s); it needs {counts}")
         check_finite("actuation command", array)
         row = array if planar else np.repeat(array, sizes)
         self._limits.check("actuation command", self._columns.names[: self._lengths], row)
         with self._lock:
-            self._take_in(1)
+            self._reserve(1)
             self._pending += 1
             if self._lock_step:
                 self._turns.append(row)
@@ -143,10 +143,11 @@ class CommandQueue:
             self._last_was_trajectory = False
 
     def accept_friction(self, values: Sequence[float] | np.ndarray) -> None:
-        """Take a command for all frictions.
+        """Accept a command for all frictions.
 
         Args:
-            values: one, one per isolated contact [N] then segment [N/m], or all forward and then all backward.
+            values: a single value, one per isolated contact [N] and then per segment [N/m], or all forward and then all
+                backward values.
 
         Raises:
             CommandError: on a wrong length, a value that is negative, not finite or beyond its limit, or a full queue.
@@ -162,7 +163,7 @@ class CommandQueue:
         if array.size not in (sizes.size, sides * sizes.size):
             raise CommandError(
                 f"friction command has {array.size} value(s); "
-                f"give 1, {sizes.size} (one per {columns.items('contact')})"
+                f"it needs 1, {sizes.size} (one per {columns.items('contact')})"
                 + (f" or {2 * sizes.size} (all forward, then all backward)" if sides == 2 else "")
             )
         parts = np.tile(array, sides) if array.size == sizes.size else array
@@ -198,7 +199,7 @@ class CommandQueue:
                     row[column : column + waiting[-1].size] = waiting[-1]
                 row[first : first + values.size] = values
                 self._columns.check_equilibrium(self._columns.target(row), what, CommandError)
-            self._take_in(1)
+            self._reserve(1)
             self._pending_beside += 1
             self._beside.setdefault(first, []).append(values)
             self._last_was_trajectory = False
@@ -211,17 +212,17 @@ class CommandQueue:
         stamp_ns: int,
         only_lengths: bool = False,
     ) -> None:
-        """Take a trajectory: straight lines through its points, replacing what runs from its start.
+        """Accept a trajectory: straight lines through its points, replacing the running one from its start on.
 
         Args:
-            names: which numbers it commands, N of them.
+            names: the N names of the numbers it commands.
             times_ns: time_from_start of each point, not decreasing [ns].
             positions: of each point, one number per name, shape (P, N).
-            stamp_ns: when it starts [ns, simulated]; 0 for as soon as possible.
-            only_lengths: whether links and segments alone may be named, not friction.
+            stamp_ns: when it starts [ns, simulated]; 0 to start as soon as possible.
+            only_lengths: whether only links and segments may be named, not friction.
 
         Raises:
-            CommandError: naming the name, point or value that does not fit.
+            CommandError: naming the invalid name, point or value.
         """
         columns = named_columns(self._columns, names, only_lengths)
         times = np.array(times_ns, dtype=np.int64)
@@ -235,7 +236,7 @@ class CommandQueue:
         check_loads(self._columns, self._in_force, columns, table)
         trajectory = Trajectory(stamp_ns or None, columns, times, table)
         with self._lock:
-            self._take_in(times.size + 1)
+            self._reserve(times.size + 1)
             self._pending += times.size + 1
             if self._lock_step:
                 self._turns.append(trajectory)
@@ -246,27 +247,27 @@ class CommandQueue:
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing is there that makes a tick in lock-step."""
+        """Whether no message is left that makes a tick in lock-step."""
         return not (self._path or self._turns)
 
     def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
 
-        The k-th actuation, friction and load array make one vertex; those without a partner follow alone. Arrays
-        take equal shares of the tick. A trajectory's points stand at their own times, those already past first, and
-        where it runs on beyond the tick its straight line is followed up to the end. Arrays and trajectories replace
-        each other, whichever came last.
+        The k-th actuation, friction and load array make one vertex; those without a partner make one each. Arrays
+        take equal shares of the tick. A trajectory's points keep their own times, those already past coming first;
+        where it extends beyond the tick, its straight line is followed up to the end of the tick. Arrays and
+        trajectories replace each other; the last to arrive counts.
 
         Args:
             start_ns: simulated time [ns].
             end_ns: simulated time [ns].
 
         Returns:
-            The vertices; none to hold.
+            The vertices; an empty list to hold.
         """
         self._now_ns, self._tick_ns = end_ns, end_ns - start_ns
         if self._lock_step:
-            return self._news(self._take_turn(start_ns, end_ns))
+            return self._without_repeats(self._take_turn(start_ns, end_ns))
         if not (self._actuation or self._beside or self._trajectories or self._path):
             return []
         with self._lock:
@@ -279,17 +280,17 @@ class CommandQueue:
         if arrays and trajectory_last:
             vertices = self._pair(actuation, beside, start_ns, start_ns)
             self._join_all(trajectories, start_ns, end_ns)
-            return self._news(vertices + self._follow_path(start_ns, end_ns))
+            return self._without_repeats(vertices + self._follow_path(start_ns, end_ns))
         self._join_all(trajectories, start_ns, end_ns)
         if not arrays:
-            return self._news(self._follow_path(start_ns, end_ns)) if self._path else []
+            return self._without_repeats(self._follow_path(start_ns, end_ns)) if self._path else []
         past = [v for v in self._path if v.due_ns <= start_ns]
         if past:
             self._anchor = past[-1]
-        return self._news(past + self._pair(actuation, beside, start_ns, end_ns))
+        return self._without_repeats(past + self._pair(actuation, beside, start_ns, end_ns))
 
     def _take_turn(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        """Take the vertices of a tick in lock-step: of the trajectory that runs, else of what arrived first."""
+        """Take the vertices of a tick in lock-step: of the running trajectory, else of the earliest message."""
         if self._path:
             return self._follow_path(start_ns, end_ns)
         with self._lock:
@@ -309,8 +310,8 @@ class CommandQueue:
             return self._follow_path(start_ns, end_ns)
         return self._pair([turn], beside, start_ns, end_ns)
 
-    def _news(self, vertices: list[Vertex]) -> list[Vertex]:
-        """Leave out vertices that repeat the row in force, and drop and count those without an equilibrium."""
+    def _without_repeats(self, vertices: list[Vertex]) -> list[Vertex]:
+        """Leave out the vertices that only repeat the row in force; drop and count those without an equilibrium."""
         kept = []
         for vertex in vertices:
             if vertex.row.tobytes() == self._in_force.tobytes():
@@ -361,11 +362,11 @@ class CommandQueue:
     def _join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
         """Let a trajectory replace the path from its start on.
 
-        Of the trajectories that arrived in the same tick nothing that is due in it is lost: the last `fresh` vertices
-        of the path that are due by its end stay. Times do not go back along the path.
+        Trajectories that arrive in the same tick lose no vertex that is due in it: of the last `fresh` vertices of the
+        path, those due by its end stay. Times never decrease along the path.
 
         Returns:
-            How many vertices of the path are now of trajectories that arrived in this tick.
+            How many vertices of the path belong to trajectories that arrived in this tick.
         """
         start = now_ns if trajectory.start_ns is None else trajectory.start_ns
         cut = max(start, now_ns)

@@ -1,4 +1,4 @@
-"""What comes in: from the bytes of a command topic to the queue of commands, with everything refused on the way."""
+"""The way of a command message from its bytes to the queue of commands, including refusals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from crawler_model import CommandError
 
-from ...wire import interface
+from ...wire.topics import Topic, open_subscription
 from .commands import CommandQueue
 from .peers import Arrivals, publishers_of
 from .received import read_array, read_trajectory
@@ -28,13 +28,13 @@ class Intake:
     """The command topics of a node."""
 
     def __init__(self, commands: CommandQueue, throttle: Throttle, recorder: Recorder | None, columns: int) -> None:
-        """Take what the messages go through.
+        """Store the queue, the log and the recorder.
 
         Args:
-            commands: where they end.
-            throttle: logs refusals and losses.
-            recorder: the recording, if there is one.
-            columns: numbers in a command row.
+            commands: the queue of commands.
+            throttle: the logger of refusals and losses.
+            recorder: the recorder, if there is one.
+            columns: number of columns of a command row.
         """
         self.refusals = Refusals(throttle)
         self.arrivals: dict[str, Arrivals] = {}
@@ -42,7 +42,7 @@ class Intake:
         self._lock = threading.Lock()
         array = _OVERHEAD_BYTES + 16 * columns
         points = min((4 * 8 * columns + 64) * commands.most_waiting, _LARGEST_BYTES)
-        self._ways: dict[str, tuple[Callable[[bytes], None], int]] = {
+        self._handlers: dict[str, tuple[Callable[[bytes], None], int]] = {
             "joint_trajectory": (self._accept_trajectory, array + points),
             "actuation_controller/joint_trajectory": (self._accept_lengths, array + points),
             "actuation_controller/commands": (lambda data: commands.accept_actuation(read_array(data)), array),
@@ -50,24 +50,24 @@ class Intake:
             "load_controller/commands": (lambda data: commands.accept_loads(read_array(data)), array),
         }
 
-    def open(self, node: Any, topic: interface.Topic, channel: int | None) -> None:
+    def open(self, node: Any, topic: Topic, channel: int | None) -> None:
         """Subscribe to a topic.
 
         Args:
             node: an rclpy node.
             topic: its row in the table of topics.
-            channel: of the recording; None to record nothing.
+            channel: channel of the recording; None to record nothing.
         """
-        accept, most = self._ways[topic.name]
+        accept, most = self._handlers[topic.name]
         arrivals = self.arrivals[topic.name] = Arrivals()
         name, recorder = topic.name, self._recorder
 
-        def receive(*given: Any) -> None:
-            data, information = given if len(given) == 2 else given[0]
+        def receive(*arguments: Any) -> None:
+            data, information = arguments if len(arguments) == 2 else arguments[0]
             with self._lock:
                 arrivals.add(information["publication_sequence_number"])
-            if len(data) > most:  # too large to be passed on, to a recording as well
-                text = f"{len(data)} bytes; no command of this scene takes more than {most}"
+            if len(data) > most:  # too large to be passed on or recorded
+                text = f"{len(data)} bytes; a command of this scene has at most {most}"
                 self.refusals.add(name, text)
                 return
             if recorder is not None and channel is not None:
@@ -80,13 +80,13 @@ class Intake:
             except Exception as error:  # a message must not end the node
                 self.refusals.add(name, f"not a message of this type: {error!r}")
 
-        # rclpy looks at the signature to see whether to pass the information; its EventsExecutor of 2025 passes message
-        # and information as one tuple, later ones as two arguments
+        # rclpy reads the signature to decide whether to pass the information; its EventsExecutor of 2025 passes message
+        # and information as one tuple, later versions as two arguments
         receive.__signature__ = inspect.signature(lambda message, information: None)  # type: ignore[attr-defined]
-        interface.open_subscription(node, topic, receive)
+        open_subscription(node, topic, receive)
 
     def settle(self, node: Any) -> dict[str, list[tuple[bytes, str]]]:
-        """Look who publishes commands now, and log what was lost since this was last asked.
+        """List the present publishers of commands, and log the messages lost since the last call.
 
         Args:
             node: an rclpy node.
@@ -99,13 +99,13 @@ class Intake:
             with self._lock:
                 lost = arrivals.settle(gid for gid, _ in found[name])
             if lost:
-                text = f"lost {lost} message(s) on {name}: they came faster than they could be taken"
+                text = f"lost {lost} message(s) on {name}: they arrived faster than they could be read"
                 self._throttle.warn(f"lost {name}", text)
         return found
 
     @property
     def lost(self) -> int:
-        """Messages that did not arrive."""
+        """Number of messages that did not arrive."""
         return sum(a.lost for a in self.arrivals.values())
 
     def _accept_lengths(self, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""How large a command may be: what is a thousand times the body is a mistake, and would cost all other digits."""
+"""How large a command may be: one of a thousand times the body is a mistake and would cost precision everywhere."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from crawler_model.body.body import Body
 from crawler_model.body.columns import Columns
 from crawler_model.errors import LARGEST, CommandError
 
-_TIMES = 1000.0
+_LARGEST_RATIO = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +31,20 @@ class Limits:
 
     @staticmethod
     def none(columns: Columns) -> Limits:
-        """Take whatever doubles can hold, in all columns."""
+        """Build limits that accept all that doubles can hold, in all columns."""
         return Limits(np.full(columns.count, LARGEST), columns.lengths, columns.frictions)
 
     def check(self, what: str, names: Sequence[str], values: np.ndarray, columns: np.ndarray | int = 0) -> None:
         """Refuse numbers beyond their limits.
 
         Args:
-            what: the message, for the error.
-            names: of the numbers, M of them.
+            what: name of the message, for the error.
+            names: the M names of the numbers.
             values: shape (M,).
-            columns: which column each is of, shape (M,), or the first of M in a row.
+            columns: the column of each, shape (M,), or the first of M consecutive ones.
 
         Raises:
-            CommandError: naming number, limit and parameter.
+            CommandError: naming the number, its limit and the parameter.
         """
         which = columns + np.arange(values.size) if isinstance(columns, int) else columns
         excess = np.abs(values) > self.largest[which]
@@ -52,28 +52,27 @@ class Limits:
             return
         i = int(np.argmax(excess))
         parameter = "limit.length" if which[i] < self.lengths else "limit.friction"
-        raise CommandError(
-            f"{what}: {names[i]} is {values[i]:g}; at most {self.largest[which[i]]:g} is taken (parameter {parameter})"
-        )
+        most = self.largest[which[i]]
+        raise CommandError(f"{what}: {names[i]} is {values[i]:g}; at most {most:g} is accepted (parameter {parameter})")
 
 
 def body_length(body: Body) -> float:
-    """Measure the body along its longest axis, at rest [m]."""
+    """Compute the extent of the body at rest along its longest axis [m]."""
     return float(np.ptp(np.atleast_2d(body.position.T), axis=1).max())
 
 
 def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> Limits:
-    """Lay out the limits of a scene's commands.
+    """Compute the limits of a scene's commands.
 
-    A strain is limited so that its segment grows by no more than a link may, a friction per length so that its segment
-    has no more than a contact may.
+    A strain is limited so that its segment lengthens by no more than a link may, and a friction per length so that its
+    segment has no more friction than a contact may.
 
     Args:
-        scene: what is commanded.
-        length: of a link's rest-length change [m]; 0 for a thousand times the body, or what the scene's drive commands
-            if that is more.
-        friction: of a contact [N]; 0 for a thousand times the largest in the scene, or what holds the body stretched
-            to a thousand times its length if that is more.
+        scene: the scene that is commanded.
+        length: limit of a link's change of rest length [m]; 0 for a thousand times the body, or the largest command of
+            the scene's drive if that is more.
+        friction: limit of a contact's friction [N]; 0 for a thousand times the largest in the scene, or the friction
+            that holds the body stretched to a thousand times its length if that is more.
 
     Returns:
         The limits.
@@ -83,10 +82,10 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     spans = [body.position[s.last] - body.position[s.first] for s in body.segments]
     lengths_of = np.concatenate(([1.0] * columns.links, spans))
     spread = np.repeat(lengths_of, columns.actuation_sizes)
-    longest = length or max(_TIMES * extent, (rows[:, : columns.lengths] * spread).max(initial=0.0))
+    longest = length or max(_LARGEST_RATIO * extent, (rows[:, : columns.lengths] * spread).max(initial=0.0))
     ground = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.friction_sizes)
     ground = np.tile(ground, columns.sides)
-    strongest = friction or _TIMES * max(
+    strongest = friction or _LARGEST_RATIO * max(
         (rows[:, columns.lengths :][:, : columns.frictions] * ground).max(initial=0.0),
         body.stiffness.max(initial=0.0) * extent,
     )

@@ -1,4 +1,4 @@
-"""Who else publishes, and what was lost on the way: what the graph and the publications' numbers tell a node."""
+"""Other publishers and lost messages, from the ROS graph and the sequence numbers of publications."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ _MOST_STREAMS = 64
 
 
 class Arrivals:
-    """Counts the messages of a topic that arrived, and those that did not, by the numbers of their publications.
+    """Counts the messages of a topic that arrived, and those that did not, by their sequence numbers.
 
-    rclpy passes the number on but not who published. A number continues the publication whose last one is nearest
-    below it; a gap counts as loss once the topic's publishers have been the same from before it until after it.
+    rclpy passes on the number but not the publisher. A number continues the sequence whose last number is nearest below
+    it; a gap counts as a loss once the topic's publishers have been the same from before it until after it.
     """
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Start with no message counted."""
         self.received = self.lost = 0
         self._last: list[int] = []
         self._gaps = 0
@@ -26,7 +26,7 @@ class Arrivals:
         """Count a message.
 
         Args:
-            number: its publication's; None where the middleware has none.
+            number: its sequence number; None where the middleware has none.
         """
         self.received += 1
         if not number:
@@ -51,7 +51,7 @@ class Arrivals:
         """Decide whether the gaps since the last call are losses.
 
         Args:
-            publishers: who publishes on the topic now.
+            publishers: the present publishers of the topic.
 
         Returns:
             The messages lost since the last call.
@@ -59,7 +59,7 @@ class Arrivals:
         now = frozenset(publishers)
         gaps, self._gaps = self._gaps, 0
         if now != self._publishers:
-            if not self._publishers <= now:  # somebody has gone: which numbers were theirs cannot be told
+            if not self._publishers <= now:  # a publisher has left, and its numbers cannot be identified
                 self._last.clear()
             self._publishers = now
             return 0
@@ -68,28 +68,28 @@ class Arrivals:
 
 
 def publishers_of(node: Any, topic: str) -> list[tuple[bytes, str]]:
-    """List who publishes on a topic.
+    """List the publishers of a topic.
 
     Args:
         node: an rclpy node.
-        topic: its name, as the node writes it.
+        topic: its name, relative to the node.
 
     Returns:
-        Identity of each publisher and the full name of its node.
+        The identity of each publisher and the full name of its node.
     """
     found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
     return [(bytes(i.endpoint_gid), f"{i.node_namespace.rstrip('/')}/{i.node_name}") for i in found]
 
 
 def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]], own: int = 1) -> str:
-    """Describe publishers of a crawler's states beside its own.
+    """Describe publishers of a crawler's states besides its own.
 
     Args:
-        topics: name of each topic to the publishers it has.
+        topics: the publishers of each topic, by its name.
         own: how many publishers it should have.
 
     Returns:
-        A line, empty when there are none.
+        A line; empty when there are none.
     """
     crowded = [name for name, found in topics.items() if len(found) > own]
     if not crowded:
@@ -98,13 +98,13 @@ def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]], own: int
 
 
 def rivals_on_commands(topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
-    """Describe publishers of commands that replace each other's.
+    """Describe publishers whose commands replace each other.
 
     Args:
-        topics: name of each topic that carries lengths to the publishers it has.
+        topics: the publishers of each topic that carries lengths, by its name.
 
     Returns:
-        A line, empty when there is at most one node, once on each topic.
+        A line; empty when there is at most one node, with at most one publisher per topic.
     """
     nodes = sorted({node for found in topics.values() for _, node in found})
     if len(nodes) < 2 and all(len(found) < 2 for found in topics.values()):

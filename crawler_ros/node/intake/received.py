@@ -1,7 +1,7 @@
-"""Bytes that arrived to arrays: every length is checked before anything of that length is read.
+"""Decoding of received bytes to arrays: every length is checked before data of that length is read.
 
 The middleware's own decoder writes a line to standard error for each damaged message and makes an object of each point
-of a trajectory. Here the points of a trajectory are read by numpy, all that look alike at once.
+of a trajectory. Here numpy reads the points of a trajectory, all of equal layout at once.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from crawler_model.body.drive import NS
 from crawler_model.errors import CommandError
 
 _HEAD = 4
-_ENCODINGS = {  # of the second byte: byte order, and the largest alignment
+_ENCODINGS = {  # by the second byte: byte order and largest alignment
     0: (">", 8),
     1: ("<", 8),
     6: (">", 4),
@@ -29,7 +29,7 @@ class ReceivedTrajectory:
 
     Attributes:
         stamp_ns: the header's stamp [ns].
-        names: of the joints, N of them.
+        names: the N joint names.
         times_ns: time_from_start of each point, shape (P,) [ns].
         positions: shape (P, N).
         has_more: whether a point has velocities, accelerations or efforts.
@@ -43,12 +43,12 @@ class ReceivedTrajectory:
 
 
 class _Reader:
-    """A place in the bytes of a message, which never moves beyond their end."""
+    """A reading position in the bytes of a message that never moves beyond their end."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) < _HEAD or data[0] != 0 or data[1] not in _ENCODINGS:
             raise CommandError(
-                f"not a message of this type: it begins with {bytes(data[:_HEAD]).hex(' ') or 'nothing'}"
+                f"not a message of this type: it begins with {bytes(data[:_HEAD]).hex(' ') or 'no bytes'}"
             )
         self.data, self.place = data, _HEAD
         self.order, self._largest = _ENCODINGS[data[1]]
@@ -56,12 +56,14 @@ class _Reader:
         self._stamp = struct.Struct(self.order + "iI")
 
     def take(self, count: int, size: int) -> int:
-        """Move over `count` items of `size` bytes; return where they begin."""
+        """Skip `count` items of `size` bytes; return where they begin."""
         if count:
             self.place += -(self.place - _HEAD) % min(size, self._largest)
         first, self.place = self.place, self.place + count * size
         if self.place > len(self.data):
-            raise CommandError(f"not a message of this type: it ends after {len(self.data)} bytes, in mid-sequence")
+            raise CommandError(
+                f"not a message of this type: it ends after {len(self.data)} bytes, in the middle of a sequence"
+            )
         return first
 
     def count(self) -> int:
@@ -93,7 +95,7 @@ def read_array(data: bytes) -> np.ndarray:
         Shape (M,), a view of the bytes.
 
     Raises:
-        CommandError: when the bytes are no such message.
+        CommandError: when the bytes are not such a message.
     """
     reader = _Reader(data)
     for _ in range(reader.count()):  # dimensions: label, size, stride
@@ -113,13 +115,13 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
         The trajectory.
 
     Raises:
-        CommandError: when the bytes are no such message, or a point has not one position per name.
+        CommandError: when the bytes are not such a message, or a point does not have one position per name.
     """
     reader = _Reader(data)
     stamp_ns = reader.ns()
     reader.text()  # frame_id
     count = reader.count()
-    reader.take(count, 4)  # a name has four bytes or more: do not begin on more than there can be
+    reader.take(count, 4)  # a name has at least four bytes: refuse counts that cannot be true
     reader.place -= 4 * count
     names = tuple(reader.text() for _ in range(count))
     points = reader.count()
@@ -143,7 +145,7 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
         run = min(2 * run, points - done, (len(data) - reader.place) // form[1])
         if run == 0:
             continue
-        like = _read_alike(data, reader.order, first, reader.place, run, positions[done:], times[done:])
+        like = _read_equal_points(data, reader.order, first, reader.place, run, positions[done:], times[done:])
         reader.place += like * form[1]
         done += like
         if like < run:
@@ -159,14 +161,14 @@ def _positions(reader: _Reader, point: int, names: int) -> np.ndarray:
 
 
 def wrong_point(point: int, positions: int, names: int) -> CommandError:
-    """Describe a point that has not one position per name."""
+    """Build the error of a point that does not have one position per name."""
     return CommandError(f"trajectory: point {point} has {positions} position(s) for {names} name(s)")
 
 
-def _read_alike(
+def _read_equal_points(
     data: bytes, order: str, model: int, first: int, most: int, positions: np.ndarray, times: np.ndarray
 ) -> int:
-    """Read up to `most` points that have the form of the one from `model` to `first`; return how many there are."""
+    """Read up to `most` points with the layout of the one from `model` to `first`; return how many there are."""
     size, names = first - model, positions.shape[1]
     table = np.frombuffer(data, np.uint8, most * size, first).reshape(most, size)
     form = np.zeros(size, dtype=bool)  # the bytes of the counts

@@ -1,4 +1,4 @@
-"""What must be counted and written to the log without flooding it."""
+"""Counts and log lines of refused messages, without flooding the log."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _MOST_CHARACTERS = 300
 
 
 class Throttle:
-    """Passes on one line a second for each subject: the first at once, then the last of each second."""
+    """Logs one line a second for each subject: the first at once, then the last of each second."""
 
     def __init__(self, warn: Callable[[str], Any]) -> None:
-        """Begin with nothing logged.
+        """Start with nothing logged.
 
         Args:
-            warn: logs a line.
+            warn: function that logs a line.
         """
         self._warn = warn
         self._lock = threading.Lock()
@@ -29,7 +29,7 @@ class Throttle:
         """Log a line, or hold it when one on this subject was logged within the last second.
 
         Args:
-            subject: what it is about; there must not be endlessly many.
+            subject: subject of the line, from a bounded set.
             text: the line.
         """
         now = time.monotonic()
@@ -41,7 +41,7 @@ class Throttle:
         self._warn(text)
 
     def flush(self) -> None:
-        """Log what is held and has waited for its second; call it about once a second."""
+        """Log the lines that have been held for a second; call it about once a second."""
         now = time.monotonic()
         with self._lock:
             due = [s for s in self._held if now - self._last[s] >= _QUIET_S]
@@ -55,10 +55,10 @@ class Refusals:
     """Counts refused messages and logs them, one a second and topic."""
 
     def __init__(self, throttle: Throttle) -> None:
-        """Begin with none.
+        """Start with none.
 
         Args:
-            throttle: logs them.
+            throttle: logger of the refusals.
         """
         self.counts: dict[str, int] = {}
         self.last = ""
@@ -66,15 +66,15 @@ class Refusals:
 
     @property
     def total(self) -> int:
-        """How many there were."""
+        """Number of refused messages."""
         return sum(self.counts.values())
 
     def add(self, topic: str, why: str) -> None:
-        """Count a message, and log why it was refused unless that was just done for this topic.
+        """Count a refused message and log the reason, at most once a second for each topic.
 
         Args:
-            topic: where it came in.
-            why: what is wrong with it; it may quote the message.
+            topic: topic on which it arrived.
+            why: the reason; it may quote the message.
         """
         why = why if len(why) <= _MOST_CHARACTERS else why[:_MOST_CHARACTERS] + " ..."
         self.counts[topic] = self.counts.get(topic, 0) + 1

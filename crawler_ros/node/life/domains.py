@@ -1,4 +1,4 @@
-"""ROS domains for programs of this machine that must meet nobody else: reserved by a lock while they are in use."""
+"""ROS domains of their own for programs on this machine, reserved by a lock while they are in use."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pathlib import Path
 from crawler_model import CrawlerError
 
 DOMAINS = range(1, 102)
-"""Not 0, in which everybody is by default; above 101 their ports reach those that the kernel hands out."""
+"""Not 0, the default of all programs; the ports of domains above 101 overlap those that the kernel assigns."""
 _FIRST_PORT, _PORTS = 7400, 250  # DDS: of domain 0, and from one domain to the next
 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that nobody on this machine is in.
+    """Reserve a ROS domain that no other program on this machine uses.
 
-    The reservation is a lock on a file, which every program that reserves a domain by this function respects, and
-    which ends with the process at the latest. A domain in which a program listens that reserved nothing is left out.
+    The reservation is a lock on a file, which all users of this function respect and which ends with the process at the
+    latest. A domain is skipped if a program listens in it without a reservation.
 
     Yields:
         The number of the domain.
@@ -38,14 +38,14 @@ def reserved_domain() -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            if number not in _inhabited():
+            if number not in _domains_in_use():
                 yield number
                 return
     raise CrawlerError(f"all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are taken on this machine")
 
 
-def _inhabited() -> set[int]:
-    """Find the domains whose UDP ports some program has open."""
+def _domains_in_use() -> set[int]:
+    """Find the domains whose UDP ports a program has open."""
     try:
         lines = Path("/proc/net/udp").read_text(encoding="ascii").splitlines()[1:]
     except OSError:  # not Linux
@@ -55,13 +55,13 @@ def _inhabited() -> set[int]:
 
 
 def domain_environment(domain: int) -> dict[str, str]:
-    """Make the environment of a process in a domain, on loopback alone.
+    """Build the environment of a process in a domain on loopback.
 
     Args:
         domain: number of the domain.
 
     Returns:
-        This process's environment with what ROS 2 reads changed.
+        This process's environment with the variables of ROS 2 changed.
     """
     own = {name: value for name, value in os.environ.items() if name != "ROS_LOCALHOST_ONLY"}
     return own | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

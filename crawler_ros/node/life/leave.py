@@ -1,4 +1,4 @@
-"""How a process leaves on Ctrl-C while it has nothing to tidy up. Only the standard library is loaded here."""
+"""Exit on Ctrl-C while there is nothing to clean up. Only the standard library is loaded here."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ import signal
 from typing import Any
 
 STOPPED = 130
-"""The exit status of what Ctrl-C stopped."""
+"""The exit status of a program stopped by Ctrl-C."""
 
 
 def leave_at_once(name: str) -> None:
-    """Let Ctrl-C end the process with one line while there is nothing to tidy up.
+    """Let Ctrl-C end the process with one line while there is nothing to clean up.
 
-    An exception would not do: extension modules that are being imported and callbacks of the compiler swallow it or
-    print it.
+    An exception would not work: extension modules being imported and callbacks of the compiler swallow it or print it.
 
     Args:
-        name: the executable's.
+        name: name of the executable.
     """
 
     def leave(*_: Any) -> None:

@@ -1,10 +1,9 @@
-"""A process between a node's log and whoever reads it: a reader that stops reading stops nobody.
+"""A process between a node's log and its reader, so that a reader that stops does not stop the node.
 
-rclpy, Fast DDS and Python write to standard error at once and while they hold the interpreter's lock, so that a pipe
-that nobody empties, or a terminal that is held, would stop a node with all its threads. A node therefore writes to a
-pipe that this process empties whatever happens behind it. What finds no reader waits in a bounded queue; more is
-dropped and counted. It is a program of its own, without the packages around it, so that it starts at once and outlives
-a crash of the node.
+rclpy, Fast DDS and Python write to standard error synchronously while they hold the interpreter's lock, so that an
+unread pipe or a paused terminal would stop a node with all its threads. A node therefore writes to a pipe that this
+process always empties. Text without a reader waits in a bounded queue; text beyond that is dropped and counted. It is
+a program of its own, without the packages around it, so that it starts at once and outlives a crash of the node.
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ import threading
 
 _MOST_WAITING = 1 << 20
 _BLOCK = 1 << 16
-_PATIENCE_S = 0.5  # for a reader that does not read, once the node has ended
+_PATIENCE_S = 0.5  # with a reader that does not read, once the node has ended
 
 
 class Drain:
-    """Empties one descriptor into another without ever waiting for the other."""
+    """Copies one descriptor to another and never waits for the second while reading the first."""
 
     def __init__(self, source: int, sink: int) -> None:
-        """Take both ends.
+        """Start the writing thread.
 
         Args:
-            source: what is emptied.
-            sink: where it goes.
+            source: descriptor to read.
+            sink: descriptor to write.
         """
         self._source, self._sink = source, sink
         self._changed = threading.Condition()
@@ -37,7 +36,7 @@ class Drain:
         self.thread.start()
 
     def read(self) -> None:
-        """Empty the source until it ends, and then wait for the sink as long as it moves."""
+        """Read the source until it ends, then wait for the sink as long as it accepts data."""
         while block := os.read(self._source, _BLOCK):
             with self._changed:
                 if self._size + len(block) > _MOST_WAITING:
@@ -64,22 +63,22 @@ class Drain:
                 block = self._waiting.pop(0)
                 self._size -= len(block)
                 if self._dropped and not self._waiting:
-                    block += f"{self._dropped} line(s) of this log were dropped: nobody read them\n".encode()
+                    block += f"{self._dropped} line(s) of this log were dropped because they were not read\n".encode()
                     self._dropped = 0
             while block:
                 try:
                     block = block[os.write(self._sink, block) :]
-                except OSError:  # nobody will read it any more
+                except OSError:  # the reader has gone
                     block = b""
                 self._written += 1
 
 
 def main() -> None:
-    """Empty standard input into standard output."""
+    """Copy standard input to standard output."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # it ends with the last who writes to it
+        signal.signal(number, signal.SIG_IGN)  # it ends with the last process that writes to it
     Drain(0, 1).read()
-    os._exit(0)  # a writer that is stuck must not keep the process
+    os._exit(0)  # a blocked writing thread must not keep the process alive
 
 
 if __name__ == "__main__":

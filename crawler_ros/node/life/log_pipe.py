@@ -17,7 +17,7 @@ _PATIENCE_S = 2.0
 
 @contextlib.contextmanager
 def unblocked_log() -> Iterator[None]:
-    """Keep standard error, and standard output where rcl logs to it, from ever blocking while the body runs.
+    """Prevent standard error, and standard output where rcl logs to it, from blocking while the body runs.
 
     Files are left as they are: writing to them does not wait for a reader.
 
@@ -36,11 +36,11 @@ def _unblocked(fd: int) -> Iterator[None]:
     if not _may_block(fd):
         yield
         return
-    if os.isatty(fd):  # rcutils looks for itself, and would find a pipe
+    if os.isatty(fd):  # rcutils would otherwise detect a pipe and switch colours off
         os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "1")
     sink = os.dup(fd)
     source, inner = os.pipe()
-    with contextlib.suppress(OSError):  # a larger pipe is a comfort, not a need
+    with contextlib.suppress(OSError):  # a larger pipe is not essential
         fcntl.fcntl(inner, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
     drain = subprocess.Popen(
         [sys.executable, "-I", "-S", str(Path(__file__).with_name("log_drain.py"))],
@@ -58,7 +58,7 @@ def _unblocked(fd: int) -> Iterator[None]:
         sys.stderr.flush()
         os.dup2(sink, fd)
         os.close(sink)
-        with contextlib.suppress(subprocess.TimeoutExpired):  # a process that still writes to it: it goes on
+        with contextlib.suppress(subprocess.TimeoutExpired):  # another process still writes to it: it continues
             drain.wait(_PATIENCE_S)
 
 

@@ -1,4 +1,4 @@
-"""A node whose peers cannot flood its log: rclpy warns of each endpoint that does not fit, as fast as they come."""
+"""A node whose peers cannot flood its log, as they can with rclpy's warning about each incompatible endpoint."""
 
 from __future__ import annotations
 
@@ -11,19 +11,32 @@ from rclpy.qos import qos_policy_name_from_kind
 
 from ..intake.refusals import Throttle
 
+_MOST_WARNED = 100
+
 
 class QuietNode(Node):
-    """Warns of endpoints with another type or incompatible QoS once a second and topic."""
+    """Warns about endpoints with another type or incompatible QoS at most once a second for each topic."""
 
     def __init__(self, name: str, **options: Any) -> None:
-        """Make the node.
+        """Create the node.
 
         Args:
-            name: the node's.
+            name: name of the node.
             **options: for rclpy's Node.
         """
         self.throttle = Throttle(get_logger(name).warning)  # before the node opens topics of its own
+        self._warned: set[str] = set()
         super().__init__(name, **options)
+
+    def warn_once(self, text: str) -> None:
+        """Log a warning unless the same one was logged before.
+
+        Args:
+            text: the line.
+        """
+        if text not in self._warned and len(self._warned) < _MOST_WARNED:
+            self._warned.add(text)
+            self.get_logger().warning(text)
 
     def create_publisher(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
         """Create a publisher, as rclpy's Node does."""

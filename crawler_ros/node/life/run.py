@@ -11,21 +11,22 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from ...wire.interface import find_ament_prefix
+from ...wire.definitions import find_ament_prefix
 from .leave import leave_at_once
 from .log_pipe import unblocked_log
 from .shared_memory import remove_orphans
 
 _REPEAT_S = 1.0
-"""Within this time a second signal is the first one again: launch and a process group send SIGINT twice."""
+"""A second signal within this time counts as the first one: launch and a process group send SIGINT twice."""
 
 
 def stay_on_loopback() -> None:
-    """Keep ROS on 127.0.0.1 unless the environment asks otherwise; before rclpy is initialised.
+    """Restrict ROS to 127.0.0.1 unless the environment asks otherwise; call it before rclpy is initialised.
 
-    A discovery range says who is looked for, not who can reach us: with LOCALHOST or OFF Fast DDS still listens on
-    every interface. A profile of its own opens sockets on loopback alone, and rmw adds others to them unless it is told
-    nothing. Nodes on this machine find ours whatever their range, without the profile; with OFF nobody does.
+    A discovery range determines which nodes are looked for, not which can reach this one: with LOCALHOST or OFF, Fast
+    DDS still listens on every interface. A Fast DDS profile opens sockets on loopback only, but rmw adds others to them
+    unless the range is SYSTEM_DEFAULT. Nodes on this machine, whatever their range and without the profile, find this
+    one; with OFF none do.
     """
     asked = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
     given = {name: os.environ[name] for name in asked if os.environ.get(name)}
@@ -56,10 +57,10 @@ def stay_on_loopback() -> None:
 
 
 def end_on_signals(stop: Callable[[], Any], stuck: Callable[[], bool]) -> None:
-    """End a node on SIGINT or SIGTERM: in order at first, at once when it is asked again a second later.
+    """End a node on SIGINT or SIGTERM: in order at the first signal, at once at another one a second later.
 
     Args:
-        stop: asks the node to end.
+        stop: function that asks the node to end.
         stuck: whether it was asked before.
     """
     first = 0.0
@@ -77,28 +78,28 @@ def end_on_signals(stop: Callable[[], Any], stuck: Callable[[], bool]) -> None:
 
 
 def run_node(
-    name: str, make: Callable[[], Any], spin: Callable[[Any], None], args: list[str] | None, parameters: str
+    name: str, build: Callable[[], Any], spin: Callable[[Any], None], args: list[str] | None, parameters: str
 ) -> int:
-    """Run a node's life: initialise ROS, make it, spin it, shut down; mistakes are one line on standard error.
+    """Run a node: initialise ROS, build it, spin it, shut down; errors are one line on standard error.
 
     Args:
-        name: the executable's.
-        make: makes the node.
-        spin: runs it to its end; sets the signal handlers.
+        name: name of the executable.
+        build: function that builds the node.
+        spin: function that sets the signal handlers and runs the node to its end.
         args: command line; None for the process's own.
-        parameters: names of the node's parameters, for the help.
+        parameters: names of the node's parameters, for the help text.
 
     Returns:
         The exit status.
     """
-    leave_at_once(name)  # until `spin` has something to tidy up
+    leave_at_once(name)  # until `spin` has something to clean up
     find_ament_prefix()
     stay_on_loopback()
     with unblocked_log():
-        return _run(name, make, spin, sys.argv if args is None else args, parameters)
+        return _run(name, build, spin, sys.argv if args is None else args, parameters)
 
 
-def _run(name: str, make: Callable[[], Any], spin: Callable[[Any], None], words: list[str], parameters: str) -> int:
+def _run(name: str, build: Callable[[], Any], spin: Callable[[Any], None], words: list[str], parameters: str) -> int:
     import rclpy
     from rclpy.exceptions import ParameterException
     from rclpy.signals import SignalHandlerOptions
@@ -111,19 +112,19 @@ def _run(name: str, make: Callable[[], Any], spin: Callable[[Any], None], words:
             stray = remove_ros_args(words)[1:]
             if "-h" in stray or "--help" in stray:
                 print(f"usage: {name} --ros-args [-p PARAMETER:=VALUE ...] [-r __ns:=/NAME]\nparameters: {parameters}")
-                print("network: 127.0.0.1 alone; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET lets other machines in")
+                print("network: 127.0.0.1 only; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET admits other machines")
                 return 0
             if stray:
-                raise ValueError(f"unknown argument {stray[0]!r}; parameters are given as in --ros-args -p scene:=FILE")
-            node = make()
+                raise ValueError(f"unknown argument {stray[0]!r}; pass parameters as in --ros-args -p scene:=FILE")
+            node = build()
         except (ValueError, OSError, ParameterException) as error:
             print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
             return 1
-        except Exception as error:  # rcl's own refusals of the command line have no common type
+        except Exception as error:  # rcl's errors about the command line have no common type
             if type(error).__name__ not in ("RCLError", "UnknownROSArgsError", "RCLInvalidROSArgsError"):
                 raise
             text = " ".join(str(error).split())[:200]
-            print(f"{name}: {text}; parameters are given as in --ros-args -p scene:=FILE", file=sys.stderr)
+            print(f"{name}: {text}; pass parameters as in --ros-args -p scene:=FILE", file=sys.stderr)
             return 1
         try:
             spin(node)

@@ -1,4 +1,4 @@
-"""Shared memory that killed processes left behind."""
+"""Removal of shared memory that killed processes left behind."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
 def remove_orphans(folder: Path = _SHARED_MEMORY) -> int:
     """Remove the shared memory segments of this user's Fast DDS processes that have died.
 
-    A process makes and locks `fastrtps_*_el` before it makes the segment `fastrtps_*`, and holds the lock as long as it
-    lives. A segment whose lock is free has therefore lost its process. The smaller files of ports are named after the
-    domain, and the next process of that domain takes them over.
+    A process creates and locks `fastrtps_*_el` before it creates the segment `fastrtps_*`, and holds the lock until it
+    ends. A segment whose lock is free has therefore lost its process. The smaller files of ports are named after the
+    domain, and the next process in that domain takes them over.
 
     Args:
-        folder: where they are.
+        folder: the folder of shared memory.
 
     Returns:
-        How many were removed.
+        The number of segments removed.
     """
     removed = 0
     try:
@@ -32,7 +32,7 @@ def remove_orphans(folder: Path = _SHARED_MEMORY) -> int:
         return 0
     for segment in segments:
         lock = segment.with_name(f"{segment.name}_el")
-        with contextlib.suppress(OSError):  # somebody else's, alive, or gone in the meantime
+        with contextlib.suppress(OSError):  # another user's, in use, or removed in the meantime
             if segment.stat().st_uid != os.getuid():
                 continue
             fd = os.open(lock, os.O_RDWR)

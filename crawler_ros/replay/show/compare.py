@@ -1,4 +1,4 @@
-"""Two recorded runs beside each other, on simulated time: where do they part, and what is it worth?"""
+"""Comparison of two recorded runs on simulated time: where they begin to differ, and by how much."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _COLORS = ("#46688f", "#d07a1e")
 
 @dataclass(frozen=True, eq=False)
 class RunComparison:
-    """How two runs differ; differences are the second less the first.
+    """The differences between two runs: the second minus the first.
 
     Attributes:
-        first: the one.
-        second: the other.
-        commands_differ: simulated time from which on different things are commanded [s]; None when nowhere.
-        motion_differs: the same of the net translation [s].
+        first: the first run.
+        second: the second run.
+        commands_differ: simulated time from which the commands differ [s]; None when they never do.
+        motion_differs: simulated time from which the net translations differ [s]; None when they never do.
         max_difference: largest difference of the net translation [m].
-        translation: difference of each cycle that both have [m], in the plane of its two parts.
-        energy: differences of work, dissipation and stored energy [J]; None where one is not known.
-        slips: for each contact and end of a segment: how many more, and how much farther in all [m].
+        translation: difference in each cycle that both have [m], in the plane for x and y.
+        energy: differences of work, dissipation and stored energy [J]; None when one is not known.
+        slips: for each contact and end of a segment, the differences of number and total distance [m].
     """
 
     first: Replay
@@ -50,7 +50,7 @@ class RunComparison:
     slips: tuple[dict[str, Any], ...]
 
     def as_plain(self) -> dict[str, Any]:
-        """Lay it out as `crawler compare --json` prints it.
+        """Convert to the values that `crawler compare --json` prints.
 
         Returns:
             Plain numbers, lists and text, schema 1; lengths in m, times in s, energies in J.
@@ -88,21 +88,21 @@ def compare_recordings(
     """Read two recordings and compare them.
 
     Args:
-        first: a recording.
-        second: another one.
-        scene: what ran, for recordings that do not hold it.
-        namespace: which crawler, where several were recorded.
-        progress: called with the part done, in [0, 1].
+        first: the first recording.
+        second: the second recording.
+        scene: the scene that ran, for recordings that do not hold it.
+        namespace: namespace of the crawler, where several were recorded.
+        progress: called with the fraction done, in [0, 1].
 
     Returns:
-        How they differ.
+        The comparison.
 
     Raises:
-        BagError: when one is no recording of a crawler, or they have different contacts.
+        BagError: when one is not a recording of a crawler, or their contacts differ.
     """
-    tell = progress or (lambda part: None)
-    one = analyse(first, scene, namespace, progress=lambda part: tell(0.5 * part))
-    two = analyse(second, scene, namespace, progress=lambda part: tell(0.5 + 0.5 * part))
+    report = progress or (lambda part: None)
+    one = analyse(first, scene, namespace, progress=lambda part: report(0.5 * part))
+    two = analyse(second, scene, namespace, progress=lambda part: report(0.5 + 0.5 * part))
     if one.stations != two.stations:
         raise BagError(
             f"{first} has the contacts {', '.join(one.stations[:6])} and {second} {', '.join(two.stations[:6])}: "
@@ -110,8 +110,8 @@ def compare_recordings(
         )
     size = max(size_of(one.table), size_of(two.table))
     same_kind = one.table.place.any() == two.table.place.any()
-    commands, _ = _part(one, two, "place", ROUNDING * max(_largest(one, "place"), _largest(two, "place")))
-    motion, most = _part(one, two, "net_translation", ROUNDING * size)
+    commands, _ = _first_difference(one, two, "place", ROUNDING * max(_largest(one, "place"), _largest(two, "place")))
+    motion, most = _first_difference(one, two, "net_translation", ROUNDING * size)
     both = min(len(one.cycles), len(two.cycles))
     gains = [
         np.subtract(b.translation, a.translation) for a, b in zip(one.cycles[:both], two.cycles[:both], strict=True)
@@ -137,11 +137,11 @@ def _largest(run: Replay, name: str) -> float:
     return float(np.abs(getattr(run.table, name)).max(initial=0.0))
 
 
-def _part(one: Replay, two: Replay, name: str, tolerance: float) -> tuple[float | None, float]:
-    """Find from when on a quantity of two runs differs, and by how much at most; up to the end of the shorter one.
+def _first_difference(one: Replay, two: Replay, name: str, tolerance: float) -> tuple[float | None, float]:
+    """Find when a quantity of two runs first differs, and its largest difference, up to the end of the shorter one.
 
-    Commands go in straight lines between their vertices, and are compared at the vertices of both. The translation does
-    not: it is compared where both have a state.
+    Commands are straight lines between their vertices and are compared at the vertices of both. The translation is not,
+    so it is compared where both have a state.
     """
     tables = [run.table for run in (one, two)]
     rows = [np.flatnonzero(t.run == 0) for t in tables]
@@ -175,48 +175,48 @@ def _slips(one: Replay, two: Replay, contact: int) -> dict[str, Any]:
 
 
 def _set_ups(one: Replay, two: Replay) -> list[str]:
-    """Tell in what the recordings were made differently: scene, method, versions."""
+    """List the differences of scene, method and versions."""
     lines = []
     if one.scene is not None and two.scene is not None:
         pair = [_flat(run.scene.document()) for run in (one, two) if run.scene is not None]
         keys = [key for key in sorted({*pair[0], *pair[1]}) if pair[0].get(key) != pair[1].get(key) and key != "name"]
-        told = [f"{key} {pair[0].get(key, 'none')!s:.40} / {pair[1].get(key, 'none')!s:.40}" for key in keys]
-        more = f"; {len(told) - _MOST_SHOWN} more" if len(told) > _MOST_SHOWN else ""
-        if told:
-            lines.append(f"scenes (A / B): {'; '.join(told[:_MOST_SHOWN])}{more}")
+        pairs = [f"{key} {pair[0].get(key, 'none')!s:.40} / {pair[1].get(key, 'none')!s:.40}" for key in keys]
+        more = f"; {len(pairs) - _MOST_SHOWN} more" if len(pairs) > _MOST_SHOWN else ""
+        if pairs:
+            lines.append(f"scenes (A / B): {'; '.join(pairs[:_MOST_SHOWN])}{more}")
     if one.method != two.method:
         lines.append(f"method (A / B): {one.method} / {two.method}")
     versions: list[Any] = [run.survey.attachments.get("versions") for run in (one, two)]
     if all(isinstance(v, dict) for v in versions) and versions[0] != versions[1]:
         a, b = versions
-        told = [f"{name} {a.get(name)} / {b.get(name)}" for name in sorted({*a, *b}) if a.get(name) != b.get(name)]
-        lines.append(f"versions (A / B): {'; '.join(told)}")
+        pairs = [f"{name} {a.get(name)} / {b.get(name)}" for name in sorted({*a, *b}) if a.get(name) != b.get(name)]
+        lines.append(f"versions (A / B): {'; '.join(pairs)}")
     return lines
 
 
-def _flat(document: Any, way: str = "") -> dict[str, Any]:
-    """Lay out a nested document as one level, keys joined by dots."""
+def _flat(document: Any, key: str = "") -> dict[str, Any]:
+    """Flatten a nested document to one level, with keys joined by dots."""
     if not isinstance(document, dict):
-        return {way: document}
-    return {k: v for name, part in document.items() for k, v in _flat(part, f"{way}.{name}".lstrip(".")).items()}
+        return {key: document}
+    return {k: v for name, part in document.items() for k, v in _flat(part, f"{key}.{name}".lstrip(".")).items()}
 
 
 def print_comparison(found: RunComparison, screen: Console) -> None:
-    """Print what was found, for people.
+    """Print a comparison.
 
     Args:
         found: the comparison.
-        screen: where to.
+        screen: the console to print to.
     """
     one, two = found.first, found.second
     for letter, run in (("A", one), ("B", two)):
         name = "scene not known" if run.scene is None else run.scene.name
-        well = "" if run.healthy else f"; [yellow]not well:[/] {run.problems[0]}"
-        screen.print(f"{letter}: {run.path}: {name}, {run.seconds:g} s, {len(run.cycles)} cycle(s){well}")
+        problem = "" if run.healthy else f"; [yellow]problem:[/] {run.problems[0]}"
+        screen.print(f"{letter}: {run.path}: {name}, {run.seconds:g} s, {len(run.cycles)} cycle(s){problem}")
     for line in _set_ups(one, two):
         screen.print(line)
     when = "the same" if found.commands_differ is None else f"different from {found.commands_differ:g} s on"
-    screen.print(f"commands: {when}, as long as both last")
+    screen.print(f"commands: {when} while both runs last")
     if found.motion_differs is None:
         screen.print(f"net translation: the same (largest difference {found.max_difference:.1e} m)")
     else:
@@ -227,7 +227,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
     for column in ("", "A", "B", "B - A"):
         table.add_column(escape(column), justify="right")
     if abs(one.seconds - two.seconds) > 1e-6:
-        screen.print("the runs last differently long: work, energy and slips below are sums over each whole run")
+        screen.print("the runs have different durations: work, energy and slips below are sums over each whole run")
     size = max(size_of(one.table), size_of(two.table))
     for k, gain in enumerate(found.translation[:_MOST_SHOWN]):
         pair = one.cycles[k].translation, two.cycles[k].translation
@@ -241,16 +241,16 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
     if found.energy is not None and one.energy is not None and two.energy is not None:
         for name, change in found.energy.items():
             values = getattr(one.energy, name), getattr(two.energy, name), change
-            table.add_row(f"{name} in all, J", *(f"{v:.6g}" for v in values))
+            table.add_row(f"total {name}, J", *(f"{v:.6g}" for v in values))
     for row in found.slips[:_MOST_SHOWN]:
         contact = one.stations.index(row["contact"])
         totals = [float(r.slips.distance[r.slips.contact == contact].sum()) for r in (one, two)]
-        table.add_row(f"{row['contact']} slid in all, m", *(write_length(v, size) for v in (*totals, row["distance"])))
+        table.add_row(f"{row['contact']} total slip, m", *(write_length(v, size) for v in (*totals, row["distance"])))
     screen.print(table)
 
 
 def draw_comparison(found: RunComparison, png: Path) -> None:
-    """Draw both runs: net translation over time, what each cycle gained, slips, energy.
+    """Draw both runs: net translation over time, translation of each cycle, slips, energy.
 
     Args:
         found: the comparison.
@@ -279,13 +279,17 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
             axis.axvline(when, color="#8a8a8a", linewidth=0.8, linestyle="--")
     axes[0, 0].set_ylabel("net translation [m]")
     axes[0, 0].legend(fontsize=8, frameon=False)
-    axes[0, 0].set_title("dashed: from here on the motion (above), the commands (below) differ", fontsize=8, loc="left")
+    axes[0, 0].set_title(
+        "dashed: first difference of the motion (above) and of the commands (below)", fontsize=8, loc="left"
+    )
     axes[1, 0].set_ylabel("dissipation [J]")
     axes[1, 0].set_xlabel("simulated time [s]")
     for k, (run, color) in enumerate(zip(runs, _COLORS, strict=True)):
         gained = np.array([np.atleast_1d(c.translation)[0] for c in run.cycles])
         axes[0, 1].bar(np.arange(gained.size) + 1 + 0.38 * k - 0.19, gained, width=0.36, color=color)
-        forward, back = (sum(getattr(c, f"slip_{way}") for c in run.cycles) for way in ("forward", "backward"))
+        forward, back = (
+            sum(getattr(c, f"slip_{direction}") for c in run.cycles) for direction in ("forward", "backward")
+        )
         axes[1, 1].bar([k - 0.2, k + 0.2], [forward, -back], width=0.36, color=[FORWARD, BACK])
     axes[0, 1].axhline(0.0, color="#9a9a9a", linewidth=0.8)
     axes[0, 1].set_xlabel("cycle")

@@ -1,4 +1,4 @@
-"""One page of a replay: where it stood, what pulled, what slid, what it gained and what it cost."""
+"""One page of a replay: positions, tensions, sliding contacts, translation per cycle and energy."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def draw_replay(replay: Replay, samples: Samples, png: Path) -> None:
     """Draw the page.
 
     Args:
-        replay: what was found.
-        samples: the run, thinned out.
+        replay: the analysed recording.
+        samples: samples of the run.
         png: the file to write.
 
     Raises:
@@ -48,7 +48,7 @@ def draw_replay(replay: Replay, samples: Samples, png: Path) -> None:
     parts: Any = figure.subfigures(2, 1, height_ratios=[1.25 * sum(heights), 2.5])
     axes = np.atleast_1d(parts[0].subplots(len(heights), 1, sharex=True, height_ratios=heights))
     name = "scene not known" if replay.scene is None else replay.scene.name
-    verdict = "as recorded: no simulation" if replay.comparison is None else replay.explanation
+    verdict = "as recorded, not simulated" if replay.comparison is None else replay.explanation
     figure.suptitle(f"{name}, {replay.path.name}", fontsize=11)
     axes[0].set_title(_short(verdict), fontsize=8, color=GREY, loc="left")
     _draw_positions(axes[0], time, samples.get("position"), state, replay.contacts)
@@ -79,11 +79,11 @@ def _short(text: str, most: int = 150) -> str:
 
 
 def _draw_positions(axis: Axes, time: np.ndarray, place: np.ndarray, state: np.ndarray, names: tuple[str, ...]) -> None:
-    """Draw where contacts are: grey where they stand, green forward, red back."""
+    """Draw the positions of contacts: grey while they stick, green while they slide forward, red back."""
     planar = place.ndim == 3
     place = place[..., 0] if planar else place
     axis.plot(time, place, color="#9a9a9a", linewidth=0.8)
-    # what a contact did in a tick belongs to the line that leads to its end
+    # the state of a contact in a tick belongs to the line that leads to the end of the tick
     for sign, color in ((1, FORWARD), (-1, BACK)):
         slides = state == sign
         shown = np.where(slides | np.vstack((slides[1:], slides[:1] & False)), place, np.nan)
@@ -105,7 +105,7 @@ def _draw_positions(axis: Axes, time: np.ndarray, place: np.ndarray, state: np.n
 def _draw_tension(
     axis: Axes, time: np.ndarray, tension: np.ndarray, least: np.ndarray, most: np.ndarray, link: int
 ) -> None:
-    """Draw a tension between the bounds that the stasis domain leaves it."""
+    """Draw a tension between its bounds in the stasis domain."""
     if tension.ndim == 2:
         axis.plot(time, np.linalg.norm(tension, axis=1), color=TENSION, linewidth=1.3)
         axis.set_ylabel(f"$|T_{{{link}}}|$ [N]")
@@ -147,7 +147,7 @@ def _draw_energy(axis: Axes, time: np.ndarray, samples: Samples) -> None:
 
 
 def _draw_cycles(axes: Any, replay: Replay) -> None:
-    """Draw what each cycle gained, and beside it where that comes from: slips forward less slips back."""
+    """Draw the translation of each cycle, and beside it the slips forward and back of which it is the sum."""
     gains, split = axes
     cycles = replay.cycles
     if not cycles:
@@ -177,8 +177,8 @@ def _draw_cycles(axes: Any, replay: Replay) -> None:
     words = ["forward", "back", "translation"]
     values = [last.slip_forward, -last.slip_backward, float(gained[-1])]
     if replay.scene is not None:
-        mesh = replay.scene.body
-        words[2] = f"sum / {mesh.isolated.size + len(mesh.segments)}\n= translation"
+        body = replay.scene.body
+        words[2] = f"sum / {body.isolated.size + len(body.segments)}\n= translation"
     bars = split.bar(words, values, color=[FORWARD, BACK, "#46688f"], width=0.6)
     split.bar_label(bars, labels=[f"{v + 0.0:.4g}" for v in values], fontsize=8, padding=2)
     split.axhline(0.0, color="#9a9a9a", linewidth=0.8)

@@ -1,4 +1,4 @@
-"""What `crawler replay` says of a recording to people: one screen."""
+"""The report that `crawler replay` prints: one screen."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ def print_replay(replay: Replay, screen: Console) -> None:
     """Print the report.
 
     Args:
-        replay: what was found.
-        screen: where to.
+        replay: the analysed recording.
+        screen: the console to print to.
     """
     survey = replay.survey
-    whole = "whole" if survey.complete else "cut off: its end is missing" if survey.lost is None else "damaged"
+    state = "complete" if survey.complete else "incomplete: its end is missing" if survey.lost is None else "damaged"
     origin = survey.attachments.get("recovered")
     if isinstance(origin, dict):
-        whole += f" (what was recovered from {origin.get('from')})"
+        state += f" (recovered from {origin.get('from')})"
     what = "scene not known" if replay.scene is None else f"{replay.scene.name}, {replay.method or 'method not known'}"
-    screen.print(f"{replay.path}: {whole}, {survey.messages} messages; {what}, {replay.seconds:g} s simulated")
+    screen.print(f"{replay.path}: {state}, {survey.messages} messages; {what}, {replay.seconds:g} s simulated")
     screen.print(_topics(replay.topics))
-    said = replay.comparison
-    resets = f", {said.resets} reset(s)" if said is not None and said.resets else ""
-    counted = "" if said is None else f"simulated again: {said.ticks} states{resets}, "
+    compared = replay.comparison
+    resets = f", {compared.resets} reset(s)" if compared is not None and compared.resets else ""
+    counted = "" if compared is None else f"simulated again: {compared.ticks} states{resets}, "
     screen.print(f"{counted}{replay.explanation}")
-    if said is not None and said.max_difference:
-        screen.print(f"largest difference: {said.max_difference:.3g} m, {said.max_force_difference:.3g} N")
+    if compared is not None and compared.max_difference:
+        screen.print(f"largest difference: {compared.max_difference:.3g} m, {compared.max_force_difference:.3g} N")
     _print_cycles(replay, screen)
     _print_slips(replay, screen)
     _print_account(replay, screen)
     if replay.standstill is not None:
         screen.print(replay.standstill.explain())
     for problem in replay.problems:
-        screen.print(f"[yellow]not well:[/] {problem}")
+        screen.print(f"[yellow]problem:[/] {problem}")
 
 
 def _topics(topics: dict[str, TopicHealth]) -> Table:
     table = Table()
     table.add_column("topic", no_wrap=True)
-    for column in ("messages", "a second", "stamps [s]", "missing", "not in order"):
+    for column in ("messages", "per second", "stamps [s]", "missing", "out of order"):
         table.add_column(escape(column), justify="right")
     for name, topic in topics.items():
         stamps = "" if topic.first is None or topic.last is None else f"{topic.first:g} .. {topic.last:g}"
         wrong = [f"{topic.out_of_order} back"] * bool(topic.out_of_order)
-        wrong += [f"{topic.duplicates} twice"] * bool(topic.duplicates)
+        wrong += [f"{topic.duplicates} repeated"] * bool(topic.duplicates)
         rate = "" if topic.rate is None else f"{topic.rate:.6g}"
         table.add_row(name, str(topic.count), rate, stamps, str(topic.missing or ""), ", ".join(wrong))
     return table
@@ -64,7 +64,7 @@ def _topics(topics: dict[str, TopicHealth]) -> Table:
 def _print_cycles(replay: Replay, screen: Console) -> None:
     cycles = replay.cycles
     if not cycles:
-        screen.print("cycles: none, the commands do not repeat")
+        screen.print("cycles: none, as the commands do not repeat")
         return
     transient = sum(c.transient for c in cycles)
     source = "the drive's periods" if replay.cycle_source == "drive" else "by recurrence of the commands"
@@ -103,14 +103,14 @@ def _print_slips(replay: Replay, screen: Console) -> None:
     slips = replay.slips
     if slips.contact.size == 0:
         inside = bool((replay.table.forward + replay.table.backward).any())
-        screen.print(f"slips: none{' of contacts and ends of segments' if inside else ', nothing moved'}")
+        screen.print(f"slips: none{' of contacts and ends of segments' if inside else ', as nothing moved'}")
         return
     planar = replay.table.net_translation.shape[1] == 2
-    ways = ((None, "in all"),) if planar else ((1.0, "forward"), (-1.0, "back"))
+    directions = ((None, "slips"),) if planar else ((1.0, "forward"), (-1.0, "back"))
     parts = []
     for contact in np.unique(slips.contact).tolist()[:_MOST_CONTACTS]:
         texts = []
-        for sign, word in ways:
+        for sign, word in directions:
             rows = (slips.contact == contact) & ((slips.direction == sign) if sign is not None else True)
             if rows.any():
                 length = float((slips.end_ns - slips.start_ns)[rows].sum()) / NS
@@ -132,12 +132,12 @@ def _print_account(replay: Replay, screen: Console) -> None:
     least = margins.least if abs(margins.least) > 1e-12 else 0.0
     visited = "not known" if margins.visited is None else f"{margins.visited:.4g}"
     screen.print(
-        f"margins: to a bound {least:.3g} N, first at {margins.least_at:g} s ({margins.least_contact}); "
-        f"visited margin {visited}"
+        f"margins: least distance from a bound {least:.3g} N, "
+        f"first at {margins.least_at:g} s ({margins.least_contact}); visited margin {visited}"
     )
     if not margins.unique:
         first = margins.ambiguous[0]
         screen.print(
-            f"[yellow]not unique:[/] on {len(margins.ambiguous)} stretch(es), the first {first[0]:g} .. {first[1]:g} "
+            f"[yellow]not unique:[/] in {len(margins.ambiguous)} interval(s), the first {first[0]:g} .. {first[1]:g} "
             "s, the translation was not determined; the one nearest to zero was taken"
         )

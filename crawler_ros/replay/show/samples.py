@@ -1,4 +1,4 @@
-"""A run thinned out for a picture: a few thousand samples, in which no slip is lost."""
+"""Samples of a run for a picture: a few thousand, in which no slip is lost."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _SAMPLED = ("end_ns", "position", "tension", "least", "most", "net_translation",
 
 
 class Samples:
-    """Takes pieces and keeps every so many ramps of them: a `Sink`. Runs between resets follow one another."""
+    """Samples the ramps of pieces at equal intervals: a `Sink`. Runs between resets are joined in time."""
 
     def __init__(self, survey: Survey) -> None:
-        """Choose how many ramps make a sample.
+        """Choose the number of ramps per sample.
 
         Args:
-            survey: of the recording.
+            survey: survey of the recording.
         """
         most = max((t.stamp_ns.size for t in survey.topics.values() if t.type in (TRAJECTORY, JOINT_STATE)), default=0)
         self.every = max(-(-most // _MOST), 1)
@@ -31,7 +31,7 @@ class Samples:
         self._run, self._offset, self._last = 0, 0, 0
 
     def __call__(self, piece: Piece) -> None:
-        """Take a piece."""
+        """Add a piece."""
         rows = piece.run.size
         if rows == 0:
             return
@@ -41,10 +41,10 @@ class Samples:
         begin = 0
         states = []
         for row in last.tolist():
-            states.append(self._seen(state[begin : row + 1]))
+            states.append(self._last_state(state[begin : row + 1]))
             self._moved, begin = None, row + 1
         if begin < rows:
-            self._moved = self._seen(state[begin:])
+            self._moved = self._last_state(state[begin:])
         for name in _SAMPLED:
             self._parts[name].append(getattr(piece, name)[last].copy())
         self._parts["end_ns"][-1] = self._in_sequence(piece)[last]
@@ -54,15 +54,15 @@ class Samples:
             self._sums[k] += sums[-1]
         self._count += rows
 
-    def _seen(self, state: np.ndarray) -> np.ndarray:
-        """Say what each contact did last in some ramps, standing only where it stood in all."""
+    def _last_state(self, state: np.ndarray) -> np.ndarray:
+        """Return the last motion of each contact in some ramps; it sticks only if it sticks in all of them."""
         seen = np.zeros(state.shape[1], np.int8) if self._moved is None else self._moved
         moving = state != 0
         last = state.shape[0] - 1 - moving[::-1].argmax(axis=0)
         return np.where(moving.any(axis=0), state[last, np.arange(state.shape[1])], seen)
 
     def _in_sequence(self, piece: Piece) -> np.ndarray:
-        """Lay times of runs one behind the other."""
+        """Shift the times of runs so that each follows the one before."""
         ns = np.empty(piece.run.size, np.int64)
         for number in np.unique(piece.run).tolist():
             rows = piece.run == number

@@ -1,4 +1,4 @@
-"""A replay as tidy Parquet tables: one observation a row, one quantity a column, its unit in the column's metadata."""
+"""A replay as tidy Parquet tables: an observation per row, a quantity per column, units in the columns' metadata."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _AXES = ("x", "y")
 
 
 def _schema(table: str, planar: bool) -> pa.Schema:
-    """List the columns of a table: name, type, unit. In the plane lengths and forces have a column per axis."""
+    """Build the schema of a table: name, type, unit. In the plane lengths and forces have a column per axis."""
     at = [("run", pa.int32(), "1"), ("time", pa.float64(), "s")]
 
     def each(name: str, unit: str) -> list[tuple[str, Any, str]]:
@@ -85,11 +85,11 @@ class TableWriter:
     """Writes ticks, contacts and links piece by piece, slips and cycles at the end."""
 
     def __init__(self, folder: Path, scene: Scene | None) -> None:
-        """Take the folder; files are opened with the first piece.
+        """Store the folder; files are opened with the first piece.
 
         Args:
-            folder: made where it does not exist.
-            scene: what ran; None where that is not known.
+            folder: the folder; it is created if it does not exist.
+            scene: the scene that ran; None when it is not known.
         """
         self._folder, self._scene = folder, scene
         self._writers: dict[str, parquet.ParquetWriter] = {}
@@ -97,20 +97,20 @@ class TableWriter:
         self._names: dict[str, list[str]] = {}
 
     def __call__(self, piece: Piece) -> None:
-        """Write a piece: the ends of ticks."""
+        """Write the ends of ticks in a piece."""
         if not self._writers:
             self._planar = piece.gained.ndim == 3
             self._open(piece.gained.shape[1], piece.tension.shape[1])
         rows = np.flatnonzero(piece.ends_tick)
         if rows.size == 0:
             return
-        # what happened in the ramps of a tick belongs to its end
+        # the rows of a tick sum over its ramps
         before = np.append(0, rows[:-1] + 1)
         work, dissipation, gained = (np.add.reduceat(v, before) for v in (piece.work, piece.dissipation, piece.gained))
         visited, unique = np.minimum.reduceat(piece.visited, before), np.logical_and.reduceat(piece.unique, before)
         at = [piece.run[rows], piece.end_ns[rows] / NS]
-        kept = [work, dissipation, piece.stored[rows], piece.margin[rows], visited, unique]
-        self._write("ticks", [*at, *self._axes(piece.net_translation[rows]), *kept])
+        numbers = [work, dissipation, piece.stored[rows], piece.margin[rows], visited, unique]
+        self._write("ticks", [*at, *self._axes(piece.net_translation[rows]), *numbers])
         size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
         moves = size > 1e-12 * size.max(axis=1, initial=0.0, keepdims=True)
         state = (np.sign(gained) * moves if gained.ndim == 2 else moves).astype(np.int8)
@@ -158,7 +158,7 @@ class TableWriter:
         """Write slips and cycles and close the files.
 
         Args:
-            replay: what was found.
+            replay: the analysed recording.
 
         Returns:
             The names of the files.

@@ -22,7 +22,7 @@ from crawler_model.theory.stasis import (
     tension_ranges,
 )
 
-from .chains import rows, scene
+from ..chains import rows, scene
 
 
 @st.composite

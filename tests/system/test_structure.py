@@ -74,9 +74,6 @@ def test_without_recording_or_viewer_neither_is_imported():
     assert not loaded_by("import crawler_ros.node.simulator") & {"rerun", "mcap", "matplotlib", "rosbags"}
 
 
-LONG_FILES = {
-    "crawler_ros/node/simulator.py": "the wiring of one node, one class",
-}
 MOST_LINES, MOST_IN_A_FUNCTION = 400, 60
 
 
@@ -85,8 +82,7 @@ def sources() -> list[Path]:
 
 
 def test_files_have_one_subject_and_are_short():
-    long = {str(f.relative_to(ROOT)) for f in sources() if len(f.read_text().splitlines()) > MOST_LINES}
-    assert long == set(LONG_FILES)
+    assert [str(f.relative_to(ROOT)) for f in sources() if len(f.read_text().splitlines()) >= MOST_LINES] == []
 
 
 def test_functions_are_short_but_for_compiled_kernels():
@@ -108,7 +104,15 @@ def test_the_model_knows_nothing_of_ros():
 def test_pure_rooms_stay_pure():
     pure = [*(ROOT / "crawler_ros" / "recording").glob("*.py"), *(ROOT / "crawler_ros" / "node").rglob("*.py")]
     impure = {file.name for file in pure if "rclpy" in imports(file)}
-    assert impure <= {"simulator.py", "gait_player.py", "intake.py", "peers.py", "quiet_node.py", "outlet.py", "run.py"}
+    assert impure <= {
+        "simulator.py",
+        "gait_player.py",
+        "intake.py",
+        "parameters.py",
+        "peers.py",
+        "quiet_node.py",
+        "run.py",
+    }
 
 
 def modules(package: ModuleType) -> Iterator[ModuleType]:

@@ -12,7 +12,7 @@ from crawler_model.motion.plane.friction import corners_of
 from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, laplacian_of, project_planar
 from crawler_model.motion.plane.rates import find_rates, greatest_compliance, missed
 
-from .planar_ramps import Planar, on_a_line, polygon, random_line
+from ..planar_ramps import Planar, on_a_line, polygon, random_line
 
 DISC = np.zeros((0, 2))
 CROSS = polygon(0.0, 4)

@@ -9,7 +9,7 @@ from crawler_model import Crawler, Scene, SceneError, load_scene
 from crawler_model.motion.graph import active_set as graph_kernel
 from crawler_model.motion.graph.active_set import Network, build_network, move, workspace
 
-from .hard_cases import complete, ladder, net
+from ..hard_cases import complete, ladder, net
 
 
 def velocities(network: Network, load, bound, rounds):

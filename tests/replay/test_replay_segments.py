@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-from pyarrow import parquet
-
 from crawler_model import Scene
 from crawler_ros.replay import Replay, analyse
 from crawler_ros.replay.parts import parts_by_name, parts_of
 from crawler_ros.replay.show.compare import compare_recordings
 
-from ..recordings import record
-from .machine import crawler_command
+from ..recordings import record, rewrite
+from .test_replay import crawler
+
+parquet = pytest.importorskip("pyarrow.parquet")
 
 MESHES = (8, 16, 32, 64, 128)
 RATE = 40.0
@@ -91,8 +90,6 @@ def test_runs_on_two_meshes_can_be_compared(refined):
 
 def test_without_its_scene_it_is_the_same_but_for_the_weights_of_the_ends(refined, tmp_path):
     """What the contacts' names and places tell."""
-    from ..recordings import rewrite
-
     found = refined[-1]
     alone = analyse(rewrite(found.path, tmp_path / "alone", lambda *message: [message], None))
     assert alone.scene is None
@@ -113,7 +110,7 @@ def test_contacts_that_are_not_shown_count_all_the_same(tmp_path):
 
 def test_tables_and_text_speak_of_the_segment(refined, tmp_path):
     path = refined[0].path
-    done = crawler_command("replay", str(path), "--parquet", str(tmp_path / "t"), "--png", str(tmp_path / "x.png"))
+    done = crawler("replay", path, "--parquet", tmp_path / "t", "--png", tmp_path / "x.png")
     assert done.returncode == 0, done.stderr
     assert "trunk.to: " in done.stdout
     slips = parquet.read_table(tmp_path / "t" / "slips.parquet")

@@ -18,7 +18,7 @@ from crawler_model.run.account import average_displacement
 from crawler_model.sweep import workers
 from crawler_model.sweep.many import Settings, run_chunk
 
-from .chains import coarse, scene
+from ..chains import coarse, scene
 
 STRATEGIES = {
     "a": lambda a: np.maximum(a - 2, 0),

@@ -45,4 +45,4 @@ def test_a_table_folder_is_not_overwritten(tmp_path):
     path = record(tmp_path / "a", "two_anchor_b", 1)
     (tmp_path / "t").mkdir()
     (tmp_path / "t" / "x").write_text("mine")
-    assert "name a new folder" in crawler("replay", path, "--parquet", tmp_path / "t").stderr
+    assert "choose a new folder" in crawler("replay", path, "--parquet", tmp_path / "t").stderr

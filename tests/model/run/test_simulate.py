@@ -9,7 +9,7 @@ import pytest
 from crawler_model import CommandError, Crawler, load_scene, simulate, simulate_many
 from crawler_model.run.simulate import rational_rate, tick_end_ns
 
-from .chains import scene
+from ..chains import scene
 
 ONCE = {"times": [0, 0.25, 1.0], "actuation": [0, 3, -3]}
 

@@ -345,7 +345,7 @@ def test_convex_friction_is_accepted():
 @pytest.mark.parametrize(
     ("angles", "values", "message"),
     [
-        (QUARTERS[:2], [1.0, 1.0], "2 given"),
+        (QUARTERS[:2], [1.0, 1.0], "at least 3 are needed"),
         (QUARTERS[:3], [1.0, 1.0, 1.0], "from direction 2 to the next"),
         (QUARTERS[[0, 2, 1, 3]], np.ones(4), "direction 2 at"),
         ([0.0, 2.0, 4.0, 6.3], np.ones(4), "direction 0 at"),

@@ -8,7 +8,7 @@ import pytest
 from crawler_model import Crawler, Scene, load_scene
 from crawler_model.crawler.readout import Readout
 
-from .chains import coarse, scene
+from ..chains import coarse, scene
 
 
 def read(crawler, shown, seconds):

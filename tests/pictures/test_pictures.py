@@ -154,7 +154,7 @@ def test_without_a_driver_one_line_names_what_to_install(graphics, tmp_path, mon
     for name in graphics:
         monkeypatch.setenv(name, str(tmp_path / "empty"))
     with pytest.raises(
-        CrawlerError, match=r"there is no Vulkan driver here; .* apt install mesa-vulkan-drivers"
+        CrawlerError, match=r"this machine has no Vulkan driver; .* apt install mesa-vulkan-drivers"
     ) as error:
         screenshot(rrd, tmp_path / "x.png")
     assert len(str(error.value).splitlines()) == 1

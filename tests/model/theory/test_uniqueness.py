@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from crawler_model import Crawler, Scene, simulate
 from crawler_model.theory.uniqueness import commanded_margin, translation_interval, uniqueness_margin
 
-from .chains import scene
+from ..chains import scene
 
 
 @given(st.integers(0, 2**32 - 1))

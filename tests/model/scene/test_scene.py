@@ -413,7 +413,7 @@ def test_friction_of_a_drive_replaces_the_scenes():
     assert drive.backward[0].tolist() == [4, 4, 4]
 
 
-SCENES_PAGE = (Path(__file__).parent.parent.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
+SCENES_PAGE = (Path(__file__).parents[3] / "docs" / "scenes.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("text", re.findall(r"```yaml\n(.*?)```", SCENES_PAGE, re.S), ids=lambda t: t.split("\n")[0])

@@ -8,7 +8,7 @@ import pytest
 from crawler_model.motion.chain.projection import project, workspace
 from crawler_model.motion.chain.wide import project_wide
 
-from .hard_cases import WIDE_CHAINS, follow_wide
+from ..hard_cases import WIDE_CHAINS, follow_wide
 from .test_chain_kernel import exact_projection, random_problem
 
 

@@ -174,10 +174,10 @@ def test_reset_drops_everything():
 
 NAMES = ["link_0"]
 REFUSED = [
-    ("accept_actuation", ([1.0],), "1 value(s); give 2, one per link"),
-    ("accept_actuation", ([],), "0 value(s); give 2"),
+    ("accept_actuation", ([1.0],), "1 value(s); it needs 2, one per link"),
+    ("accept_actuation", ([],), "0 value(s); it needs 2"),
     ("accept_actuation", ([1.0, float("nan")],), "entry 1 is nan"),
-    ("accept_friction", ([1.0, 1.0],), "2 value(s); give 1, 3 (one per contact) or 6"),
+    ("accept_friction", ([1.0, 1.0],), "2 value(s); it needs 1, 3 (one per contact) or 6"),
     ("accept_friction", ([1.0, -1.0, 1.0],), "entry 1 is -1 N; friction must be >= 0"),
     ("accept_friction", ([float("inf")],), "entry 0 is inf"),
     ("accept_friction", ([],), "0 value(s)"),

@@ -1,0 +1,112 @@
+"""The parameters of the simulator, from msgs_config/simulator.yaml to declarations on a node."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import os
+from dataclasses import dataclass
+from typing import Any
+
+from ..wire.topics import read_table
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of msgs_config/simulator.yaml."""
+
+    name: str
+    type: str
+    default: Any
+    meaning: str
+    range: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+    runtime: bool = False
+
+
+@functools.cache
+def read_parameters() -> dict[str, Parameter]:
+    """Read the table of the simulator's parameters, by name."""
+    found = {}
+    for name, row in read_table("simulator.yaml").items():
+        bounds = tuple(row.pop("range")) if "range" in row else None
+        found[name] = Parameter(name=name, range=bounds, choices=tuple(row.pop("choices", ())), **row)
+    return found
+
+
+def expand_home(path: str) -> str:
+    """Expand a leading `~`, which no shell does behind `:=`.
+
+    Args:
+        path: a path as entered by the user.
+
+    Returns:
+        The path with the home folder in place of the `~`.
+
+    Raises:
+        ValueError: when the user named after the `~` does not exist.
+    """
+    found = os.path.expanduser(path)
+    if found.startswith("~"):
+        raise ValueError(f"{path}: there is no user {path[1:].split('/')[0]!r}; a leading ~ stands for a home folder")
+    return found
+
+
+def _normalise_overrides(node: Any, silent: bool) -> None:
+    """Convert whole numbers to doubles and YAML's `off` to text; warn about unknown parameters."""
+    from rclpy.parameter import Parameter as RosParameter
+
+    overrides = getattr(node, "_parameter_overrides", {})
+    for name, override in list(overrides.items()):
+        row = read_parameters().get(name)
+        if row is None:
+            if not silent and not name.startswith(("qos_overrides", "use_sim_time", "start_type_description_service")):
+                near = difflib.get_close_matches(name, read_parameters(), n=1, cutoff=0.6)
+                hint = f"the nearest is {near[0]!r}" if near else f"the parameters are {', '.join(read_parameters())}"
+                node.get_logger().warning(f"unknown parameter {name!r}; {hint}")
+        elif row.type == "double" and type(override.value) is int:
+            overrides[name] = RosParameter(name, RosParameter.Type.DOUBLE, float(override.value))
+        elif row.type == "string" and override.value is False:
+            overrides[name] = RosParameter(name, RosParameter.Type.STRING, "off")
+
+
+def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
+    """Declare the simulator's parameters on a node, with type, range, description and read-only flag.
+
+    Args:
+        node: an rclpy node.
+        silent: whether to skip the warning about unknown parameters.
+
+    Returns:
+        The values, by name.
+
+    Raises:
+        ValueError: when a value has the wrong type or is not one of the choices.
+    """
+    from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+    from rclpy.exceptions import InvalidParameterTypeException
+    from rclpy.parameter import Parameter as RosParameter
+
+    kinds = {
+        "string": RosParameter.Type.STRING,
+        "double": RosParameter.Type.DOUBLE,
+        "bool": RosParameter.Type.BOOL,
+    }
+    values = {}
+    _normalise_overrides(node, silent)
+    for name, row in read_parameters().items():
+        descriptor = ParameterDescriptor(
+            name=name, type=kinds[row.type].value, description=row.meaning, read_only=not row.runtime
+        )
+        if row.range is not None:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=row.range[0], to_value=row.range[1])]
+        if row.choices:
+            descriptor.additional_constraints = f"one of {', '.join(row.choices)}"
+        try:
+            values[name] = node.declare_parameter(name, row.default, descriptor).value
+        except InvalidParameterTypeException as error:
+            kind = {"double": "a number", "bool": "true or false", "string": "text"}[row.type]
+            raise ValueError(f"parameter {name} takes {kind} ({row.meaning}) {error}") from None
+        if row.choices and values[name] not in row.choices:
+            raise ValueError(f"parameter {name}: {values[name]!r}; it must be one of {', '.join(row.choices)}")
+    return values

@@ -1,0 +1,173 @@
+"""Random bodies of every kind with random drives, as numbers that can be scaled and mirrored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from crawler_model import Crawler, Scene
+
+CHAIN, GRAPH, SEGMENT, HYBRID = "chain", "graph", "segment", "hybrid"
+DISCS, POLYGONS = "plane, discs", "plane, polygons"
+ON_A_LINE, IN_THE_PLANE = (CHAIN, GRAPH, SEGMENT, HYBRID), (DISCS, POLYGONS)
+TOLERANCE = 1e-6
+"""Of planar bodies, relative to their extent."""
+
+Row = tuple[np.ndarray, np.ndarray | None, np.ndarray | None]
+"""Actuation [m], friction against sliding forward and backward [N]; in the plane the second is all friction."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """The document of a scene and the commands that its drive ramps to, one a second, from rest at L = 0."""
+
+    data: dict[str, Any]
+    rows: tuple[Row, ...]
+
+    @property
+    def scene(self) -> Scene:
+        return Scene.model_validate(self.data)
+
+    @property
+    def extent(self) -> float:
+        """By which errors are divided: of the body, or of what is commanded of it, whichever is larger [m]."""
+        position = self.scene.body.position
+        commanded = max(float(np.abs(actuation).max()) for actuation, _, _ in self.rows)
+        return max(float(np.abs(np.ptp(position, axis=0)).max()), commanded)
+
+    def run(self, method: str, parts: int = 1) -> tuple[np.ndarray, list[Any]]:
+        """Follow every ramp in so many equal parts: the displacement at the end of each, and all steps."""
+        crawler = Crawler(self.scene, method)
+        states, steps = [], []
+        for row in self.rows:
+            target = crawler.target(*row)
+            before = np.concatenate((crawler.actuation.ravel(), crawler.friction))
+            for part in np.arange(1, parts + 1) / parts:
+                steps.append(crawler.follow((before + part * (target - before) if part < 1.0 else target)[None]))
+            states.append(crawler.displacement)
+        return np.array(states), steps
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a random body follows from.
+
+    Attributes:
+        kind: of body.
+        seed: of all numbers.
+        commanded: whether friction is commanded, too.
+        ties: whether numbers are whole, so that contacts reach bounds together and frictions balance.
+        bare: whether some contacts have no friction.
+    """
+
+    kind: str
+    seed: int
+    commanded: bool = False
+    ties: bool = False
+    bare: bool = False
+
+    def driven(self, length: float = 1.0, force: float = 1.0, mirrored: bool = False) -> Driven:
+        """Build it with lengths and forces scaled, or as its mirror image; in the plane, turned by half a turn."""
+        build = _in_the_plane if self.kind in IN_THE_PLANE else _on_a_line
+        return build(self, np.random.default_rng(self.seed), length, force, mirrored)
+
+
+@st.composite
+def drawn(draw: st.DrawFn, kind: str) -> Drawn:
+    """Any random body of a kind; ties and missing friction on a line only, where the answer is exact."""
+    options = [draw(st.booleans()) and kind != POLYGONS]
+    options += [draw(st.booleans()) and kind in ON_A_LINE for _ in range(2)]
+    return Drawn(kind, draw(st.integers(0, 2**32 - 1)), *options)
+
+
+def _parts_on_a_line(kind: str, rng: np.random.Generator) -> tuple[int, list[tuple[Any, Any]], int]:
+    """Return the number of contacts, what links join, and the number of segments."""
+    if kind == SEGMENT:
+        return 0, [], 1
+    if kind == HYBRID:
+        return 3, [(0, 1), (1, 2), (2, "s0.from"), ("s0.to", "s1.from"), (0, "s1.to")], 2
+    if kind == GRAPH:
+        return 7, [(int(rng.integers(0, i)), i) for i in range(1, 7)] + [(0, 5), (2, 6)], 0
+    return 7, [(i, i + 1) for i in range(6)], 0
+
+
+def _on_a_line(drawn: Drawn, rng: np.random.Generator, length: float, force: float, mirrored: bool) -> Driven:
+    n, between, segments = _parts_on_a_line(drawn.kind, rng)
+    spread = np.exp(rng.uniform(-2, 0, (2, segments)))
+    stiffness = np.exp(rng.uniform(-1, 1, len(between)))
+    mu = np.exp(rng.uniform(-2, 0, (2, n)))
+    rows = [np.append(rng.uniform(-2, 2, len(between)), rng.uniform(-1, 1, segments)) for _ in range(5)]
+    factors = rng.uniform(0.2, 2.0, (5, 2, n + segments))
+    if drawn.ties:
+        stiffness[:] = 1.0
+        mu, spread = rng.integers(1, 5, mu.shape) / 4.0, rng.integers(1, 5, spread.shape) / 8.0
+        rows = [np.round(row) for row in rows]
+        factors = rng.integers(1, 5, factors.shape) / 2.0
+    if drawn.bare:
+        mu = mu * (rng.random(mu.shape) < 0.7)
+    between = _reflected(between, n) if mirrored else between
+    parts = []
+    for k in range(segments):
+        ends = (-11.0 - 2 * k, -10.0 - 2 * k) if mirrored else (10.0 + 2 * k, 11.0 + 2 * k)
+        parts.append({"name": f"s{k}", "from": ends[0] * length, "to": ends[1] * length, "elements": 20})
+    friction = np.hstack((mu * force, spread * force / length))
+    commands = [friction * (f if drawn.commanded else 1.0) for f in factors]
+    if mirrored:  # contacts in reverse order, segments in their own
+        order = np.append(np.arange(n)[::-1], np.arange(n, n + segments)).astype(int)
+        friction, commands = friction[::-1, order], [c[::-1, order] for c in commands]
+    for k, part in enumerate(parts):
+        sides = dict(zip(("forward", "backward"), friction[:, n + k].tolist(), strict=True))
+        part |= {"stiffness": 2.0 * force, "friction": sides}
+    contacts = np.arange(n) * length
+    body: dict[str, Any] = {"contacts": (-contacts[::-1] if mirrored else contacts).tolist(), "segments": parts}
+    if between:
+        body["links"] = {"stiffness": (stiffness * force / length).tolist(), "between": [list(p) for p in between]}
+    data: dict[str, Any] = {"name": "random", "body": body}
+    if n:
+        data["friction"] = dict(zip(("forward", "backward"), friction[:, :n].tolist(), strict=True))
+    unit = np.append(np.full(len(between), length), np.ones(segments))
+    actuation = [unit * row for row in rows]
+    drive = {"times": list(range(6)), "actuation": [[0.0] * unit.size, *(a.tolist() for a in actuation)]}
+    if drawn.commanded:
+        each = np.array([friction, *commands])
+        drive["friction"] = {"forward": each[:, 0].tolist(), "backward": each[:, 1].tolist()}
+    held = zip(actuation, commands, strict=True)
+    return Driven(data | {"drive": drive}, tuple((a, *(c if drawn.commanded else (None, None))) for a, c in held))
+
+
+def _reflected(between: list[tuple[Any, Any]], contacts: int) -> list[tuple[Any, Any]]:
+    turned = {"from": "to", "to": "from"}
+
+    def other(end: Any) -> Any:
+        return contacts - 1 - end if isinstance(end, int) else f"{end[:2]}.{turned[end[3:]]}"
+
+    return [(other(b), other(a)) for a, b in between]
+
+
+def _in_the_plane(drawn: Drawn, rng: np.random.Generator, length: float, force: float, mirrored: bool) -> Driven:
+    n, sign = 4, -1.0 if mirrored else 1.0
+    between = [[0, 1], [1, 2], [2, 3], [0, 3]]
+    stiffness = np.exp(rng.uniform(-1, 1, 4)) * force / length
+    contacts = rng.normal(size=(n, 2)) * length * sign
+    actuation = rng.uniform(-2, 2, (5, 4, 2)) * length * sign
+    mu = np.exp(rng.uniform(-2, 0, n)) * force
+    commands = mu * rng.uniform(0.2, 2.0, (5, n))
+    friction: dict[str, Any] = {"isotropic": mu.tolist()}
+    if drawn.kind == POLYGONS:
+        angles = (rng.uniform(0.0, 1.0) + 2.0 * np.pi * np.arange(5) / 5 + (np.pi if mirrored else 0.0)) % (2.0 * np.pi)
+        points = rng.normal(size=(n, 4, 2)) * force * sign
+        points -= points.mean(axis=1, keepdims=True)
+        value = (points @ np.array([np.cos(angles), np.sin(angles)])).max(axis=1)
+        order = np.argsort(angles)
+        friction = {"directions": angles[order].tolist(), "value": value[:, order].tolist()}
+    drive: dict[str, Any] = {"times": list(range(6)), "actuation": [[[0.0, 0.0]] * 4, *actuation.tolist()]}
+    if drawn.commanded:
+        drive["friction"] = {"isotropic": [mu.tolist(), *commands.tolist()]}
+    links = {"stiffness": stiffness.tolist(), "between": between}
+    data = {"name": "random", "dimension": 2, "tolerance": TOLERANCE, "friction": friction, "drive": drive}
+    data["body"] = {"contacts": contacts.tolist(), "links": links}
+    held = zip(actuation, commands, strict=True)
+    return Driven(data, tuple((a, c if drawn.commanded else None, None) for a, c in held))
