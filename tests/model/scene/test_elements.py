@@ -8,7 +8,7 @@ import pytest
 from crawler_model import Scene, SceneError, load_scene, simulate
 from crawler_model.scene.assemble import _largest_change
 from crawler_model.scene.elements import count_elements
-from crawler_model.scene.fields import average
+from crawler_model.scene.friction_parts import average
 
 from ..segments import accuracies, closed_form, gains, random_homogeneous, segment, unequal
 
