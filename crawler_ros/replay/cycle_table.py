@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,14 @@ class Energy:
 
     Attributes:
         work: work of the actuators [J].
+        loads_work: work of the loads [J].
         dissipation: energy dissipated by friction [J].
         stored: change of the energy in the springs [J].
-        residual: stored + dissipation - work, relative to the largest of them [1].
+        residual: stored + dissipation - work - loads_work, relative to the largest of them [1].
     """
 
     work: float
+    loads_work: float
     dissipation: float
     stored: float
     residual: float
@@ -71,7 +73,7 @@ class Cycle:
         Returns:
             The attributes by name, as plain numbers, lists and text.
         """
-        energy = dict.fromkeys(("work", "dissipation", "stored", "residual"))
+        energy = dict.fromkeys(field.name for field in fields(Energy))
         plain = {**self.__dict__, **(energy if self.energy is None else self.energy.as_plain())}
         del plain["energy"]
         plain["translation"] = list(self.translation) if isinstance(self.translation, tuple) else self.translation
@@ -92,13 +94,13 @@ def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Ene
     last = table.run.size - 1 if last is None else last
     rows = slice(first + 1, last + 1)
     same = table.run[first + 1 : last + 1] == table.run[first:last]
-    work, dissipation = float(table.work[rows].sum()), float(table.dissipation[rows].sum())
+    work, loads_work, dissipation = (float(v[rows].sum()) for v in (table.work, table.loads_work, table.dissipation))
     change = np.diff(table.stored[first : last + 1])
     stored = float(table.stored[last] - table.stored[first]) if same.all() else float(change[same].sum())
     peak = float(table.stored[first : last + 1].max(initial=0.0))
-    size = max(abs(work), abs(dissipation), abs(stored), peak)
-    residual = abs(stored + dissipation - work) / size if size > 0.0 else 0.0
-    return Energy(work, dissipation, stored, residual)
+    size = max(abs(work), abs(loads_work), abs(dissipation), abs(stored), peak)
+    residual = abs(stored + dissipation - work - loads_work) / size if size > 0.0 else 0.0
+    return Energy(work, loads_work, dissipation, stored, residual)
 
 
 def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle, ...], str]:
