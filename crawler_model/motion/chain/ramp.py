@@ -45,6 +45,8 @@ from ..state import (
     X_REST,
     X,
     add_ramp,
+    is_in_force,
+    record,
     shift,
 )
 from ..translation import choose_translation, is_wide, nearness
@@ -223,19 +225,6 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
 
 
 @compiled
-def _is_in_force(contacts, links, target):
-    """Return whether `target` equals the command in force."""
-    n = contacts.shape[1]
-    for i in range(n - 1):
-        if target[i] != links[ACTUATION, i]:
-            return False
-    for i in range(n):
-        if target[n - 1 + i] != contacts[FORWARD, i] or target[2 * n - 1 + i] != contacts[BACKWARD, i]:
-            return False
-    return True
-
-
-@compiled
 def follow(
     elasticity,
     contacts,
@@ -282,7 +271,7 @@ def follow(
         energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
     for v in range(targets.shape[0]):
         target = targets[v]
-        if not _is_in_force(contacts, links, target):
+        if not is_in_force(contacts, links, target):
             bytes_[ROW_MOVED] = 0
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
@@ -313,11 +302,7 @@ def follow(
             energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
-            for i in range(n):
-                records[v, i] = contacts[X, i]
-                records[v, n + i] = contacts[X_REST, i]
-            for i in range(n - 1):
-                records[v, 2 * n + i] = links[TENSION, i]
+            record(contacts, links, records[v])
     if account[VISITED] == np.inf:  # no command changed
         force = floats[ROW_TRIAL]
         for i in range(n):
