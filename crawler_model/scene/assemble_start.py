@@ -9,6 +9,7 @@ from ..body.body import Body
 from ..body.drive import Drive
 from ..errors import SceneError
 from ..rounding import EPS
+from ..theory.stasis import bound_distances
 from .assembly import Assembly
 from .parts import SceneParts
 
@@ -68,7 +69,7 @@ def check_start(assembly: Assembly) -> None:
         return
     tension = body.stiffness * (body.elongation(x) - drive.actuation[0])
     force, forward, backward = body.spring_force(tension), drive.forward[0], drive.backward[0]
-    margins = np.minimum(forward - force, force + backward)
+    margins = bound_distances(force, forward, backward)
     excess = margins + _ROUNDING * (body.force_size(tension) + forward + backward)
     worst = int(np.argmin(excess))
     if excess[worst] >= 0.0:

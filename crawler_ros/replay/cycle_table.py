@@ -15,7 +15,7 @@ from .ramps import RampTable
 
 
 @dataclass(frozen=True)
-class Energy:
+class EnergyBalance:
     """The energy account of an interval of time.
 
     Attributes:
@@ -63,7 +63,7 @@ class Cycle:
     translation: float | tuple[float, ...]
     slip_forward: float
     slip_backward: float
-    energy: Energy | None
+    energy: EnergyBalance | None
     least_margin: float | None
     transient: bool
 
@@ -73,14 +73,14 @@ class Cycle:
         Returns:
             The attributes by name, as plain numbers, lists and text.
         """
-        energy = dict.fromkeys(field.name for field in fields(Energy))
+        energy = dict.fromkeys(field.name for field in fields(EnergyBalance))
         plain = {**self.__dict__, **(energy if self.energy is None else self.energy.as_plain())}
         del plain["energy"]
         plain["translation"] = list(self.translation) if isinstance(self.translation, tuple) else self.translation
         return plain
 
 
-def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Energy:
+def account_of(table: RampTable, first: int = 0, last: int | None = None) -> EnergyBalance:
     """Sum the energies of some ramps; the stored energy of each run counts from its own start.
 
     Args:
@@ -100,7 +100,7 @@ def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Ene
     peak = float(table.stored[first : last + 1].max(initial=0.0))
     size = max(abs(work), abs(loads_work), abs(dissipation), abs(stored), peak)
     residual = abs(stored + dissipation - work - loads_work) / size if size > 0.0 else 0.0
-    return Energy(work, loads_work, dissipation, stored, residual)
+    return EnergyBalance(work, loads_work, dissipation, stored, residual)
 
 
 def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle, ...], str]:

@@ -12,7 +12,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.crawler.readout import Readout
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
-from crawler_model.theory.stasis import stasis_bounds
+from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
 from .parts import parts_of
 from .ramps import Piece
@@ -167,7 +167,7 @@ class RampRows:
         n, lengths = body.contacts, body.springs * body.dimension
         if body.dimension == 1:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n : lengths + 2 * n]
-            return np.minimum(forward - force, force + backward)
+            return bound_distances(force, forward, backward)
         friction = target[:, lengths:].reshape(target.shape[0], n, -1)
         if scene.directions.size == 0:
             return friction[..., 0] - np.linalg.norm(force, axis=2)
