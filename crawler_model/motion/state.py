@@ -159,6 +159,9 @@ def is_in_force(contacts, links, target):
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
         target: L and bounds, with loads then these, shape (S + 2 N,) or (S + 3 N,).
+
+    Returns:
+        True if a ramp to the target would change nothing.
     """
     n = contacts.shape[1]
     springs = links.shape[1]
