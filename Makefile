@@ -18,8 +18,9 @@ install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BI
 demo: $(READY_DEMO)
 	$(BIN)/crawler demo
 
-# A worker for each core, but no more than four: many tests start several processes.
-PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4
+# Two workers per core, but no more than six: most tests wait for other processes.
+WORKERS ?= $(shell n=$$((2 * $$(nproc))); echo $$((n < 6 ? n : 6)))
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
 
 test: $(READY)
 	$(PYTEST) -m "not slow"
