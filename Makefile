@@ -12,6 +12,9 @@ READY_DEMO := $(if $(wildcard $(READY)),$(READY),$(VENV)/.ready-demo)
 UV := $(shell uv --version 2>/dev/null)
 install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(1)
 
+# Tests start a thousand processes: without bytecode files each of them would compile all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would then take hours are left out.
 .PHONY: demo test test-all smoke lint coverage bench docs figures soak clean
 
