@@ -18,24 +18,25 @@ TABLE = ROOT / "docs" / "hard-cases.md"
 
 HEAD = """# Hard cases
 
-These cases break other simulators of dry friction. Each is run on every body and by every method to which it applies,
-and must produce the exact answer within rounding or name the difficulty; `tests/model/test_hard_cases.py`
-enforces it. `python docs/hard_cases.py` generates this page.
+Other simulators of dry friction fail in these cases. Each case is run on every body and with every method to which it
+applies; the result must be exact within rounding, or the difficulty must be reported. `tests/model/test_hard_cases.py`
+enforces this. `python docs/hard_cases.py` generates this page.
 
-The chain has springs between neighbours. The graph has any springs: here each spring of the chain twice, half as stiff,
-unless the case names another graph. The plane is the same body on a line in the plane, with friction given by
-directions. `unique: False` means that friction leaves the translation undetermined and that this is reported; the
-comparison then covers the shape and, where the case names it, the rule for the translation. Errors are in m on bodies
-of about 1 m and 1 N, or relative where marked. "By the certificate" marks an error that is a ratio to what the
-certificate admits: of a graph's distance from the chain, because over twelve decades of stiffness a graph sums
-displacements whose rounding affects its stiffest spring; and of a chain's distance from rational arithmetic, to the
-certificate's `rounding` or 1e-11, whichever is larger. In the plane a scene has a tolerance; "in tolerances" marks an
-error of each ramp divided by it, which must be at most 1; "in accuracies" does the same for a segment and its accuracy.
+The chain has springs between neighbours. Unless the case names another graph, the graph has each spring of the chain
+twice, with half the stiffness. The plane is the same body on a line in the plane, with friction given by directions.
+`unique: False` means that friction leaves the translation undetermined and that this is reported; the comparison then
+covers the shape and, where the case names it, the rule for the translation. Errors are in m on bodies of about 1 m and
+1 N, or relative where marked. "By the certificate" marks an error that is divided by the error that the certificate
+admits. For a graph, the error is its distance from the chain, because over twelve decades of stiffness a graph sums
+displacements whose rounding affects its stiffest spring. For a chain, the error is its distance from rational
+arithmetic, and it is divided by the certificate's `rounding` or 1e-11, whichever is larger. In the plane a scene has a
+tolerance; "in tolerances" marks an error of each ramp divided by it, which must be at most 1; "in accuracies" does the
+same for a segment and its accuracy.
 
-Times are those of a whole case, including the scene, on {machine}, with the kernels compiled. They were measured
-once; no test depends on them.
+The times are those of a whole case, including the construction of the scene, on {machine}, with the kernels
+compiled. They were measured once; no test depends on them.
 
-| case | played on | verdict | worst error | against | time |
+| case | run on | verdict | worst error | against | time |
 | --- | --- | --- | --- | --- | --- |
 """
 
