@@ -252,6 +252,8 @@ def _follow(
                 account[OVERSPENT] += forced and last
             done = accepted and last
             growth = min(max(growth, 0.3), 4.0) if accepted else min(max(growth, 0.05), 0.95)
+            if accepted and loads.shape[0] > 0 and allowed > tolerance * length:
+                growth = max(growth, 2.0)  # the error is that of rounding, which shorter steps do not reduce
             longest = growth * length
             progress[LENGTH] = max(longest, progress[LENGTH]) if accepted and cut else longest
             progress[TRIALS] += max(progress[KNOWN], 1.0)
