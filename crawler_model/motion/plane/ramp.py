@@ -38,6 +38,7 @@ from .implicit_step import MOST_SWEEPS, laplacian_of, project_planar
 from .rates import BAND, find_rates, greatest_compliance
 from .walk import (
     ERROR_LEFT,
+    HELD,
     KNOWN,
     LENGTH,
     NOT_UNIQUE,
@@ -164,6 +165,19 @@ def _look_ahead(body, directions, links, friction, loads, target, spring, band, 
 
 
 @compiled
+def _find_held(spring, friction, directions, band):
+    """Find a contact strictly inside its friction set; -1 if there is none."""
+    m = directions.shape[0]
+    for i in range(spring.shape[0]):
+        gap = np.inf if m else friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
+        for k in range(m):
+            gap = min(gap, friction[i, k] - spring[i, 0] * directions[k, 0] - spring[i, 1] * directions[k, 1])
+        if gap > band[i]:
+            return i
+    return -1
+
+
+@compiled
 def _follow(
     body, directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress, *memory
 ):
@@ -205,6 +219,8 @@ def _follow(
             allowed = np.inf if forced else max(tolerance * length, blur)
             if progress[KNOWN] == 0.0:
                 stages[0] = part * velocity
+            if loads.shape[0] > 0:
+                progress[HELD] = _find_held(spring, friction, directions, band) + 1.0
             ok, found, error, walks, growth = attempt(
                 part,
                 velocity,

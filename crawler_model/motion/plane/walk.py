@@ -20,16 +20,56 @@ from .implicit_step import project_planar
 from .rates import missed
 
 # Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the error
-# still allowed at starts and stops, implicit steps tried, solved stages of this substep, and which of them are not
-# unique.
-RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, KNOWN, NOT_UNIQUE = range(7)
+# still allowed at starts and stops, implicit steps tried, with loads 1 + a contact that is strictly inside its friction
+# set and so determines the translation, solved stages of this substep, and which of them are not unique.
+RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, HELD, KNOWN, NOT_UNIQUE = range(8)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
 """Implicit steps of a substep: 1 + 2 + ... plus one that corrects the extrapolation."""
 _AT_ONCE = 1e-3
 """Starts and stops of contacts within this part of the tolerance count as immediate."""
+_SAME_SHAPE = 1e-9
+"""Steps that differ from a translation by no more than this part have the same shape."""
 _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
+
+
+@compiled
+def farthest(a):
+    """Compute the largest Euclidean norm of the rows of an array.
+
+    Args:
+        a: shape (n, 2).
+
+    Returns:
+        The norm.
+    """
+    most = 0.0
+    for i in range(a.shape[0]):
+        most = max(most, math.hypot(a[i, 0], a[i, 1]))
+    return most
+
+
+@compiled
+def _stay(held, guess, moved):
+    """Undo the choice of a translation where all contacts reach their bounds only at the end of a straight step.
+
+    Loads that change pass through forces at which friction balances. Up to there a contact determined the translation.
+
+    Returns whether `moved` and the guess, in which that contact rests, differ by a translation alone.
+    """
+    near = _SAME_SHAPE * farthest(guess)
+    for c in range(2):
+        shift = guess[held, c] - moved[held, c]
+        for i in range(moved.shape[0]):
+            if abs(guess[i, c] - moved[i, c] - shift) > near:
+                return False
+    rest0 = moved[held, 0]
+    rest1 = moved[held, 1]
+    for i in range(moved.shape[0]):
+        moved[i, 0] -= rest0
+        moved[i, 1] -= rest1
+    return True
 
 
 @compiled
@@ -53,7 +93,11 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
     """
     if stage < progress[KNOWN]:
         return True
+    held = int(progress[HELD]) - 1 if stage == 0 else -1
+    guess = stages[stage].copy() if held >= 0 else stages[stage]
     solved, _, unique, _ = project_planar(laplacian, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
+    if solved and not unique and held >= 0:
+        unique = _stay(held, guess, stages[stage])
     if solved:
         progress[KNOWN] = stage + 1
         progress[NOT_UNIQUE + stage] = not unique
@@ -140,22 +184,6 @@ def friction_at(friction, loads, target, part):
     last = target.size - loads.size
     commanded = target[last - friction.size : last].reshape(friction.shape)
     return (1.0 - part) * friction + part * commanded
-
-
-@compiled
-def farthest(a):
-    """Compute the largest Euclidean norm of the rows of an array.
-
-    Args:
-        a: shape (n, 2).
-
-    Returns:
-        The norm.
-    """
-    most = 0.0
-    for i in range(a.shape[0]):
-        most = max(most, math.hypot(a[i, 0], a[i, 1]))
-    return most
 
 
 @compiled
