@@ -33,12 +33,13 @@ from ..state import PLANAR_TENSION as TENSION
 from ..state import PLANAR_X as X
 from ..state import PLANAR_X_REST as X_REST
 from .cone import solve_with_clarabel
-from .friction import corners_of, excess, resistance
+from .friction import CLOSE_ENOUGH, corners_of, excess, resistance
 from .implicit_step import MOST_SWEEPS, laplacian_of, project_planar
 from .rates import BAND, find_rates, greatest_compliance
+from .translation import choose_translation
 from .walk import (
+    DETERMINED,
     ERROR_LEFT,
-    HELD,
     KNOWN,
     LENGTH,
     NOT_UNIQUE,
@@ -165,19 +166,6 @@ def _look_ahead(body, directions, links, friction, loads, target, spring, band, 
 
 
 @compiled
-def _find_held(spring, friction, directions, band):
-    """Find a contact strictly inside its friction set; -1 if there is none."""
-    m = directions.shape[0]
-    for i in range(spring.shape[0]):
-        gap = np.inf if m else friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
-        for k in range(m):
-            gap = min(gap, friction[i, k] - spring[i, 0] * directions[k, 0] - spring[i, 1] * directions[k, 1])
-        if gap > band[i]:
-            return i
-    return -1
-
-
-@compiled
 def _follow(
     body, directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress, *memory
 ):
@@ -220,7 +208,9 @@ def _follow(
             if progress[KNOWN] == 0.0:
                 stages[0] = part * velocity
             if loads.shape[0] > 0:
-                progress[HELD] = _find_held(spring, friction, directions, band) + 1.0
+                reach = 0.5 * band / CLOSE_ENOUGH
+                scratch = np.empty(n, np.int64)
+                progress[DETERMINED] = choose_translation(velocity.copy(), spring, friction, directions, reach, scratch)
             ok, found, error, walks, growth = attempt(
                 part,
                 velocity,

@@ -20,9 +20,9 @@ from .implicit_step import project_planar
 from .rates import missed
 
 # Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the error
-# still allowed at starts and stops, implicit steps tried, with loads 1 + a contact that is strictly inside its friction
-# set and so determines the translation, solved stages of this substep, and which of them are not unique.
-RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, HELD, KNOWN, NOT_UNIQUE = range(8)
+# still allowed at starts and stops, implicit steps tried, whether there are loads and the translation is determined at
+# the start of this substep, its solved stages, and which of them are not unique.
+RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, DETERMINED, KNOWN, NOT_UNIQUE = range(8)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
 """Implicit steps of a substep: 1 + 2 + ... plus one that corrects the extrapolation."""
@@ -51,24 +51,26 @@ def farthest(a):
 
 
 @compiled
-def _stay(held, guess, moved):
-    """Undo the choice of a translation where all contacts reach their bounds only at the end of a straight step.
+def _stay(guess, moved):
+    """Undo the choice of a translation where it is undetermined only at the end of a straight step.
 
-    Loads that change pass through forces at which friction balances. Up to there a contact determined the translation.
+    Loads that change pass through forces at which friction balances; up to there the translation is that of the guess.
 
-    Returns whether `moved` and the guess, in which that contact rests, differ by a translation alone.
+    Returns whether `moved` and the guess differ by a translation alone.
     """
-    near = _SAME_SHAPE * farthest(guess)
-    for c in range(2):
-        shift = guess[held, c] - moved[held, c]
-        for i in range(moved.shape[0]):
-            if abs(guess[i, c] - moved[i, c] - shift) > near:
-                return False
-    rest0 = moved[held, 0]
-    rest1 = moved[held, 1]
+    rests = 0
     for i in range(moved.shape[0]):
-        moved[i, 0] -= rest0
-        moved[i, 1] -= rest1
+        if guess[i, 0] == 0.0 and guess[i, 1] == 0.0:
+            rests = i
+    shift0 = guess[rests, 0] - moved[rests, 0]
+    shift1 = guess[rests, 1] - moved[rests, 1]
+    near = _SAME_SHAPE * farthest(guess)
+    for i in range(moved.shape[0]):
+        if math.hypot(guess[i, 0] - moved[i, 0] - shift0, guess[i, 1] - moved[i, 1] - shift1) > near:
+            return False
+    for i in range(moved.shape[0]):
+        moved[i, 0] += shift0
+        moved[i, 1] += shift1
     return True
 
 
@@ -93,11 +95,11 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
     """
     if stage < progress[KNOWN]:
         return True
-    held = int(progress[HELD]) - 1 if stage == 0 else -1
-    guess = stages[stage].copy() if held >= 0 else stages[stage]
+    determined = stage == 0 and progress[DETERMINED] > 0.0
+    guess = stages[stage].copy() if determined else stages[stage]
     solved, _, unique, _ = project_planar(laplacian, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
-    if solved and not unique and held >= 0:
-        unique = _stay(held, guess, stages[stage])
+    if solved and not unique and determined:
+        unique = _stay(guess, stages[stage])
     if solved:
         progress[KNOWN] = stage + 1
         progress[NOT_UNIQUE + stage] = not unique
