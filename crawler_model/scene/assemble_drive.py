@@ -34,7 +34,9 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
     part = parts.drive
     if part is None:
         row = np.concatenate((np.zeros(columns.lengths), friction))
-        return Drive(frozen([0.0]), None, frozen(row[None]), columns)
+        waiting = Drive(frozen([0.0]), None, frozen(row[None]), columns)
+        columns.check_equilibrium(waiting.targets[0], "loads", SceneError)
+        return waiting
     if part.strategy is not None:
         return _build_strategy(body, columns, part, friction)
     if part.times is None:
