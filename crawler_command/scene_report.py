@@ -12,6 +12,7 @@ from rich.table import Table
 from crawler_model import Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
+from crawler_model.body.planar_loads import split_target
 from crawler_model.theory.holding import compute_holding
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
@@ -55,6 +56,8 @@ def _contacts(run: Trajectory) -> Table:
         table.add_column(escape(column), justify="right")
     force = body.spring_force(run.tension[0])
     drive = scene.drive
+    if planar and scene.columns.loads:
+        force = force + drive.loads[0].reshape(-1, 2)
     size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))
     last = -1
     for i in _shown(body):
@@ -63,7 +66,7 @@ def _contacts(run: Trajectory) -> Table:
         last = i
         slides = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
         if planar:
-            per_contact = drive.targets[:, 2 * body.springs :].reshape(-1, body.contacts, max(len(scene.directions), 1))
+            _, per_contact, _ = split_target(body, scene.directions, drive.targets)
             bounds = [_span(per_contact[:, i])]
             slides = ["yes"] if slides else []
         else:
@@ -146,7 +149,8 @@ def _print_units(scene: Plan, screen: Console) -> None:
             f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
             f"{commanded[longest]:g} m, but the body is {length:g} m long; lengths are in metres, strains are ratios"
         )
-    friction = drive.targets[:, drive.actuation.shape[1] :].max(axis=0)
+    bounds = drive.targets[:, drive.actuation.shape[1] :]
+    friction = bounds[:, : bounds.shape[1] - drive.loads.shape[1]].max(axis=0)
     most = (
         friction.reshape(body.contacts, -1).max(axis=1)
         if scene.body.dimension == 2

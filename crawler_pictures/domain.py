@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crawler_model import Trajectory
+from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
+from crawler_model.body.planar_loads import split_target
 from crawler_model.motion.plane.friction import corners_of
 
 from .colors import FORWARD
@@ -71,10 +73,11 @@ def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
     )
     rows = last_period(run)
     force = np.array([body.spring_force(t) for t in run.tension[rows]])
+    if scene.columns.loads:
+        targets = drive.sample(np.rint(run.time[rows] * NS).astype(np.int64))
+        force = force + split_target(body, scene.directions, targets)[2]
     slides = run.contact_state[rows] != 0
-    friction = np.unique(drive.targets[:, 2 * body.springs :], axis=0).reshape(
-        -1, body.contacts, max(len(scene.directions), 1)
-    )
+    friction = np.unique(split_target(body, scene.directions, drive.targets)[1], axis=0)
     for i, axis in enumerate(axes.flat):
         if i >= count:
             axis.set_axis_off()

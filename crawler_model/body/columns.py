@@ -4,11 +4,12 @@ A command row holds, in this order, the rest length of each link (m), the strain
 sliding forward of each isolated contact (N) and of each segment (N/m), and the same for sliding backward. A segment
 whose strain or friction varies along it has one column per element or contact instead of a single one. If the
 scene has loads, they follow: one per isolated contact (N) and per segment (N/m). In the plane each link has two columns
-(x, y), and each contact has one friction, or one per direction.
+(x, y), and each contact has one friction, or one per direction, and with loads two columns (x, y).
 
 A target is the input of the kernels: one rest length per spring, then the forward and the backward bound of
 every contact on the force of its springs. With loads f these bounds are mu_plus - f and mu_minus + f, and f follows;
-without loads they are mu_plus and mu_minus.
+without loads they are mu_plus and mu_minus. In the plane, where a load shifts the set of friction forces, a target
+holds the rest lengths, the friction and with loads f.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from ..errors import CrawlerError
 from .body import Body
+from .planar_loads import check_planar_equilibrium
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,9 @@ class Columns:
         planar: in the plane, the number of friction directions, 0 for isotropic friction; None on a line.
         index: for each entry of the target, the column from which it is read, shape (S + 2 N,), with loads (S + 3 N,).
         factor: factor by which that column is multiplied, likewise.
-        slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N]; None without loads.
+        slope_load: with loads, what the slope adds to the load of each contact, shape (N,), in the plane (N, 2) [N];
+            None without loads.
+        directions: in the plane, unit vectors of the friction directions, shape (m, 2); None on a line.
     """
 
     links: int
@@ -44,6 +48,7 @@ class Columns:
     index: np.ndarray
     factor: np.ndarray
     slope_load: np.ndarray | None = None
+    directions: np.ndarray | None = None
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
@@ -69,8 +74,14 @@ class Columns:
 
     @property
     def loads(self) -> int:
-        """How many columns are loads: one for each isolated contact, then each segment; 0 where there are none."""
-        return 0 if self.slope_load is None else self.contacts + len(self.segments)
+        """How many columns are loads: one (in the plane two) per isolated contact, then per segment; 0 if none."""
+        return 0 if self.slope_load is None else int(self.load_sizes.sum())
+
+    @functools.cached_property
+    def load_sizes(self) -> np.ndarray:
+        """Number of load columns of each isolated contact, then of each segment, if there are loads."""
+        each = 1 if self.planar is None else 2
+        return np.array([each] * self.contacts + [1] * len(self.segments), dtype=np.int64)
 
     @functools.cached_property
     def count(self) -> int:
@@ -88,7 +99,9 @@ class Columns:
         if self.planar is not None:
             links = [f"link_{i}/{axis}" for i in range(self.links) for axis in "xy"]
             suffixes = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
-            return (*links, *(f"contact_{i}/{suffix}" for i in range(self.contacts) for suffix in suffixes))
+            names = [*links, *(f"contact_{i}/{suffix}" for i in range(self.contacts) for suffix in suffixes)]
+            loads = [f"contact_{i}/load_{axis}" for i in range(self.contacts) for axis in "xy"]
+            return (*names, *loads[: self.loads])
         names = [f"link_{i}" for i in range(self.links)]
         for name, strain, _ in self.segments:
             names += [name] if strain == 1 else [f"{name}/element_{j}" for j in range(strain)]
@@ -158,7 +171,9 @@ class Columns:
         if self._is_plain:
             return rows
         target = np.take(rows, self.index, axis=-1) * self.factor
-        if self.slope_load is not None:
+        if self.slope_load is not None and self.planar is not None:
+            target[..., target.shape[-1] - self.slope_load.size :] += self.slope_load.ravel()
+        elif self.slope_load is not None:
             n = self.slope_load.size
             forward, backward, load = (target[..., target.shape[-1] - k * n :][..., :n] for k in (3, 2, 1))
             load += self.slope_load
@@ -173,15 +188,15 @@ class Columns:
             row: shape (C,).
             actuation: L in force, shape (S,), in the plane (2 S,) [m].
             bounds: of the spring forces in force, shape (F,) [N].
-            loads: in force, the slope's share included, shape (N,), or (0,) without loads [N].
+            loads: in force, the slope's share included, shape (N,), in the plane (N, 2), or empty without loads [N].
 
         Returns:
             The target.
         """
         target = self.target(row).copy()
-        if self.slope_load is None:
+        if self.slope_load is None or self.planar is not None:
             held = np.isnan(target)
-            target[held] = np.concatenate((actuation, bounds))[held]
+            target[held] = np.concatenate((actuation, bounds, loads.ravel()))[held]
             return target
         n = loads.size
         lengths = target[: -3 * n]
@@ -201,18 +216,20 @@ class Columns:
         Args:
             actuation: L in force, shape (S,), in the plane (2 S,) [m].
             friction: in force, shape (F,) [N].
-            loads: in force, the slope's share included, shape (N,), or (0,) without loads [N].
+            loads: in force, the slope's share included, shape (N,), in the plane (N, 2), or empty without loads [N].
 
         Returns:
             Shape (C,).
         """
-        own = loads - self.slope_load if self.slope_load is not None else loads
+        own = (loads - self.slope_load if self.slope_load is not None else loads).ravel()
         target = np.concatenate((actuation, friction, own))
         _, first = np.unique(self.index, return_index=True)
         return target[first] / self.factor[first]
 
     def check_equilibrium(self, target: np.ndarray, where: str, error: type[CrawlerError]) -> None:
         """Check that friction can hold the loads of a command: -sum mu_minus <= sum f <= sum mu_plus.
+
+        In the plane the sum of the loads has to lie in the sum of the sets of friction forces.
 
         Args:
             target: L, bounds and loads, shape (S + 3 N,), or (S + 2 N,) without loads.
@@ -225,6 +242,10 @@ class Columns:
         if self.slope_load is None:
             return
         n = self.slope_load.size
+        if self.directions is not None:
+            friction = target[self.lengths : target.size - n].reshape(self.contacts, -1)
+            check_planar_equilibrium(target[-n:].reshape(-1, 2), friction, self.directions, where, error)
+            return
         forward, backward, load = target[-3 * n :].reshape(3, n)
         near = 1e-12 * float((forward + backward).sum())
         total = float(load.sum())
@@ -291,15 +312,17 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]], slope_load: n
     return Columns(links, contacts, segments, None, index, factor, slope_load)
 
 
-def build_planar_columns(body: Body, directions: int) -> Columns:
+def build_planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndarray | None = None) -> Columns:
     """Build the command layout of a body in the plane.
 
     Args:
         body: the body.
-        directions: number of friction directions; 0 for isotropic friction.
+        directions: unit vectors of the friction directions, shape (m, 2); m = 0 for isotropic friction.
+        slope_load: with loads, what the slope adds to the load of each contact, shape (N, 2) [N].
 
     Returns:
-        The layout; a row equals its target.
+        The layout; a row equals its target but for the load of the slope.
     """
-    size = 2 * body.springs + body.contacts * max(directions, 1)
-    return Columns(body.springs, body.contacts, (), directions, np.arange(size), np.ones(size))
+    m = directions.shape[0]
+    size = 2 * body.springs + body.contacts * (max(m, 1) + (0 if slope_load is None else 2))
+    return Columns(body.springs, body.contacts, (), m, np.arange(size), np.ones(size), slope_load, directions)

@@ -24,12 +24,13 @@ def unit_directions(angles: ArrayLike) -> np.ndarray:
     return directions
 
 
-def check_directions(angles: ArrayLike, values: ArrayLike) -> None:
+def check_directions(angles: ArrayLike, values: ArrayLike, unit: str = "N") -> None:
     """Check that direction-dependent friction is a convex dissipation function.
 
     Args:
         angles: angles of the directions, shape (m,) [rad], strictly increasing within one turn.
-        values: mu in each direction, shape (m,) or one row per contact (n, m) [N].
+        values: mu in each direction, shape (m,) or one row per contact (n, m) [`unit`].
+        unit: unit of the values, for error messages.
 
     Raises:
         SceneError: if a direction is out of order, too far from the next one, negative or not convex.
@@ -54,13 +55,14 @@ def check_directions(angles: ArrayLike, values: ArrayLike) -> None:
             f"friction.directions: {gaps[k]:g} rad from direction {k} to the next; it must be less than half a turn"
         )
     for i, k in np.argwhere(~((mu >= 0.0) & np.isfinite(mu))):
-        raise SceneError(f"friction.directions: contact {i} has {mu[i, k]:g} N in direction {k}; it must be >= 0")
+        raise SceneError(f"friction.directions: contact {i} has {mu[i, k]:g} {unit} in direction {k}; it must be >= 0")
     before, after = np.roll(gaps, 1), gaps
     # d_k is a combination of its neighbours; R is convex if mu_k never exceeds the same combination of their mu
     most = np.roll(mu, 1, axis=1) * np.sin(after) + np.roll(mu, -1, axis=1) * np.sin(before)
     bend = most - mu * np.sin(before + after)
     for i, k in np.argwhere(bend < -16.0 * EPS * np.maximum(mu.max(axis=1, keepdims=True), 0.0)):
         raise SceneError(
-            f"friction.directions: not convex: contact {i} has {mu[i, k]:g} N in direction {k} at {angle[k]:g} rad; "
-            f"its neighbours allow at most {most[i, k] / np.sin(before[k] + after[k]):g} N"
+            f"friction.directions: not convex: contact {i} has {mu[i, k]:g} {unit} in direction {k} at "
+            f"{angle[k]:g} rad; "
+            f"its neighbours allow at most {most[i, k] / np.sin(before[k] + after[k]):g} {unit}"
         )

@@ -58,8 +58,9 @@ class Drive:
 
     @property
     def loads(self) -> np.ndarray:
-        """The load on each contact, the slope's share included, shape (W, N) [N]; shape (W, 0) without loads."""
-        return self.targets[:, self._springs + 2 * self._contacts :]
+        """The load on each contact, the slope's share included, shape (W, N), in the plane (W, 2 N), or (W, 0) [N]."""
+        slope_load = self.columns.slope_load
+        return self.targets[:, self.targets.shape[1] - (0 if slope_load is None else slope_load.size) :]
 
     @functools.cached_property
     def _springs(self) -> int:

@@ -28,7 +28,7 @@ class Plan(Protocol):
 
     @property
     def ground(self) -> Ground:
-        """Weights of the contacts and slope of the track."""
+        """Weights of the contacts, and the slope."""
         ...
 
     @property

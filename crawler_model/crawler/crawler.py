@@ -91,7 +91,7 @@ class Crawler:
 
     @property
     def loads(self) -> np.ndarray:
-        """Load on each contact, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
+        """Load on each contact, the slope's share included, shape (N,), in the plane (N, 2); empty if none [N]."""
         return frozen(self._state.loads)
 
     @property
@@ -194,8 +194,8 @@ class Crawler:
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
-            loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive; None keeps what is
-                in force. Only where the scene has loads.
+            loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
+                (N, 2); None keeps what is in force. Only where the scene has loads.
 
         Returns:
             L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
@@ -215,7 +215,7 @@ class Crawler:
             ("actuation", actuation, columns.actuation_sizes, 0),
             ("forward", forward, columns.friction_sizes, columns.lengths),
             ("backward", backward, columns.friction_sizes, half),
-            ("loads", loads, np.ones(columns.loads, np.int64), columns.count - columns.loads),
+            ("loads", loads, columns.load_sizes, columns.count - columns.loads),
         )
         for name, values, sizes, first in given:
             if values is None and name != "actuation":
@@ -257,8 +257,8 @@ class Crawler:
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
-            loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive; None keeps what is
-                in force. Only where the scene has loads.
+            loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
+                (N, 2); None keeps what is in force. Only where the scene has loads.
 
         Returns:
             The account of the ramp.

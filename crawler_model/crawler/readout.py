@@ -70,6 +70,8 @@ class Readout:
 
     def _read_planar(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
         x, force, velocity = crawler.displacement, crawler.spring_force, crawler.gained / seconds
+        if crawler.loads.size:  # the ground carries the loads, too
+            force = force + crawler.loads
         root, (first, second), shown = slice(self._root, self._root + 1), self._pairs.T, self._shown
         of_joints[0] = np.concatenate((x[root], crawler.joint_elongation)).ravel()
         of_joints[1] = np.concatenate((velocity[root], velocity[second] - velocity[first])).ravel()

@@ -52,7 +52,7 @@ class State(Protocol):
 
     @property
     def loads(self) -> np.ndarray:
-        """Loads in force, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
+        """Loads in force, the slope's share included, shape (N,), in the plane (N, 2) [N]; empty without loads."""
         ...
 
     @property

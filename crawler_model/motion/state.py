@@ -26,9 +26,9 @@ LINK_ROWS = 5
 STIFFNESS, COMPLIANCE = range(2)
 """Rows of the elasticity of a body: k and 1 / k of each spring."""
 
-PLANAR_X, PLANAR_X_REST, PLANAR_GAINED = range(3)
+PLANAR_X, PLANAR_X_REST, PLANAR_GAINED, PLANAR_LOAD = range(4)
 PLANAR_TENSION, PLANAR_ACTUATION = range(2)
-"""Rows of the contacts and of the springs in the plane."""
+"""Rows of the contacts, the last one only where there are loads, and of the springs in the plane."""
 
 (
     WORK,

@@ -77,12 +77,11 @@ def _check_parts(parts: SceneParts) -> None:
 def _check_planar(parts: SceneParts) -> None:
     if parts.body.segments:
         raise SceneError("body.segments: segments lie on a line; a planar scene cannot have any")
-    _check_unloaded(parts)
     for i, contact in enumerate(parts.body.contacts):
         if not isinstance(contact, tuple) or len(contact) != 2:
             raise SceneError(f"body.contacts: contact {i} is {contact}; in a planar scene each contact is [x, y]")
     friction, drive = parts.friction, parts.drive
-    if friction is not None and friction.isotropic is None and friction.directions is None:
+    if friction is not None and friction.given.isotropic is None and friction.given.directions is None:
         raise SceneError(
             "friction: in the plane use `isotropic`, or `directions` and `value`, not forward and backward"
         )
@@ -90,23 +89,10 @@ def _check_planar(parts: SceneParts) -> None:
         raise SceneError("drive: a planar scene needs `times` and `actuation`; waves and strategies need a line")
     if drive is not None and isinstance(drive.friction, FrictionRowsPart) and drive.friction.isotropic is None:
         raise SceneError("drive.friction: in a planar scene only `isotropic` is possible")
-    if friction is not None and friction.directions is not None:
-        for row in planar_friction(parts):
-            check_directions(np.array(friction.directions), row)
-
-
-def _check_unloaded(parts: SceneParts) -> None:
-    """Refuse in the plane the keys of loads and slopes."""
-    keys = {
-        "loads": parts.loads,
-        "body.weights": parts.body.weights,
-        "ground": parts.ground,
-        "friction.coefficient": parts.friction and parts.friction.coefficient,
-        "drive.loads": parts.drive and parts.drive.loads,
-    }
-    for key, value in keys.items():
-        if value is not None:
-            raise SceneError(f"{key}: only on a line; loads and slopes in the plane are not supported yet")
+    if friction is not None and friction.given.directions is not None:
+        check_directions(
+            friction.given.directions, planar_friction(parts), "N" if friction.coefficient is None else "of its weight"
+        )
 
 
 def _count(parts: SceneParts, place: int) -> int:

@@ -9,10 +9,11 @@ import numpy as np
 from ..body.body import Body
 from ..body.build import End, Interval, build_body
 from ..body.columns import Columns, build_columns, build_planar_columns
+from ..body.directions import unit_directions
 from ..body.ground import Ground
 from ..errors import SceneError
 from .friction_parts import TablePart, average, breaks_of, check_field, field_of
-from .parts import SceneParts, SegmentPart
+from .parts import SceneParts, SegmentPart, angles_of
 
 
 def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
@@ -88,12 +89,12 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
         The columns. A segment has one column for its strain unless a wave runs along it, and one per side for its
         friction unless that varies along it.
     """
-    if parts.dimension == 2:
-        friction = parts.friction
-        return build_planar_columns(body, len(friction.directions or ()) if friction is not None else 0)
     drive = parts.drive
+    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or ground.slope != 0.0
+    if parts.dimension == 2:
+        directions = unit_directions(angles_of(parts))
+        return build_planar_columns(body, directions, ground.slope_load if loaded else None)
     strain = drive is not None and drive.wave is not None
     wave = drive is not None and drive.friction_wave is not None
     fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
-    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or ground.slope != 0.0
     return build_columns(body, fields, ground.slope_load if loaded else None)

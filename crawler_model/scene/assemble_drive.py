@@ -11,6 +11,7 @@ from ..body.body import Body
 from ..body.columns import Columns
 from ..body.drive import Drive, build_waypoints, merge_times, strategy_waypoints, wave
 from ..errors import SceneError
+from .assemble_friction import planar_loads
 from .friction_parts import FrictionRowsPart
 from .parts import DrivePart, SceneParts, WavePart
 
@@ -33,7 +34,9 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
     part = parts.drive
     if part is None:
         row = np.concatenate((np.zeros(columns.lengths), friction))
-        return Drive(frozen([0.0]), None, frozen(row[None]), columns)
+        waiting = Drive(frozen([0.0]), None, frozen(row[None]), columns)
+        columns.check_equilibrium(waiting.targets[0], "loads", SceneError)
+        return waiting
     if part.strategy is not None:
         return _build_strategy(body, columns, part, friction)
     if part.times is None:
@@ -62,8 +65,7 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
         ]
         rows[:, columns.lengths :][:, : columns.frictions] = np.hstack(both[: columns.sides])
     if part.loads is not None:
-        item = "contact(s) and segment" if body.segments else "contact"
-        rows[:, columns.count - columns.loads :] = _rows(part.loads, times.size, columns.loads, "drive.loads", item)
+        rows[:, columns.count - columns.loads :] = _load_rows(part.loads, times.size, body, columns)
     return build_waypoints(times, part.period, rows, columns)
 
 
@@ -76,6 +78,17 @@ def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndar
         if isinstance(row, tuple) and any(isinstance(v, tuple) for v in row):
             raise SceneError(f"{field}: row {i} holds lists; on a line each entry is a number (or dimension: 2)")
     return np.array([spread(row, columns, f"{field}: row {i}", item) for i, row in enumerate(table)])
+
+
+def _load_rows(table: Any, rows: int, body: Body, columns: Columns) -> np.ndarray:
+    if columns.planar is None:
+        item = "contact(s) and segment" if body.segments else "contact"
+        return _rows(table, rows, columns.loads, "drive.loads", item)
+    if not isinstance(table, tuple):
+        return np.tile(planar_loads(table, body.contacts, "drive.loads"), (rows, 1))
+    if len(table) != rows:
+        raise SceneError(f"drive.loads: {len(table)} row(s) for {rows} time(s); give one row per time")
+    return np.array([planar_loads(row, body.contacts, f"drive.loads: row {i}") for i, row in enumerate(table)])
 
 
 def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ..body.columns import Columns
 from ..body.ground import Ground
 from ..errors import SceneError
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
-from .parts import GroundPart, SceneParts
+from .parts import GroundPart, SceneParts, angles_of
 
 
 def assemble_ground(parts: SceneParts, body: Body) -> Ground:
@@ -26,13 +27,18 @@ def assemble_ground(parts: SceneParts, body: Body) -> Ground:
         The ground.
 
     Raises:
-        SceneError: if a slope has no weights to act on, or a weight is negative.
+        SceneError: if a slope has no weights to act on, a weight is negative, or a slope on a line has a direction.
     """
     ground = parts.ground or GroundPart()
+    direction = ground.direction
+    if parts.dimension == 2:
+        direction = direction or 0.0
+    elif direction is not None:
+        raise SceneError("ground.direction: only in the plane; on a line a slope is negative if it falls towards +x")
     if ground.slope != 0.0 and parts.body.weights is None:
         raise SceneError("body.weights: missing; a slope acts on the weight of each contact")
     weight = frozen(weights_of(parts, body))
-    return Ground(weight, uses_coefficients(parts), math.radians(ground.slope))
+    return Ground(weight, uses_coefficients(parts), math.radians(ground.slope), direction)
 
 
 def weights_of(parts: SceneParts, body: Body) -> np.ndarray:
@@ -81,13 +87,14 @@ def planar_friction(parts: SceneParts) -> np.ndarray:
         parts: the parts of the scene.
 
     Returns:
-        Shape (N, max(m, 1)) [N].
+        Shape (N, max(m, 1)) [N], or coefficients [1].
 
     Raises:
         SceneError: if a friction is negative or an array has a wrong length.
     """
-    friction, n = parts.friction, len(parts.body.contacts)
-    assert friction is not None
+    n = len(parts.body.contacts)
+    assert parts.friction is not None
+    friction = parts.friction.given
     if friction.directions is None:
         return _not_negative(spread(friction.isotropic or 0.0, n, "friction.isotropic", "contact"), "isotropic")[
             :, None
@@ -101,6 +108,39 @@ def planar_friction(parts: SceneParts) -> np.ndarray:
             )
         return np.array([spread(row, m, f"friction.value: row {i}", "direction") for i, row in enumerate(value)])
     return np.tile(spread(value, m, "friction.value", "direction"), (n, 1))
+
+
+def planar_loads(value: Any, contacts: int, field: str) -> np.ndarray:
+    """Read the loads of a planar scene, or a row of them.
+
+    Args:
+        value: [x, y] for all contacts, or one pair each; 0 for none.
+        contacts: number of contacts.
+        field: its key.
+
+    Returns:
+        x and y of each contact in turn, shape (2 N,) [N].
+
+    Raises:
+        SceneError: if it is anything else.
+    """
+    right = f"in the plane give [x, y] for all of {contacts} contact(s), or one pair each"
+    if not isinstance(value, tuple):
+        if value != 0.0:
+            raise SceneError(f"{field}: {value:g}; {right}")
+        return np.zeros(2 * contacts)
+    pairs = value if any(isinstance(pair, tuple) for pair in value) else (value,) * contacts
+    if len(pairs) != contacts:
+        raise SceneError(f"{field}: {len(pairs)} entries; {right}")
+    for i, pair in enumerate(pairs):
+        if not isinstance(pair, tuple) or len(pair) != 2:
+            given = f"{len(value)} number(s)" if pair is value else f"entry {i} is {_written(pair)}"
+            raise SceneError(f"{field}: {given}; {right}")
+    return np.array(pairs).ravel()
+
+
+def _written(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else f"[{', '.join(f'{v:g}' for v in value[:6])}]"
 
 
 def _not_negative(mu: np.ndarray, side: str) -> np.ndarray:
@@ -124,14 +164,18 @@ def assemble_friction(parts: SceneParts, body: Body, columns: Columns, ground: G
     Raises:
         SceneError: if a friction is negative, an array has a wrong length, or a coefficient has no weight to act on.
     """
-    if parts.dimension == 2:
-        return planar_friction(parts).ravel()
     if uses_coefficients(parts) and parts.body.weights is None:
         raise SceneError("body.weights: missing; a coefficient of friction acts on the weight of each contact")
-    sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
-    if parts.friction is not None and parts.friction.directions is not None:
-        raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
     press = ground.weight * np.cos(ground.slope)
+    if parts.dimension == 2:
+        planar = planar_friction(parts)
+        if _has_coefficient(parts.friction):
+            planar = planar * press[:, None]
+        loads = planar_loads(parts.loads or 0.0, body.contacts, "loads") if columns.loads else np.zeros(0)
+        return np.concatenate((planar.ravel(), loads))
+    sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
+    if angles_of(parts):
+        raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
     of_contacts = press[body.isolated] if _has_coefficient(parts.friction) else 1.0
     values = []
     for side, name in enumerate(("forward", "backward")):
@@ -150,6 +194,8 @@ def assemble_friction(parts: SceneParts, body: Body, columns: Columns, ground: G
             values.append(average(field_of(field), edges, breaks_of(field)))
     if columns.loads:
         item = "contact(s) and segment" if body.segments else "contact"
+        if isinstance(parts.loads, tuple) and any(isinstance(load, tuple) for load in parts.loads):
+            raise SceneError("loads: pairs; on a line each load is a number (or dimension: 2)")
         values.append(spread(0.0 if parts.loads is None else parts.loads, columns.loads, "loads", item))
     return np.concatenate(values)
 

@@ -7,6 +7,7 @@ import numpy as np
 from ..arrays import spread
 from ..body.body import Body
 from ..body.drive import Drive
+from ..body.planar_loads import split_target
 from ..errors import SceneError
 from ..rounding import EPS
 from ..theory.stasis import bound_distances
@@ -90,14 +91,24 @@ def check_start(assembly: Assembly) -> None:
 def _check_planar_start(assembly: Assembly) -> None:
     body, drive, x = assembly.body, assembly.drive, assembly.start_displacement
     tension = body.stiffness[:, None] * (body.elongation(x) - drive.actuation[0].reshape(-1, 2))
+    _, friction, loads = split_target(body, assembly.directions, drive.targets[0])
     force = body.spring_force(tension)
-    friction = drive.targets[0, 2 * body.springs :].reshape(body.contacts, -1)
-    normals = assembly.directions
-    load = np.linalg.norm(force, axis=1)[:, None] if normals.size == 0 else force @ normals.T
-    excess = (load - friction).max(axis=1) - _ROUNDING * (np.abs(tension).sum() + friction.max(axis=1))
+    if loads.size:
+        force = force + loads
+    near = _ROUNDING * (np.abs(tension).sum() + np.abs(loads).sum() + friction.max(axis=1))
+    excess = _beyond(force, friction, assembly.directions) - near
     worst = int(np.argmax(excess))
     if excess[worst] > 0.0:
+        proposal = "`start: relaxed` is a start without tension"
+        if loads.size and (_beyond(loads, friction, assembly.directions) > near).any():
+            proposal = "a load is too large for its contact alone: start where springs carry some of it to the others"
         raise SceneError(
             f"start.displacement: contact {worst} is pulled by [{force[worst, 0]:g}, {force[worst, 1]:g}] N, "
-            f"{excess[worst]:g} N more than its friction; `start: relaxed` is a start without tension"
+            f"{excess[worst]:g} N more than its friction; {proposal}"
         )
+
+
+def _beyond(force: np.ndarray, friction: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Compute how far forces lie outside the sets of friction forces, shape (N,)."""
+    size = np.linalg.norm(force, axis=1)[:, None] if normals.size == 0 else force @ normals.T
+    return np.asarray((size - friction).max(axis=1))

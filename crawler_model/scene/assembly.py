@@ -13,7 +13,7 @@ from ..body.columns import Columns
 from ..body.directions import unit_directions
 from ..body.drive import Drive
 from ..body.ground import Ground
-from .parts import SceneParts
+from .parts import SceneParts, angles_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Assembly:
     Attributes:
         parts: the content of the scene file.
         body: contacts and springs, with segments divided into elements.
-        ground: weights and slope.
+        ground: weights of the contacts, and the slope.
         columns: layout of the commands.
         drive: the drive; without one, L = 0 and the constant friction of the scene.
         start_displacement: x at the start, shape (N,), in the plane (N, 2) [m].
@@ -54,8 +54,7 @@ class Assembly:
     @property
     def angles(self) -> np.ndarray:
         """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
-        friction = self.parts.friction
-        return np.array((friction.directions if friction is not None else None) or (), dtype=np.float64)
+        return np.array(angles_of(self.parts), dtype=np.float64)
 
     @functools.cached_property
     def directions(self) -> np.ndarray:

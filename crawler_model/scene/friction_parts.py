@@ -134,14 +134,38 @@ class _TwoSided(Part):
         return _sides(self)
 
 
-class CoefficientPart(_TwoSided):
+def _check_by_direction(part: Any, check: Callable[[Any], None]) -> None:
+    """Check that friction by directions is complete and alone; otherwise apply another check."""
+    if part.directions is None and part.value is None:
+        check(part)
+    elif part.directions is None or part.value is None or part.has_sides:
+        raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
+
+
+class CoefficientPart(Part):
     """Coefficients of friction: mu = coefficient * weight * cos(slope)."""
 
     forward: Annotated[Numbers | None, key("Against sliding towards +x: one number, or one each.", "1", minimum=0)] = (
         None
     )
     backward: Annotated[Numbers | None, key("Against sliding towards -x, likewise.", "1", minimum=0)] = None
-    isotropic: Annotated[Numbers | None, key("Both in one, likewise.", "1", minimum=0)] = None
+    isotropic: Annotated[
+        Numbers | None, key("Both in one, likewise; in the plane in every direction.", "1", minimum=0)
+    ] = None
+    directions: Annotated[
+        tuple[Number, ...] | None, key("In the plane: angles, as for friction given as forces.", "rad")
+    ] = None
+    value: Annotated[Table | None, key("In each direction: one row, or one per contact.", "1", minimum=0)] = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> CoefficientPart:
+        _check_by_direction(self, _check_one_way)
+        return self
+
+    @property
+    def has_sides(self) -> bool:
+        """Whether the coefficients are specified other than by directions."""
+        return any(value is not None for value in (self.forward, self.backward, self.isotropic))
 
 
 class SegmentFrictionPart(Part):
@@ -157,6 +181,8 @@ class SegmentFrictionPart(Part):
     @model_validator(mode="after")
     def _one_way(self) -> SegmentFrictionPart:
         _check_one_kind(self)
+        if self.coefficient is not None and self.coefficient.directions is not None:
+            raise ValueError("coefficient: directions; a segment lies on a line and has none")
         if self.coefficient is not None and any(isinstance(value, tuple) for value in self.sides):
             raise ValueError("coefficient: a list; a segment takes one number")
         return self
@@ -198,11 +224,13 @@ class FrictionPart(Part):
 
     @model_validator(mode="after")
     def _one_way(self) -> FrictionPart:
-        if self.directions is None and self.value is None:
-            _check_one_kind(self)
-        elif self.directions is None or self.value is None or self.has_sides:
-            raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
+        _check_by_direction(self, _check_one_kind)
         return self
+
+    @property
+    def given(self) -> FrictionPart | CoefficientPart:
+        """The coefficients if friction is given so, else the forces."""
+        return self if self.coefficient is None else self.coefficient
 
     @property
     def has_sides(self) -> bool:

@@ -176,10 +176,11 @@ class DrivePart(Part):
         ),
     ] = None
     loads: Annotated[
-        Table | None,
+        Deep | None,
         key(
             "With `times`: commanded loads along the ground, instead of the scene's: a row per time, a column per "
-            "isolated contact (N), then per segment (N/m); or one number for all.",
+            "isolated contact (N), then per segment (N/m); or one number for all. In the plane a row is [x, y] for all "
+            "contacts, or one pair each.",
             "N, N/m",
         ),
     ] = None
@@ -223,18 +224,32 @@ class DrivePart(Part):
         return self
 
 
+_TURN = 6.2832
+
+
 class GroundPart(Part):
-    """The track and its slope."""
+    """The ground and its slope."""
 
     slope: Annotated[
         Number,
-        key("Slope of the track, uphill towards +x positive.", "degrees", exclusiveMinimum=-90, exclusiveMaximum=90),
+        key(
+            "Slope of the ground, uphill towards +x positive; in the plane uphill towards `direction`.",
+            "degrees",
+            exclusiveMinimum=-90,
+            exclusiveMaximum=90,
+        ),
     ] = 0.0
+    direction: Annotated[
+        Number | None,
+        key("Only in the plane: angle of uphill from the x axis. Default: 0.", "rad", minimum=-_TURN, maximum=_TURN),
+    ] = None
 
     @model_validator(mode="after")
     def _sane(self) -> GroundPart:
         if not -90.0 < self.slope < 90.0:
             raise ValueError(f"slope: {self.slope:g} degrees; it must be between -90 and 90")
+        if self.direction is not None and not abs(self.direction) <= _TURN:
+            raise ValueError(f"direction: {self.direction:g} rad; it must be between -{_TURN} and {_TURN}, a full turn")
         return self
 
 
@@ -251,14 +266,14 @@ class SceneParts(Part):
         key("Friction of the isolated contacts; required if there are any."),
     ] = None
     loads: Annotated[
-        Numbers | None,
+        Table | None,
         key(
             "Forces along the ground, towards +x positive: one number for all, or one per isolated contact (N), then "
-            "per segment (N/m).",
+            "per segment (N/m). In the plane [x, y] for all contacts, or one pair each.",
             "N, N/m",
         ),
     ] = None
-    ground: Annotated[GroundPart | None, key("The track; level if omitted.")] = None
+    ground: Annotated[GroundPart | None, key("The ground; level if omitted.")] = None
     tolerance: Annotated[
         Number | None,
         key(
@@ -275,3 +290,15 @@ class SceneParts(Part):
         DrivePart | None,
         key("Drive for `crawler simulate` and the gait player. Default: none, the crawler waits for commands."),
     ] = None
+
+
+def angles_of(parts: SceneParts) -> tuple[float, ...]:
+    """Return the directions of friction in the plane.
+
+    Args:
+        parts: the parts of the scene.
+
+    Returns:
+        Their angles, none for isotropic friction [rad].
+    """
+    return () if parts.friction is None else parts.friction.given.directions or ()

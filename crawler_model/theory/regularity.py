@@ -45,7 +45,7 @@ def check_regularity(drive: Drive) -> Regularity:
         Bounds and rate.
     """
     columns = drive.columns
-    friction = drive.rows[:, columns.lengths :]
+    friction = drive.rows[:, columns.lengths :][:, : columns.frictions]
     times = drive.times
     if drive.period is not None and drive.period > times[-1]:
         times = np.append(times, drive.period)

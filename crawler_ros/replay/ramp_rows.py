@@ -9,6 +9,7 @@ import numpy as np
 from crawler_model import Crawler
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
+from crawler_model.body.planar_loads import split_target
 from crawler_model.crawler.readout import Readout
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
@@ -126,6 +127,7 @@ class RampRows:
         x, tension, gained = np.array(self._x), np.array(self._tension), np.array(self._gained)
         shape, target, account = np.array(self._shape), np.array(self._targets), np.array(self._accounts)
         force = spring_forces(body, tension)
+        ground = -(force + self._loads(target))
         margins = self._margins(force, target)
         least, most = self._bounds(tension, target)
         # a contact that reaches its bound as a ramp ends may move by rounding: that is not a slip
@@ -145,7 +147,7 @@ class RampRows:
             station_gained=gained[:, self._parts.stations],
             forward=forward,
             backward=backward,
-            ground=-(force + self._loads(target))[:, shown],
+            ground=ground[:, shown],
             elongation=_over_joints(body.joint_sum, shape),
             tension=_over_joints(body.joint_mean, tension),
             least=least,
@@ -168,14 +170,18 @@ class RampRows:
         if body.dimension == 1:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n : lengths + 2 * n]
             return bound_distances(force, forward, backward)
-        friction = target[:, lengths:].reshape(target.shape[0], n, -1)
+        _, friction, _ = split_target(body, scene.directions, target)
+        force = force + self._loads(target)
         if scene.directions.size == 0:
             return friction[..., 0] - np.linalg.norm(force, axis=2)
         return (friction - force @ scene.directions.T).min(axis=2)
 
     def _loads(self, target: np.ndarray) -> np.ndarray | float:
-        """Read the loads from targets, shape (R, N) [N]; 0 without loads."""
-        return target[:, -self._scene.body.contacts :] if self._scene.columns.loads else 0.0
+        """Return the loads on the contacts, shape (R, N), in the plane (R, N, 2) [N]; 0 without loads."""
+        slope_load = self._scene.columns.slope_load
+        if slope_load is None:
+            return 0.0
+        return target[:, target.shape[1] - slope_load.size :].reshape(-1, *slope_load.shape)
 
     def _bounds(self, tension: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the bounds of each link's tension; NaN where the body is not a chain of links."""

@@ -44,12 +44,13 @@ class Reference:
         self.incidence[np.arange(len(ends)), [b for _, b in ends]] = 1.0
         self.stiffness = np.array(stiffness, float)[:, None]
         self.x, self.length = np.zeros((len(self.friction), 2)), np.zeros((len(ends), 2))
+        self.load = np.zeros_like(self.x)
 
-    def force(self, x, length):
-        return self.incidence.T @ (self.stiffness * (length - self.incidence @ x))
+    def force(self, x, length, load=0.0):
+        return self.incidence.T @ (self.stiffness * (length - self.incidence @ x)) + load
 
-    def rates(self, force, friction, growth, longer, scale):
-        """Velocities, and who slides: v = sum lambda d, lambda = argmin |sqrt(k) (B v - L')|^2 + 2 growth . lambda."""
+    def rates(self, force, friction, growth, longer, heavier, scale):
+        """Velocities: v = sum lambda d, lambda = argmin |sqrt(k) (B v - L')|^2 + 2 (growth - f' . d) . lambda."""
         if self.directions is None:
             at = np.flatnonzero(np.hypot(*force.T) >= friction[:, 0] - CLOSE * scale)
             normals, whose, rise = force[at] / np.hypot(*force[at].T)[:, None], at, growth[at, 0]
@@ -61,48 +62,49 @@ class Reference:
             root = np.sqrt(self.stiffness)
             pull = root[:, :, None] * self.incidence[:, whose, None] * normals
             matrix = pull.transpose(0, 2, 1).reshape(-1, len(whose))
-            speed = least_speeds(matrix, (root * longer).ravel(), rise)
+            speed = least_speeds(matrix, (root * longer).ravel(), rise - (heavier[whose] * normals).sum(1))
             speed[speed < 1e-11 * speed.max(initial=0.0)] = 0.0  # rounding
             np.add.at(velocity, whose, speed[:, None] * normals)
         return velocity
 
-    def ramp(self, length, friction=None):
-        """Go in a straight line to rest lengths (S, 2) and to friction; return the displacements."""
-        start, begun = self.length, self.friction
+    def ramp(self, length, friction=None, load=None):
+        """Go in a straight line to rest lengths (S, 2), friction and loads (n, 2); return the displacements."""
+        start, begun, loaded = self.length, self.friction, self.load
+        heavier = (loaded if load is None else np.asarray(load, float)) - loaded
         longer = np.asarray(length, float) - start
         growth = (begun if friction is None else np.asarray(friction, float).reshape(begun.shape)) - begun
-        scale = np.abs(self.stiffness * longer).max() + begun.max()
+        scale = np.abs(self.stiffness * longer).max() + begun.max() + np.abs(heavier).max()
         at = 0.0
         for _ in range(1000):
-            force = self.force(self.x, start + at * longer)
-            velocity = self.rates(force, begun + at * growth, growth, longer, scale)
+            force = self.force(self.x, start + at * longer, loaded + at * heavier)
+            velocity = self.rates(force, begun + at * growth, growth, longer, heavier, scale)
             if self.directions is None:
-                at = self._bend(at, start, longer, begun, growth, velocity)
+                at = self._bend(at, start, longer, begun, growth, loaded, heavier, velocity)
             else:
-                at = self._go(at, force, longer, begun + at * growth, growth, velocity, scale)
+                at = self._go(at, force, longer, heavier, begun + at * growth, growth, velocity, scale)
             if at >= 1.0:
-                self.length, self.friction = start + longer, begun + growth
+                self.length, self.friction, self.load = start + longer, begun + growth, loaded + heavier
                 return self.x.copy()
         raise RuntimeError("too many events")
 
-    def _go(self, at, force, longer, friction, growth, velocity, scale):
+    def _go(self, at, force, longer, heavier, friction, growth, velocity, scale):
         """Straight on to the next event."""
         gap = friction - force @ self.directions.T
-        closing = self.force(velocity, longer) @ self.directions.T - growth
+        closing = self.force(velocity, longer, heavier) @ self.directions.T - growth
         ahead = (gap > CLOSE * scale) & (closing > 0.0)
         step = min((gap[ahead] / closing[ahead]).min(initial=np.inf), 1.0 - at)
         self.x = self.x + step * velocity
         return at + step if at + step < 1.0 - 1e-14 else 1.0
 
-    def _bend(self, at, start, longer, begun, growth, velocity):
+    def _bend(self, at, start, longer, begun, growth, loaded, heavier, velocity):
         """Integrate while the same contacts slide."""
         slides = np.flatnonzero(velocity.any(axis=1))
         rests = np.setdiff1d(np.arange(len(velocity)), slides)
         laplacian = self.incidence.T @ (self.stiffness * self.incidence)
-        push = self.force(np.zeros_like(velocity), longer)
+        push = self.force(np.zeros_like(velocity), longer, heavier)
 
         def speeds(t, x):
-            force = self.force(x.reshape(-1, 2), start + t * longer)[slides]
+            force = self.force(x.reshape(-1, 2), start + t * longer, loaded + t * heavier)[slides]
             normals = force / np.hypot(*force.T)[:, None]
             matrix = laplacian[np.ix_(slides, slides)] * (normals @ normals.T)
             return np.linalg.solve(matrix, (push[slides] * normals).sum(1) - growth[slides, 0]), normals
@@ -118,7 +120,7 @@ class Reference:
             def value(t, x):
                 if which == "stops":
                     return speeds(t, x)[0][contact]
-                force = self.force(x.reshape(-1, 2), start + t * longer)[contact]
+                force = self.force(x.reshape(-1, 2), start + t * longer, loaded + t * heavier)[contact]
                 return begun[contact, 0] + t * growth[contact, 0] - np.hypot(*force)
 
             value.terminal, value.direction = True, -1.0

@@ -198,21 +198,3 @@ def test_driven_loads_replace_those_of_the_scene():
     crawler = Crawler(two(loads=0.0))
     crawler.advance([3.0], loads=[0.2, -0.4])
     assert run.displacement[-1] == pytest.approx(crawler.displacement, abs=1e-13)
-
-
-PLANAR_REFUSED = [
-    ("loads", {"loads": 0.1}),
-    ("body.weights", {"body": {"weights": 1.0}}),
-    ("ground", {"ground": {"slope": 5.0}}),
-    ("friction.coefficient", {"friction": {"coefficient": {"isotropic": 0.5}}}),
-    ("drive.loads", {"drive": {"times": [0.0, 1.0], "actuation": [[[0, 0]], [[1, 0]]], "loads": 0.1}}),
-]
-
-
-@pytest.mark.parametrize(("key", "change"), PLANAR_REFUSED, ids=[key for key, _ in PLANAR_REFUSED])
-def test_loads_in_the_plane_are_refused_with_the_reason(key, change):
-    body = {"contacts": [[0.0, 0.0], [1.0, 0.0]], "links": {"stiffness": 1.0}} | change.get("body", {})
-    scene = {"name": "planar", "dimension": 2, "friction": {"isotropic": 1.0}} | change | {"body": body}
-    with pytest.raises(SceneError) as refused:
-        Scene.model_validate(scene)
-    assert str(refused.value) == f"{key}: only on a line; loads and slopes in the plane are not supported yet"

@@ -285,3 +285,22 @@ def test_a_row_without_equilibrium_is_dropped_and_counted_and_the_next_follows()
     (vertex,) = take(commands, 1)
     assert vertex.row.tolist() == [1, 0.25, 0.25, 2, 2, 0, 0]
     assert commands.unheld == 1
+
+
+def test_loads_in_the_plane_are_a_pair_for_all_or_one_each():
+    body = {"contacts": [[0.0, 0.0], [1.0, 0.0]], "links": {"stiffness": 1.0}}
+    scene = Scene.model_validate(
+        {"name": "plane", "dimension": 2, "body": body, "friction": {"isotropic": 1.0}, "loads": 0}
+    )
+    commands = CommandQueue(scene.columns, Crawler(scene).row)
+    for values in ([0.25, 0.5], [0.25, 0.5, -0.5, 0.0]):
+        commands.accept_loads(values)
+    commands.accept_trajectory(["contact_1/load_y"], [0], [[0.125]], 0)
+    for values in ([0.25], [0.25, 0.5, 0.75]):
+        with pytest.raises(CommandError, match=r"value\(s\); give 2 or 4 \(x and y of each contact\)"):
+            commands.accept_loads(values)
+    with pytest.raises(CommandError, match=r"load command: the loads sum to \[3, 0\] N, 3 N long"):
+        commands.accept_loads([1.5, 0.0])
+    rows = [vertex.row[-4:].tolist() for vertex in commands.take(0, 1000)]
+    assert [0.25, 0.5, 0.25, 0.5] in rows
+    assert [0.25, 0.5, -0.5, 0.0] in rows

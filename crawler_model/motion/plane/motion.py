@@ -9,9 +9,11 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.plan import Plan
+from ...body.planar_loads import split_target
 from ..state import (
     PLANAR_ACTUATION,
     PLANAR_GAINED,
+    PLANAR_LOAD,
     PLANAR_TENSION,
     PLANAR_X,
     VISITED,
@@ -31,7 +33,7 @@ class PlanarState:
     """The state of a body in the plane.
 
     Attributes:
-        contacts: rows X, X_REST and GAINED, shape (3, N, 2).
+        contacts: rows X, X_REST and GAINED, shape (3, N, 2); with loads LOAD, too, shape (4, N, 2).
         links: rows TENSION and ACTUATION, shape (2, S, 2).
         mu: friction of each contact, per direction if anisotropic, shape (N, max(m, 1)) [N].
         stiffness: k of each spring, shape (S,) [N/m].
@@ -81,8 +83,8 @@ class PlanarState:
 
     @property
     def loads(self) -> np.ndarray:
-        """None, shape (0,)."""
-        return np.zeros(0)
+        """Loads in force, the slope's share included, shape (N, 2) [N]; shape (0, 2) without loads."""
+        return self.contacts[PLANAR_LOAD:].reshape(-1, 2)
 
     @property
     def contact_state(self) -> np.ndarray:
@@ -90,7 +92,7 @@ class PlanarState:
         return (np.abs(self.gained).max(axis=1) > 0.0).astype(np.int8)
 
     def margins(self, force: np.ndarray) -> np.ndarray:
-        """Compute the distance of the spring forces from the boundary of the admissible friction forces.
+        """Compute the distance of spring force plus load from the boundary of the admissible friction forces.
 
         Args:
             force: g, shape (N, 2) [N].
@@ -98,6 +100,8 @@ class PlanarState:
         Returns:
             Shape (N,) [N].
         """
+        if self.loads.size:
+            force = force + self.loads
         if self.directions.size == 0:
             return self.mu[:, 0] - np.linalg.norm(force, axis=1)
         return (self.mu - force @ self.directions.T).min(axis=1)
@@ -150,13 +154,15 @@ class PlaneMotion:
     def start(self, x: np.ndarray, target: np.ndarray) -> PlanarState:
         """Build the state at rest, see `Motion`."""
         body = self.body
-        contacts = np.zeros((3, body.contacts, 2))
+        lengths, friction, loads = split_target(body, self.directions, target)
+        contacts = np.zeros((4 if loads.size else 3, body.contacts, 2))
         contacts[PLANAR_X] = x
+        if loads.size:
+            contacts[PLANAR_LOAD] = loads
         links = np.zeros((2, body.springs, 2))
-        links[PLANAR_ACTUATION] = target[: 2 * body.springs].reshape(-1, 2)
+        links[PLANAR_ACTUATION] = lengths
         links[PLANAR_TENSION] = body.stiffness[:, None] * (body.elongation(x) - links[PLANAR_ACTUATION])
-        mu = target[2 * body.springs :].reshape(body.contacts, -1).copy()
-        return PlanarState(contacts, links, mu, body.stiffness, self.directions)
+        return PlanarState(contacts, links, friction.copy(), body.stiffness, self.directions)
 
     def scratch(self) -> None:
         """Allocate nothing, see `Motion`."""

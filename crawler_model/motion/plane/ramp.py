@@ -14,17 +14,31 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import SHORTEST_STRETCH
-from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, VISITED, WORK
+from ..state import (
+    AMBIGUOUS,
+    COMPLEMENTARITY,
+    DISSIPATION,
+    EVENTS,
+    LOADS_WORK,
+    OVERSPENT,
+    RESIDUAL,
+    VIOLATION,
+    VISITED,
+    WORK,
+)
 from ..state import PLANAR_ACTUATION as ACTUATION
 from ..state import PLANAR_GAINED as GAINED
+from ..state import PLANAR_LOAD as LOAD
 from ..state import PLANAR_TENSION as TENSION
 from ..state import PLANAR_X as X
 from ..state import PLANAR_X_REST as X_REST
 from .cone import solve_with_clarabel
-from .friction import corners_of, excess, resistance
+from .friction import CLOSE_ENOUGH, corners_of, excess, resistance
 from .implicit_step import MOST_SWEEPS, laplacian_of, project_planar
 from .rates import BAND, find_rates, greatest_compliance
+from .translation import choose_translation
 from .walk import (
+    DETERMINED,
     ERROR_LEFT,
     KNOWN,
     LENGTH,
@@ -35,7 +49,8 @@ from .walk import (
     TRIALS,
     attempt,
     friction_at,
-    load,
+    load_at,
+    pull,
     step,
     stretch,
 )
@@ -48,8 +63,9 @@ _LAST_SWEEPS = 20
 
 @compiled
 def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, friction, target, account):
-    """Apply a substep with dissipation `spent[0]` and work `spent[1]` to the state and the account."""
+    """Apply a substep with dissipation `spent[0, 0]`, work `spent[0, 1]` and with loads their work `spent[1, 0]`."""
     n = moved.shape[0]
+    loads = contacts[LOAD:]
     for i in range(n):
         for c in range(2):
             contacts[GAINED, i, c] += moved[i, c]
@@ -72,10 +88,10 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
             gained += 0.5 * (new - old) * (new + old) / stiffness[s]
             links[TENSION, s, c] = new
             links[ACTUATION, s, c] = goal
-    friction[:] = friction_at(friction, target, part)
+    friction[:] = friction_at(friction, loads, target, part)
     corners = corners_of(friction, directions)
     spring = np.empty((n, 2))
-    load(ends, links[TENSION], spring)
+    pull(ends, links[TENSION], loads, target, part, spring)
     near = 0.0
     sizes = 0.0
     for i in range(n):
@@ -100,39 +116,52 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
                 size = friction[i, k] + resistance(friction[i], corners[i], -directions[k, 0], -directions[k, 1])
         near += max(least, 0.0)
         sizes += size
-    account[WORK] += spent[1]
-    account[DISSIPATION] += spent[0]
-    account[RESIDUAL] += gained + spent[0] - spent[1]
+    dissipated = spent[0, 0]
+    if loads.shape[0] > 0:
+        dissipated -= spent[1, 0]
+        account[LOADS_WORK] += spent[1, 0]
+        for i in range(n):
+            for c in range(2):
+                loads[0, i, c] = load_at(loads, target, part, i, c)
+    account[WORK] += spent[0, 1]
+    account[DISSIPATION] += dissipated
+    account[RESIDUAL] += gained + dissipated - spent[0, 1]
     account[VISITED] = min(account[VISITED], near / sizes if sizes > 0.0 else 0.0)
     account[EVENTS] += 1.0
 
 
 @compiled
-def _is_still(links, friction, target):
+def _is_still(links, friction, loads, target):
     """Return whether a target equals the command in force."""
+    if loads.shape[0] > 0 and np.any(target[target.size - loads.size :] != loads.ravel()):
+        return False
     for s in range(links.shape[1]):
         if target[2 * s] != links[ACTUATION, s, 0] or target[2 * s + 1] != links[ACTUATION, s, 1]:
             return False
-    return bool(np.all(friction_at(friction, target, 1.0) == friction))
+    return bool(np.all(friction_at(friction, loads, target, 1.0) == friction))
 
 
 @compiled
-def _look_ahead(body, directions, links, friction, target, spring, band, velocity):
-    """Compute spring forces, their rounding tolerance and velocities; return the part of the way to the next event."""
+def _look_ahead(body, directions, links, friction, loads, target, spring, band, velocity):
+    """Compute the forces, their rounding tolerance and velocities; return the part of the way to the next event."""
     laplacian, ends, stiffness = body
-    load(ends, links[TENSION], spring)
+    pull(ends, links[TENSION], loads, target, 0.0, spring)
     push = np.empty_like(spring)
     rate = np.zeros_like(links[TENSION])
     stretch(ends, stiffness, np.zeros_like(spring), target, links, 1.0, rate)
-    load(ends, rate, push)
+    pull(ends, rate, loads, target, 1.0, push)
     for i in range(spring.shape[0]):
         band[i] = BAND * friction[i].max()
+        if loads.shape[0] > 0:
+            for c in range(2):
+                push[i, c] -= loads[0, i, c]
+                band[i] += BAND * (abs(loads[0, i, c]) + abs(load_at(loads, target, 1.0, i, c)))
     for s in range(ends.shape[0]):
         for c in range(2):
             size = abs(links[TENSION, s, c]) + abs(rate[s, c]) + stiffness[s] * abs(links[ACTUATION, s, c])
             for e in range(2):
                 band[ends[s, e]] += BAND * size
-    growth = friction_at(friction, target, 1.0) - friction
+    growth = friction_at(friction, loads, target, 1.0) - friction
     return find_rates(laplacian, spring, push, friction, growth, directions, band, velocity)
 
 
@@ -148,11 +177,12 @@ def _follow(
     spring = np.empty((n, 2))
     velocity = np.empty((n, 2))
     band = np.empty(n)
+    loads = contacts[LOAD:]
     while progress[RAMP] < targets.shape[0]:
         target = targets[int(progress[RAMP])]
         done = False
         if progress[LENGTH] == 0.0:  # a new ramp
-            done = _is_still(links, friction, target)
+            done = _is_still(links, friction, loads, target)
             progress[PLACE] = 0.0
             progress[LENGTH] = 1.0
             progress[ERROR_LEFT] = tolerance
@@ -163,7 +193,7 @@ def _follow(
                 progress[LENGTH] = _LAST_STEP
             length = progress[LENGTH]
             rest = 1.0 - progress[PLACE]
-            event = _look_ahead(body, directions, links, friction, target, spring, band, velocity) * rest
+            event = _look_ahead(body, directions, links, friction, loads, target, spring, band, velocity) * rest
             cut = not forced and event < min(length, rest) * (1.0 - 1e-9)
             if cut:
                 length = event
@@ -177,6 +207,10 @@ def _follow(
             allowed = np.inf if forced else max(tolerance * length, blur)
             if progress[KNOWN] == 0.0:
                 stages[0] = part * velocity
+            if loads.shape[0] > 0:
+                reach = 0.5 * band / CLOSE_ENOUGH
+                scratch = np.empty(n, np.int64)
+                progress[DETERMINED] = choose_translation(velocity.copy(), spring, friction, directions, reach, scratch)
             ok, found, error, walks, growth = attempt(
                 part,
                 velocity,
@@ -189,6 +223,7 @@ def _follow(
                 directions,
                 links,
                 friction,
+                loads,
                 target,
                 *memory,
                 progress,
@@ -201,8 +236,8 @@ def _follow(
             if accepted and walks > 2:  # put the spring forces back onto the friction sets
                 tension = links[TENSION].copy()
                 stretch(ends, stiffness, moved, target, links, part, tension)
-                load(ends, tension, spring)
-                mu = friction_at(friction, target, part)
+                pull(ends, tension, loads, target, part, spring)
+                mu = friction_at(friction, loads, target, part)
                 if progress[KNOWN] < STAGES:
                     stages[STAGES - 1] = 0.0
                 if not step(
@@ -210,8 +245,12 @@ def _follow(
                 ):
                     return False
                 moved = moved + stages[STAGES - 1]
+                if loads.shape[0] > 0:
+                    for i in range(n):
+                        for c in range(2):
+                            found[n + 1, 0] += load_at(loads, target, part, i, c) * stages[STAGES - 1, i, c]
             if accepted:
-                _commit(moved, found[n], part, ends, stiffness, directions, contacts, links, friction, target, account)
+                _commit(moved, found[n:], part, ends, stiffness, directions, contacts, links, friction, target, account)
                 progress[PLACE] += length
                 progress[ERROR_LEFT] -= paid
                 if length > SHORTEST_STRETCH and progress[NOT_UNIQUE:].max() > 0.0:
@@ -219,6 +258,8 @@ def _follow(
                 account[OVERSPENT] += forced and last
             done = accepted and last
             growth = min(max(growth, 0.3), 4.0) if accepted else min(max(growth, 0.05), 0.95)
+            if accepted and loads.shape[0] > 0 and allowed > tolerance * length:
+                growth = max(growth, 2.0)  # the error is that of rounding, which shorter steps do not reduce
             longest = growth * length
             progress[LENGTH] = max(longest, progress[LENGTH]) if accepted and cut else longest
             progress[TRIALS] += max(progress[KNOWN], 1.0)
@@ -254,12 +295,12 @@ def follow(
         ends: the contacts a, b of each link, int, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
-        contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call), shape (3, n, 2) [m],
-            changed in place.
+        contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call) [m], and with loads LOAD [N],
+            shape (3, n, 2) or (4, n, 2), changed in place.
         links: rows TENSION [N] and ACTUATION [m], shape (2, S, 2), changed in place; the tension must be
             k (x_b - x_a - L), and is recomputed from displacements and their rests after every substep.
         friction: mu, shape (n, max(m, 1)) [N], changed in place.
-        targets: L and then mu at each ramp's end, flattened, shape (V, 2 S + n max(m, 1)).
+        targets: L, mu and with loads the loads at each ramp's end, flattened, shape (V, 2 S + n max(m, 1) [+ 2 n]).
         tolerance: approximate largest displacement error per ramp [m].
         most_steps: upper limit of implicit steps tried in one ramp; equal steps then complete it.
         account: total account, shape (14,), added to.

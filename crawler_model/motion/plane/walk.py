@@ -20,16 +20,58 @@ from .implicit_step import project_planar
 from .rates import missed
 
 # Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the error
-# still allowed at starts and stops, implicit steps tried, solved stages of this substep, and which of them are not
-# unique.
-RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, KNOWN, NOT_UNIQUE = range(7)
+# still allowed at starts and stops, implicit steps tried, whether there are loads and the translation is determined at
+# the start of this substep, its solved stages, and which of them are not unique.
+RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, DETERMINED, KNOWN, NOT_UNIQUE = range(8)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
 """Implicit steps of a substep: 1 + 2 + ... plus one that corrects the extrapolation."""
 _AT_ONCE = 1e-3
 """Starts and stops of contacts within this part of the tolerance count as immediate."""
+_SAME_SHAPE = 1e-9
+"""Steps that differ from a translation by no more than this part have the same shape."""
 _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
+
+
+@compiled
+def farthest(a):
+    """Compute the largest Euclidean norm of the rows of an array.
+
+    Args:
+        a: shape (n, 2).
+
+    Returns:
+        The norm.
+    """
+    most = 0.0
+    for i in range(a.shape[0]):
+        most = max(most, math.hypot(a[i, 0], a[i, 1]))
+    return most
+
+
+@compiled
+def _stay(guess, moved):
+    """Undo the choice of a translation where it is undetermined only at the end of a straight step.
+
+    Loads that change pass through forces at which friction balances; up to there the translation is that of the guess.
+
+    Returns whether `moved` and the guess differ by a translation alone.
+    """
+    rests = 0
+    for i in range(moved.shape[0]):
+        if guess[i, 0] == 0.0 and guess[i, 1] == 0.0:
+            rests = i
+    shift0 = guess[rests, 0] - moved[rests, 0]
+    shift1 = guess[rests, 1] - moved[rests, 1]
+    near = _SAME_SHAPE * farthest(guess)
+    for i in range(moved.shape[0]):
+        if math.hypot(guess[i, 0] - moved[i, 0] - shift0, guess[i, 1] - moved[i, 1] - shift1) > near:
+            return False
+    for i in range(moved.shape[0]):
+        moved[i, 0] += shift0
+        moved[i, 1] += shift1
+    return True
 
 
 @compiled
@@ -53,7 +95,11 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
     """
     if stage < progress[KNOWN]:
         return True
+    determined = stage == 0 and progress[DETERMINED] > 0.0
+    guess = stages[stage].copy() if determined else stages[stage]
     solved, _, unique, _ = project_planar(laplacian, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
+    if solved and not unique and determined:
+        unique = _stay(guess, stages[stage])
     if solved:
         progress[KNOWN] = stage + 1
         progress[NOT_UNIQUE + stage] = not unique
@@ -64,19 +110,45 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
 
 
 @compiled
-def load(ends, tension, spring):
-    """Compute the spring forces on the contacts from the tensions.
+def pull(ends, tension, loads, target, part, spring):
+    """Compute the force that friction balances on each contact: that of its springs and its load.
 
     Args:
         ends: the contacts of each link, int, shape (S, 2).
         tension: shape (S, 2) [N].
+        loads: present loads, shape (1, n, 2) [N]; shape (0, n, 2) without loads.
+        target: end of the ramp, loads last.
+        part: part of the way to the target, for the loads.
         spring: output, shape (n, 2) [N].
     """
-    spring[:] = 0.0
+    if loads.shape[0] == 0:
+        spring[:] = 0.0
+    else:
+        for i in range(spring.shape[0]):
+            for c in range(2):
+                spring[i, c] = load_at(loads, target, part, i, c)
     for s in range(ends.shape[0]):
         for c in range(2):
             spring[ends[s, 0], c] += tension[s, c]
             spring[ends[s, 1], c] -= tension[s, c]
+
+
+@compiled
+def load_at(loads, target, part, i, c):
+    """Interpolate a load on the way to its target.
+
+    Args:
+        loads: present loads, shape (1, n, 2) [N].
+        target: end of the ramp, loads last.
+        part: part of the way.
+        i: the contact.
+        c: the coordinate.
+
+    Returns:
+        The load there [N].
+    """
+    goal = target[target.size - loads.size + 2 * i + c]
+    return goal if part == 1.0 else loads[0, i, c] + part * (goal - loads[0, i, c])
 
 
 @compiled
@@ -99,47 +171,36 @@ def stretch(ends, stiffness, moved, target, links, part, tension):
 
 
 @compiled
-def friction_at(friction, target, part):
+def friction_at(friction, loads, target, part):
     """Interpolate the friction on the way to its target.
 
     Args:
         friction: present mu, shape (n, max(m, 1)) [N].
-        target: end of the ramp, mu last.
+        loads: present loads, shape (1, n, 2) [N]; shape (0, n, 2) without loads.
+        target: end of the ramp: L, mu, loads.
         part: part of the way.
 
     Returns:
         mu there, in the same shape [N].
     """
-    commanded = target[target.shape[0] - friction.size :].reshape(friction.shape)
+    last = target.size - loads.size
+    commanded = target[last - friction.size : last].reshape(friction.shape)
     return (1.0 - part) * friction + part * commanded
 
 
 @compiled
-def farthest(a):
-    """Compute the largest Euclidean norm of the rows of an array.
-
-    Args:
-        a: shape (n, 2).
-
-    Returns:
-        The norm.
-    """
-    most = 0.0
-    for i in range(a.shape[0]):
-        most = max(most, math.hypot(a[i, 0], a[i, 1]))
-    return most
-
-
-@compiled
-def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, stages, motions, problem, progress):
+def _walk(
+    pieces, part, body, directions, links, friction, loads, target, most_sweeps, stages, motions, problem, progress
+):
     """Take `part` of the way to the target in equal implicit steps.
 
-    Returns whether all were solved; their displacement and, in one further row, dissipation and work.
+    Returns whether all were solved; their displacement; in one further row dissipation and work; with loads, in one
+    more row, their work.
     """
     laplacian, ends, stiffness = body
     n = laplacian.shape[0]
     first = pieces * (pieces - 1) // 2
-    total = np.zeros((n + 1, 2))
+    total = np.zeros((n + 1 + loads.shape[0], 2))
     spring = np.empty((n, 2))
     tension = links[TENSION].copy()
     rest = np.zeros((n, 2))
@@ -148,8 +209,8 @@ def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, 
         before = tension.copy()
         mu_before = mu
         stretch(ends, stiffness, rest, target, links, part / pieces, tension)
-        load(ends, tension, spring)
-        mu = friction_at(friction, target, part * (piece + 1) / pieces)
+        pull(ends, tension, loads, target, part * (piece + 1) / pieces, spring)
+        mu = friction_at(friction, loads, target, part * (piece + 1) / pieces)
         stage = first + piece
         if stage >= progress[KNOWN] and stage > 0:  # start the search from the last stage
             stages[stage] = stages[stage - 1] if piece > 0 else stages[0] / pieces
@@ -165,6 +226,11 @@ def _walk(pieces, part, body, directions, links, friction, target, most_sweeps, 
             for c in range(2):
                 lengthened = (target[2 * s + c] - links[ACTUATION, s, c]) * part / pieces
                 total[n, 1] -= 0.5 * (before[s, c] + tension[s, c]) * lengthened
+        if loads.shape[0] > 0:
+            middle = part * (piece + 0.5) / pieces
+            for i in range(n):
+                for c in range(2):
+                    total[n + 1, 0] += load_at(loads, target, middle, i, c) * stages[stage, i, c]
     return True, total
 
 
@@ -197,7 +263,20 @@ def _growth(allowed, error, last, pieces):
 
 @compiled
 def attempt(
-    part, velocity, spring, band, compliance, tolerance, allowed, body, directions, links, friction, target, *memory
+    part,
+    velocity,
+    spring,
+    band,
+    compliance,
+    tolerance,
+    allowed,
+    body,
+    directions,
+    links,
+    friction,
+    loads,
+    target,
+    *memory,
 ):
     """Compute the displacement over a part of the ramp and its error.
 
@@ -213,15 +292,16 @@ def attempt(
         directions: unit vectors, shape (m, 2).
         links: rows TENSION and ACTUATION, shape (2, S, 2).
         friction: present mu, shape (n, max(m, 1)) [N].
+        loads: present loads, shape (1, n, 2) [N]; shape (0, n, 2) without loads.
         target: end of the ramp.
         memory: upper limit of sweeps, and the arrays of `step`.
 
     Returns:
-        Whether all steps were solved; the displacement and, in one further row, dissipation and work; its error; the
-        number of walks used; the factor for the next part.
+        Whether all steps were solved; the displacement and, in further rows, dissipation and work, and the work of the
+        loads if there are any; its error; the number of walks used; the factor for the next part.
     """
     n = spring.shape[0]
-    ok, one = _walk(1, part, body, directions, links, friction, target, *memory)
+    ok, one = _walk(1, part, body, directions, links, friction, loads, target, *memory)
     if not ok or farthest(one[:n]) == 0.0:
         return ok, one, 0.0, 1, 4.0
     bound = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, compliance)
@@ -235,12 +315,12 @@ def attempt(
     if steady < 1.0:
         return True, one, bound, 1, steady
     error = bound
-    table = np.zeros((_WALKS, n + 1, 2))
+    table = np.zeros((_WALKS, *one.shape))
     table[0] = one
     total = friction.sum()
     growth = 0.0
     for pieces in range(2, _WALKS + 1):
-        ok, newest = _walk(pieces, part, body, directions, links, friction, target, *memory)
+        ok, newest = _walk(pieces, part, body, directions, links, friction, loads, target, *memory)
         if not ok:
             return False, newest, error, pieces, 1.0
         for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):

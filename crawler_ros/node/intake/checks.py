@@ -111,10 +111,11 @@ def spread_loads(columns: Columns, values: Sequence[float] | np.ndarray) -> np.n
 
     Args:
         columns: the layout of the commands.
-        values: one, or one per isolated contact [N], then per segment [N/m].
+        values: one, or one per isolated contact [N], then per segment [N/m]; in the plane x and y, for all contacts or
+            of each in turn.
 
     Returns:
-        One value per isolated contact, then per segment, shape (loads,) [N, N/m].
+        One value per isolated contact, then per segment, in the plane x and y of each, shape (loads,) [N, N/m].
 
     Raises:
         CommandError: on a wrong length, a value that is not finite, or a scene without loads.
@@ -123,10 +124,12 @@ def spread_loads(columns: Columns, values: Sequence[float] | np.ndarray) -> np.n
     check_finite("load command", array)
     if not columns.loads:
         raise CommandError("load command: the scene has no loads; with `loads: 0` in it they can be commanded")
-    if array.size == 1:
-        return np.full(columns.loads, array[0])
+    each = 1 if columns.planar is None else 2
+    if array.size == each:
+        return np.tile(array, columns.loads // each)
     if array.size != columns.loads:
-        counts = f"give 1 or {columns.loads} (one per {columns.items('contact')})"
+        of = f"one per {columns.items('contact')}" if each == 1 else "x and y of each contact"
+        counts = f"give {each} or {columns.loads} ({of})"
         raise CommandError(f"load command has {array.size} value(s); {counts}")
     return array
 

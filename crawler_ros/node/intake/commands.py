@@ -178,7 +178,7 @@ class CommandQueue:
         """Take a command for all loads.
 
         Args:
-            values: one, or one per isolated contact [N] then segment [N/m], towards +x positive.
+            values: one, or one per isolated contact [N] then segment [N/m]; in the plane x and y, for all or of each.
 
         Raises:
             CommandError: on a wrong length, a value that is not finite or beyond its limit, loads that no equilibrium

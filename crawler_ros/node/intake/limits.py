@@ -89,6 +89,6 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
         (rows[:, columns.lengths :][:, : columns.frictions] * ground).max(initial=0.0),
         body.stiffness.max(initial=0.0) * extent,
     )
-    loads = np.concatenate(([1.0] * columns.contacts, spans))[: columns.loads]
+    loads = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.load_sizes)[: columns.loads]
     largest = np.concatenate((longest / spread, strongest / ground, strongest / loads))
     return Limits(np.minimum(largest, LARGEST), columns.lengths, columns.frictions)

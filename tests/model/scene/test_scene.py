@@ -286,6 +286,15 @@ BOUNDED = {
     ("CoefficientPart", "forward"): (COEFFICIENTS, "friction/coefficient/forward"),
     ("CoefficientPart", "backward"): (COEFFICIENTS, "friction/coefficient/backward"),
     ("CoefficientPart", "isotropic"): (COEFFICIENTS, "friction/coefficient=isotropic"),
+    ("CoefficientPart", "value"): (
+        {
+            **PLANE,
+            "body": {**PLANE["body"], "weights": 1},
+            "friction": {"coefficient": {"directions": [0, 2, 4], "value": 1}},
+        },
+        "friction/coefficient/value",
+    ),
+    ("GroundPart", "direction"): ({**PLANE, "friction": {"isotropic": 1}, "ground": {"slope": 0}}, "ground/direction"),
     ("GroundPart", "slope"): ({**LINE, "body": WEIGHED["body"], "ground": {"slope": 0}}, "ground/slope"),
     ("LinksPart", "stiffness"): (LINE, "body/links/stiffness"),
     ("SegmentPart", "stiffness"): (SEGMENT, "body/segments/0/stiffness"),
