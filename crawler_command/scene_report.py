@@ -50,7 +50,10 @@ def _contacts(run: Trajectory) -> Table:
     table = Table(
         title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
     )
+    loaded = scene.columns.loads > 0
     friction = ("friction [N]",) if planar else ("-backward [N]", "forward [N]")
+    if loaded:
+        friction = ("load [N]", "-backward - load [N]", "forward - load [N]")
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
         table.add_column(escape(column), justify="right")
     force = body.spring_force(run.tension[0])
@@ -68,6 +71,7 @@ def _contacts(run: Trajectory) -> Table:
             slides = ["yes"] if slides else []
         else:
             bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
+            bounds = [_span(drive.loads[:, i]), *bounds] if loaded else bounds
         name = body.name_of(i).removeprefix("contact ")
         table.add_row(
             name, _numbers(body.position[i]), *bounds, write_length(force[i], size), " and ".join(slides) or "never"
@@ -117,11 +121,12 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
     if scene.body.dimension == 2:
         screen.print("uniqueness margin: not decided in the plane; see below whether the run was unique")
     elif margin is None:
-        screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment without friction)")
+        screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment with a bound that is not positive)")
     elif margin == 0.0:
         screen.print(
             "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
-            "backward friction of the others (it matters only while all of them slide)"
+            f"backward friction of the others{' and the loads' if scene.columns.loads else ''} (it matters only while "
+            "all of them slide)"
         )
     else:
         screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
@@ -146,12 +151,10 @@ def _print_units(scene: Plan, screen: Console) -> None:
             f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
             f"{commanded[longest]:g} m, but the body is {length:g} m long; lengths are in metres, strains are ratios"
         )
-    friction = drive.targets[:, drive.actuation.shape[1] :].max(axis=0)
-    most = (
-        friction.reshape(body.contacts, -1).max(axis=1)
-        if scene.body.dimension == 2
-        else friction.reshape(2, -1).max(axis=0)
-    )
+    if body.dimension == 2:
+        most = drive.targets[:, drive.actuation.shape[1] :].max(axis=0).reshape(body.contacts, -1).max(axis=1)
+    else:
+        most = np.maximum(drive.forward, drive.backward).max(axis=0)
     stiffest = np.zeros(body.contacts)
     np.maximum.at(stiffest, body.ends, body.stiffness[:, None])
     reach = most / stiffest

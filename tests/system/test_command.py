@@ -154,6 +154,25 @@ def test_check_says_where_friction_vanishes(tmp_path):
     assert "contact_1/forward falls to 0" in good("check", str(scene))
 
 
+LOADED = """
+name: loaded
+body: {contacts: [0.0, 0.2], links: {stiffness: 20.0}, weights: [1.0, 2.0]}
+friction: {coefficient: {forward: 0.2, backward: 0.8}}
+ground: {slope: 10.0}
+start: relaxed
+drive: {times: [0.0, 0.5, 1.0], period: 1.0, actuation: [[0.0], [0.2], [0.0]]}
+"""
+
+
+def test_check_of_a_scene_with_loads_shows_them_and_the_bounds_that_they_leave(tmp_path):
+    (tmp_path / "loaded.yaml").write_text(LOADED)
+    text = good("check", str(tmp_path / "loaded.yaml"), "--png", str(tmp_path / "d.png"))
+    assert "forward - load [N]" in text
+    assert "-0.347296" in text  # 2 sin 10
+    assert "falls to 0" not in text
+    assert (tmp_path / "d.png").stat().st_size > 5_000
+
+
 MISTAKES = [
     (["simulate", "planar_rectilinear", "--method", "exact"], "in the plane they are curved: use catch_up"),
     (["simulate", "two_ancor_a"], "nearest is 'two_anchor_a'"),
