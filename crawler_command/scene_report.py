@@ -51,9 +51,9 @@ def _contacts(run: Trajectory) -> Table:
         title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
     )
     loaded = scene.columns.loads > 0
-    friction = ("friction [N]",) if planar else ("-backward [N]", "forward [N]")
+    friction = ["friction [N]"] if planar else ["-backward [N]", "forward [N]"]
     if loaded:
-        friction = ("load [N]", "-backward - load [N]", "forward - load [N]")
+        friction = ["load [N]", "-backward - load [N]", "forward - load [N]"]
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
         table.add_column(escape(column), justify="right")
     force = body.spring_force(run.tension[0])
@@ -121,7 +121,9 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
     if scene.body.dimension == 2:
         screen.print("uniqueness margin: not decided in the plane; see below whether the run was unique")
     elif margin is None:
-        screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment with a bound that is not positive)")
+        screen.print(
+            "uniqueness margin: not decided (too many unequal contacts, or a segment with a bound that is not positive)"
+        )
     elif margin == 0.0:
         screen.print(
             "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "

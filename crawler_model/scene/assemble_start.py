@@ -70,7 +70,7 @@ def relax_loaded(assembly: Assembly) -> Assembly:
     Returns:
         The assembly with that start, or itself if no contact needs springs.
     """
-    body, drive = assembly.body, assembly.drive
+    drive = assembly.drive
     if assembly.parts.start != "relaxed" or not assembly.columns.loads:
         return assembly
     if (drive.forward[0] >= 0.0).all() and (drive.backward[0] >= 0.0).all():

@@ -94,7 +94,8 @@ class StasisDomain:
         for name, values in (("forward", self.forward), ("backward", self.backward)):
             if values.sum() < -near:
                 raise ValueError(
-                    f"{name}: the bounds sum to {values.sum():g} N; the sum must be >= 0, or the loads exceed all friction"
+                    f"{name}: the bounds sum to {values.sum():g} N; the sum must be >= 0, as no equilibrium holds the "
+                    "loads otherwise"
                 )
 
     @property

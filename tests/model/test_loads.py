@@ -191,7 +191,9 @@ def test_a_relaxed_start_that_the_loads_allow_has_no_tension():
 
 
 def test_a_load_without_springs_to_hold_it_is_one_clear_line():
-    with pytest.raises(SceneError, match=r"contact 0 .* that its load of -1.5 N leaves of its backward friction; write"):
+    with pytest.raises(
+        SceneError, match=r"contact 0 .* that its load of -1.5 N leaves of its backward friction; write"
+    ):
         three(loads=[-1.5, 0.0, 0.0])
 
 

@@ -217,7 +217,9 @@ def test_past_a_facet_its_contact_slides_in_its_direction_and_nobody_else(domain
         assert np.flatnonzero(np.abs(moved) > 1e-12).tolist() == [facet.contact]
 
 
-@pytest.mark.parametrize(("load", "ways"), [(0.0, {1}), (-0.03, {1}), (-0.04, {1, -1}), (-0.26, {1, -1}), (-0.27, {-1})])
+@pytest.mark.parametrize(
+    ("load", "ways"), [(0.0, {1}), (-0.03, {1}), (-0.04, {1, -1}), (-0.26, {1, -1}), (-0.27, {-1})]
+)
 def test_a_slope_decides_which_way_a_body_can_go_at_all(load, ways):
     """Three contacts: forward while 0.2 + 0.5 < 3 (0.5 + f), backward while 0.2 + 0.5 < 3 (0.2 - f)."""
     assert directions_of([StasisDomain(np.full(3, 0.2 - load), np.full(3, 0.5 + load))]) == ways
