@@ -12,10 +12,11 @@ from rich.table import Table
 from crawler_model import Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
-from crawler_model.theory.holding import compute_holding
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import write_length
+
+from .loads_report import print_holding, print_limits
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
@@ -36,11 +37,12 @@ def print_report(run: Trajectory, screen: Console) -> None:
         screen.print(_direction(run))
     _print_conditions(run, screen)
     _print_units(run.scene, screen)
-    _print_holding(run, screen)
+    print_holding(run, screen)
     if scene.drive.holds:
         screen.print("no drive: the crawler waits for commands")
     else:
         _print_motion(run, screen)
+        print_limits(scene, screen)
 
 
 def _contacts(run: Trajectory) -> Table:
@@ -166,25 +168,6 @@ def _print_units(scene: Plan, screen: Console) -> None:
             f"[yellow]too soft or too rough:[/] a spring must change by {reach[stickiest]:g} m before "
             f"{body.name_of(stickiest)} slides, but the body is {length:g} m long; stiffness is in N/m, friction in N"
         )
-
-
-def _print_holding(run: Trajectory, screen: Console) -> None:
-    """Print what a body with loads or weights holds at rest."""
-    scene, body = run.scene, run.scene.body
-    if body.dimension == 2 or not (scene.columns.loads or scene.ground.weight.any()):
-        return
-    drive = scene.drive
-    load = drive.loads[0] if scene.columns.loads else np.zeros(body.contacts)
-    forward, backward = drive.forward[0] + load, drive.backward[0] - load
-    holding = compute_holding(body, scene.ground, run.tension[0], forward, backward, load)
-    first = [body.name_of(i) for i in (holding.first_forward, holding.first_backward)]
-    screen.print(
-        f"at rest it holds a tow of {holding.tow_forward:.6g} N forward ({first[0]} gives way first) and of "
-        f"{holding.tow_backward:.6g} N backward ({first[1]})"
-    )
-    if holding.uphill is not None and holding.downhill is not None:
-        up, down = np.degrees(holding.uphill), np.degrees(holding.downhill)
-        screen.print(f"steepest slope that it holds at rest: {up:.6g} degrees uphill, {down:.6g} degrees downhill")
 
 
 def _print_motion(run: Trajectory, screen: Console) -> None:

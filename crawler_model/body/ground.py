@@ -13,12 +13,13 @@ class Ground:
 
     Attributes:
         weight: of each contact, shape (N,) [N].
-        by_coefficient: whether friction follows from the weights, and so changes with the slope.
+        by_coefficient: of each contact, whether its friction follows from its weight, and so changes with the slope,
+            shape (N,); not while a drive commands friction.
         slope: theta, uphill towards +x positive [rad].
     """
 
     weight: np.ndarray
-    by_coefficient: bool
+    by_coefficient: np.ndarray
     slope: float
 
     @property

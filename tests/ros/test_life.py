@@ -33,7 +33,9 @@ def ros(tmp_path):
 # -- signals ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("module", ["node.simulator", "node.gait_player", "examples.speed_control", "examples.phase_control"])
+@pytest.mark.parametrize(
+    "module", ["node.simulator", "node.gait_player", "examples.speed_control", "examples.phase_control"]
+)
 def test_a_signal_that_arrives_twice_ends_it_in_order(ros, module):
     """As launch without a terminal sends it: to the process, and to its group."""
     bags = ros.folder / "bags"
