@@ -206,7 +206,7 @@ class _Search:
     def report(self, part: float) -> None:
         """Report the completed part."""
         if self.progress is not None:
-            self.progress(part)
+            self.progress(min(part, 1.0))
 
     def find(
         self,
