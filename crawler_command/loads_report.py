@@ -10,7 +10,6 @@ from rich.console import Console
 from crawler_model import CommandError, Limit, Trajectory, largest_tow, steepest_climb
 from crawler_model.body.plan import Plan
 from crawler_model.theory.holding import Holding, Tilt, compute_holding
-from crawler_pictures.numbers import write_length
 
 from .screen import progress_bar
 
@@ -135,9 +134,9 @@ def _describe(limit: Limit, value: str, beyond: str, way: str) -> str:
     size = abs(limit.free_gain)
     if limit.cause == "equilibrium":
         return (
-            f"{value} {way}, where the equilibrium ends: it gains {write_length(gain, size)} m there, and beyond it "
+            f"{value} {way}, where the equilibrium ends: it gains {gain:.6g} m there, and beyond it "
             f"runs away whatever the drive does{unsettled}"
         )
     fades = limit.gain < 1e-6 * size
-    end = "where the gain has faded" if fades else f"where it still gains {write_length(gain, size)} m, none beyond"
+    end = "where the gain has faded" if fades else f"where it still gains {gain:.6g} m, none beyond"
     return f"{value} {way}, {end}{unsettled}"
