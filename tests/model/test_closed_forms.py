@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, load_scene, simulate
+from crawler_model import Crawler, Scene, load_scene, simulate
 
 from .chains import scene
 
