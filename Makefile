@@ -55,6 +55,7 @@ docs: $(READY)
 
 figures: $(READY)
 	$(BIN)/python docs/hard_cases.py
+	$(BIN)/python docs/loads.py
 	$(BIN)/python docs/phase_diagram.py
 	$(BIN)/python docs/tutorial.py
 

@@ -13,10 +13,11 @@ from crawler_model import Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
-from crawler_model.theory.holding import compute_holding
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import write_length
+
+from .loads_report import print_holding, print_limits
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
@@ -37,11 +38,12 @@ def print_report(run: Trajectory, screen: Console) -> None:
         screen.print(_direction(run))
     _print_conditions(run, screen)
     _print_units(run.scene, screen)
-    _print_holding(run, screen)
+    print_holding(run, screen)
     if scene.drive.holds:
         screen.print("no drive: the crawler waits for commands")
     else:
         _print_motion(run, screen)
+        print_limits(scene, screen)
 
 
 def _contacts(run: Trajectory) -> Table:
@@ -51,7 +53,10 @@ def _contacts(run: Trajectory) -> Table:
     table = Table(
         title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
     )
-    friction = ("friction [N]",) if planar else ("-backward [N]", "forward [N]")
+    loaded = scene.columns.loads > 0
+    friction = ["friction [N]"] if planar else ["-backward [N]", "forward [N]"]
+    if loaded:
+        friction = ["load [N]", "-backward - load [N]", "forward - load [N]"]
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
         table.add_column(escape(column), justify="right")
     force = body.spring_force(run.tension[0])
@@ -71,6 +76,7 @@ def _contacts(run: Trajectory) -> Table:
             slides = ["yes"] if slides else []
         else:
             bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
+            bounds = [_span(drive.loads[:, i]), *bounds] if loaded else bounds
         name = body.name_of(i).removeprefix("contact ")
         table.add_row(
             name, _numbers(body.position[i]), *bounds, write_length(force[i], size), " and ".join(slides) or "never"
@@ -120,11 +126,14 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
     if scene.body.dimension == 2:
         screen.print("uniqueness margin: not decided in the plane; see below whether the run was unique")
     elif margin is None:
-        screen.print("uniqueness margin: not decided (too many unequal contacts, or a segment without friction)")
+        screen.print(
+            "uniqueness margin: not decided (too many unequal contacts, or a segment with a bound that is not positive)"
+        )
     elif margin == 0.0:
         screen.print(
             "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
-            "backward friction of the others (it matters only while all of them slide)"
+            f"backward friction of the others{' and the loads' if scene.columns.loads else ''} (it matters only while "
+            "all of them slide)"
         )
     else:
         screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
@@ -149,13 +158,12 @@ def _print_units(scene: Plan, screen: Console) -> None:
             f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
             f"{commanded[longest]:g} m, but the body is {length:g} m long; lengths are in metres, strains are ratios"
         )
-    bounds = drive.targets[:, drive.actuation.shape[1] :]
-    friction = bounds[:, : bounds.shape[1] - drive.loads.shape[1]].max(axis=0)
-    most = (
-        friction.reshape(body.contacts, -1).max(axis=1)
-        if scene.body.dimension == 2
-        else friction.reshape(2, -1).max(axis=0)
-    )
+    if body.dimension == 2:
+        bounds = drive.targets[:, drive.actuation.shape[1] :]
+        friction = bounds[:, : bounds.shape[1] - drive.loads.shape[1]].max(axis=0)
+        most = friction.reshape(body.contacts, -1).max(axis=1)
+    else:
+        most = np.maximum(drive.forward, drive.backward).max(axis=0)
     stiffest = np.zeros(body.contacts)
     np.maximum.at(stiffest, body.ends, body.stiffness[:, None])
     reach = most / stiffest
@@ -165,25 +173,6 @@ def _print_units(scene: Plan, screen: Console) -> None:
             f"[yellow]too soft or too rough:[/] a spring must change by {reach[stickiest]:g} m before "
             f"{body.name_of(stickiest)} slides, but the body is {length:g} m long; stiffness is in N/m, friction in N"
         )
-
-
-def _print_holding(run: Trajectory, screen: Console) -> None:
-    """Print what a body with loads or weights holds at rest."""
-    scene, body = run.scene, run.scene.body
-    if body.dimension == 2 or not (scene.columns.loads or scene.ground.weight.any()):
-        return
-    drive = scene.drive
-    load = drive.loads[0] if scene.columns.loads else np.zeros(body.contacts)
-    forward, backward = drive.forward[0] + load, drive.backward[0] - load
-    holding = compute_holding(body, scene.ground, run.tension[0], forward, backward, load)
-    first = [body.name_of(i) for i in (holding.first_forward, holding.first_backward)]
-    screen.print(
-        f"at rest it holds a tow of {holding.tow_forward:.6g} N forward ({first[0]} gives way first) and of "
-        f"{holding.tow_backward:.6g} N backward ({first[1]})"
-    )
-    if holding.uphill is not None and holding.downhill is not None:
-        up, down = np.degrees(holding.uphill), np.degrees(holding.downhill)
-        screen.print(f"steepest slope that it holds at rest: {up:.6g} degrees uphill, {down:.6g} degrees downhill")
 
 
 def _print_motion(run: Trajectory, screen: Console) -> None:

@@ -18,7 +18,7 @@ from pyarrow import parquet
 
 from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
 from crawler_model.sweep.many import Settings
-from crawler_model.sweep.vary import MOST_VARIATIONS
+from crawler_model.sweep.vary import MOST_VARIATIONS, key_steps
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.versions import installed_version
 
@@ -34,6 +34,9 @@ RESULTS = {
     "violation": "N",
     "visited_margin": "1",
     "efficiency": "m/J",
+    "period_work": "J",
+    "cost_of_transport": "1",
+    "body_lengths": "1",
 }
 """Numbers in a row and their units; null when a run is invalid or has no such number."""
 _UNITS = {
@@ -52,6 +55,9 @@ _UNITS = {
     "amplitude": "m",
     "mean": "m",
     "directions": "rad",
+    "loads": "N",
+    "weights": "N",
+    "slope": "degrees",
 }
 
 
@@ -295,8 +301,14 @@ def unit_of(scene: Scene, key: str) -> str:
     Returns:
         The unit; "1" for a number without one.
     """
-    steps = [step for step in key.split(".") if not step.isdecimal()]
+    named = key_steps(key)
+    steps = [step for step in named if not step.isdecimal()]
+    if "coefficient" in steps:
+        return "1"
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
+    if steps[-1] in ("loads", "weights") and scene.body.segments:
+        alone = int(scene.body.isolated.size)
+        return "N, N/m" if not named[-1].isdecimal() else "N" if int(named[-1]) < alone else "N/m"
     if "segments" in steps:
         return {"N": "N/m", "N/m": "N"}.get(unit, "m" if steps[-1] in ("from", "to") else unit)
     if "friction_wave" in steps and unit == "m" and steps[-1] != "wavelength":

@@ -9,6 +9,7 @@ from .crawler.crawler import Crawler, prepare
 from .crawler.step import Certificate, Step
 from .errors import CommandError, CrawlerError, SceneError
 from .run.account import Energy
+from .run.limits import Limit, largest_tow, steepest_climb
 from .run.simulate import Trajectory, simulate
 from .scene.file import gallery, load_scene, parse_scene
 from .scene.scene import Scene
@@ -21,6 +22,7 @@ __all__ = [
     "Crawler",
     "CrawlerError",
     "Energy",
+    "Limit",
     "ManyRuns",
     "Scene",
     "SceneError",
@@ -28,10 +30,12 @@ __all__ = [
     "Trajectory",
     "Variations",
     "gallery",
+    "largest_tow",
     "load_scene",
     "parse_scene",
     "prepare",
     "simulate",
     "simulate_many",
+    "steepest_climb",
     "vary",
 ]

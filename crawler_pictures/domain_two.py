@@ -179,7 +179,7 @@ def draw_band(axis: Axes, run: Trajectory) -> None:
     axis.fill_between(time_s, least, most, color=FACE, linewidth=0)
     if not is_constant(scene):
         for contact, (upper, lower) in bounds.items():
-            label = f"friction of contact {contact}"
+            label = f"{'bounds' if scene.columns.loads else 'friction'} of contact {contact}"
             axis.plot(time_s, upper, color=CONTACTS[contact], linewidth=1.0, label=label)
             axis.plot(time_s, lower, color=CONTACTS[contact], linewidth=1.0)
     half = (time_s[:-1] + time_s[1:]) / 2.0

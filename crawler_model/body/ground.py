@@ -15,13 +15,14 @@ class Ground:
 
     Attributes:
         weight: of each contact, shape (N,) [N].
-        by_coefficient: whether friction follows from the weights, and so changes with the slope.
+        by_coefficient: of each contact, whether its friction follows from its weight, and so changes with the slope,
+            shape (N,); not while a drive commands friction.
         slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
     """
 
     weight: np.ndarray
-    by_coefficient: bool
+    by_coefficient: np.ndarray
     slope: float
     direction: float | None = None
 

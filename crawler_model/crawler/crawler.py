@@ -268,12 +268,13 @@ class Crawler:
         """
         return self.follow(self.target(actuation, forward, backward, loads)[None])
 
-    def follow(self, targets: np.ndarray, records: np.ndarray | None = None) -> Step:
+    def follow(self, targets: np.ndarray, records: np.ndarray | None = None, before: Step | None = None) -> Step:
         """Ramp to several checked commands in turn.
 
         Args:
             targets: rows as returned by `target`, shape (V, S + 2 N).
             records: output: displacement, its rounding rest and tension after each ramp, shape (V, 2 N + S).
+            before: an account to continue; its velocity and translation interval are not continued.
 
         Returns:
             The account of all ramps together.
@@ -281,8 +282,11 @@ class Crawler:
         flags = targets.flags
         if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one signature
             targets = np.array(targets, dtype=np.float64)
-        account = np.zeros(ACCOUNT_SIZE)
-        account[VISITED] = np.inf
+        if before is None:
+            account = np.zeros(ACCOUNT_SIZE)
+            account[VISITED] = np.inf
+        else:
+            account = before.account.copy()
         self._motion.follow(
             self._state,
             self._scratch,

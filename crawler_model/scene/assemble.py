@@ -10,10 +10,10 @@ from ..arrays import frozen
 from ..body.directions import check_directions
 from ..errors import SceneError
 from ..run.simulate import simulate
-from .assemble_body import assemble_body, assemble_columns
+from .assemble_body import assemble_body, assemble_columns, reuse_columns
 from .assemble_drive import assemble_drive
 from .assemble_friction import assemble_friction, assemble_ground, planar_friction
-from .assemble_start import assemble_start, check_start
+from .assemble_start import assemble_start, check_start, relax_loaded
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
 from .friction_parts import FrictionRowsPart
@@ -52,9 +52,11 @@ def _assemble(parts: SceneParts, elements: Sequence[int], like: Assembly | None 
     """Build the arrays of a scene for given numbers of elements; the start is not checked."""
     body = assemble_body(parts, elements) if like is None else like.body
     ground = assemble_ground(parts, body)
-    columns = assemble_columns(parts, body, ground) if like is None else like.columns
+    columns = (
+        assemble_columns(parts, body, ground) if like is None else reuse_columns(parts, body, ground, like.columns)
+    )
     drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns, ground))
-    return Assembly(parts, body, ground, columns, drive, frozen(assemble_start(parts, body, drive)))
+    return relax_loaded(Assembly(parts, body, ground, columns, drive, frozen(assemble_start(parts, body, drive))))
 
 
 def _check_parts(parts: SceneParts) -> None:

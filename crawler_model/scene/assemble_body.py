@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -89,12 +90,45 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
         The columns. A segment has one column for its strain unless a wave runs along it, and one per side for its
         friction unless that varies along it.
     """
-    drive = parts.drive
-    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or ground.slope != 0.0
+    drive, slope_load = parts.drive, loads_of_slope(parts, ground)
     if parts.dimension == 2:
-        directions = unit_directions(angles_of(parts))
-        return build_planar_columns(body, directions, ground.slope_load if loaded else None)
+        return build_planar_columns(body, unit_directions(angles_of(parts)), slope_load)
     strain = drive is not None and drive.wave is not None
     wave = drive is not None and drive.friction_wave is not None
     fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
-    return build_columns(body, fields, ground.slope_load if loaded else None)
+    return build_columns(body, fields, slope_load)
+
+
+def loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
+    """Compute what the slope adds to the loads.
+
+    Args:
+        parts: the parts of the scene.
+        ground: its ground.
+
+    Returns:
+        Shape (N,), in the plane (N, 2) [N]; None for a scene on level ground whose loads cannot be commanded.
+    """
+    drive = parts.drive
+    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or ground.slope != 0.0
+    return ground.slope_load if loaded else None
+
+
+def reuse_columns(parts: SceneParts, body: Body, ground: Ground, like: Columns) -> Columns:
+    """Build the command layout of a scene from that of another one, which differs at most in its loads.
+
+    Args:
+        parts: the parts of the scene.
+        body: its body.
+        ground: its ground.
+        like: the other layout.
+
+    Returns:
+        The layout; the other one itself if the slope adds the same loads.
+    """
+    if parts.dimension == 2:
+        return assemble_columns(parts, body, ground)
+    slope_load, same = loads_of_slope(parts, ground), like.slope_load
+    if slope_load is None or same is None:
+        return like if slope_load is same else assemble_columns(parts, body, ground)
+    return like if np.array_equal(slope_load, same) else dataclasses.replace(like, slope_load=slope_load)

@@ -34,9 +34,9 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
     part = parts.drive
     if part is None:
         row = np.concatenate((np.zeros(columns.lengths), friction))
-        waiting = Drive(frozen([0.0]), None, frozen(row[None]), columns)
-        columns.check_equilibrium(waiting.targets[0], "loads", SceneError)
-        return waiting
+        drive = Drive(frozen([0.0]), None, frozen(row[None]), columns)
+        columns.check_equilibrium(drive.targets[0], "scene", SceneError)
+        return drive
     if part.strategy is not None:
         return _build_strategy(body, columns, part, friction)
     if part.times is None:

@@ -38,7 +38,19 @@ def assemble_ground(parts: SceneParts, body: Body) -> Ground:
     if ground.slope != 0.0 and parts.body.weights is None:
         raise SceneError("body.weights: missing; a slope acts on the weight of each contact")
     weight = frozen(weights_of(parts, body))
-    return Ground(weight, uses_coefficients(parts), math.radians(ground.slope), direction)
+    return Ground(weight, _follow_weights(parts, body), math.radians(ground.slope), direction)
+
+
+def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
+    """Determine whose friction follows from its weight, shape (N,): not that of a drive that commands friction."""
+    follows = np.zeros(body.contacts, np.bool_)
+    drive = parts.drive
+    if drive is None or (drive.friction is None and drive.friction_wave is None):
+        follows[body.isolated] = _has_coefficient(parts.friction)
+        for part, segment in zip(parts.body.segments, body.segments, strict=True):
+            follows[segment.contacts] = _has_coefficient(part.friction)
+    follows.flags.writeable = False
+    return follows
 
 
 def weights_of(parts: SceneParts, body: Body) -> np.ndarray:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
-from ..arrays import spread
+from ..arrays import frozen, spread
 from ..body.body import Body
 from ..body.drive import Drive
 from ..body.planar_loads import split_target
+from ..crawler.crawler import Crawler
 from ..errors import SceneError
 from ..rounding import EPS
 from ..theory.stasis import bound_distances
@@ -27,7 +30,8 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
 
     Returns:
         Displacement, shape (N,), in the plane (N, 2) [m]. A scene specifies it for the isolated contacts and both ends
-        of each segment, with linear interpolation between; `relaxed` is a start without spring forces.
+        of each segment, with linear interpolation between; `relaxed` is a start without spring forces (`relax_loaded`
+        where loads do not allow that).
 
     Raises:
         SceneError: if the number of values is wrong.
@@ -55,6 +59,31 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
     return x
 
 
+def relax_loaded(assembly: Assembly) -> Assembly:
+    """Replace a start without spring forces by one that the loads allow.
+
+    A contact whose load exceeds its own friction must be held by springs. The tensions are then those of least elastic
+    energy within the bounds, in which the body ends if it is put down without tension and the loads are applied in one
+    catch-up step.
+
+    Args:
+        assembly: the assembly of a scene with `start: relaxed`.
+
+    Returns:
+        The assembly with that start, or itself if no contact needs springs.
+    """
+    drive = assembly.drive
+    if assembly.parts.start != "relaxed" or not assembly.columns.loads:
+        return assembly
+    if (drive.forward[0] >= 0.0).all() and (drive.backward[0] >= 0.0).all():
+        return assembly
+    load = drive.loads[0]
+    free = np.concatenate((drive.actuation[0], drive.forward[0] + load, drive.backward[0] - load, 0.0 * load))
+    crawler = Crawler(assembly, "catch_up").placed(assembly.start_displacement, free)
+    crawler.follow(drive.targets[:1])
+    return dataclasses.replace(assembly, start_displacement=frozen(crawler.displacement))
+
+
 def check_start(assembly: Assembly) -> None:
     """Check that the spring forces at the start are within the friction at the start.
 
@@ -76,7 +105,14 @@ def check_start(assembly: Assembly) -> None:
     if excess[worst] >= 0.0:
         return
     g = force[worst]
-    bound, side = (forward[worst], "forward") if g > 0.0 else (backward[worst], "backward")
+    ahead = forward[worst] - g < g + backward[worst]
+    bound, side = (forward[worst], "forward") if ahead else (backward[worst], "backward")
+    if assembly.columns.loads and drive.loads[0, worst] != 0.0:
+        raise SceneError(
+            f"start.displacement: {body.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than the "
+            f"{bound:g} N that its load of {drive.loads[0, worst]:g} N leaves of its {side} friction; write "
+            "`start: relaxed` for the least tensions that hold the loads"
+        )
     proposal = "write `start: relaxed`"
     if not body.segments:
         relaxed = x[0] + body.relaxed(drive.actuation[0])

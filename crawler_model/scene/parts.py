@@ -284,7 +284,10 @@ class SceneParts(Part):
     ] = None
     start: Annotated[
         StartPart | Literal["relaxed"] | None,
-        key("Displacements at the start; `relaxed`: without spring forces. Default: x = 0."),
+        key(
+            "Displacements at the start; `relaxed`: without spring forces, or with the least that hold the loads. "
+            "Default: x = 0."
+        ),
     ] = None
     drive: Annotated[
         DrivePart | None,

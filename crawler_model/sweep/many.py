@@ -7,6 +7,7 @@ A row equals the results of `simulate` for that scene. `exact` needs no ticks: i
 from __future__ import annotations
 
 import functools
+import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from ..crawler.crawler import METHODS, Crawler, Method
 from ..errors import CommandError, CrawlerError, SceneError
 from ..run.account import Energy, Total, average_displacement, stored_energy
 from ..run.simulate import default_duration, rational_rate, tick_end_ns
+from ..run.transport import body_lengths, cost_of_transport
 from ..scene.scene import Scene
 from .workers import Chunk, available_cores, run_chunks
 
@@ -29,10 +31,11 @@ _NOT_RUN, _DONE, _INVALID = 0, 1, 2
 _STATUS = np.array(["not run", "done", "invalid"])
 _LENGTHS = ("net_translation", "gained", "per_period", "settling")
 _FORCES = ("work", "dissipation", "stored", "residual", "violation", "visited_margin")
+_COMPARED = ("period_work", "cost_of_transport", "body_lengths")
 ROW = np.dtype(
     [("status", np.uint8), ("dimension", np.uint8), ("unique", np.bool_)]
     + [(name, np.float64, (2,)) for name in _LENGTHS]
-    + [(name, np.float64) for name in _FORCES]
+    + [(name, np.float64) for name in (*_FORCES, *_COMPARED)]
     + [
         ("kernel_s", np.float64),
         ("events", np.int64),
@@ -63,6 +66,11 @@ class ManyRuns:
         violation: largest amount by which a spring force exceeds its bound, shape (M,) [N].
         visited_margin: how close all contacts came to sliding at once, shape (M,); for chains of more than 256
             contacts and with catch_up only at the ends of ramps.
+        period_work: work of the actuators in the last whole period, shape (M,) [J]; NaN without one.
+        cost_of_transport: work / (distance * force) of the last whole period, shape (M,): the distance is |per_period|,
+            the force the sum of `body.weights`, or without weights the sum of (mu_plus + mu_minus) / 2, its mean over a
+            period. NaN without a whole period, and for a body that does not travel.
+        body_lengths: per_period in lengths of the body (in the plane, its distance), shape (M,).
         unique: False if the translation was not determined on some stretch, shape (M,).
         events: number of linear pieces, shape (M,).
         overspent: number of ramps whose budget of work was exceeded, shape (M,).
@@ -84,6 +92,9 @@ class ManyRuns:
     residual: np.ndarray
     violation: np.ndarray
     visited_margin: np.ndarray
+    period_work: np.ndarray
+    cost_of_transport: np.ndarray
+    body_lengths: np.ndarray
     unique: np.ndarray
     events: np.ndarray
     overspent: np.ndarray
@@ -230,7 +241,7 @@ def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s:
     done = rows["status"] == _DONE
     planar = bool((rows["dimension"] == 2).any())
     columns = {}
-    for name in (*_LENGTHS, *_FORCES):
+    for name in (*_LENGTHS, *_FORCES, *_COMPARED):
         column = rows[name].copy()
         column[~done] = np.nan
         columns[name] = column if planar or column.ndim == 1 else column[:, 0].copy()
@@ -252,13 +263,18 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
     marks[0, :width] = x.ravel()
     last = marks[0]
     start = stored = peak = float(stored_energy(scene.body, tension[None])[0])
-    total, periods = Total(crawler.visited_margin), 0
+    total, periods, works = Total(crawler.visited_margin), 0, [0.0]
     for targets, ends in _ramps(crawler, settings):
         if stop is not None and stop():
             return None
         records = np.empty((targets.shape[0], 2 * width + tension.size))
         began = time.perf_counter()
-        step = crawler.follow(targets, records)
+        step = None
+        for first, until in itertools.pairwise(sorted({0, *(ends[-2:] + 1), targets.shape[0]})):
+            step = crawler.follow(targets[first:until], records[first:until], step)
+            if until - 1 in ends[-2:]:
+                works.append(total.work + step.work)
+        assert step is not None
         kernel_s += time.perf_counter() - began
         total.add(step)
         energy = stored_energy(scene.body, records[:, 2 * width :].reshape(-1, *tension.shape))
@@ -269,13 +285,18 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
             marks = np.concatenate((marks, records[ends[-3:], : 2 * width]))[-3:]
     account = Energy(total.work, total.dissipation, stored - start, total.residual, peak, total.loads_work)
     lengths = _lengths(scene.body, marks.reshape(-1, 2, *x.shape), last[:width].reshape(x.shape), x)
+    period = lengths[2] if scene.dimension == 2 else lengths[2][0]
+    compared = (np.nan,) * 3
+    if periods:
+        spent, size = works[-1] - works[-2], float(np.abs(marks[:, :width]).max())
+        compared = (spent, cost_of_transport(scene, spent, period, size), body_lengths(scene, period))
     forces = (account.work, account.dissipation, account.stored, account.relative_residual)
     margins = (total.violation, total.visited)
     counts = (kernel_s, total.events, total.overspent, total.unsolved, periods)
-    return (_DONE, scene.dimension, total.unique, *lengths, *forces, *margins, *counts)
+    return (_DONE, scene.dimension, total.unique, *lengths, *forces, *margins, *compared, *counts)
 
 
-def _lengths(body: Body, marks: np.ndarray, last: np.ndarray, start: np.ndarray) -> tuple[object, ...]:
+def _lengths(body: Body, marks: np.ndarray, last: np.ndarray, start: np.ndarray) -> tuple[Any, ...]:
     """Compute the lengths of a run: net_translation, gained, per_period and settling."""
     end, begin = average_displacement(body, np.array((last, start)))
     moved = marks[1:] - marks[:-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,10 +24,12 @@ from ..scene.validate import known_keys, propose_key
 
 MOST_VARIATIONS = 10_000_000
 """Upper limit of variations; their results take about a gigabyte."""
-_BODY_UNCHANGED = ("friction", "start", "drive", "tolerance")
-"""Parts of a scene that do not affect its body."""
-_OPTIONAL = ("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic")
+_BODY_UNCHANGED = ("friction", "start", "drive", "tolerance", "loads", "ground")
+"""Parts of a scene that do not affect its body; neither do the weights in it."""
+_OPTIONAL = ("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic", "slope")
 """Numbers that a document may omit."""
+_ZERO = (("loads",), ("body", "weights"))
+"""Numbers, one for all or one each, that are 0 where a document omits them."""
 _Path = tuple[str | int, ...]
 
 
@@ -104,7 +107,7 @@ class Variations(Sequence[Scene]):
 
     def _scene(self, at: int) -> Scene:
         document = self.document(at)
-        if set(self._changed) <= set(_BODY_UNCHANGED):
+        if all(path[0] in _BODY_UNCHANGED or path[:2] == ("body", "weights") for path in self._paths):
             with contextlib.suppress(ValueError):  # validated again as a whole for a message that names the field
                 return self._scene_with_same_body(document)
         return Scene.model_validate(document)
@@ -122,8 +125,8 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         scene: a scene, a path or a gallery name. The elements of its segments stay those of the base scene, unless the
             accuracy is varied.
         values: the values of each dotted key into the document of the scene: `friction.forward`, `drive.length`,
-            `drive.wave.amplitude`, `body.links.stiffness` (of all links) or `body.links.stiffness.0` (of the first),
-            `body.segments.trunk.stiffness`.
+            `drive.wave.amplitude`, `ground.slope`, `body.links.stiffness` (of all links) or `body.links.stiffness[0]`
+            (of the first; also written `body.links.stiffness.0`), `loads[2]`, `body.segments.trunk.stiffness`.
         grid: True for all combinations, False to combine the k-th values of all keys.
 
     Returns:
@@ -149,6 +152,9 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
     paths = variations._paths
     for path, key in zip(paths, columns, strict=True):
         _check_effect(scene, path, key)
+    weighed = scene.parts.body.weights is not None or any(path[:2] == ("body", "weights") for path in paths)
+    if not weighed and ("ground", "slope") in paths:
+        raise SceneError("vary: ground.slope: no effect, as the contacts have no weights; give body.weights")
     for i, path in enumerate(paths):
         for j, other in enumerate(paths):
             if i != j and other[: len(path)] == path:
@@ -186,8 +192,15 @@ def _put(node: Any, path: _Path, value: float) -> Any:
 def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
     """Convert friction to the form that a key names, and remove elements derived from a varied accuracy."""
     node: Any = document
+    for known in _ZERO:
+        if path[: len(known)] == known:
+            (document if len(known) == 1 else document[known[0]]).setdefault(known[-1], 0.0)
+    if path[0] == "ground":
+        document.setdefault("ground", {})
     for step in path[:-1]:
         if step in ("forward", "backward", "isotropic"):
+            break
+        if not isinstance(node[step], (dict, list)):
             break
         node = node[step]
         if isinstance(node, dict):
@@ -199,13 +212,49 @@ def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
                 del node["backward"]
     if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is None:
         node.pop("elements", None)
+    if isinstance(path[-1], int):
+        _spread(scene, document, path[:-1])
+
+
+def _spread(scene: Scene, document: dict[str, Any], path: _Path) -> None:
+    """Write one number for all as a list, of which a key names an entry."""
+    node: Any = document
+    for step in path[:-1]:
+        node = node[step]
+    if isinstance(node[path[-1]], (int, float)):
+        node[path[-1]] = [node[path[-1]]] * _entries(scene, path)
+
+
+def _entries(scene: Scene, path: _Path) -> int:
+    """Count the entries of a list that a document may write as one number; 0 for other numbers."""
+    body = scene.body
+    if path in _ZERO:
+        return int(body.isolated.size) + len(body.segments)
+    if path[0] == "friction" and path[-1] in ("forward", "backward", "isotropic"):
+        return int(body.isolated.size)
+    return int(body.link_springs.size) if path == ("body", "links", "stiffness") else 0
+
+
+def key_steps(key: str) -> list[str]:
+    """Split a dotted key; `loads[2]` is `loads.2`.
+
+    Args:
+        key: the key.
+
+    Returns:
+        Its steps.
+    """
+    return re.sub(r"\[(\d+)\]", r".\1", key).split(".")
 
 
 def _path(scene: Scene, key: str) -> _Path:
     """Resolve a dotted key in the document of a scene."""
     node: Any = scene.document()
+    if scene.dimension == 1:
+        node["body"].setdefault("weights", 0.0)
+        node = {"loads": 0.0, "ground": {}} | node
     path: list[str | int] = []
-    steps = key.split(".")
+    steps = key_steps(key)
     for depth, step in enumerate(steps):
         if isinstance(node, list):
             names = [part.get("name") if isinstance(part, dict) else None for part in node]
@@ -223,6 +272,9 @@ def _path(scene: Scene, key: str) -> _Path:
             path.append(step)
             if isotropic and step not in node:
                 node = {step: node["isotropic"]}
+        elif isinstance(node, float) and step.isdecimal() and int(step) < _entries(scene, tuple(path)):
+            path.append(int(step))
+            continue
         else:
             raise _unknown(scene, key)
         node = node.get(step) if isinstance(node, dict) else node[path[-1]]
@@ -271,3 +323,5 @@ def _check_effect(scene: Scene, path: _Path, key: str) -> None:
     if commands and own:
         replaced = "drive.friction" if drive is not None and drive.friction is not None else "drive.friction_wave"
         raise SceneError(f"vary: {key}: no effect, as the drive commands friction; vary {replaced} instead")
+    if path[0] == "loads" and drive is not None and drive.loads is not None:
+        raise SceneError(f"vary: {key}: no effect, as the drive commands loads; vary drive.loads instead")

@@ -1,7 +1,8 @@
 """The limits of a body at rest: the steepest slope and the largest tow before it runs away.
 
 A connected body has an equilibrium under loads f if and only if -sum mu_minus <= sum f <= sum mu_plus: springs carry
-what one contact cannot hold to another one that can.
+what one contact cannot hold to another one that can. Before that, single contacts give way: each as soon as its own
+load and the force of its springs exceed its own friction.
 """
 
 from __future__ import annotations
@@ -16,26 +17,40 @@ from ..body.ground import Ground
 
 
 @dataclass(frozen=True)
+class Tilt:
+    """What a body at rest holds when the track is tilted, uphill or downhill.
+
+    Attributes:
+        steepest: slope beyond which no equilibrium exists and the body runs away, a positive angle [rad].
+        contact: the contact that gives way first.
+        gives_way: slope at which it does, at most `steepest` [rad].
+    """
+
+    steepest: float
+    contact: int
+    gives_way: float
+
+
+@dataclass(frozen=True, eq=False)
 class Holding:
     """The limits of rest.
 
     Attributes:
-        tow_forward: largest force towards +x, at any contact, beside the loads that there are [N].
+        tow_forward: largest force towards +x, on any contact, beside the loads that there are [N].
         tow_backward: largest force towards -x, likewise [N].
-        uphill: steepest slope, uphill towards +x, on which the body does not slide back [rad]; None without weights.
-        downhill: steepest slope, downhill towards +x, on which it does not slide forward, a positive angle [rad]; None
-            without weights.
-        first_forward: the contact that first reaches its bound when all contacts are pushed forward in proportion to
-            their weights (without weights, alike).
-        first_backward: the same backward.
+        slip_forward: force towards +x on each contact alone with which that contact, the first one, gives way, shape
+            (N,) [N].
+        slip_backward: force towards -x, likewise, shape (N,) [N].
+        uphill: tilted until it slides back, towards -x; None without weights.
+        downhill: tilted until it slides forward; None without weights.
     """
 
     tow_forward: float
     tow_backward: float
-    uphill: float | None
-    downhill: float | None
-    first_forward: int
-    first_backward: int
+    slip_forward: np.ndarray
+    slip_backward: np.ndarray
+    uphill: Tilt | None
+    downhill: Tilt | None
 
 
 def compute_holding(
@@ -57,34 +72,59 @@ def compute_holding(
         load: f, the slope's share included, shape (N,) [N].
 
     Returns:
-        The limits. Friction by coefficient: W sin(theta) - P = M cos(theta) with M the sum of coefficient times weight
-        and P the sum of the other loads; friction as forces: W sin(theta) - P = sum mu.
+        The limits.
     """
-    total = float(load.sum())
-    weight = float(ground.weight.sum())
-    others = total + weight * math.sin(ground.slope)
+    g = body.spring_force(tension)
+    plus, minus = forward - load, backward + load
+    others = load - ground.slope_load
     uphill = downhill = None
-    if weight > 0.0:
-        tilt = math.cos(ground.slope)
-        uphill = _steepest(weight, others, float(backward.sum()), tilt if ground.by_coefficient else None)
-        downhill = _steepest(weight, -others, float(forward.sum()), tilt if ground.by_coefficient else None)
-    g = body.spring_force(tension) + load
-    push = ground.weight if weight > 0.0 else np.ones(body.contacts)
-    with np.errstate(divide="ignore"):
-        first_forward = int(np.argmin((forward - g) / push))
-        first_backward = int(np.argmin((backward + g) / push))
-    return Holding(
-        float(forward.sum()) - total, float(backward.sum()) + total, uphill, downhill, first_forward, first_backward
-    )
+    if ground.weight.any():
+        uphill = _tilt(ground, backward, others, g)
+        downhill = _tilt(ground, forward, -others, -g)
+    return Holding(float(plus.sum()), float(minus.sum()), plus - g, minus + g, uphill, downhill)
 
 
-def _steepest(weight: float, helping: float, friction: float, tilt: float | None) -> float:
-    """Solve weight sin(theta) - helping = friction, which with a tilt is friction cos(theta) / tilt; at most pi / 2."""
-    if tilt is None:
-        sine = (helping + friction) / weight
-        return math.copysign(math.pi / 2.0, sine) if abs(sine) >= 1.0 else math.asin(sine)
-    held = friction / tilt
-    reach = math.hypot(weight, held)
+def _tilt(ground: Ground, friction: np.ndarray, others: np.ndarray, force: np.ndarray) -> Tilt:
+    """Find the slope at which the whole body runs away, and the least at which a contact gives way."""
+    whole = steepest_held(ground, friction, others)
+    alone = [
+        float(_steepest(w, p, m))
+        for w, p, m in zip(*_balance(ground, friction, others + force), strict=True)
+        if w > 0.0
+    ]
+    heavy = np.flatnonzero(ground.weight > 0.0)
+    first = int(np.argmin(alone))
+    return Tilt(whole, int(heavy[first]), min(alone[first], whole))
+
+
+def steepest_held(ground: Ground, friction: np.ndarray, others: np.ndarray) -> float:
+    """Compute the slope beyond which friction cannot hold the weights.
+
+    Friction of coefficients is M cos(theta), friction given as forces F; with the weights W and the other loads P it
+    is the solution of W sin(theta) - P = F + M cos(theta).
+
+    Args:
+        ground: weights, present slope, and which contacts have coefficients.
+        friction: at the present slope, against sliding downhill, shape (N,) [N].
+        others: loads beside the slope's, uphill positive, shape (N,) [N].
+
+    Returns:
+        The slope, at most pi / 2, negative if it must lean the other way [rad].
+    """
+    weight, helping, sliding = (float(part.sum()) for part in _balance(ground, friction, others))
+    return _steepest(weight, helping, sliding)
+
+
+def _balance(ground: Ground, friction: np.ndarray, helping: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Divide what holds a contact on a slope into its weight, constant forces, and friction that goes with cos."""
+    follows = ground.by_coefficient
+    sliding = np.where(follows, friction, 0.0) / math.cos(ground.slope)
+    return ground.weight, helping + np.where(follows, 0.0, friction), sliding
+
+
+def _steepest(weight: float, helping: float, sliding: float) -> float:
+    """Solve weight sin(theta) - helping = sliding cos(theta); at most pi / 2."""
+    reach = math.hypot(weight, sliding)
     if abs(helping) >= reach:
         return math.copysign(math.pi / 2.0, helping)
-    return min(math.atan2(held, weight) + math.asin(helping / reach), math.pi / 2.0)
+    return min(math.atan2(sliding, weight) + math.asin(helping / reach), math.pi / 2.0)

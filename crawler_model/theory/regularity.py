@@ -17,6 +17,7 @@ class Regularity:
         least: smallest coefficient of any contact at any time [N, on a segment N/m].
         greatest: largest coefficient [N, on a segment N/m].
         rate: largest rate of change of a coefficient, the Lipschitz constant [N/s, on a segment N/m/s].
+        load_rate: largest rate of change of a load; loads belong to the energy and may have any sign [likewise].
         where: name of the column with the smallest coefficient.
 
     Source: [G] section 5.1, Lemmas on condition (diamond diamond) for discrete and for continuous models.
@@ -25,6 +26,7 @@ class Regularity:
     least: float
     greatest: float
     rate: float
+    load_rate: float
     where: str
 
     @property
@@ -45,16 +47,18 @@ def check_regularity(drive: Drive) -> Regularity:
         Bounds and rate.
     """
     columns = drive.columns
-    friction = drive.rows[:, columns.lengths :][:, : columns.frictions]
+    held = drive.rows[:, columns.lengths :]
     times = drive.times
     if drive.period is not None and drive.period > times[-1]:
         times = np.append(times, drive.period)
-        friction = np.vstack((friction, friction[:1]))
-    rate = np.abs(np.diff(friction, axis=0)) / np.diff(times)[:, None]
+        held = np.vstack((held, held[:1]))
+    rate = np.abs(np.diff(held, axis=0)) / np.diff(times)[:, None]
+    friction = held[:, : columns.frictions]
     weakest = int(friction.min(axis=0).argmin())
     return Regularity(
         float(friction.min()),
         float(friction.max()),
-        float(rate.max(initial=0.0)),
+        float(rate[:, : columns.frictions].max(initial=0.0)),
+        float(rate[:, columns.frictions :].max(initial=0.0)),
         columns.names[columns.lengths + weakest],
     )

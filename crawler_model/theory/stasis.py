@@ -10,6 +10,9 @@ and motion starts at its boundary ([G] Remark on stasis domains). The facet that
 slides and hence the direction of motion ([G] Remark on stasis domains and direction of motion). [G] draws these sets
 in -Q.
 
+Loads f shift the bounds: with them, mu_plus and mu_minus stand for mu_plus - f and mu_minus + f throughout this file,
+as in `Drive.forward` and `Drive.backward`. One of the two may be negative where others hold a contact.
+
 The functions take one state and its friction; `StasisDomain` is the set itself.
 """
 
@@ -60,8 +63,9 @@ class StasisDomain:
     """The section forces at which no contact has to slide: a convex polytope of dimension at most N - 1.
 
     Attributes:
-        forward: mu_plus, shape (N,), >= 0 [N].
-        backward: mu_minus, shape (N,), >= 0 [N].
+        forward: mu_plus, with loads mu_plus - f, shape (N,) [N].
+        backward: mu_minus, with loads mu_minus + f, shape (N,) [N]. The sum of both is >= 0 for each contact, and the
+            sum of each over all contacts: otherwise the set is empty.
     """
 
     forward: np.ndarray
@@ -78,8 +82,21 @@ class StasisDomain:
                 "a stasis domain needs both values for at least two contacts"
             )
         for name, values in (("forward", self.forward), ("backward", self.backward)):
-            for i in np.flatnonzero(~((values >= 0.0) & np.isfinite(values))):
-                raise ValueError(f"{name}: contact {i} has {values[i]:g} N; friction must be finite and >= 0")
+            for i in np.flatnonzero(~np.isfinite(values)):
+                raise ValueError(f"{name}: contact {i} has {values[i]:g} N; a bound must be finite")
+        width = self.forward + self.backward
+        near = CRITICAL * float(np.abs(self.forward).sum() + np.abs(self.backward).sum())
+        for i in np.flatnonzero(width < -near):
+            raise ValueError(
+                f"forward, backward: contact {i} has {self.forward[i]:g} and {self.backward[i]:g} N; "
+                "their sum, the friction of both directions, must be >= 0"
+            )
+        for name, values in (("forward", self.forward), ("backward", self.backward)):
+            if values.sum() < -near:
+                raise ValueError(
+                    f"{name}: the bounds sum to {values.sum():g} N; the sum must be >= 0, as no equilibrium holds the "
+                    "loads otherwise"
+                )
 
     @property
     def contacts(self) -> int:
@@ -187,7 +204,8 @@ class StasisDomain:
         """Find the facets: with g_i at a bound, all other contacts can be strictly inside their bounds.
 
         At mu_plus_i the others must carry -mu_plus_i > -sum_{j != i} mu_minus_j, hence the facet exists when
-        mu_plus_i + mu_minus_i < sum_j mu_minus_j; at -mu_minus_i when it is less than sum_j mu_plus_j. If a contact
+        mu_plus_i + mu_minus_i < sum_j mu_minus_j; at -mu_minus_i when it is less than sum_j mu_plus_j. Loads change
+        these sums, but not the left sides: the steeper the slope, the fewer facets lead uphill. If a contact
         has no friction, the other contacts have no facets: the domain itself is the facet of that contact, on both
         sides. Bounds that balance within 1e-12 of the total friction, as in `uniqueness_margin`, make no facet.
 
@@ -196,10 +214,11 @@ class StasisDomain:
         """
         width = self.forward + self.backward
         plus, minus = float(self.forward.sum()), float(self.backward.sum())
-        if plus == 0.0 or minus == 0.0:
+        near = CRITICAL * (plus + minus)
+        if plus <= near or minus <= near:
             return ()
-        empty = width == 0.0
-        balanced = width + CRITICAL * (plus + minus)
+        empty = width <= _ROUNDING * (np.abs(self.forward) + np.abs(self.backward))
+        balanced = width + near
         others_open = np.count_nonzero(empty) == empty.astype(np.int64)
         n = self.contacts
         found: list[Facet] = []

@@ -5,6 +5,10 @@ backward friction of J balances the forward friction of the others (condition (*
 
     sum_{i in J} mu_minus_i - sum_{i not in J} mu_plus_i = 0.
 
+With loads f the bounds mu_plus - f and mu_minus + f take the place of mu_plus and mu_minus in all of this file, and the
+condition reads sum_{i in J} mu_minus_i + sum_i f_i = sum_{i not in J} mu_plus_i: only the sum of the loads counts. With
+J empty or with all contacts it says that the body is about to run away.
+
 Then the translation rates v that minimise the dissipation R(chi(w, v)) fill an interval. Everywhere in this package
 the rate whose net translation is nearest to zero is then chosen. (An interval that exists only because a segment is
 divided into elements does not count; see `choose_translation`.)
@@ -30,8 +34,8 @@ def uniqueness_margin(forward: ArrayLike, backward: ArrayLike) -> float | None:
         margin = min_J |sum_J mu_minus - sum_{not J} mu_plus| / sum_i (mu_plus_i + mu_minus_i)
 
     Args:
-        forward: mu_plus, shape (N,) [N].
-        backward: mu_minus, shape (N,) [N].
+        forward: mu_plus, with loads mu_plus - f, shape (N,) [N].
+        backward: mu_minus, with loads mu_minus + f, shape (N,) [N].
 
     Returns:
         The margin in [0, 1/2]; 0 if it is below 1e-12, which counts as critical, or if there is no friction; None if it
@@ -74,7 +78,7 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
 
     A segment counts as one contact with the friction of its whole length: if parts of it slide in both directions, the
     translation is determined as soon as both its coefficients are positive ([G] Lemma on homogeneous continuous
-    models). Only segments that slide in one direction as a whole can leave it undetermined.
+    models; with loads, its bounds). Only segments that slide in one direction as a whole can leave it undetermined.
 
     Args:
         body: the body.
@@ -82,7 +86,7 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
 
     Returns:
         The minimum over the waypoints, in [0, 1/2]; None if one of them is undecided, for more than 64 different rows
-        of more than 16 blocks, if a part of a segment has no friction, and in the plane.
+        of more than 16 blocks, if a bound of a part of a segment is not positive, and in the plane.
     """
     if body.dimension == 2:
         return None

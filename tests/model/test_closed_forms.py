@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, load_scene, simulate
+from crawler_model import Crawler, Scene, load_scene, simulate
 
 from .chains import scene
 
@@ -101,6 +103,9 @@ GALLERY = {
     "two_anchor_a": 2.0,
     "two_anchor_b": 2.0,
     "two_anchor_c": 2.0,
+    "slope_climber": 0.1 - 2.0 * (0.2 * math.cos(math.radians(10.0)) + math.sin(math.radians(10.0))) / 20.0,
+    "payload_climber": 0.1 - 3.0 * (0.2 * math.cos(math.radians(5.0)) + math.sin(math.radians(5.0))) / 20.0,
+    "tow_puller": 0.075,
 }
 
 
@@ -108,6 +113,20 @@ GALLERY = {
 def test_the_gallery_moves_as_its_comments_say(name):
     run = simulate(load_scene(name))
     assert run.per_period[1:] == pytest.approx(GALLERY[name], abs=1e-12)
+
+
+@pytest.mark.parametrize(("degrees", "accuracy"), [(0.0, 4e-3), (6.0, 4e-3), (6.0, 4e-4), (10.0, 4e-3)])
+def test_a_segment_climbs_by_the_bounds_of_its_friction(degrees, accuracy):
+    """l (Deps - a l/k) (b - a)/(b + a), accurate relative to the stroke of 0.4 m."""
+    document = load_scene("segment_climber").document()
+    trunk = document["body"]["segments"][0]
+    del trunk["elements"]
+    trunk["accuracy"] = accuracy / 0.4
+    run = simulate(Scene.model_validate(document | {"ground": {"slope": degrees}}), 4.0)
+    theta = math.radians(degrees)
+    a, b = 0.5 * (0.2 * math.cos(theta) + math.sin(theta)), 0.5 * (0.6 * math.cos(theta) - math.sin(theta))
+    assert run.per_period[1:] == pytest.approx((0.4 - a) * (b - a) / (b + a), abs=accuracy)
+    assert run.per_period[-1] > 0.0
 
 
 def test_two_ways_played_backwards_walks_back():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
+from crawler_model.theory.regularity import check_regularity
 
 METHODS = ("exact", "catch_up")
 
@@ -157,6 +158,52 @@ def test_a_bound_of_one_contact_may_be_negative():
     run = simulate(scene, 3.0)
     assert run.violation < 1e-14
     assert run.energy.relative_residual < 1e-14
+
+
+@pytest.mark.parametrize("between", [None, RING], ids=["chain", "graph"])
+def test_a_relaxed_start_holds_a_load_that_its_contact_does_not(between):
+    """Contact 0 carries 1.5 N down the slope and holds 1 N: springs of least energy carry the rest to the others."""
+    start = Scene.model_validate(three(between).document() | {"loads": [-1.5, 0.0, 0.0], "start": "relaxed"})
+    crawler = Crawler(start)
+    assert crawler.margins.min() == pytest.approx(0.0, abs=1e-15)
+    assert crawler.spring_force[0] == pytest.approx(0.5, abs=1e-15)
+    ends = [[0, 1], [1, 2]] if between is None else RING
+    k = np.array([1.0, 2.0, 0.5])[: len(ends)]
+    g = np.zeros((3, len(ends)))
+    for s, (a, b) in enumerate(ends):
+        g[a, s], g[b, s] = 1.0, -1.0
+    forward, backward = crawler.forward - crawler.loads, crawler.backward + crawler.loads
+    tension = k * np.array([start.start_displacement[b] - start.start_displacement[a] for a, b in ends])
+    energy = (tension**2 / k).sum()
+    z = np.random.default_rng(2).normal(size=(2000, 2)) * 0.5 + start.start_displacement[1:]
+    x = np.column_stack((np.zeros(2000), z))
+    t = k * np.column_stack([x[:, b] - x[:, a] for a, b in ends])
+    force = t @ g.T
+    inside = ((force <= forward) & (force >= -backward)).all(axis=1)
+    assert inside.any()
+    assert ((t**2 / k).sum(axis=1)[inside] >= energy - 1e-12).all()
+    assert simulate(start, 0.0).violation == 0.0
+
+
+def test_a_relaxed_start_that_the_loads_allow_has_no_tension():
+    start = Scene.model_validate(three().document() | {"loads": [-0.5, 0.3, 0.1], "start": "relaxed"})
+    assert not Crawler(start).tension.any()
+
+
+def test_a_load_without_springs_to_hold_it_is_one_clear_line():
+    with pytest.raises(
+        SceneError, match=r"contact 0 .* that its load of -1.5 N leaves of its backward friction; write"
+    ):
+        three(loads=[-1.5, 0.0, 0.0])
+
+
+def test_loads_are_no_friction_that_could_vanish():
+    rows = [[0.0, 0.0], [0.2, -0.4], [0.0, 0.0]]
+    drive = {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [3.0], [0.0]], "loads": rows}
+    regular = check_regularity(Scene.model_validate(two(loads=0.0).document() | {"drive": drive}).drive)
+    assert regular.is_regular
+    assert (regular.least, regular.greatest, regular.rate) == (1.0, 1.0, 0.0)
+    assert regular.load_rate == pytest.approx(0.8)
 
 
 REFUSED = [

@@ -116,3 +116,19 @@ def test_a_body_in_the_plane_shows_its_friction_sets(tmp_path):
     bears = (242, 218, 218)  # the friction sets, paler than their colour
     picture = drawn(Scene.model_validate(plane), tmp_path).astype(int)
     assert (np.abs(picture - bears).max(axis=2) < 20).sum() > 50_000
+
+
+@pytest.mark.parametrize("contacts", [2, 3, 5])
+@pytest.mark.parametrize("driven", [False, True])
+def test_loads_move_the_domain_and_can_turn_the_way_that_it_allows(contacts, driven, tmp_path):
+    """The last contact is pulled back harder than its own friction: the domain does not contain T = 0."""
+    drive = strokes(contacts - 1)
+    loads = [0.0] * (contacts - 1) + [-0.7]
+    if driven:
+        drive["loads"] = [loads, [0.0] * contacts, loads]
+    level = chain(contacts, 0.2, [1.5] + [0.5] * (contacts - 1), strokes(contacts - 1))
+    loaded = Scene.model_validate(level.document() | {"loads": loads, "start": "relaxed", "drive": drive})
+    picture = drawn(loaded, tmp_path)
+    assert count(picture, BACK) > 500
+    assert count(picture, FORWARD) > 200
+    assert count(drawn(level, tmp_path), BACK) < count(picture, BACK)

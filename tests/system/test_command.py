@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from crawler_bench.node.processes import PATIENCE_S
-from crawler_model import gallery
+from crawler_command.app import main
+from crawler_model import gallery, load_scene
 
 CRAWLER = str(Path(sys.executable).parent / "crawler")
 
@@ -152,6 +153,62 @@ def test_check_says_where_friction_vanishes(tmp_path):
         "{name: slippery, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {forward: [1, 0], backward: 1}}"
     )
     assert "contact_1/forward falls to 0" in good("check", str(scene))
+
+
+LOADED = """
+name: loaded
+body: {contacts: [0.0, 0.2], links: {stiffness: 20.0}, weights: [1.0, 2.0]}
+friction: {coefficient: {forward: 0.2, backward: 0.8}}
+ground: {slope: 10.0}
+start: relaxed
+drive: {times: [0.0, 0.5, 1.0], period: 1.0, actuation: [[0.0], [0.2], [0.0]]}
+"""
+
+
+CLIMB = "steepest slope at which a period still gains: "
+TOW = "largest tow on contact 1 at which a period still gains: "
+LIMITS = [
+    ("slope_climber", {}, CLIMB + "16.699244 degrees uphill, where it still gains 0.0521087 m, none beyond"),
+    ("slope_climber", {}, TOW + "0.2435883 N backward, where it still gains 0.0507596 m, none beyond"),
+    ("slope_climber", {"loads": 0.3}, "steepest_climb: the loads of the scene have no equilibrium on level ground"),
+    ("slope_climber", {"drive": None}, "no drive: the crawler waits for commands"),
+    ("two_contacts_anisotropic", {}, TOW + "0.3 N backward, where it still gains 0.065 m, none beyond"),
+    ("two_contacts_anisotropic", {"friction": {"forward": 0.5, "backward": 0.2}}, TOW + "0.3 N forward, where"),
+    ("two_contacts_critical", {}, TOW + "none, as the drive does not carry the body without it"),
+    ("slope_climber", {}, "uphill: 38.6598 degrees; contact 0 gives way first, at 38.6598 degrees"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "said"), LIMITS)
+def test_check_says_what_slope_and_tow_a_body_holds_and_climbs(name, change, said, tmp_path, capsys):
+    (tmp_path / "s.json").write_text(json.dumps(load_scene(name).document() | change))
+    with pytest.raises(SystemExit) as left:
+        main(["check", str(tmp_path / "s.json")])
+    assert not left.value.code
+    out = " ".join(capsys.readouterr().out.split())
+    assert said in out
+    assert "a tow on contact 1 alone moves it first" in out
+
+
+def test_check_says_that_a_search_was_cut_short(monkeypatch, capsys):
+    monkeypatch.setattr("crawler_command.loads_report._BUDGET", 100)
+    with pytest.raises(SystemExit):
+        main(["check", "slope_climber"])
+    out = " ".join(capsys.readouterr().out.split())
+    assert "the search was cut short" in out
+    monkeypatch.setattr("crawler_command.loads_report._BUDGET", 1)
+    with pytest.raises(SystemExit):
+        main(["check", "slope_climber"])
+    assert "not searched, a period takes too long here" in " ".join(capsys.readouterr().out.split())
+
+
+def test_check_of_a_scene_with_loads_shows_them_and_the_bounds_that_they_leave(tmp_path):
+    (tmp_path / "loaded.yaml").write_text(LOADED)
+    text = good("check", str(tmp_path / "loaded.yaml"), "--png", str(tmp_path / "d.png"))
+    assert "forward - load [N]" in text
+    assert "-0.347296" in text  # 2 sin 10
+    assert "falls to 0" not in text
+    assert (tmp_path / "d.png").stat().st_size > 5_000
 
 
 MISTAKES = [

@@ -17,6 +17,8 @@ import pytest
 
 from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_command.app import main
+from crawler_command.sweep import unit_of
+from crawler_model import load_scene
 
 from .test_command import CRAWLER, good
 
@@ -69,6 +71,39 @@ def test_a_map_over_two_keys_in_the_grids_order(tmp_path):
     assert sweep["duration_s"] == 3.0
     assert sweep["complete"] is True
     assert {"crawler-ros", "numpy", "numba", "python"} <= sweep["versions"].keys()
+
+
+def test_curves_over_slope_and_tow_have_units_costs_and_body_lengths(tmp_path):
+    keys = ["--vary", "ground.slope=0:20:5", "--vary", "loads[0]=-0.1:0:3"]
+    about = json.loads(good("sweep", "slope_climber", *keys, "--out", "s.parquet", "--json", cwd=tmp_path))
+    assert about["shape"] == [5, 3]
+    assert about["done"] == 15
+    table = table_of(tmp_path / "s.parquet")
+    units = {name: table.schema.field(name).metadata[b"unit"].decode() for name in ("ground.slope", "loads[0]")}
+    assert units == {"ground.slope": "degrees", "loads[0]": "N"}
+    slope, load = np.radians(np.array(table["ground.slope"])), np.array(table["loads[0]"])
+    a, b = 2.0 * (0.2 * np.cos(slope) + np.sin(slope)) - load, 2.0 * (0.8 * np.cos(slope) - np.sin(slope)) + load
+    expected = np.where(a < b, 0.1 - a / 20.0, -(0.1 - b / 20.0))
+    assert np.array(table["per_period"]) == pytest.approx(expected, abs=1e-12)
+    assert np.array(table["body_lengths"]) == pytest.approx(expected / 0.2, abs=1e-12)
+    assert np.array(table["cost_of_transport"]) == pytest.approx(np.where(a < b, a, b) / 2.0, abs=1e-11)
+    assert np.array(table["period_work"]) == pytest.approx(np.where(a < b, a, b) * np.abs(expected), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("loads", "N, N/m"),
+        ("loads[0]", "N"),
+        ("loads.1", "N/m"),
+        ("body.weights[1]", "N/m"),
+        ("ground.slope", "degrees"),
+        ("friction.coefficient.forward[0]", "1"),
+        ("friction.forward[0]", "N"),
+    ],
+)
+def test_numbers_of_loads_have_the_units_of_their_part(key, unit):
+    assert unit_of(load_scene("hybrid_body"), key) == unit
 
 
 def test_three_keys_make_a_table_alone_and_the_plane_two_columns(tmp_path):

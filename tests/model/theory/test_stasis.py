@@ -12,6 +12,7 @@ from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.theory.stasis import (
     Facet,
     StasisDomain,
+    directions_of,
     domain_evolution,
     is_in_stasis,
     section_forces,
@@ -33,6 +34,17 @@ def domains(draw: st.DrawFn, contacts: st.SearchStrategy[int]) -> StasisDomain:
     if draw(st.booleans()):
         return StasisDomain(*rng.integers(0, 5, (2, n)) / 4.0)
     return StasisDomain(*np.exp(rng.uniform(-2, 1, (2, n))))
+
+
+@st.composite
+def loaded_domains(draw: st.DrawFn, contacts: st.SearchStrategy[int]) -> StasisDomain:
+    """The same under loads that friction holds in total, though not at every contact."""
+    bare = draw(domains(contacts))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    least, most = -bare.backward.sum(), bare.forward.sum()
+    load = rng.normal(0.0, 1.0, bare.contacts)
+    load += (rng.uniform(least, most) - load.sum()) / bare.contacts
+    return StasisDomain(bare.forward - load, bare.backward + load)
 
 
 def maximum(domain: StasisDomain, direction: np.ndarray) -> float:
@@ -140,7 +152,7 @@ def test_the_polygon_wants_three_contacts():
         stasis_polygon([1, 1], [1, 1])
 
 
-@given(domains(st.integers(2, 3)))
+@given(domains(st.integers(2, 3)) | loaded_domains(st.integers(2, 3)))
 def test_vertices_satisfy_every_bound_and_enough_of_them_as_equalities(domain):
     corners = domain.vertices()
     assert corners.shape[1] == domain.contacts - 1
@@ -156,7 +168,7 @@ def test_vertices_satisfy_every_bound_and_enough_of_them_as_equalities(domain):
 
 
 @settings(max_examples=25)
-@given(domains(st.integers(2, 5)), st.data())
+@given(domains(st.integers(2, 5)) | loaded_domains(st.integers(2, 5)), st.data())
 def test_vertices_and_projections_are_what_linear_programming_finds(domain, data):
     n = domain.contacts
     pair = sorted(data.draw(st.permutations(range(n - 1)))[:2])
@@ -170,7 +182,7 @@ def test_vertices_and_projections_are_what_linear_programming_finds(domain, data
 
 
 @settings(max_examples=40)
-@given(domains(st.integers(2, 6)))
+@given(domains(st.integers(2, 6)) | loaded_domains(st.integers(2, 6)))
 def test_the_facets_are_those_that_linear_programming_finds(domain):
     found = {(f.contact, f.side) for f in domain.facets()}
     for i in range(domain.contacts):
@@ -179,7 +191,7 @@ def test_the_facets_are_those_that_linear_programming_finds(domain):
             assert ((i, side) in found) == (inside > 1e-9), (i, side, inside)
 
 
-@given(domains(st.integers(2, 6)))
+@given(domains(st.integers(2, 6)) | loaded_domains(st.integers(2, 6)))
 def test_normals_support_the_domain(domain):
     for facet in domain.facets():
         bound = (domain.forward if facet.direction > 0 else domain.backward)[facet.contact]
@@ -199,6 +211,34 @@ def test_past_a_facet_its_contact_slides_in_its_direction_and_nobody_else(domain
         start = np.concatenate(([0.0], np.cumsum(section / stiffness)))
         ground = (domain.forward.tolist(), domain.backward.tolist())
         crawler = Crawler(scene(domain.contacts, stiffness.tolist(), *ground, start=start.tolist()))
+        crawler.advance(-0.1 * min(inside, 1.0) * facet.normal / stiffness)
+        moved = crawler.displacement - start
+        assert np.sign(moved.sum()) == facet.direction
+        assert np.flatnonzero(np.abs(moved) > 1e-12).tolist() == [facet.contact]
+
+
+@pytest.mark.parametrize(
+    ("load", "ways"), [(0.0, {1}), (-0.03, {1}), (-0.04, {1, -1}), (-0.26, {1, -1}), (-0.27, {-1})]
+)
+def test_a_slope_decides_which_way_a_body_can_go_at_all(load, ways):
+    """Three contacts: forward while 0.2 + 0.5 < 3 (0.5 + f), backward while 0.2 + 0.5 < 3 (0.2 - f)."""
+    assert directions_of([StasisDomain(np.full(3, 0.2 - load), np.full(3, 0.5 + load))]) == ways
+
+
+@settings(max_examples=25)
+@given(loaded_domains(st.integers(2, 5)), st.integers(0, 2**32 - 1))
+def test_past_a_facet_of_a_loaded_domain_its_contact_slides_alone(domain, seed):
+    stiffness = np.exp(np.random.default_rng(seed).uniform(-2, 3, domain.contacts - 1))
+    half = (domain.forward + domain.backward) / 2.0
+    for facet in domain.facets():
+        inside, section = middle_of_facet(domain, facet)
+        if inside < 1e-6:
+            continue
+        start = np.concatenate(([0.0], np.cumsum(section / stiffness)))
+        document = scene(domain.contacts, stiffness.tolist(), half.tolist(), half.tolist()).document()
+        loads = (half - domain.forward).tolist()
+        document |= {"loads": loads, "start": {"displacement": start.tolist()}}
+        crawler = Crawler(Scene.model_validate(document))
         crawler.advance(-0.1 * min(inside, 1.0) * facet.normal / stiffness)
         moved = crawler.displacement - start
         assert np.sign(moved.sum()) == facet.direction
@@ -283,8 +323,12 @@ def test_a_domain_answers_what_it_cannot_do():
         StasisDomain([1] * 4, [1] * 4).projection(1, 1)
     with pytest.raises(ValueError, match=r"shapes \(2,\) and \(3,\)"):
         StasisDomain([1] * 2, [1] * 3)
-    with pytest.raises(ValueError, match="backward: contact 1 has -1 N"):
-        StasisDomain([1, 1], [1, -1])
+    with pytest.raises(ValueError, match="contact 1 has 1 and -2 N; their sum, the friction of both directions"):
+        StasisDomain([1, 1], [1, -2])
+    with pytest.raises(ValueError, match="forward: the bounds sum to -1 N; the sum must be >= 0"):
+        StasisDomain([1, -2], [1, 3])
+    with pytest.raises(ValueError, match="backward: contact 1 has nan N"):
+        StasisDomain([1, 1], [1, np.nan])
     with pytest.raises(ValueError, match="read-only"):
         StasisDomain([1, 1], [1, 1]).forward[0] = 2.0
 

@@ -22,6 +22,80 @@ def test_the_margin_is_the_least_over_all_subsets(seed):
     assert uniqueness_margin(plus, minus) == pytest.approx(min(gaps) / (plus + minus).sum(), abs=1e-12)
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_with_loads_the_margin_is_that_of_the_condition_with_their_sum(seed):
+    """Condition (*) fails when, for some J, sum_J mu_minus + sum f = sum_{not J} mu_plus."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 7))
+    plus, minus = rng.uniform(0, 2, (2, n))
+    load = rng.normal(size=n)
+    load += (rng.uniform(-minus.sum(), plus.sum()) - load.sum()) / n
+    gaps = [
+        abs(sum(m if j else -p for p, m, j in zip(plus, minus, s, strict=True)) + load.sum())
+        for s in product((0, 1), repeat=n)
+    ]
+    expected = min(gaps) / (plus + minus).sum()
+    assert uniqueness_margin(plus - load, minus + load) == pytest.approx(expected, abs=1e-12)
+
+
+def loaded(load, forward=0.2, backward=0.5):
+    """Two contacts, and half of the load on each."""
+    drive = {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [4.0], [0.0]]}
+    return Scene.model_validate(scene(2, 1.0, forward, backward, drive).document() | {"loads": load / 2.0})
+
+
+@pytest.mark.parametrize("load", [-0.3, -0.3 + 4e-13, -0.3 - 4e-13])
+def test_a_load_that_balances_directional_friction_is_critical(load):
+    """Two contacts: J is one of them, 0.5 - 0.3 = 0.2."""
+    run = simulate(loaded(load), 3.0)
+    assert run.uniqueness_margin == 0.0
+    assert not run.unique
+    assert run.per_period[1:] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("beside", [1e-9, -1e-9, 0.1, -0.1])
+def test_beside_that_load_the_body_climbs_or_slides_back(beside):
+    run = simulate(loaded(-0.3 + beside), 3.0)
+    assert run.uniqueness_margin == pytest.approx(abs(beside) / 1.4, rel=1e-5)
+    assert run.unique
+    assert np.sign(run.per_period[-1]) == np.sign(beside)
+
+
+@pytest.mark.parametrize("load", [0.4, -1.0])
+def test_a_body_about_to_run_away_is_critical(load):
+    assert commanded_margin(loaded(load).body, loaded(load).drive) == 0.0
+
+
+def test_the_interval_under_loads_holds_all_minimisers():
+    """One bound is negative: contact 0 is pulled harder than its own friction and held by the others."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        velocity = rng.normal(size=4)
+        plus, minus = rng.uniform(0.1, 1.0, (2, 4))
+        load = np.array([-1.2, 0.1, 0.2, 0.1])
+        if minus.sum() + load.sum() <= 0.01:
+            continue
+        least, most = translation_interval(velocity, plus - load, minus + load)
+        c = np.linspace(-3.0, 3.0, 6001)
+        v = velocity[:, None] + c
+        cost = (plus @ np.maximum(v, 0.0)) + (minus @ np.maximum(-v, 0.0)) - load @ v
+        best = c[cost <= cost.min() + 1e-12]
+        assert least - 1e-3 <= best.min() <= best.max() <= most + 1e-3
+
+
+def test_a_segment_on_a_slope_is_judged_by_its_bounds():
+    def margin(load):
+        friction = {"forward": 0.1, "backward": 0.3}
+        trunk = {"name": "t", "from": 0.0, "to": 1.0, "stiffness": 1.0, "friction": friction, "elements": 8}
+        document = {"name": "s", "body": {"segments": [trunk]}, "loads": load}
+        loaded = Scene.model_validate(document)
+        return commanded_margin(loaded.body, loaded.drive)
+
+    assert margin(-0.1) == pytest.approx(0.2 / 0.4)
+    assert margin(-0.3) is None
+    assert margin(0.05) == pytest.approx(0.05 / 0.4)
+
+
 @pytest.mark.parametrize(
     ("n", "forward", "backward", "margin"),
     [

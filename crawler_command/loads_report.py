@@ -1,0 +1,142 @@
+"""The part of the report of `crawler check` about loads: what the body holds at rest, and against what it gains."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from rich.console import Console
+
+from crawler_model import CommandError, Limit, Trajectory, largest_tow, steepest_climb
+from crawler_model.body.plan import Plan
+from crawler_model.theory.holding import Holding, Tilt, compute_holding
+
+from .screen import progress_bar
+
+_BUDGET = 1_000_000
+"""Periods times waypoints times contacts of each search: a second or two."""
+_WAYS = {1: "forward", -1: "backward"}
+
+
+def print_holding(run: Trajectory, screen: Console) -> None:
+    """Print what a body on a line holds at rest, at the start of its run.
+
+    Args:
+        run: the run.
+        screen: the console to print to.
+    """
+    scene, body = run.scene, run.scene.body
+    if body.dimension == 2:
+        return
+    drive = scene.drive
+    load = drive.loads[0] if scene.columns.loads else np.zeros(body.contacts)
+    forward, backward = drive.forward[0] + load, drive.backward[0] - load
+    holding = compute_holding(body, scene.ground, run.tension[0], forward, backward, load)
+    _print_tow(scene, holding, screen)
+    for tilt, way in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
+        if tilt is not None:
+            screen.print(_describe_tilt(scene, tilt, way))
+
+
+def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
+    body = scene.body
+    screen.print(
+        f"largest tow that it holds at rest, on any contact: {holding.tow_forward:.6g} N forward, "
+        f"{holding.tow_backward:.6g} N backward"
+    )
+    for contact in dict.fromkeys((0, body.contacts - 1)):
+        first = [min(float(side[contact]), most) for side, most in _sides(holding)]
+        screen.print(
+            f"a tow on {body.name_of(contact)} alone moves it first, from {first[0]:.6g} N forward, "
+            f"{first[1]:.6g} N backward"
+        )
+
+
+def _sides(holding: Holding) -> tuple[tuple[np.ndarray, float], ...]:
+    return (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
+
+
+def _describe_tilt(scene: Plan, tilt: Tilt, way: str) -> str:
+    steepest = "any, up to 90" if tilt.steepest == math.pi / 2.0 else f"{math.degrees(tilt.steepest):.6g}"
+    if tilt.gives_way == math.pi / 2.0:
+        return f"steepest slope that it holds at rest, {way}: {steepest} degrees"
+    return (
+        f"steepest slope that it holds at rest, {way}: {steepest} degrees; {scene.body.name_of(tilt.contact)} gives "
+        f"way first, at {math.degrees(tilt.gives_way):.6g} degrees"
+    )
+
+
+def print_limits(scene: Plan, screen: Console) -> None:
+    """Print the steepest slope and the largest tow on the last contact against which a period gains.
+
+    Args:
+        scene: the scene; nothing is printed in the plane and without a drive that has a period.
+        screen: the console to print to.
+    """
+    if scene.body.dimension == 2 or scene.drive.holds or scene.drive.period is None:
+        return
+    on = f"on {scene.body.name_of(scene.body.contacts - 1)}"
+    if scene.ground.weight.any():
+        try:
+            with progress_bar("searching the steepest slope") as progress:
+                slope = steepest_climb(scene, _BUDGET, progress)
+            screen.print(describe_climb(slope))
+        except CommandError as error:
+            screen.print(str(error))
+    with progress_bar("searching the largest tow") as progress:
+        tow = largest_tow(scene, -1, _BUDGET, progress)
+    screen.print(describe_tow(tow, on))
+
+
+def describe_climb(limit: Limit) -> str:
+    """Describe the steepest slope in a line.
+
+    Args:
+        limit: of `steepest_climb`.
+
+    Returns:
+        The line.
+    """
+    if limit.cause == "no travel":
+        return (
+            "steepest slope at which a period still gains: none, as the drive does not carry the body on level ground"
+        )
+    value, beyond = (f"{math.degrees(angle):.8g} degrees" for angle in (limit.value, limit.beyond))
+    way = "uphill" if limit.direction > 0 else "uphill towards -x, the way it goes"
+    return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, way)}"
+
+
+def describe_tow(limit: Limit, on: str) -> str:
+    """Describe the largest tow in a line.
+
+    Args:
+        limit: of `largest_tow`.
+        on: the contact that is towed, for example "on contact 1".
+
+    Returns:
+        The line.
+    """
+    if limit.cause == "no travel":
+        return f"largest tow {on} at which a period still gains: none, as the drive does not carry the body without it"
+    value, beyond = (f"{force:.8g} N" for force in (limit.value, limit.beyond))
+    way = _WAYS.get(-limit.direction, "")
+    return f"largest tow {on} at which a period still gains: {_describe(limit, value, beyond, way)}"
+
+
+def _describe(limit: Limit, value: str, beyond: str, way: str) -> str:
+    """Describe value, direction and cause."""
+    if limit.cause == "budget":
+        if limit.direction == 0:
+            return "not searched, a period takes too long here; see steepest_climb and largest_tow in Python"
+        return f"between {value} and {beyond} {way}; the search was cut short"
+    unsettled = "" if limit.settled else "; some runs did not become periodic"
+    gain = limit.direction * limit.gain
+    size = abs(limit.free_gain)
+    if limit.cause == "equilibrium":
+        return (
+            f"{value} {way}, where the equilibrium ends: it gains {gain:.6g} m there, and beyond it "
+            f"runs away whatever the drive does{unsettled}"
+        )
+    fades = limit.gain < 1e-6 * size
+    end = "where the gain has faded" if fades else f"where it still gains {gain:.6g} m, none beyond"
+    return f"{value} {way}, {end}{unsettled}"

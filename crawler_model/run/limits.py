@@ -1,0 +1,285 @@
+"""The limits of a drive: the steepest slope and the largest tow against which a period still gains.
+
+Both are judged by the gain of the periodic regime: the loads are applied slowly at the start, then the drive runs until
+the tensions at the end of a period repeat. More load never carries a body further (spring forces are monotone), so
+that the largest tow is found by bisection. A slope also lowers the friction of coefficients, which may help or
+hinder: slopes are scanned first, from the steepest down, and the end of the highest stretch that gains is bisected.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..body.ground import Ground
+from ..body.plan import Plan, check_plan
+from ..crawler.crawler import Crawler
+from ..errors import CommandError
+from ..theory.holding import steepest_held
+from .account import average_displacement
+
+RESOLUTION = 1e-9
+"""Width of the final bracket: of a slope [rad], and of a tow relative to the largest tow that has an equilibrium."""
+_SCANNED = 33
+_MOST_PERIODS = 500
+_SETTLED = 1e-12
+"""Tensions that repeat within this part of the largest friction are those of the periodic regime."""
+_GAINED = 1e-11
+"""A gain below this part of the stroke is rounding."""
+_NO_STROKE = 1e-6
+"""The least stroke assumed, as a part of the body's length: friction alone may drive a body."""
+
+Cause = Literal["gain", "equilibrium", "no travel", "budget"]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest load against which a drive gains.
+
+    Attributes:
+        cause: why there is no more. "gain": beyond it the body no longer advances, or goes back. "equilibrium": it
+            gains as long as an equilibrium exists; beyond, it runs away. "no travel": without the load it does not
+            advance either. "budget": the search ended early; the limit lies between `value` and `beyond`.
+        value: the largest load that gains: a slope [rad] or a tow [N], a positive number; 0 if it does not travel.
+        beyond: the least load found to be too much, within RESOLUTION of `value` unless the budget ended the search
+            [rad or N].
+        direction: direction of travel without the load, and so of `gain`: 1 forward, -1 backward, 0 none. The load acts
+            against it.
+        free_gain: gain of a period without the load, in that direction [m].
+        gain: gain of a period at `value`, in that direction [m].
+        settled: whether every run became periodic.
+        periods: number of periods simulated.
+    """
+
+    cause: Cause
+    value: float
+    beyond: float
+    direction: int
+    free_gain: float
+    gain: float
+    settled: bool
+    periods: int
+
+
+def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[float], None] | None = None) -> Limit:
+    """Find the steepest slope, uphill in the direction of travel, on which a period of the drive still gains.
+
+    The direction is that on level ground; the slope of the scene does not matter, its other loads do.
+
+    Args:
+        scene: a body on a line with weights, and a drive with a period.
+        budget: upper limit of periods times waypoints times contacts.
+        progress: called with the completed part, in [0, 1].
+
+    Returns:
+        The limit; its value is a slope [rad].
+
+    Raises:
+        CommandError: if the scene has no weights, no periodic drive, or no equilibrium on level ground.
+        SceneError: if `scene` is not a scene.
+    """
+    check_plan(scene, "steepest_climb")
+    search = _Search(scene, "steepest_climb", budget, progress)
+    if not scene.ground.weight.any():
+        raise CommandError("steepest_climb: the scene has no body.weights, so that a slope does not load it")
+    if not search.holds(search.on_slope(0.0)):
+        raise CommandError("steepest_climb: the loads of the scene have no equilibrium on level ground")
+    return search.find(search.on_slope, search.steepest, _SCANNED, RESOLUTION)
+
+
+def largest_tow(
+    scene: Plan, contact: int = -1, budget: int = 10_000_000, progress: Callable[[float], None] | None = None
+) -> Limit:
+    """Find the largest constant force on one contact, against the travel, with which a period still gains.
+
+    The direction of travel is that of the scene with its own slope and loads.
+
+    Args:
+        scene: a body on a line, and a drive with a period.
+        contact: index of the contact along the body, from 0; negative ones count from the last contact.
+        budget: upper limit of periods times waypoints times contacts.
+        progress: called with the completed part, in [0, 1].
+
+    Returns:
+        The limit; its value is a force [N].
+
+    Raises:
+        CommandError: if the scene has no periodic drive, or no such contact.
+        SceneError: if `scene` is not a scene.
+    """
+    check_plan(scene, "largest_tow")
+    search = _Search(scene, "largest_tow", budget, progress)
+    n = scene.body.contacts
+    if not -n <= contact < n:
+        raise CommandError(f"largest_tow: contact {contact}; it must be between {-n} and {n - 1}")
+    force = np.zeros(n)
+    force[contact] = -1.0
+    reserve = [float(side.sum(axis=1).min()) for side in (scene.drive.backward, scene.drive.forward)]
+
+    def most(direction: int) -> float:
+        return reserve[0] if direction > 0 else reserve[1]
+
+    return search.find(lambda tow: search.loaded(tow * force), most, 1, RESOLUTION * max(*reserve, 1e-300))
+
+
+class _Search:
+    """Runs of one drive under loads that are not the scene's."""
+
+    def __init__(self, scene: Plan, call: str, budget: int, progress: Callable[[float], None] | None) -> None:
+        if scene.body.dimension != 1:
+            raise CommandError(f"{call}: only for bodies on a line; {scene.name} lies in the plane")
+        if scene.drive.period is None or scene.drive.holds:
+            raise CommandError(f"{call}: {scene.name} has no drive with a period")
+        self.scene, self.progress = scene, progress
+        drive, n = scene.drive, scene.body.contacts
+        self.targets = drive.targets[drive.times < drive.period]
+        self.bounds = slice(scene.body.springs, scene.body.springs + 2 * n)
+        self.load = drive.loads[: self.targets.shape[0]] if scene.columns.loads else np.zeros((1, n))
+        stroke = float(np.ptp(self.targets[:, : scene.body.springs], axis=0).sum())
+        self.least_gain = _GAINED * max(stroke, _NO_STROKE * float(np.ptp(scene.body.position)))
+        self.most_periods = budget // (self.targets.shape[0] * n)
+        self.periods, self.settled = 0, True
+
+    def loaded(self, extra: np.ndarray, friction: np.ndarray | float = 1.0) -> np.ndarray:
+        """Add loads of shape (N,) to the targets of a period, and multiply the friction of each contact."""
+        targets = self.targets.copy()
+        n = self.scene.body.contacts
+        forward, backward = targets[:, self.bounds][:, :n], targets[:, self.bounds][:, n:]
+        if not np.isscalar(friction):
+            forward += (friction - 1.0) * (forward + self.load)
+            backward += (friction - 1.0) * (backward - self.load)
+        forward -= extra
+        backward += extra
+        if self.scene.columns.loads:
+            targets[:, -n:] += extra
+        return targets
+
+    def on_slope(self, slope: float) -> np.ndarray:
+        """Tilt the track to a slope [rad], uphill towards +x."""
+        ground = self.scene.ground
+        tilted = Ground(ground.weight, ground.by_coefficient, slope)
+        scale = np.where(ground.by_coefficient, math.cos(slope) / math.cos(ground.slope), 1.0)
+        return self.loaded(tilted.slope_load - ground.slope_load, scale)
+
+    def steepest(self, direction: int) -> float:
+        """Compute the slope uphill in a direction up to which every waypoint has an equilibrium."""
+        ground, n = self.scene.ground, self.scene.body.contacts
+        bounds = self.targets[:, self.bounds]
+        held = bounds[:, n:] - self.load if direction > 0 else bounds[:, :n] + self.load
+        others = direction * (self.load - ground.slope_load)
+        return min(
+            steepest_held(ground, mu, p) for mu, p in zip(held, np.broadcast_to(others, held.shape), strict=True)
+        )
+
+    def holds(self, targets: np.ndarray) -> bool:
+        """Return whether every waypoint has an equilibrium."""
+        n = self.scene.body.contacts
+        bounds = targets[:, self.bounds]
+        near = 1e-12 * np.abs(bounds).sum(axis=1)
+        return bool((bounds[:, :n].sum(axis=1) >= -near).all() and (bounds[:, n:].sum(axis=1) >= -near).all())
+
+    def gain(self, targets: np.ndarray) -> float | None:
+        """Run until periodic; return the gain of the last period [m], None without an equilibrium."""
+        if not self.holds(targets):
+            return None
+        crawler = Crawler(self.scene)
+        crawler.follow(targets[:1])
+        period = np.vstack((targets[1:], targets[:1]))
+        tension, gained = crawler.tension, 0.0
+        near = _SETTLED * float(np.abs(targets[:, self.bounds]).max())
+        for _ in range(_MOST_PERIODS):
+            if self.periods >= self.most_periods:
+                raise _Spent
+            self.periods += 1
+            crawler.follow(period)
+            before, tension = tension, crawler.tension
+            gained = float(average_displacement(self.scene.body, crawler.gained[None])[0])
+            if np.abs(tension - before).max(initial=0.0) <= near:
+                return gained
+        self.settled = False
+        return gained
+
+    def report(self, part: float) -> None:
+        """Report the completed part."""
+        if self.progress is not None:
+            self.progress(min(part, 1.0))
+
+    def find(
+        self,
+        at: Callable[[float], np.ndarray],
+        most: Callable[[int], float],
+        scanned: int,
+        resolution: float,
+    ) -> Limit:
+        """Find the largest load that gains.
+
+        Args:
+            at: targets of a period under a load of a given size, positive against forward travel.
+            most: the largest load against a direction of travel that has an equilibrium.
+            scanned: number of loads to try before the bisection.
+            resolution: final width of the bracket.
+
+        Returns:
+            The limit.
+        """
+        try:
+            free = self.gain(at(0.0))
+        except _Spent:
+            return Limit("budget", 0.0, math.inf, 0, 0.0, 0.0, self.settled, self.periods)
+        if free is None or abs(free) <= self.least_gain:
+            return Limit("no travel", 0.0, 0.0, 0, 0.0, 0.0, self.settled, self.periods)
+        direction = 1 if free > 0.0 else -1
+        bracket = _Bracket(0.0, max(most(direction), 0.0), direction * free)
+
+        def gains(load: float) -> bool:
+            """Try a load and narrow the bracket."""
+            gained = self.gain(at(direction * load))
+            if gained is None or direction * gained <= self.least_gain:
+                bracket.beyond = load
+                return False
+            bracket.value, bracket.gain = load, direction * gained
+            return True
+
+        try:
+            cause = self._narrow(bracket, gains, scanned, resolution)
+        except _Spent:
+            cause = "budget"
+        value, beyond, gain = bracket.value, bracket.beyond, bracket.gain
+        return Limit(cause, value, beyond, direction, direction * free, gain, self.settled, self.periods)
+
+    def _narrow(self, bracket: _Bracket, gains: Callable[[float], bool], scanned: int, resolution: float) -> Cause:
+        """Narrow a bracket: loads from the largest down until one gains, then the middle again and again."""
+        top = bracket.beyond
+        if top > resolution:
+            for k, load in enumerate(np.linspace(top - resolution, 0.0, scanned, endpoint=False)):
+                self.report(0.5 * k / scanned)
+                if gains(float(load)):
+                    break
+            if bracket.value == top - resolution:
+                bracket.value = top
+                return "equilibrium"
+        width = bracket.beyond - bracket.value
+        while bracket.beyond - bracket.value > resolution:
+            middle = 0.5 * (bracket.value + bracket.beyond)
+            if not bracket.value < middle < bracket.beyond:
+                break
+            gains(middle)
+            self.report(0.5 + 0.5 * math.log(width / (bracket.beyond - bracket.value)) / math.log(width / resolution))
+        return "gain"
+
+
+@dataclass
+class _Bracket:
+    """A load that gains, one that does not, and the gain at the first."""
+
+    value: float
+    beyond: float
+    gain: float
+
+
+class _Spent(Exception):
+    """The budget is spent."""
