@@ -70,10 +70,10 @@ def relax_loaded(assembly: Assembly) -> Assembly:
         assembly: the assembly of a scene with `start: relaxed`.
 
     Returns:
-        The assembly with that start, or itself if no contact needs springs.
+        The assembly with that start, or itself if no contact needs springs, or in the plane.
     """
     drive = assembly.drive
-    if assembly.parts.start != "relaxed" or not assembly.columns.loads:
+    if assembly.parts.start != "relaxed" or not assembly.columns.loads or assembly.body.dimension == 2:
         return assembly
     if (drive.forward[0] >= 0.0).all() and (drive.backward[0] >= 0.0).all():
         return assembly
