@@ -35,6 +35,7 @@ class Columns:
         index: for each entry of the target, the column from which it is read, shape (S + 2 N,), with loads (S + 3 N,).
         factor: factor by which that column is multiplied, likewise.
         slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N]; None without loads.
+        patched: whether the ground changes with place, so that only the motion shows whether friction holds the loads.
     """
 
     links: int
@@ -44,6 +45,7 @@ class Columns:
     index: np.ndarray
     factor: np.ndarray
     slope_load: np.ndarray | None = None
+    patched: bool = False
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
@@ -222,7 +224,7 @@ class Columns:
         Raises:
             CrawlerError: of that class, with the sums that do not fit. Nothing would stop the body.
         """
-        if self.slope_load is None:
+        if self.slope_load is None or self.patched:
             return
         n = self.slope_load.size
         forward, backward, load = target[-3 * n :].reshape(3, n)
@@ -248,13 +250,16 @@ class Columns:
         return bool(same and (self.factor == 1.0).all())
 
 
-def build_columns(body: Body, fields: Sequence[tuple[bool, bool]], slope_load: np.ndarray | None = None) -> Columns:
+def build_columns(
+    body: Body, fields: Sequence[tuple[bool, bool]], slope_load: np.ndarray | None = None, patched: bool = False
+) -> Columns:
     """Build the command layout of a body on a line.
 
     Args:
         body: the body.
         fields: for each segment, whether its strain and whether its friction vary along it.
         slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N].
+        patched: whether the ground changes with place.
 
     Returns:
         The layout.
@@ -288,7 +293,7 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]], slope_load: n
             places = np.arange(segment.first, segment.last + 1)
             index[first + places] = column + contacts + k
             factor[first + places] = body.ground[places]
-    return Columns(links, contacts, segments, None, index, factor, slope_load)
+    return Columns(links, contacts, segments, None, index, factor, slope_load, patched)
 
 
 def build_planar_columns(body: Body, directions: int) -> Columns:

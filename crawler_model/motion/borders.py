@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiled import compiled
 from ..rounding import EPS, NOISE
-from .state import X_REST, X
+from .state import RELATIVE, X_REST, X, shift
 
 AHEAD, BEHIND, ROUNDING_OF_PLACE = range(3)
 """Rows of the limits of each contact: displacement at which it reaches the next border forward, infinite where there is
@@ -89,3 +89,16 @@ def mark_reached(contacts, velocity, limits, reached):
                 least = (gap - near) / abs(velocity[i])
                 soonest, side = i, way
     reached[soonest] = side
+
+
+@compiled
+def move_all(contacts, distance):
+    """Move all contacts alike.
+
+    Args:
+        contacts: rows X .. LOAD_WORK, shape (9, N), changed in place.
+        distance: towards +x positive [m].
+    """
+    for i in range(contacts.shape[1]):
+        shift(contacts, distance, 1.0, i, 1.0)
+        contacts[RELATIVE, i] += distance

@@ -104,13 +104,22 @@ def _check_unloaded(parts: SceneParts) -> None:
         "friction.coefficient": parts.friction and parts.friction.coefficient,
         "drive.loads": parts.drive and parts.drive.loads,
     }
+    if parts.ground is not None and parts.ground.patches:
+        raise SceneError(
+            "ground.patches: only on a line; in the plane paths are followed in steps, which would pass over borders"
+        )
     for key, value in keys.items():
         if value is not None:
             raise SceneError(f"{key}: only on a line; loads and slopes in the plane are not supported yet")
 
 
 def _count(parts: SceneParts, place: int) -> int:
-    """Find the number of elements that a segment needs for its accuracy under the drive of the scene."""
+    """Find the number of elements that a segment needs for its accuracy under the drive of the scene, without patches.
+
+    On patches periods differ, and the error with them.
+    """
+    if parts.ground is not None and parts.ground.patches:
+        parts = parts.model_copy(update={"ground": parts.ground.model_copy(update={"patches": ()})})
     segments = parts.body.segments
     accuracy = segments[place].accuracy
     assert accuracy is not None

@@ -96,4 +96,4 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
     wave = drive is not None and drive.friction_wave is not None
     fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
     loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or ground.slope != 0.0
-    return build_columns(body, fields, ground.slope_load if loaded else None)
+    return build_columns(body, fields, ground.slope_load if loaded else None, ground.track is not None)

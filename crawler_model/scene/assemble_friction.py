@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import frozen, spread
 from ..body.body import Body
 from ..body.columns import Columns
-from ..body.ground import Ground
+from ..body.ground import Ground, Track
 from ..errors import SceneError
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts
@@ -32,7 +32,40 @@ def assemble_ground(parts: SceneParts, body: Body) -> Ground:
     if ground.slope != 0.0 and parts.body.weights is None:
         raise SceneError("body.weights: missing; a slope acts on the weight of each contact")
     weight = frozen(weights_of(parts, body))
-    return Ground(weight, uses_coefficients(parts), math.radians(ground.slope))
+    return Ground(weight, uses_coefficients(parts), math.radians(ground.slope), _assemble_track(parts, body, weight))
+
+
+def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray) -> Track | None:
+    """Divide the track into stretches; None if it is the same everywhere."""
+    ground = parts.ground or GroundPart()
+    if not ground.patches:
+        return None
+    stretches: list[tuple[float, float, float]] = []  # factors forward and backward, slope
+    borders: list[float] = []
+    between = (1.0, 1.0, ground.slope)
+    for patch in ground.patches:
+        if not borders or patch.start > borders[-1]:
+            stretches.append(between)
+            borders.append(patch.start)
+        stretches.append((*patch.factors, ground.slope if patch.slope is None else patch.slope))
+        borders.append(patch.stop)
+    stretches.append(between)
+    if parts.body.weights is None and any(slope != ground.slope for _, _, slope in stretches):
+        raise SceneError("body.weights: missing; the slope of a patch acts on the weight of each contact")
+    forward, backward, slope = np.array(stretches).T
+    theta, track = np.radians(slope)[:, None], math.radians(ground.slope)
+    pressed = np.where(_pressed(parts, body), np.cos(theta) / math.cos(track), 1.0)
+    tilt = -weight * (np.sin(theta) - math.sin(track))
+    return Track(frozen(borders), frozen(np.stack((forward, backward))[:, :, None] * pressed), frozen(tilt))
+
+
+def _pressed(parts: SceneParts, body: Body) -> np.ndarray:
+    """Find the contacts whose friction follows from their weight, and so from the slope, shape (N,)."""
+    pressed = np.zeros(body.contacts, np.bool_)
+    pressed[body.isolated] = _has_coefficient(parts.friction)
+    for part, segment in zip(parts.body.segments, body.segments, strict=True):
+        pressed[segment.contacts] = _has_coefficient(part.friction)
+    return pressed
 
 
 def weights_of(parts: SceneParts, body: Body) -> np.ndarray:
