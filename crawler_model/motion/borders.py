@@ -41,8 +41,8 @@ def _gap(contacts, velocity, limits, i):
 def find_border(contacts, velocity, since, s, limits):
     """Find where on the ramp the first sliding contact reaches a border if velocities stay as they are.
 
-    A border counts as reached when only rounding separates a contact from it: ties are then met together, and a contact
-    that reaches a border exactly where its ramp ends has reached it.
+    A border counts as reached when only rounding separates a contact from it: ties are then met together. If it is
+    within rounding of where the ramp ends, it is met exactly there: what would be left of the ramp is rounding, too.
 
     Args:
         contacts: rows X .. LOAD_WORK, shape (9, N).
@@ -60,7 +60,10 @@ def find_border(contacts, velocity, since, s, limits):
         if _is_moving(velocity, i, fastest):
             gap, near = _gap(contacts, velocity, limits, i)
             if gap < np.inf:
-                first = min(first, max(since[i] + (gap - near) / abs(velocity[i]), s))
+                when = max(since[i] + (gap - near) / abs(velocity[i]), s)
+                if when < 1.0 <= since[i] + (gap + near) / abs(velocity[i]):
+                    when = 1.0
+                first = min(first, when)
     return first
 
 

@@ -240,7 +240,7 @@ def follow_events(
             shifted = True
         if limits is not None:
             meeting = find_border(contacts, floats[ROW_V], floats[ROW_SINCE], s, limits)
-            if meeting < until:
+            if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 at_border = True
         if shifted and until - s > SHORTEST_STRETCH and is_wide(least, most, floats[ROW_V]):

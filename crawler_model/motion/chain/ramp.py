@@ -337,6 +337,8 @@ def follow(
             if limits is not None and not finished and reached.any():
                 middle = np.empty(target.shape[0])
                 _read_commands(contacts, links, middle)
+                if part == 1.0:
+                    middle[:] = target
                 _finish(elasticity, contacts, links, status, middle, bytes_, ramp, energy, wide)
                 end_loads(contacts, middle, ramp)
                 add_ramp(account, ramp)

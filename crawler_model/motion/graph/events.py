@@ -184,7 +184,7 @@ def follow_events(
         at_border = False
         if limits is not None:
             meeting = find_border(contacts, v, np.full(n, at), at, limits)
-            if meeting < until:
+            if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 ending = False
                 at_border = True

@@ -348,6 +348,8 @@ def follow(
                         middle[springs + n + i] = contacts[BACKWARD, i]
                         middle[springs + 2 * n + i] = contacts[LOAD, i]
                         moved[i] = contacts[RELATIVE, i] != before[i]
+                    if done == 1.0:
+                        middle[:] = target
                     _finish(
                         ends, stiffness, network, work, contacts, links, status, middle, floats, moved, ramp, energy
                     )

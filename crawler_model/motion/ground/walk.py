@@ -131,7 +131,7 @@ class Walk:
             done += part * (1.0 - done)
             state.command[:] = begin
             if done > 0.0:
-                state.command += done * (targets[ramp] - begin)
+                state.command[:] = targets[ramp] if done == 1.0 else begin + done * (targets[ramp] - begin)
             self._at = (min(ramp, targets.shape[0] - 1), done if ramp < targets.shape[0] else 1.0)
             self._meet_borders()
             if self._falls:
@@ -242,7 +242,7 @@ class Walk:
         x = state.contacts[X, i]
         row, bit = (FORWARD, AT_FORWARD) if way > 0 else (BACKWARD, AT_BACKWARD)
         if state.place[i] % 2 == 1:
-            self._enter(i, state.place[i] + way, bit)
+            self._enter(i, state.place[i] + way, state.status[i] & bit)
             return
         fall = self._falls.pop(i, None)
         if fall is not None:
@@ -251,7 +251,7 @@ class Walk:
         bounds = self._bounds_of(i, state.place[i] + 2 * way)
         new = bounds[0 if way > 0 else 1]
         near = _SAME * (abs(state.contacts[FORWARD, i]) + abs(state.contacts[BACKWARD, i]) + abs(new))
-        if new > now + near:
+        if new > now + near or not state.status[i] & bit:  # without the bit its motion is rounding
             self._enter(i, state.place[i] + way, 0)
             state.status[i] &= ~bit
             return
