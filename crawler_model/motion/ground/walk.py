@@ -177,7 +177,7 @@ class Walk:
         self._stops += 1
         failed = account[OVERSPENT] + account[UNSOLVED]
         if self._stops > _MOST_STOPS * (self._n + 1):
-            limits[0], limits[1] = np.inf, -np.inf
+            limits = np.array([[np.inf], [-np.inf], [0.0]]) + np.zeros(self._n)
             targets = targets[:1]
             account[OVERSPENT] += 1
         count, part = self._line.follow_to_border(
