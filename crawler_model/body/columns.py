@@ -39,6 +39,7 @@ class Columns:
         slope_load: with loads, what the slope adds to the load of each contact, shape (N,), in the plane (N, 2) [N];
             None without loads.
         directions: in the plane, unit vectors of the friction directions, shape (m, 2); None on a line.
+        patched: whether the ground changes with place, so that only the motion shows whether friction holds the loads.
     """
 
     links: int
@@ -49,6 +50,7 @@ class Columns:
     factor: np.ndarray
     slope_load: np.ndarray | None = None
     directions: np.ndarray | None = None
+    patched: bool = False
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
@@ -239,7 +241,7 @@ class Columns:
         Raises:
             CrawlerError: of that class, with the sums that do not fit. Nothing would stop the body.
         """
-        if self.slope_load is None:
+        if self.slope_load is None or self.patched:
             return
         n = self.slope_load.size
         if self.directions is not None:
@@ -269,13 +271,16 @@ class Columns:
         return bool(same and (self.factor == 1.0).all())
 
 
-def build_columns(body: Body, fields: Sequence[tuple[bool, bool]], slope_load: np.ndarray | None = None) -> Columns:
+def build_columns(
+    body: Body, fields: Sequence[tuple[bool, bool]], slope_load: np.ndarray | None = None, patched: bool = False
+) -> Columns:
     """Build the command layout of a body on a line.
 
     Args:
         body: the body.
         fields: for each segment, whether its strain and whether its friction vary along it.
         slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N].
+        patched: whether the ground changes with place.
 
     Returns:
         The layout.
@@ -309,7 +314,7 @@ def build_columns(body: Body, fields: Sequence[tuple[bool, bool]], slope_load: n
             places = np.arange(segment.first, segment.last + 1)
             index[first + places] = column + contacts + k
             factor[first + places] = body.ground[places]
-    return Columns(links, contacts, segments, None, index, factor, slope_load)
+    return Columns(links, contacts, segments, None, index, factor, slope_load, patched=patched)
 
 
 def build_planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndarray | None = None) -> Columns:

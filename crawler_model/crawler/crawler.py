@@ -76,12 +76,12 @@ class Crawler:
 
     @property
     def forward(self) -> np.ndarray:
-        """mu_plus in force, shape (N,) [N]; for bodies on a line."""
+        """mu_plus in force, as commanded on patches of ground, shape (N,) [N]; for bodies on a line."""
         return frozen(self._state.friction[: self.body.contacts])
 
     @property
     def backward(self) -> np.ndarray:
-        """mu_minus in force, shape (N,) [N]; for bodies on a line."""
+        """mu_minus in force, likewise, shape (N,) [N]; for bodies on a line."""
         return frozen(self._state.friction[self.body.contacts :])
 
     @property
@@ -93,6 +93,12 @@ class Crawler:
     def loads(self) -> np.ndarray:
         """Load on each contact, the slope's share included, shape (N,), in the plane (N, 2); empty if none [N]."""
         return frozen(self._state.loads)
+
+    @property
+    def places(self) -> np.ndarray | None:
+        """Place of each contact on patches of ground, as in `Track`, shape (N,); None if the ground is one."""
+        place = getattr(self._state, "place", None)
+        return None if place is None else frozen(place, np.int64)
 
     @property
     def net_translation(self) -> float | np.ndarray:
@@ -278,6 +284,9 @@ class Crawler:
 
         Returns:
             The account of all ramps together.
+
+        Raises:
+            CommandError: if the body reaches ground on which nothing holds it; the state does not change.
         """
         flags = targets.flags
         if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one signature
@@ -287,7 +296,7 @@ class Crawler:
             account[VISITED] = np.inf
         else:
             account = before.account.copy()
-        self._motion.follow(
+        jumps = self._motion.follow(
             self._state,
             self._scratch,
             targets,
@@ -298,7 +307,7 @@ class Crawler:
         )
         velocity = self._state.gained.copy()
         velocity.flags.writeable = account.flags.writeable = False
-        return Step(velocity, account, self.body.share)
+        return Step(velocity, account, self.body.share, jumps or ())
 
 
 def choose_method(scene: Plan, method: str | None) -> Method:
@@ -319,6 +328,10 @@ def choose_method(scene: Plan, method: str | None) -> Method:
         return offered[0]  # type: ignore[return-value]
     if method not in METHODS:
         raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
+    if method not in offered and method == "catch_up":
+        raise CommandError(
+            "method: catch_up steps over the borders of ground.patches instead of meeting them; use exact"
+        )
     if method not in offered:
         raise CommandError(
             "method: exact is for bodies on a line, where paths are straight from event to event; in the plane "

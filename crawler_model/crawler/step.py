@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..motion.jump import Jump
 from ..motion.state import (
     AMBIGUOUS,
     COMPLEMENTARITY,
@@ -29,7 +31,7 @@ class Certificate:
     """Residuals that certify a ramp: for `exact` the first three are rounding errors, for `catch_up` its error.
 
     Attributes:
-        energy_residual: dE + dissipation - work [J].
+        energy_residual: dE + dissipation + jump_loss - work - loads_work [J].
         violation: largest amount by which a spring force exceeds its bound [N].
         complementarity: largest product of |dx_i| and the distance of g_i from the bound of its sliding direction [J].
         rounding: largest displacement error due to rounding that the first three cannot show because soft links store
@@ -48,18 +50,23 @@ class Step:
     Attributes:
         velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
         account: the entries behind the properties, in the order defined in `motion.state`, shape (14,).
+        jumps: of contacts that crossed a border onto ground that holds less, in order.
     """
 
-    __slots__ = ("_share", "account", "velocity")
+    __slots__ = ("_share", "account", "jumps", "velocity")
 
-    def __init__(self, velocity: np.ndarray, account: np.ndarray, share: np.ndarray) -> None:
+    def __init__(
+        self, velocity: np.ndarray, account: np.ndarray, share: np.ndarray, jumps: tuple[Jump, ...] = ()
+    ) -> None:
         """Store the output of the kernel; the properties read from it.
 
         Args:
             velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
             account: account of the ramps, shape (14,).
             share: weight of each contact in the net translation, shape (N,).
+            jumps: in order.
         """
+        self.jumps = jumps
         self.velocity = velocity
         self.account = account
         self._share = share
@@ -83,6 +90,11 @@ class Step:
     def loads_work(self) -> float:
         """Work of the loads [J]."""
         return float(self.account[LOADS_WORK])
+
+    @property
+    def jump_loss(self) -> float:
+        """Energy lost in jumps, beside that lost to friction [J]."""
+        return math.fsum(jump.loss for jump in self.jumps)
 
     @property
     def unique(self) -> bool:
@@ -120,5 +132,5 @@ class Step:
     def __repr__(self) -> str:
         """Show the whole account."""
         names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
-        shown = (*names, "visited_margin", "overspent", "unsolved")
+        shown = (*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ()))
         return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"

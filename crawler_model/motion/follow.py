@@ -1,6 +1,7 @@
 """The contract of all motions, and the choice of the motion of a body.
 
-The implementations are `chain` for chains, `graph` for any other springs on a line and `plane` for the plane.
+The implementations are `chain` for chains, `graph` for any other springs on a line and `plane` for the plane; `ground`
+resumes the first two at the borders of patches of ground.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..body.plan import Plan
+from .jump import Jump
 
 
 class State(Protocol):
@@ -129,7 +131,7 @@ class Motion(Protocol):
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-    ) -> None:
+    ) -> tuple[Jump, ...] | None:
         """Follow straight ramps to each of the targets in turn.
 
         Args:
@@ -140,6 +142,12 @@ class Motion(Protocol):
             budget: upper limit of work in one ramp, as for `Crawler`.
             account: entries as in `motion.state`, shape (14,), added to.
             records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
+
+        Returns:
+            The jumps on patches of ground; None where the ground is the same everywhere.
+
+        Raises:
+            CommandError: if the body reaches ground on which nothing holds it; the state does not change.
         """
         ...
 
@@ -157,6 +165,14 @@ def build_motion(plan: Plan) -> Motion:
         from .plane.motion import build_plane_motion
 
         return build_plane_motion(plan)
+    if plan.ground.track is not None:
+        from .ground.motion import GroundMotion
+
+        return GroundMotion(_build_line_motion(plan), plan.ground.track)
+    return _build_line_motion(plan)
+
+
+def _build_line_motion(plan: Plan) -> Any:
     if plan.body.is_chain:
         from .chain.motion import ChainMotion
 

@@ -12,7 +12,7 @@ from ..crawler.step import Step
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of a run: stored + dissipation - work - loads_work = residual.
+    """The energy account of a run: stored + dissipation + jump_loss - work - loads_work = residual.
 
     Attributes:
         work: work of the actuators [J].
@@ -21,6 +21,7 @@ class Energy:
         residual: error of the balance [J].
         peak: largest energy stored during the run [J].
         loads_work: work of the loads [J].
+        jump_loss: energy lost in jumps on patches of ground, beside that lost to friction [J].
     """
 
     work: float
@@ -29,6 +30,7 @@ class Energy:
     residual: float
     peak: float
     loads_work: float = 0.0
+    jump_loss: float = 0.0
 
     @property
     def relative_residual(self) -> float:
@@ -46,6 +48,7 @@ class Total:
         work: work of the actuators [J].
         dissipation: energy lost to friction [J].
         loads_work: work of the loads [J].
+        jump_loss: energy lost in jumps [J].
         residual: error of the energy balance [J].
         violation: largest amount by which a spring force exceeds its bound [N].
         unique: whether the translation was determined on every ramp.
@@ -58,6 +61,7 @@ class Total:
     work: float = 0.0
     dissipation: float = 0.0
     loads_work: float = 0.0
+    jump_loss: float = 0.0
     residual: float = 0.0
     violation: float = 0.0
     unique: bool = True
@@ -74,6 +78,7 @@ class Total:
         self.work += step.work
         self.dissipation += step.dissipation
         self.loads_work += step.loads_work
+        self.jump_loss += step.jump_loss
         self.residual += step.certificate.energy_residual
         self.violation = max(self.violation, step.certificate.violation)
         self.visited = min(self.visited, step.visited_margin)

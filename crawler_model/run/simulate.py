@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,25 @@ _RETURNED = 1e-15
 """A net displacement below this part of the path length of a contact is rounding."""
 
 
+@dataclass(frozen=True)
+class TimedJump:
+    """A jump in a run, see `Jump`.
+
+    Attributes:
+        time: simulated time [s].
+        contact: the contact, counted along the body.
+        border: position of the border on the track [m].
+        distance: from the border to where the contact came to rest or to the next border, towards +x positive [m].
+        loss: energy that neither friction nor loads took, >= 0 [J].
+    """
+
+    time: float
+    contact: int
+    border: float
+    distance: float
+    loss: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """The result of a run. Arrays are read-only; T counts the start and all ticks, W the start and waypoints passed.
@@ -42,6 +62,7 @@ class Trajectory:
         waypoint_net_translation: y at these times, shape (W,), in the plane (W, 2) [m].
         per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m].
         energy: energy account of the whole run.
+        jumps: contacts that crossed a border onto ground that holds less, in order; `Step.jumps` with times.
         violation: largest amount by which a spring force exceeds its bound [N].
         unique: False if the translation was not determined on some stretch.
         uniqueness_margin: margin of the commanded friction, its minimum over the waypoints [1]; None if undecided.
@@ -68,6 +89,7 @@ class Trajectory:
     waypoint_net_translation: np.ndarray
     per_period: np.ndarray
     energy: Energy
+    jumps: tuple[TimedJump, ...]
     violation: float
     unique: bool
     uniqueness_margin: float | None
@@ -109,6 +131,8 @@ class Trajectory:
                 "residual": energy.relative_residual,
             },
             "loads_work": energy.loads_work,
+            "jumps": [dataclasses.asdict(jump) for jump in self.jumps],
+            "jump_loss": energy.jump_loss,
             "violation": self.violation,
             "unique": self.unique,
             "uniqueness_margin": self.uniqueness_margin,
@@ -189,7 +213,7 @@ def simulate(
         The run, sampled at every tick and at every waypoint.
 
     Raises:
-        CommandError: if duration, rate or method is out of range.
+        CommandError: if duration, rate or method is out of range, or the body reaches ground on which nothing holds it.
         SceneError: if `scene` is not a scene.
     """
     began = time.perf_counter()
@@ -251,6 +275,7 @@ class _Run:
         self.last = (crawler.displacement, np.zeros(body.position.shape))
         self.total = Total(crawler.visited_margin)
         self.peak = float(stored_energy(body, self.tension[:1])[0])
+        self.jumps: list[TimedJump] = []
 
     def follow(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`; the first one, number `first`, starts at `after_ns`."""
@@ -264,6 +289,10 @@ class _Run:
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size))
         step = self.crawler.follow(np.ascontiguousarray(targets), records)
         self.total.add(step)
+        for jump in step.jumps:
+            begin = int(vertex_ns[jump.ramp - 1]) if jump.ramp else after_ns
+            when = (begin + jump.part * (int(vertex_ns[jump.ramp]) - begin)) / NS
+            self.jumps.append(TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss))
         tension = records[:, 2 * width :].reshape(-1, *self.tension.shape[1:])
         self.peak = max(self.peak, float(stored_energy(self.crawler.body, tension).max()))
 
@@ -320,8 +349,15 @@ class _Run:
             rate,
             *arrays,
             energy=Energy(
-                total.work, total.dissipation, float(end - start), total.residual, self.peak, total.loads_work
+                total.work,
+                total.dissipation,
+                float(end - start),
+                total.residual,
+                self.peak,
+                total.loads_work,
+                total.jump_loss,
             ),
+            jumps=tuple(self.jumps),
             violation=max(total.violation, 0.0),
             unique=total.unique,
             uniqueness_margin=commanded_margin(body, drive),

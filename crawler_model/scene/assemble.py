@@ -91,6 +91,10 @@ def _check_planar(parts: SceneParts) -> None:
         raise SceneError("drive: a planar scene needs `times` and `actuation`; waves and strategies need a line")
     if drive is not None and isinstance(drive.friction, FrictionRowsPart) and drive.friction.isotropic is None:
         raise SceneError("drive.friction: in a planar scene only `isotropic` is possible")
+    if parts.ground is not None and parts.ground.patches:
+        raise SceneError(
+            "ground.patches: only on a line; in the plane paths are followed in steps, which would pass over borders"
+        )
     if friction is not None and friction.given.directions is not None:
         check_directions(
             friction.given.directions, planar_friction(parts), "N" if friction.coefficient is None else "of its weight"
@@ -98,7 +102,12 @@ def _check_planar(parts: SceneParts) -> None:
 
 
 def _count(parts: SceneParts, place: int) -> int:
-    """Find the number of elements that a segment needs for its accuracy under the drive of the scene."""
+    """Find the number of elements that a segment needs for its accuracy under the drive of the scene, without patches.
+
+    On patches periods differ, and the error with them.
+    """
+    if parts.ground is not None and parts.ground.patches:
+        parts = parts.model_copy(update={"ground": parts.ground.model_copy(update={"patches": ()})})
     segments = parts.body.segments
     accuracy = segments[place].accuracy
     assert accuracy is not None

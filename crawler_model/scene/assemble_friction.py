@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import frozen, spread
 from ..body.body import Body
 from ..body.columns import Columns
-from ..body.ground import Ground
+from ..body.ground import Ground, Track
 from ..errors import SceneError
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts, angles_of
@@ -38,7 +38,9 @@ def assemble_ground(parts: SceneParts, body: Body) -> Ground:
     if ground.slope != 0.0 and parts.body.weights is None:
         raise SceneError("body.weights: missing; a slope acts on the weight of each contact")
     weight = frozen(weights_of(parts, body))
-    return Ground(weight, _follow_weights(parts, body), math.radians(ground.slope), direction)
+    follows = _follow_weights(parts, body)
+    track = _assemble_track(parts, weight, follows)
+    return Ground(weight, follows, math.radians(ground.slope), direction, track)
 
 
 def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
@@ -51,6 +53,30 @@ def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
             follows[segment.contacts] = _has_coefficient(part.friction)
     follows.flags.writeable = False
     return follows
+
+
+def _assemble_track(parts: SceneParts, weight: np.ndarray, follows: np.ndarray) -> Track | None:
+    """Divide the track into stretches; None if it is the same everywhere."""
+    ground = parts.ground or GroundPart()
+    if not ground.patches:
+        return None
+    stretches: list[tuple[float, float, float]] = []  # factors forward and backward, slope
+    borders: list[float] = []
+    between = (1.0, 1.0, ground.slope)
+    for patch in ground.patches:
+        if not borders or patch.start > borders[-1]:
+            stretches.append(between)
+            borders.append(patch.start)
+        stretches.append((*patch.factors, ground.slope if patch.slope is None else patch.slope))
+        borders.append(patch.stop)
+    stretches.append(between)
+    if parts.body.weights is None and any(slope != ground.slope for _, _, slope in stretches):
+        raise SceneError("body.weights: missing; the slope of a patch acts on the weight of each contact")
+    forward, backward, slope = np.array(stretches).T
+    theta, track = np.radians(slope)[:, None], math.radians(ground.slope)
+    pressed = np.where(follows, np.cos(theta) / math.cos(track), 1.0)
+    tilt = -weight * (np.sin(theta) - math.sin(track))
+    return Track(frozen(borders), frozen(np.stack((forward, backward))[:, :, None] * pressed), frozen(tilt))
 
 
 def weights_of(parts: SceneParts, body: Body) -> np.ndarray:

@@ -98,12 +98,18 @@ def check_start(assembly: Assembly) -> None:
         _check_planar_start(assembly)
         return
     tension = body.stiffness * (body.elongation(x) - drive.actuation[0])
-    force, forward, backward = body.spring_force(tension), drive.forward[0], drive.backward[0]
+    force = body.spring_force(tension)
+    forward, backward = _bounds_at_start(assembly)
     margins = bound_distances(force, forward, backward)
     excess = margins + _ROUNDING * (body.force_size(tension) + forward + backward)
     worst = int(np.argmin(excess))
     if excess[worst] >= 0.0:
         return
+    if forward[worst] + backward[worst] < 0.0:
+        raise SceneError(
+            f"start.displacement: {body.name_of(worst)} stands on the border at {body.position[worst] + x[worst]:g} m "
+            "between two slopes, a top on which friction holds it against neither; start beside it"
+        )
     g = force[worst]
     ahead = forward[worst] - g < g + backward[worst]
     bound, side = (forward[worst], "forward") if ahead else (backward[worst], "backward")
@@ -122,6 +128,16 @@ def check_start(assembly: Assembly) -> None:
         f"start.displacement: {body.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than its "
         f"{side} friction {bound:g} N; {proposal}"
     )
+
+
+def _bounds_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the forward and backward bounds at the start, those of the patches where there are any."""
+    body, drive, track = assembly.body, assembly.drive, assembly.ground.track
+    if track is None:
+        return drive.forward[0], drive.backward[0]
+    place = track.find_places(body.position, assembly.start_displacement)
+    forward, backward, _ = track.bounds(drive.targets[0, body.springs :], place)
+    return forward, backward
 
 
 def _check_planar_start(assembly: Assembly) -> None:

@@ -227,8 +227,68 @@ class DrivePart(Part):
 _TURN = 6.2832
 
 
+class PatchPart(Part):
+    """Other ground between two places of the track; borders belong to neither side."""
+
+    start: Annotated[Number, key("Start on the track.", "m")] = Field(alias="from")
+    stop: Annotated[Number, key("End on the track, beyond `from`.", "m")] = Field(alias="to")
+    friction: Annotated[
+        Number | None, key("Factor on the friction of contacts there, commanded or not. Default: 1.", "1", minimum=0)
+    ] = None
+    forward: Annotated[
+        Number | None, key("Instead: factor against sliding towards +x. Default: 1.", "1", minimum=0)
+    ] = None
+    backward: Annotated[Number | None, key("And towards -x. Default: 1.", "1", minimum=0)] = None
+    slope: Annotated[
+        Number | None,
+        key(
+            "Slope there, uphill towards +x positive. Default: that of the track.",
+            "degrees",
+            exclusiveMinimum=-90,
+            exclusiveMaximum=90,
+        ),
+    ] = None
+
+    @model_validator(mode="after")
+    def _sane(self) -> PatchPart:
+        if not self.stop > self.start:
+            raise ValueError(f"to: {self.stop:g} m; it must lie beyond from, {self.start:g} m")
+        sides = {"friction": self.friction, "forward": self.forward, "backward": self.backward}
+        for name, factor in sides.items():
+            if factor is not None and factor < 0.0:
+                raise ValueError(f"{name}: {factor:g}; a factor on friction must be >= 0")
+        if self.friction is not None and (self.forward is not None or self.backward is not None):
+            raise ValueError("give `friction`, or `forward` and `backward`, not both")
+        if self.slope is not None:
+            check_slope(self.slope)
+        elif all(factor is None for factor in sides.values()):
+            raise ValueError("give `friction`, `forward`, `backward` or `slope`: what is different there")
+        return self
+
+    @property
+    def factors(self) -> tuple[float, float]:
+        """Factors on friction, forward and backward."""
+        if self.friction is not None:
+            return self.friction, self.friction
+        forward, backward = (1.0 if factor is None else factor for factor in (self.forward, self.backward))
+        return forward, backward
+
+
+def check_slope(slope: float) -> None:
+    """Check a slope.
+
+    Args:
+        slope: theta [degrees].
+
+    Raises:
+        ValueError: if it is not between -90 and 90.
+    """
+    if not -90.0 < slope < 90.0:
+        raise ValueError(f"slope: {slope:g} degrees; it must be between -90 and 90")
+
+
 class GroundPart(Part):
-    """The ground and its slope."""
+    """The track, its slope and its patches."""
 
     slope: Annotated[
         Number,
@@ -244,12 +304,21 @@ class GroundPart(Part):
         key("Only in the plane: angle of uphill from the x axis. Default: 0.", "rad", minimum=-_TURN, maximum=_TURN),
     ] = None
 
+    patches: Annotated[
+        tuple[PatchPart, ...], key("Other ground between two places of the track: in order, without overlap.")
+    ] = ()
+
     @model_validator(mode="after")
     def _sane(self) -> GroundPart:
-        if not -90.0 < self.slope < 90.0:
-            raise ValueError(f"slope: {self.slope:g} degrees; it must be between -90 and 90")
+        check_slope(self.slope)
         if self.direction is not None and not abs(self.direction) <= _TURN:
             raise ValueError(f"direction: {self.direction:g} rad; it must be between -{_TURN} and {_TURN}, a full turn")
+        for i, (one, other) in enumerate(zip(self.patches, self.patches[1:], strict=False)):
+            if other.start < one.stop:
+                raise ValueError(
+                    f"patches: patch {i + 1} starts at {other.start:g} m, before patch {i} ends at {one.stop:g} m; "
+                    "give them in order, without overlap"
+                )
         return self
 
 

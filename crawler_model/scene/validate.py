@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
 from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart
-from .parts import BodyPart, DrivePart, GroundPart, LinksPart, SceneParts, SegmentPart, StartPart, WavePart
+from .parts import BodyPart, DrivePart, GroundPart, LinksPart, PatchPart, SceneParts, SegmentPart, StartPart, WavePart
 
 _LONGEST = 500  # length of an error message, in characters
 _MOST_LISTED = 20  # keys listed in an error message
@@ -97,6 +97,7 @@ def known_keys(path: list[str]) -> Iterable[str]:
         "start": StartPart,
         "drive": DrivePart,
         "ground": GroundPart,
+        "patches": PatchPart,
         "coefficient": CoefficientPart,
         "wave": WavePart,
         "friction_wave": WavePart,

@@ -283,7 +283,8 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> t
         periods += ends.size
         if ends.size:
             marks = np.concatenate((marks, records[ends[-3:], : 2 * width]))[-3:]
-    account = Energy(total.work, total.dissipation, stored - start, total.residual, peak, total.loads_work)
+    stored -= start
+    account = Energy(total.work, total.dissipation, stored, total.residual, peak, total.loads_work, total.jump_loss)
     lengths = _lengths(scene.body, marks.reshape(-1, 2, *x.shape), last[:width].reshape(x.shape), x)
     period = lengths[2] if scene.dimension == 2 else lengths[2][0]
     compared = (np.nan,) * 3

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rclpy.experimental.events_executor import EventsExecutor
 
-from crawler_model import Crawler, CrawlerError, Scene, load_scene, prepare
+from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
@@ -81,7 +81,7 @@ class Simulator(QuietNode):
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
         self.certificates = certificates_of(self.scene, self.crawler.method)
-        self.ambiguous = self.overspent = self.unsolved = 0
+        self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
         self.reported = (0, 0, 0, 0)
         self.reported_commands = (0, 0, 0, 0)
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
@@ -175,7 +175,7 @@ class Simulator(QuietNode):
             self.stepper.reset()
             self.commands.reset(self.start.row)
             self.certificates = certificates_of(self.scene, self.crawler.method)
-            self.ambiguous = self.overspent = self.unsolved = 0
+            self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
             self.reported = (0, 0, 0, self.reported[3])
             self._resend_states(newcomers=False)  # later subscribers get the state, at worst twice
             self._send_states(None)
@@ -286,7 +286,14 @@ class Simulator(QuietNode):
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
         vertices = self.commands.take(start_ns, end_ns)
         rows = [v.row for v in vertices]
-        step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
+        try:
+            step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
+        except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
+            self.unheld += 1
+            self.throttle.warn("ground", f"the commands of a tick are refused, and those that wait: {error}")
+            self.commands.reset(self.crawler.row)
+            vertices, rows = [], []
+            step = self.crawler.follow(self._hold)
         self.stepper.finish()
         ledger = self._outlets["applied_commands"]
         if ledger.wanted:
@@ -297,6 +304,7 @@ class Simulator(QuietNode):
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
+        self.jumps += len(step.jumps)
 
     def _send_states(self, step: Step | None) -> None:
         crawler, now = self.crawler, self.stepper.now_ns

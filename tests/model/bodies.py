@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from crawler_model import Crawler, Scene
 CHAIN, GRAPH, SEGMENT, HYBRID = "chain", "graph", "segment", "hybrid"
 DISCS, POLYGONS = "plane, discs", "plane, polygons"
 ON_A_LINE, IN_THE_PLANE = (CHAIN, GRAPH, SEGMENT, HYBRID), (DISCS, POLYGONS)
+ON_PATCHES = tuple(f"{kind} on patches" for kind in ON_A_LINE)
 TOLERANCE = 1e-6
 """Of planar bodies, relative to their extent."""
 
@@ -71,15 +73,19 @@ class Drawn:
 
     def driven(self, length: float = 1.0, force: float = 1.0, mirrored: bool = False) -> Driven:
         """Build it with lengths and forces scaled, or as its mirror image; in the plane, turned by half a turn."""
+        rng = np.random.default_rng(self.seed)
+        if self.kind in ON_PATCHES:
+            plain = dataclasses.replace(self, kind=self.kind.removesuffix(" on patches"))
+            return _on_patches(plain, _on_a_line(plain, rng, length, force, mirrored), length, force, mirrored)
         build = _in_the_plane if self.kind in IN_THE_PLANE else _on_a_line
-        return build(self, np.random.default_rng(self.seed), length, force, mirrored)
+        return build(self, rng, length, force, mirrored)
 
 
 @st.composite
 def drawn(draw: st.DrawFn, kind: str) -> Drawn:
     """Any random body of a kind; ties and missing friction on a line only, where the answer is exact."""
     options = [draw(st.booleans()) and kind != POLYGONS]
-    options += [draw(st.booleans()) and kind in ON_A_LINE for _ in range(2)]
+    options += [draw(st.booleans()) and kind not in IN_THE_PLANE for _ in range(2)]
     return Drawn(kind, draw(st.integers(0, 2**32 - 1)), *options)
 
 
@@ -136,6 +142,36 @@ def _on_a_line(drawn: Drawn, rng: np.random.Generator, length: float, force: flo
         drive["friction"] = {"forward": each[:, 0].tolist(), "backward": each[:, 1].tolist()}
     held = zip(actuation, commands, strict=True)
     return Driven(data | {"drive": drive}, tuple((a, *(c if drawn.commanded else (None, None))) for a, c in held))
+
+
+def _on_patches(drawn: Drawn, driven: Driven, length: float, force: float, mirrored: bool) -> Driven:
+    """Lay two patches below a body, with slopes where friction surely holds its weight."""
+    rng = np.random.default_rng([drawn.seed, 1])
+    first, last = {CHAIN: (-1.0, 7.0), GRAPH: (-1.0, 7.0), SEGMENT: (9.5, 11.5), HYBRID: (-1.0, 14.0)}[drawn.kind]
+    cuts = np.sort(rng.uniform(first, last, 4))
+    factors, slopes = np.exp(rng.uniform(-1.5, 0.7, (2, 2))), rng.uniform(-8.0, 8.0, 2)
+    if drawn.ties:
+        cuts = np.sort(rng.choice(np.arange(first, last, 0.25), 4, replace=False))
+        cuts += (
+            0.0625 / 3.0 if drawn.commanded or drawn.bare else 0.0
+        )  # a contact that turns exactly on a border may jump or not
+        factors = rng.integers(1, 5, (2, 2)) / 2.0
+    if drawn.bare:
+        factors = factors * (rng.random((2, 2)) < 0.8)
+    sloping = not (drawn.commanded or drawn.bare)
+    patches: list[dict[str, Any]] = []
+    for j in range(2):
+        ends, sides = cuts[2 * j : 2 * j + 2] * length, factors[j]
+        if mirrored:
+            ends, sides = -ends[::-1], sides[::-1]
+        patch = dict(zip(("from", "to", "forward", "backward"), (*ends.tolist(), *sides.tolist()), strict=True))
+        patches.append(patch | ({"slope": float(-slopes[j] if mirrored else slopes[j])} if sloping else {}))
+    data = driven.data | {"ground": {"patches": patches[::-1] if mirrored else patches}}
+    if sloping:
+        isolated, segments = len(data["body"]["contacts"]), len(data["body"]["segments"])
+        weights = [0.05 * force] * isolated + [0.05 * force / length] * segments
+        data["body"] = data["body"] | {"weights": weights}
+    return Driven(data, driven.rows)
 
 
 def _reflected(between: list[tuple[Any, Any]], contacts: int) -> list[tuple[Any, Any]]:

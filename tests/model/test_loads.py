@@ -216,7 +216,6 @@ REFUSED = [
     ({"friction": {"coefficient": {"isotropic": 0.5}}}, "body.weights: missing; a coefficient of friction acts"),
     ({"friction": {"coefficient": {"isotropic": 0.5}, "isotropic": 1}}, "give `coefficient`, or forces, not both"),
     ({"body": {"weights": [1.0, -1.0]}}, "body.weights: entry 1 is -1"),
-    ({"ground": {"patches": [{"from": 0.0, "to": 1.0, "friction": 0.5}]}}, "ground.patches: unknown key"),
 ]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
+from ..borders import find_border, mark_reached
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -156,8 +157,10 @@ def follow_events(
     elements,
     share,
     wide,
+    limits,
+    reached,
 ):
-    """Follow the straight ramp to `target` from event to event.
+    """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
 
     Args:
         elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
@@ -174,9 +177,12 @@ def follow_events(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         wide: True to use the projection in double-double arithmetic.
+        limits: rows of `borders`, shape (3, N); None on ground that is the same everywhere.
+        reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
 
     Returns:
-        False if the budget was exceeded before the end; state and commands are then those at the last event.
+        False if the budget was exceeded or a border was reached before the end; and the place on the ramp that was
+        reached, 1 for the end, to which state and commands belong.
     """
     n = contacts.shape[1]
     leaves = 1
@@ -212,6 +218,7 @@ def follow_events(
     free = _count_free(bytes_)
     pieces = 1
     done = True
+    at_border = False
     while True:
         shifted = False
         least = 0.0
@@ -231,10 +238,20 @@ def follow_events(
                 floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
             shifted = True
+        if limits is not None:
+            meeting = find_border(contacts, floats[ROW_V], floats[ROW_SINCE], s, limits)
+            if meeting < until or (ending and meeting <= 1.0):
+                until = meeting
+                at_border = True
         if shifted and until - s > SHORTEST_STRETCH and is_wide(least, most, floats[ROW_V]):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least * (until - s)
             account[GAIN_MOST] += most * (until - s)
+        if at_border:
+            done = False
+            pieces -= until <= s
+            s = until
+            break
         if ending:
             break
         spent += n if look or shifted else 0
@@ -312,5 +329,7 @@ def follow_events(
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
         advance_loads(contacts, s)
+        if limits is not None and at_border:
+            mark_reached(contacts, floats[ROW_V], limits, reached)
     account[EVENTS] += pieces
-    return done
+    return done, end

@@ -37,6 +37,37 @@ class ChainMotion:
         """Allocate the working memory of a ramp, see `Motion`."""
         return tuple(memory.scratch(self.body.contacts))
 
+    def follow_to_border(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+        limits: np.ndarray,
+        reached: np.ndarray,
+    ) -> tuple[int, float]:
+        """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
+        body = self.body
+        found: tuple[int, float] = ramp.follow(
+            body.elasticity,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            True,
+            budget,
+            body.element_ends,
+            body.share,
+            *scratch,
+            account,
+            records,
+            limits,
+            reached,
+        )
+        return found
+
     def follow(
         self,
         state: LineState,
@@ -62,4 +93,6 @@ class ChainMotion:
             *scratch,
             account,
             records,
+            None,
+            None,
         )

@@ -48,6 +48,7 @@ from ..state import (
     begin_loads,
     end_loads,
     is_in_force,
+    read_commands,
     record,
     shift,
 )
@@ -243,8 +244,10 @@ def follow(
     stacks,
     account,
     records,
+    limits,
+    reached,
 ):
-    """Follow straight ramps to each of the targets in turn.
+    """Follow straight ramps to each of the targets in turn, until a contact reaches a border of the ground.
 
     Args:
         elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
@@ -262,11 +265,18 @@ def follow(
         stacks: memory for `project`.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 3 N - 1), or no rows.
+        limits: rows of `borders`, shape (3, N), with loads in rows and targets; None on ground that is the same
+            everywhere, where the gained displacement starts at zero.
+        reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+
+    Returns:
+        The number of targets reached, and the part of the next ramp that was followed.
     """
     n = contacts.shape[1]
     ramp = np.zeros(account.shape[0])
-    for i in range(n):
-        contacts[GAINED, i] = 0.0
+    if limits is None:
+        for i in range(n):
+            contacts[GAINED, i] = 0.0
     wide = spans_decades(elasticity[COMPLIANCE])
     energy = 0.0
     for i in range(n - 1):
@@ -278,22 +288,35 @@ def follow(
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
             begin_loads(contacts, target)
-            finished = exact and follow_events(
-                elasticity,
-                contacts,
-                links,
-                status,
-                target,
-                floats,
-                bytes_,
-                tree,
-                stacks,
-                ramp,
-                budget,
-                elements,
-                share,
-                wide,
-            )
+            finished, part = False, 0.0
+            if exact:
+                finished, part = follow_events(
+                    elasticity,
+                    contacts,
+                    links,
+                    status,
+                    target,
+                    floats,
+                    bytes_,
+                    tree,
+                    stacks,
+                    ramp,
+                    budget,
+                    elements,
+                    share,
+                    wide,
+                    limits,
+                    reached,
+                )
+            if limits is not None and not finished and reached.any():
+                middle = np.empty(target.shape[0])
+                read_commands(contacts, links, middle)
+                if part == 1.0:
+                    middle[:] = target
+                _finish(elasticity, contacts, links, status, middle, bytes_, ramp, energy, wide)
+                end_loads(contacts, middle, ramp)
+                add_ramp(account, ramp)
+                return v, part
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
@@ -312,3 +335,4 @@ def follow(
         for i in range(n):
             force[i] = (links[TENSION, i] if i < n - 1 else 0.0) - (links[TENSION, i - 1] if i > 0 else 0.0)
         account[VISITED] = nearness(force, contacts[FORWARD], contacts[BACKWARD])
+    return targets.shape[0], 0.0

@@ -49,6 +49,42 @@ class GraphMotion:
         """Allocate the working memory of a ramp, see `Motion`."""
         return active_set.workspace(self.network), memory.scratch(self.body.contacts, self.body.springs)
 
+    def follow_to_border(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+        limits: np.ndarray,
+        reached: np.ndarray,
+    ) -> tuple[int, float]:
+        """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
+        body = self.body
+        work, ramp_memory = scratch
+        found: tuple[int, float] = ramp.follow(
+            body.ends,
+            body.stiffness,
+            (self.network.order, self.network.band),
+            work,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            True,
+            budget,
+            body.element_ends,
+            body.share,
+            active_set.most_rounds(body.contacts),
+            *ramp_memory,
+            account,
+            records,
+            limits,
+            reached,
+        )
+        return found
+
     def follow(
         self,
         state: LineState,
@@ -79,4 +115,6 @@ class GraphMotion:
             *ramp_memory,
             account,
             records,
+            None,
+            None,
         )

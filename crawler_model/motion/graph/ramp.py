@@ -38,6 +38,7 @@ from ..state import (
     begin_loads,
     end_loads,
     is_in_force,
+    read_commands,
     record,
     shift,
 )
@@ -248,8 +249,10 @@ def follow(
     bytes_,
     account,
     records,
+    limits,
+    reached,
 ):
-    """Follow straight ramps to each of the targets in turn.
+    """Follow straight ramps to each of the targets in turn, until a contact reaches a border of the ground.
 
     Args:
         ends: the two contacts of each spring, shape (S, 2).
@@ -271,14 +274,21 @@ def follow(
         bytes_: flags of the contacts.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
+        limits: rows of `borders`, shape (3, N), with loads in rows and targets; None on ground that is the same
+            everywhere, where the gained displacement starts at zero.
+        reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+
+    Returns:
+        The number of targets reached, and the part of the next ramp that was followed.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
     ramp = np.zeros(account.shape[0])
     before = np.empty(n)
     moved = np.zeros(n, np.int8)
-    for i in range(n):
-        contacts[GAINED, i] = 0.0
+    if limits is None:
+        for i in range(n):
+            contacts[GAINED, i] = 0.0
     for v in range(targets.shape[0]):
         target = targets[v]
         if not is_in_force(contacts, links, target):
@@ -309,9 +319,14 @@ def follow(
                     rounds,
                     elements,
                     share,
+                    limits,
+                    reached,
                 )
                 if done < 1.0:
-                    if done < 1.0 - INSTANT:
+                    at_border = False
+                    if limits is not None:
+                        at_border = reached.any()
+                    if done < 1.0 - INSTANT and not at_border:
                         ramp[OVERSPENT if solved else UNSOLVED] = 1.0
                     for s in range(springs):
                         links[ACTUATION, s] += done * (target[s] - links[ACTUATION, s])
@@ -319,6 +334,19 @@ def follow(
                         contacts[FORWARD, i] += done * (target[springs + i] - contacts[FORWARD, i])
                         contacts[BACKWARD, i] += done * (target[springs + n + i] - contacts[BACKWARD, i])
                     advance_loads(contacts, done)
+                if limits is not None and reached.any():
+                    middle = np.empty(target.shape[0])
+                    read_commands(contacts, links, middle)
+                    for i in range(n):
+                        moved[i] = contacts[RELATIVE, i] != before[i]
+                    if done == 1.0:
+                        middle[:] = target
+                    _finish(
+                        ends, stiffness, network, work, contacts, links, status, middle, floats, moved, ramp, energy
+                    )
+                    end_loads(contacts, middle, ramp)
+                    add_ramp(account, ramp)
+                    return v, done
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
@@ -354,3 +382,4 @@ def follow(
     if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         account[VISITED] = _margin_at_rest(status, floats, contacts, moved)
+    return targets.shape[0], 0.0

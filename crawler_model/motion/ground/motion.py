@@ -1,0 +1,65 @@
+"""The motion of a chain or a graph on patches of ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...body.ground import Track
+from ..jump import Jump
+from ..line_state import build_line_state
+from .line import LineMotion
+from .state import GroundState
+from .walk import Walk
+
+
+@dataclass(frozen=True, eq=False)
+class GroundMotion:
+    """A chain or a graph on patches of ground, followed from event to event; borders are events.
+
+    Attributes:
+        line: the motion between borders.
+        track: the ground.
+    """
+
+    methods: ClassVar[tuple[str, ...]] = ("exact",)
+    line: LineMotion
+    track: Track
+
+    @property
+    def samples_margin(self) -> bool:
+        """Whether an exact ramp samples its visited margin only at its ends."""
+        return self.line.samples_margin
+
+    def start(self, x: np.ndarray, target: np.ndarray) -> GroundState:
+        """Build the state at rest, see `Motion`; a contact within rounding of a border stands on it."""
+        body = self.line.body
+        place = self.track.find_places(body.position, x)
+        here = np.concatenate((target[: body.springs], *self.track.bounds(target[body.springs :], place)))
+        state = build_line_state(body, x, here)
+        return GroundState(state.contacts, state.links, state.status, place, np.array(target))
+
+    def scratch(self) -> tuple[Any, ...]:
+        """Allocate the working memory of a ramp, see `Motion`."""
+        return self.line.scratch()
+
+    def follow(
+        self,
+        state: GroundState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+    ) -> tuple[Jump, ...]:
+        """Follow straight ramps to each of the targets in turn, see `Motion`."""
+        before = state.copy()
+        walk = Walk(self.line, self.track, state, scratch, budget, account)
+        try:
+            return walk.follow(targets, records)
+        except BaseException:
+            state.restore(before)
+            raise

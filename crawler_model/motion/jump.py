@@ -1,0 +1,26 @@
+"""Jumps: contacts that slip at once, at fixed commands, onto ground that holds less."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A contact that crossed a border onto ground that holds less, and where that led.
+
+    Attributes:
+        ramp: number of the ramp, counted from 0 in the call that followed it.
+        part: place on that ramp, 0 .. 1 [1].
+        contact: the contact, counted along the body.
+        border: position of the border on the track [m].
+        distance: from the border to where the contact came to rest or to the next border, towards +x positive [m].
+        loss: energy that neither friction nor loads took, >= 0 [J].
+    """
+
+    ramp: int
+    part: float
+    contact: int
+    border: float
+    distance: float
+    loss: float
