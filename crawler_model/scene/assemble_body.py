@@ -96,7 +96,7 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
     strain = drive is not None and drive.wave is not None
     wave = drive is not None and drive.friction_wave is not None
     fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
-    return build_columns(body, fields, slope_load)
+    return build_columns(body, fields, slope_load, ground.track is not None)
 
 
 def loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
@@ -126,9 +126,10 @@ def reuse_columns(parts: SceneParts, body: Body, ground: Ground, like: Columns) 
     Returns:
         The layout; the other one itself if the slope adds the same loads.
     """
-    if parts.dimension == 2:
-        return assemble_columns(parts, body, ground)
     slope_load, same = loads_of_slope(parts, ground), like.slope_load
-    if slope_load is None or same is None:
-        return like if slope_load is same else assemble_columns(parts, body, ground)
-    return like if np.array_equal(slope_load, same) else dataclasses.replace(like, slope_load=slope_load)
+    if parts.dimension == 2 or (slope_load is None) != (same is None):
+        return assemble_columns(parts, body, ground)
+    patched = ground.track is not None
+    if patched == like.patched and (slope_load is None or np.array_equal(slope_load, same)):
+        return like
+    return dataclasses.replace(like, slope_load=slope_load, patched=patched)

@@ -281,6 +281,7 @@ WAVE = {"amplitude": 0.1, "wavelength": 1, "period": 1}
 PLANE = {"name": "x", "dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1}}}
 WEIGHED = {"name": "x", "body": {**LINE["body"], "weights": 1}}
 COEFFICIENTS = {**WEIGHED, "friction": {"coefficient": {"forward": 1, "backward": 1}}}
+PATCHED = {**LINE, "body": WEIGHED["body"], "ground": {"patches": [{"from": 2, "to": 3, "slope": 0}]}}
 BOUNDED = {
     ("BodyPart", "weights"): ({**LINE, "body": WEIGHED["body"]}, "body/weights"),
     ("CoefficientPart", "forward"): (COEFFICIENTS, "friction/coefficient/forward"),
@@ -315,6 +316,10 @@ BOUNDED = {
     ("DrivePart", "friction"): ({**LINE, "drive": {"strategy": "A", "length": 0, "friction": 1}}, "drive/friction"),
     ("WavePart", "period"): ({**LINE, "drive": {"wave": WAVE}}, "drive/wave/period"),
     ("WavePart", "samples"): ({**LINE, "drive": {"wave": WAVE}}, "drive/wave/samples"),
+    ("PatchPart", "friction"): (PATCHED, "ground/patches/0/friction"),
+    ("PatchPart", "forward"): (PATCHED, "ground/patches/0/forward"),
+    ("PatchPart", "backward"): (PATCHED, "ground/patches/0/backward"),
+    ("PatchPart", "slope"): (PATCHED, "ground/patches/0/slope"),
     ("Scene", "tolerance"): ({**PLANE, "friction": {"isotropic": 1}}, "tolerance"),
 }
 
