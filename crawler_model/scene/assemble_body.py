@@ -130,6 +130,6 @@ def reuse_columns(parts: SceneParts, body: Body, ground: Ground, like: Columns) 
     if parts.dimension == 2 or (slope_load is None) != (same is None):
         return assemble_columns(parts, body, ground)
     patched = ground.track is not None
-    if patched == like.patched and (slope_load is None or np.array_equal(slope_load, same)):
+    if patched == like.patched and (slope_load is None or same is None or np.array_equal(slope_load, same)):
         return like
     return dataclasses.replace(like, slope_load=slope_load, patched=patched)
