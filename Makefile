@@ -12,14 +12,18 @@ READY_DEMO := $(if $(wildcard $(READY)),$(READY),$(VENV)/.ready-demo)
 UV := $(shell uv --version 2>/dev/null)
 install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(1)
 
+# Tests start a thousand processes: without bytecode files each of them would compile all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would then take hours are left out.
 .PHONY: demo test test-all smoke lint coverage bench docs figures soak clean
 
 demo: $(READY_DEMO)
 	$(BIN)/crawler demo
 
-# A worker for each core, but no more than four: many tests start several processes.
-PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4
+# Two workers per core, but no more than six: most tests wait for other processes.
+WORKERS ?= $(shell n=$$((2 * $$(nproc))); echo $$((n < 6 ? n : 6)))
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
 
 test: $(READY)
 	$(PYTEST) -m "not slow"

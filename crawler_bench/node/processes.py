@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
-PATIENCE_S = 600.0
+PATIENCE_S = 240.0
 """Time limit for hanging processes, beyond a first compilation on the busiest machine."""
 
 

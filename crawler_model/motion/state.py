@@ -149,3 +149,45 @@ def add_ramp(account, ramp):
     for entry in (VIOLATION, COMPLEMENTARITY, AMBIGUOUS):
         account[entry] = max(account[entry], ramp[entry])
     account[VISITED] = min(account[VISITED], ramp[VISITED])
+
+
+@compiled
+def is_in_force(contacts, links, target):
+    """Determine whether a target equals the command in force.
+
+    Args:
+        contacts: rows X .. RELATIVE, shape (6, N).
+        links: rows SHAPE .. ACTUATION_REF, shape (5, S).
+        target: L and bounds, with loads then these, shape (S + 2 N,) or (S + 3 N,).
+
+    Returns:
+        True if a ramp to the target would change nothing.
+    """
+    n = contacts.shape[1]
+    springs = links.shape[1]
+    for s in range(springs):
+        if target[s] != links[ACTUATION, s]:
+            return False
+    for i in range(n):
+        if target[springs + i] != contacts[FORWARD, i] or target[springs + n + i] != contacts[BACKWARD, i]:
+            return False
+        if contacts.shape[0] > CONTACT_ROWS and target[springs + 2 * n + i] != contacts[LOAD, i]:
+            return False
+    return True
+
+
+@compiled
+def record(contacts, links, row):
+    """Write the present displacement, its rounding rest and the tension to a row of the records.
+
+    Args:
+        contacts: rows X .. RELATIVE, shape (6, N).
+        links: rows SHAPE .. ACTUATION_REF, shape (5, S).
+        row: shape (2 N + S,), output.
+    """
+    n = contacts.shape[1]
+    for i in range(n):
+        row[i] = contacts[X, i]
+        row[n + i] = contacts[X_REST, i]
+    for s in range(links.shape[1]):
+        row[2 * n + s] = links[TENSION, s]

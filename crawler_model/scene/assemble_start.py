@@ -9,6 +9,7 @@ from ..body.body import Body
 from ..body.drive import Drive
 from ..errors import SceneError
 from ..rounding import EPS
+from ..theory.stasis import bound_distances
 from .assembly import Assembly
 from .parts import SceneParts
 
@@ -69,7 +70,7 @@ def check_start(assembly: Assembly) -> None:
     tension = body.stiffness * (body.elongation(x) - drive.actuation[0])
     force = body.spring_force(tension)
     forward, backward = _bounds_at_start(assembly)
-    margins = np.minimum(forward - force, force + backward)
+    margins = bound_distances(force, forward, backward)
     excess = margins + _ROUNDING * (body.force_size(tension) + forward + backward)
     worst = int(np.argmin(excess))
     if excess[worst] >= 0.0:

@@ -281,7 +281,21 @@ def stasis_margins(tension: ArrayLike, forward: ArrayLike, backward: ArrayLike) 
     Returns:
         min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, minus the excess outside.
     """
-    g = spring_force(tension)
+    return bound_distances(spring_force(tension), forward, backward)
+
+
+def bound_distances(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
+    """Compute the distance of each spring force from its nearest bound.
+
+    Args:
+        force: g, shape (..., N) [N].
+        forward: mu_plus, shape (N,) or (..., N) [N].
+        backward: mu_minus, likewise [N].
+
+    Returns:
+        min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, minus the excess outside.
+    """
+    g = np.asarray(force)
     return np.minimum(np.asarray(forward) - g, g + np.asarray(backward))
 
 

@@ -17,7 +17,7 @@ from ..recording.bag import BagError, recorded_scene
 from ..recording.recorded_robot import Robot
 from ..recording.versions import versions
 from ..wire.states import contact_names, station_names
-from .cycle_table import Cycle, Energy, account_of, tabulate_cycles
+from .cycle_table import Cycle, EnergyBalance, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
 from .margins import Margins, find_margins
 from .midrun import fit_start
@@ -75,7 +75,7 @@ class Replay:
     cycles: tuple[Cycle, ...]
     cycle_source: str
     slips: Slips
-    energy: Energy | None
+    energy: EnergyBalance | None
     margins: Margins | None
     standstill: Standstill | None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -15,17 +15,19 @@ from .ramps import RampTable
 
 
 @dataclass(frozen=True)
-class Energy:
+class EnergyBalance:
     """The energy account of an interval of time.
 
     Attributes:
         work: work of the actuators [J].
+        loads_work: work of the loads [J].
         dissipation: energy dissipated by friction [J].
         stored: change of the energy in the springs [J].
-        residual: stored + dissipation - work, relative to the largest of them [1].
+        residual: stored + dissipation - work - loads_work, relative to the largest of them [1].
     """
 
     work: float
+    loads_work: float
     dissipation: float
     stored: float
     residual: float
@@ -61,7 +63,7 @@ class Cycle:
     translation: float | tuple[float, ...]
     slip_forward: float
     slip_backward: float
-    energy: Energy | None
+    energy: EnergyBalance | None
     least_margin: float | None
     transient: bool
 
@@ -71,14 +73,14 @@ class Cycle:
         Returns:
             The attributes by name, as plain numbers, lists and text.
         """
-        energy = dict.fromkeys(("work", "dissipation", "stored", "residual"))
+        energy = dict.fromkeys(field.name for field in fields(EnergyBalance))
         plain = {**self.__dict__, **(energy if self.energy is None else self.energy.as_plain())}
         del plain["energy"]
         plain["translation"] = list(self.translation) if isinstance(self.translation, tuple) else self.translation
         return plain
 
 
-def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Energy:
+def account_of(table: RampTable, first: int = 0, last: int | None = None) -> EnergyBalance:
     """Sum the energies of some ramps; the stored energy of each run counts from its own start.
 
     Args:
@@ -92,13 +94,13 @@ def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Ene
     last = table.run.size - 1 if last is None else last
     rows = slice(first + 1, last + 1)
     same = table.run[first + 1 : last + 1] == table.run[first:last]
-    work, dissipation = float(table.work[rows].sum()), float(table.dissipation[rows].sum())
+    work, loads_work, dissipation = (float(v[rows].sum()) for v in (table.work, table.loads_work, table.dissipation))
     change = np.diff(table.stored[first : last + 1])
     stored = float(table.stored[last] - table.stored[first]) if same.all() else float(change[same].sum())
     peak = float(table.stored[first : last + 1].max(initial=0.0))
-    size = max(abs(work), abs(dissipation), abs(stored), peak)
-    residual = abs(stored + dissipation - work) / size if size > 0.0 else 0.0
-    return Energy(work, dissipation, stored, residual)
+    size = max(abs(work), abs(loads_work), abs(dissipation), abs(stored), peak)
+    residual = abs(stored + dissipation - work - loads_work) / size if size > 0.0 else 0.0
+    return EnergyBalance(work, loads_work, dissipation, stored, residual)
 
 
 def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle, ...], str]:

@@ -157,6 +157,7 @@ class _Reader:
             most=nothing,
             net_translation=y,
             work=unknown,
+            loads_work=unknown,
             dissipation=unknown,
             stored=unknown,
             margin=unknown,

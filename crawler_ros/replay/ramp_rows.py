@@ -12,7 +12,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.crawler.readout import Readout
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
-from crawler_model.theory.stasis import stasis_bounds
+from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
 from .parts import parts_of
 from .ramps import Piece
@@ -145,13 +145,14 @@ class RampRows:
             station_gained=gained[:, self._parts.stations],
             forward=forward,
             backward=backward,
-            ground=-force[:, shown],
+            ground=-(force + self._loads(target))[:, shown],
             elongation=_over_joints(body.joint_sum, shape),
             tension=_over_joints(body.joint_mean, tension),
             least=least,
             most=most,
             net_translation=average_displacement(body, x) if body.dimension == 1 else x.mean(axis=1),
-            work=account[:, WORK] + account[:, LOADS_WORK],
+            work=account[:, WORK],
+            loads_work=account[:, LOADS_WORK],
             dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
             stored=(0.5 * tension**2 / stiffness).reshape(rows, -1).sum(axis=1),
             margin=margins.min(axis=1),
@@ -165,12 +166,16 @@ class RampRows:
         body, scene = self._scene.body, self._scene
         n, lengths = body.contacts, body.springs * body.dimension
         if body.dimension == 1:
-            forward, backward = target[:, lengths : lengths + n], target[:, lengths + n :]
-            return np.minimum(forward - force, force + backward)
+            forward, backward = target[:, lengths : lengths + n], target[:, lengths + n : lengths + 2 * n]
+            return bound_distances(force, forward, backward)
         friction = target[:, lengths:].reshape(target.shape[0], n, -1)
         if scene.directions.size == 0:
             return friction[..., 0] - np.linalg.norm(force, axis=2)
         return (friction - force @ scene.directions.T).min(axis=2)
+
+    def _loads(self, target: np.ndarray) -> np.ndarray | float:
+        """Read the loads from targets, shape (R, N) [N]; 0 without loads."""
+        return target[:, -self._scene.body.contacts :] if self._scene.columns.loads else 0.0
 
     def _bounds(self, tension: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the bounds of each link's tension; NaN where the body is not a chain of links."""
@@ -179,7 +184,7 @@ class RampRows:
             nothing = np.full((tension.shape[0], body.joints.shape[0]), np.nan)
             return nothing, nothing
         s, n = body.springs, body.contacts
-        return stasis_bounds(tension, target[:, s : s + n], target[:, s + n :])
+        return stasis_bounds(tension, target[:, s : s + n], target[:, s + n : s + 2 * n])
 
 
 def spring_forces(body: Body, tension: np.ndarray) -> np.ndarray:

@@ -30,13 +30,14 @@ class Piece:
         station_gained: displacement of each station of the body, shape (R, Q), in the plane (R, Q, 2) [m].
         forward: how far the body slid forward (`parts.Parts.slid`), shape (R,) [m].
         backward: the same backward, likewise.
-        ground: force of the ground on each shown contact, -g, shaped as `position` [N].
+        ground: force of the ground on each shown contact, -(g + f), shaped as `position` [N].
         elongation: elongation of each joint, shape (R, J), in the plane (R, J, 2) [m].
         tension: tension of each joint, likewise [N].
         least: least tension that its link may have while the others are unchanged, shape (R, J) [N].
         most: the greatest, likewise.
         net_translation: y, shape (R,), in the plane (R, 2) [m].
         work: work of the actuators, shape (R,) [J].
+        loads_work: work of the loads, shape (R,) [J].
         dissipation: dissipated energy, shape (R,) [J].
         stored: stored energy at the end, shape (R,) [J].
         margin: least distance of a spring force from its nearest bound at the end, shape (R,) [N].
@@ -62,6 +63,7 @@ class Piece:
     most: np.ndarray
     net_translation: np.ndarray
     work: np.ndarray
+    loads_work: np.ndarray
     dissipation: np.ndarray
     stored: np.ndarray
     margin: np.ndarray
@@ -74,7 +76,7 @@ Sink = Callable[[Piece], None]
 """A callable that receives pieces in order."""
 
 _COPIED = (
-    *("run", "start_ns", "end_ns", "ends_tick", "work", "dissipation", "stored"),
+    *("run", "start_ns", "end_ns", "ends_tick", "work", "loads_work", "dissipation", "stored"),
     *("margin", "nearest", "visited", "unique", "forward", "backward"),
 )
 
@@ -87,7 +89,7 @@ class RampTable:
         self._parts: dict[str, list[np.ndarray]] = {}
         self.run = self.start_ns = self.end_ns = np.zeros(0, np.int64)
         self.ends_tick = self.unique = np.zeros(0, bool)
-        self.work = self.dissipation = self.stored = self.margin = self.visited = np.zeros(0)
+        self.work = self.loads_work = self.dissipation = self.stored = self.margin = self.visited = np.zeros(0)
         self.nearest = np.zeros(0, np.int64)
         self.forward = self.backward = np.zeros(0)
         """Distances slid, all contacts and segments together, shape (R,) [m]."""

@@ -33,12 +33,14 @@ def ros(tmp_path):
 # -- signals ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("module", ["simulator", "gait_player", "examples.speed_control", "examples.phase_control"])
+@pytest.mark.parametrize(
+    "module", ["node.simulator", "node.gait_player", "examples.speed_control", "examples.phase_control"]
+)
 def test_a_signal_that_arrives_twice_ends_it_in_order(ros, module):
     """As launch without a terminal sends it: to the process, and to its group."""
     bags = ros.folder / "bags"
     running = ros.simulator(f"record:={bags}", hear=("joint_states", "/diagnostics"))
-    if module != "simulator":
+    if module != "node.simulator":
         running = ros.start(f"crawler_ros.{module}")
         wait_until(lambda: ros.node.count_publishers("joint_trajectory"), what="a controller")
     process = running.process

@@ -154,9 +154,9 @@ def test_pause_step_and_reset(ros):
 
 
 BAD = [
-    ("actuation_controller/commands", Float64MultiArray(data=[1.0]), "give 2, one per link"),
+    ("actuation_controller/commands", Float64MultiArray(data=[1.0]), "it needs 2, one per link"),
     ("actuation_controller/commands", Float64MultiArray(data=[math.nan, 0.0]), "entry 0 is nan"),
-    ("friction_controller/commands", Float64MultiArray(data=[1.0, 1.0]), "give 1, 3"),
+    ("friction_controller/commands", Float64MultiArray(data=[1.0, 1.0]), "it needs 1, 3"),
     ("friction_controller/commands", Float64MultiArray(data=[-1.0]), "friction must be >= 0"),
     ("friction_controller/commands", Float64MultiArray(data=[math.inf]), "entry 0 is inf"),
     ("joint_trajectory", trajectory(["link_7"], (0.0, [1.0])), "no joint is called 'link_7'"),

@@ -101,7 +101,7 @@ def test_check_says_what_a_body_is_and_where_it_can_go():
     assert "3 contacts, 3 links, a graph; valid" in text
     assert "allows motion forward only" in text
     text = good("check", "friction_wave_segment")
-    assert "segment foot (21 elements)" in text
+    assert "segment foot (32 elements)" in text
     assert "changing by at most 0.9" in text
     assert "per second; regular" in text
     text = good("check", "planar_three_points")
@@ -113,17 +113,17 @@ UNITS = {
     "strokes in millimetres": (
         "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",
         "[[0], [60], [0]]",
-        "millimetres for metres? the drive changes the length of link 0 by 60 m, the body is 0.2 m long",
+        "millimetres for metres? the drive changes the length of link 0 by 60 m, but the body is 0.2 m long",
     ),
     "a strain in percent": (
         "{segments: [{name: trunk, from: 0, to: 0.5, stiffness: 9, friction: {isotropic: 1}, elements: 8}]}",
         "[[0], [20], [0]]",
-        "millimetres for metres? the drive changes the length of segment trunk by 10 m, the body is 0.5 m long",
+        "millimetres for metres? the drive changes the length of segment trunk by 10 m, but the body is 0.5 m long",
     ),
     "stiffness in N/mm": (
         "{contacts: [0, 0.2], links: {stiffness: 0.1}}, friction: {isotropic: 1}",
         "[[0], [0.1], [0]]",
-        "too soft or too rough: a spring must change by 10 m before contact 0 slides, the body is 0.2 m long",
+        "too soft or too rough: a spring must change by 10 m before contact 0 slides, but the body is 0.2 m long",
     ),
     "all in metres": (
         "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",

@@ -26,14 +26,12 @@ from ..state import (
     BACKWARD,
     COMPLEMENTARITY,
     COMPLIANCE,
-    CONTACT_ROWS,
     DISSIPATION,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
     GAINED,
-    LOAD,
     OVERSPENT,
     RESIDUAL,
     ROUNDING,
@@ -49,6 +47,8 @@ from ..state import (
     add_ramp,
     begin_loads,
     end_loads,
+    is_in_force,
+    record,
     shift,
 )
 from ..translation import choose_translation, is_wide, nearness
@@ -227,21 +227,6 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
 
 
 @compiled
-def _is_in_force(contacts, links, target):
-    """Return whether `target` equals the command in force."""
-    n = contacts.shape[1]
-    for i in range(n - 1):
-        if target[i] != links[ACTUATION, i]:
-            return False
-    for i in range(n):
-        if target[n - 1 + i] != contacts[FORWARD, i] or target[2 * n - 1 + i] != contacts[BACKWARD, i]:
-            return False
-        if contacts.shape[0] > CONTACT_ROWS and target[3 * n - 1 + i] != contacts[LOAD, i]:
-            return False
-    return True
-
-
-@compiled
 def _read_commands(contacts, links, target):
     """Write the commands in force, at a place on a ramp, as the target of the part of the ramp up to there."""
     n = contacts.shape[1]
@@ -309,7 +294,7 @@ def follow(
         energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
     for v in range(targets.shape[0]):
         target = targets[v]
-        if not _is_in_force(contacts, links, target):
+        if not is_in_force(contacts, links, target):
             bytes_[ROW_MOVED] = 0
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
@@ -355,11 +340,7 @@ def follow(
             end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
-            for i in range(n):
-                records[v, i] = contacts[X, i]
-                records[v, n + i] = contacts[X_REST, i]
-            for i in range(n - 1):
-                records[v, 2 * n + i] = links[TENSION, i]
+            record(contacts, links, records[v])
     if account[VISITED] == np.inf:  # no command changed
         force = floats[ROW_TRIAL]
         for i in range(n):

@@ -18,14 +18,12 @@ from ..state import (
     AT_FORWARD,
     BACKWARD,
     COMPLEMENTARITY,
-    CONTACT_ROWS,
     DISSIPATION,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
     GAINED,
-    LOAD,
     OVERSPENT,
     RELATIVE,
     RESIDUAL,
@@ -35,12 +33,12 @@ from ..state import (
     VIOLATION,
     VISITED,
     WORK,
-    X_REST,
-    X,
     add_ramp,
     advance_loads,
     begin_loads,
     end_loads,
+    is_in_force,
+    record,
     shift,
 )
 from ..translation import choose_translation, is_wide
@@ -73,6 +71,15 @@ def _set_tensions(ends, stiffness, contacts, links):
         z = contacts[RELATIVE, ends[s, 1]] - contacts[RELATIVE, ends[s, 0]]
         links[SHAPE, s] = z
         links[TENSION, s] = stiffness[s] * (z - links[ACTUATION, s])
+
+
+@compiled
+def _stored_energy(stiffness, links):
+    """Compute the elastic energy of all springs [J]."""
+    stored = 0.0
+    for s in range(stiffness.shape[0]):
+        stored += 0.5 * links[TENSION, s] * links[TENSION, s] / stiffness[s]
+    return stored
 
 
 @compiled
@@ -213,15 +220,12 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
             _set_tensions(ends, stiffness, contacts, links)
             contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         _rebase(contacts)
-    stored = 0.0
-    for s in range(springs):
-        stored += 0.5 * links[TENSION, s] * links[TENSION, s] / stiffness[s]
     for i in range(n):
         above = contacts[FORWARD, i] - floats[ROW_FORCE, i]
         below = contacts[BACKWARD, i] + floats[ROW_FORCE, i]
         account[VIOLATION] = max(account[VIOLATION], -min(above, below))
     account[VISITED] = min(account[VISITED], _margin_at_rest(status, floats, contacts, sliding))
-    account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
+    account[RESIDUAL] = (_stored_energy(stiffness, links) - energy) + account[DISSIPATION] - account[WORK]
 
 
 @compiled
@@ -286,18 +290,8 @@ def follow(
             contacts[GAINED, i] = 0.0
     for v in range(targets.shape[0]):
         target = targets[v]
-        still = True
-        for s in range(springs):
-            still = still and target[s] == links[ACTUATION, s]
-        for i in range(n):
-            still = still and target[springs + i] == contacts[FORWARD, i]
-            still = still and target[springs + n + i] == contacts[BACKWARD, i]
-            if contacts.shape[0] > CONTACT_ROWS:
-                still = still and target[springs + 2 * n + i] == contacts[LOAD, i]
-        if not still:
-            energy = 0.0
-            for s in range(springs):
-                energy += 0.5 * links[TENSION, s] * links[TENSION, s] / stiffness[s]
+        if not is_in_force(contacts, links, target):
+            energy = _stored_energy(stiffness, links)
             for i in range(n):
                 before[i] = contacts[RELATIVE, i]
             for i in range(ramp.shape[0]):
@@ -387,11 +381,7 @@ def follow(
             end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
-            for i in range(n):
-                records[v, i] = contacts[X, i]
-                records[v, n + i] = contacts[X_REST, i]
-            for s in range(springs):
-                records[v, 2 * n + s] = links[TENSION, s]
+            record(contacts, links, records[v])
     if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         account[VISITED] = _margin_at_rest(status, floats, contacts, moved)

@@ -119,7 +119,8 @@ def compare_recordings(
     energy = None
     if one.energy is not None and two.energy is not None:
         energy = {
-            name: getattr(two.energy, name) - getattr(one.energy, name) for name in ("work", "dissipation", "stored")
+            name: getattr(two.energy, name) - getattr(one.energy, name)
+            for name in ("work", "loads_work", "dissipation", "stored")
         }
     return RunComparison(
         first=one,

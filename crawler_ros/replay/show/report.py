@@ -125,9 +125,10 @@ def _print_account(replay: Replay, screen: Console) -> None:
     if energy is None or margins is None:
         screen.print("energy and margins: not known without a simulation")
         return
+    loads = f"work of loads {energy.loads_work:.6g} J, " if energy.loads_work else ""
     screen.print(
-        f"whole run: work {energy.work:.6g} J, dissipation {energy.dissipation:.6g} J, stored {energy.stored:.6g} J, "
-        f"residual {energy.residual:.0e}"
+        f"whole run: work {energy.work:.6g} J, {loads}dissipation {energy.dissipation:.6g} J, "
+        f"stored {energy.stored:.6g} J, residual {energy.residual:.0e}"
     )
     least = margins.least if abs(margins.least) > 1e-12 else 0.0
     visited = "not known" if margins.visited is None else f"{margins.visited:.4g}"

@@ -33,6 +33,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             *at,
             *each("net_translation", "m"),
             ("work", real, "J"),
+            ("loads_work", real, "J"),
             ("dissipation", real, "J"),
             ("stored", real, "J"),
             ("margin", real, "N"),
@@ -71,6 +72,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             ("slip_forward", real, "m"),
             ("slip_backward", real, "m"),
             ("work", real, "J"),
+            ("loads_work", real, "J"),
             ("dissipation", real, "J"),
             ("stored", real, "J"),
             ("residual", real, "1"),
@@ -106,10 +108,11 @@ class TableWriter:
             return
         # the rows of a tick sum over its ramps
         before = np.append(0, rows[:-1] + 1)
-        work, dissipation, gained = (np.add.reduceat(v, before) for v in (piece.work, piece.dissipation, piece.gained))
+        sums = (piece.work, piece.loads_work, piece.dissipation, piece.gained)
+        work, loads_work, dissipation, gained = (np.add.reduceat(v, before) for v in sums)
         visited, unique = np.minimum.reduceat(piece.visited, before), np.logical_and.reduceat(piece.unique, before)
         at = [piece.run[rows], piece.end_ns[rows] / NS]
-        numbers = [work, dissipation, piece.stored[rows], piece.margin[rows], visited, unique]
+        numbers = [work, loads_work, dissipation, piece.stored[rows], piece.margin[rows], visited, unique]
         self._write("ticks", [*at, *self._axes(piece.net_translation[rows]), *numbers])
         size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
         moves = size > 1e-12 * size.max(axis=1, initial=0.0, keepdims=True)
