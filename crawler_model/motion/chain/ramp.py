@@ -48,6 +48,7 @@ from ..state import (
     begin_loads,
     end_loads,
     is_in_force,
+    read_commands,
     record,
     shift,
 )
@@ -227,18 +228,6 @@ def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stack
 
 
 @compiled
-def _read_commands(contacts, links, target):
-    """Write the commands in force, at a place on a ramp, as the target of the part of the ramp up to there."""
-    n = contacts.shape[1]
-    for i in range(n - 1):
-        target[i] = links[ACTUATION, i]
-    for i in range(n):
-        target[n - 1 + i] = contacts[FORWARD, i]
-        target[2 * n - 1 + i] = contacts[BACKWARD, i]
-        target[3 * n - 1 + i] = contacts[LOAD, i]
-
-
-@compiled
 def follow(
     elasticity,
     contacts,
@@ -321,7 +310,7 @@ def follow(
                 )
             if limits is not None and not finished and reached.any():
                 middle = np.empty(target.shape[0])
-                _read_commands(contacts, links, middle)
+                read_commands(contacts, links, middle)
                 if part == 1.0:
                     middle[:] = target
                 _finish(elasticity, contacts, links, status, middle, bytes_, ramp, energy, wide)

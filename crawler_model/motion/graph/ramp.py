@@ -38,6 +38,7 @@ from ..state import (
     begin_loads,
     end_loads,
     is_in_force,
+    read_commands,
     record,
     shift,
 )
@@ -335,12 +336,8 @@ def follow(
                     advance_loads(contacts, done)
                 if limits is not None and reached.any():
                     middle = np.empty(target.shape[0])
-                    for s in range(springs):
-                        middle[s] = links[ACTUATION, s]
+                    read_commands(contacts, links, middle)
                     for i in range(n):
-                        middle[springs + i] = contacts[FORWARD, i]
-                        middle[springs + n + i] = contacts[BACKWARD, i]
-                        middle[springs + 2 * n + i] = contacts[LOAD, i]
                         moved[i] = contacts[RELATIVE, i] != before[i]
                     if done == 1.0:
                         middle[:] = target
