@@ -29,6 +29,7 @@ class Diagnosed(Protocol):
     ambiguous: int
     overspent: int
     unsolved: int
+    jumps: int
     reported: tuple[int, int, int, int]
     reported_commands: tuple[int, int, int, int]
     certificates: Certificates
@@ -117,6 +118,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("ticks without a determined translation", str(node.ambiguous)),
             ("ticks over the budget of work", str(node.overspent)),
             ("ticks not solved", str(node.unsolved)),
+            ("jumps onto ground that holds less", str(node.jumps)),
             ("largest energy residual of a tick [J]", residual),
             ("largest violation of a bound [N]", violation),
             ("largest complementarity [J]", complementarity),

@@ -81,7 +81,7 @@ class Simulator(QuietNode):
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
         self.certificates = certificates_of(self.scene, self.crawler.method)
-        self.ambiguous = self.overspent = self.unsolved = 0
+        self.ambiguous = self.overspent = self.unsolved = self.jumps = 0
         self.reported = (0, 0, 0, 0)
         self.reported_commands = (0, 0, 0, 0)
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
@@ -175,7 +175,7 @@ class Simulator(QuietNode):
             self.stepper.reset()
             self.commands.reset(self.start.row)
             self.certificates = certificates_of(self.scene, self.crawler.method)
-            self.ambiguous = self.overspent = self.unsolved = 0
+            self.ambiguous = self.overspent = self.unsolved = self.jumps = 0
             self.reported = (0, 0, 0, self.reported[3])
             self._resend_states(newcomers=False)  # later subscribers get the state, at worst twice
             self._send_states(None)
@@ -297,6 +297,7 @@ class Simulator(QuietNode):
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
+        self.jumps += len(step.jumps)
 
     def _send_states(self, step: Step | None) -> None:
         crawler, now = self.crawler, self.stepper.now_ns

@@ -247,7 +247,7 @@ class Resimulation:
             step = crawler.follow(target[None])
             last = number == len(points) - 1
             until = end if last else min(max(stamp + int(offsets[number]), before), end)
-            rows.add(self._run, before, until, last, row, target, crawler, step.account)
+            rows.add(self._run, before, until, last, row, target, crawler, step)
             self._row, self._target, before = row, target, until
         if not points:
             crawler.follow(self._target[None][:0])
