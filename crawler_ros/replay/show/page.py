@@ -96,8 +96,7 @@ def _draw_positions(axis: Axes, time: np.ndarray, place: np.ndarray, state: np.n
     handles = [
         Line2D([], [], color=color, linewidth=2.0, label=word) for word, color in (*words, ("sticks", "#9a9a9a"))
     ]
-    handles += axis.get_legend_handles_labels()[0]
-    axis.legend(handles=handles, fontsize=8, loc="upper left", ncols=4, frameon=False)
+    axis.legend(handles=[*handles, *axis.get_legend_handles_labels()[0]], fontsize=8, loc="upper left", ncols=4, frameon=False)
     if len(names) <= _MOST_NAMED:
         for i, name in enumerate(names):
             text = name.removeprefix("contact_")
