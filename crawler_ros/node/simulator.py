@@ -16,7 +16,7 @@ from crawler_model import Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
-from crawler_model.run.simulate import rational_rate
+from crawler_model.run.simulate import TimedJump, rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
@@ -33,7 +33,7 @@ from ..wire.states import contact_names, joint_state_names, shown_contacts
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
 from .certificates import certificates_of
 from .diagnostics import diagnose
-from .intake.commands import CommandQueue
+from .intake.commands import CommandQueue, Vertex
 from .intake.intake import Intake
 from .intake.limits import command_limits
 from .life.quiet_node import QuietNode
@@ -292,14 +292,22 @@ class Simulator(QuietNode):
         if ledger.wanted:
             times = [max(v.due_ns - start_ns, 0) for v in vertices]
             ledger.send(self._ledger.encode(start_ns, times, rows))
-        self._send_states(step)
+        self._send_states(step, self._time_jumps(step, start_ns, vertices))
         self.certificates.add(step.account)
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
         self.jumps += len(step.jumps)
 
-    def _send_states(self, step: Step | None) -> None:
+    def _time_jumps(self, step: Step, start_ns: int, vertices: list[Vertex]) -> tuple[TimedJump, ...]:
+        """Compute the times of the jumps in a tick for the viewer."""
+        if not step.jumps or self.feed is None:
+            return ()
+        from ..viewer.frames import time_jumps
+
+        return time_jumps(step.jumps, start_ns, [max(v.due_ns, start_ns) for v in vertices])
+
+    def _send_states(self, step: Step | None, jumps: tuple[TimedJump, ...] = ()) -> None:
         crawler, now = self.crawler, self.stepper.now_ns
         seconds = np.inf if step is None else (now - self._last_ns) / NS
         self._last_ns = now
@@ -317,7 +325,7 @@ class Simulator(QuietNode):
         if outlets["/clock"].wanted:
             outlets["/clock"].send(encode_clock(now))
         if self.feed is not None:
-            self.feed.show(now, crawler)
+            self.feed.show(now, crawler, jumps)
 
     # -- reports ----------------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
+from crawler_model.run.simulate import TimedJump
 
 from ..recording.bag import BagError, recorded_scene
 from ..recording.recorded_robot import Robot
@@ -243,6 +244,26 @@ def simulate_again(path: Path) -> Comparison:
     if compared is None:
         raise BagError(why)
     return compared
+
+
+def find_jumps(path: Path) -> list[tuple[int, TimedJump]]:
+    """Find the jumps of a recording on patches of ground, for a picture of it.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        The number of the run and each jump; none where the ground is the same everywhere or the scene is not known.
+
+    Raises:
+        BagError: when the file is not a recording of a crawler.
+    """
+    from ..recording import bag
+
+    head = bag.Bag({})
+    next(iter(bag.read(path, head)), None)  # attachments precede the first message
+    scene = recorded_scene(path, head.attachments)
+    return [] if scene is None or scene.ground.track is None else analyse(path).table.jumps
 
 
 def _is_planar(survey: Survey, robot: Robot) -> bool:

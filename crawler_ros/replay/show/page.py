@@ -96,7 +96,9 @@ def _draw_positions(axis: Axes, time: np.ndarray, place: np.ndarray, state: np.n
     handles = [
         Line2D([], [], color=color, linewidth=2.0, label=word) for word, color in (*words, ("sticks", "#9a9a9a"))
     ]
-    axis.legend(handles=[*handles, *axis.get_legend_handles_labels()[0]], fontsize=8, loc="upper left", ncols=4, frameon=False)
+    axis.legend(
+        handles=[*handles, *axis.get_legend_handles_labels()[0]], fontsize=8, loc="upper left", ncols=4, frameon=False
+    )
     if len(names) <= _MOST_NAMED:
         for i, name in enumerate(names):
             text = name.removeprefix("contact_")

@@ -28,15 +28,14 @@ def _schema(table: str, planar: bool) -> pa.Schema:
         return [(n, pa.float64(), unit) for n in names]
 
     real, label = pa.float64(), pa.dictionary(pa.int32(), pa.string())
+    lengths = [(name, real, "m") for name in ("border", "distance")]
+    energies = [(name, real, "J") for name in ("work", "loads_work", "dissipation", "jump_loss", "stored")]
+    interval = [("start", real, "s"), ("length", real, "s")]
     columns = {
         "ticks": [
             *at,
             *each("net_translation", "m"),
-            ("work", real, "J"),
-            ("loads_work", real, "J"),
-            ("dissipation", real, "J"),
-            ("jump_loss", real, "J"),
-            ("stored", real, "J"),
+            *energies,
             ("margin", real, "N"),
             ("visited_margin", real, "1"),
             ("unique", pa.bool_(), "1"),
@@ -61,17 +60,10 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             ("run", pa.int32(), "1"),
             ("contact", label, "1"),
             ("direction", real, "rad" if planar else "1"),
-            ("start", real, "s"),
-            ("length", real, "s"),
+            *interval,
             ("distance", real, "m"),
         ],
-        "jumps": [
-            *at,
-            ("contact", pa.string(), "1"),
-            ("border", real, "m"),
-            ("distance", real, "m"),
-            ("loss", real, "J"),
-        ],
+        "jumps": [*at, ("contact", pa.string(), "1"), *lengths, ("loss", real, "J")],
         "cycles": [
             ("run", pa.int32(), "1"),
             ("start", real, "s"),
@@ -79,11 +71,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             *each("translation", "m"),
             ("slip_forward", real, "m"),
             ("slip_backward", real, "m"),
-            ("work", real, "J"),
-            ("loads_work", real, "J"),
-            ("dissipation", real, "J"),
-            ("jump_loss", real, "J"),
-            ("stored", real, "J"),
+            *energies,
             ("residual", real, "1"),
             ("least_margin", real, "N"),
             ("transient", pa.bool_(), "1"),
