@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rclpy.experimental.events_executor import EventsExecutor
 
-from crawler_model import Crawler, CrawlerError, Scene, load_scene, prepare
+from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
@@ -20,6 +20,7 @@ from crawler_model.run.simulate import TimedJump, rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
+from ..viewer.frames import time_jumps
 from ..wire.messages import (
     JointStateMessage,
     OdometryMessage,
@@ -33,7 +34,7 @@ from ..wire.states import contact_names, joint_state_names, shown_contacts
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
 from .certificates import certificates_of
 from .diagnostics import diagnose
-from .intake.commands import CommandQueue, Vertex
+from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .intake.limits import command_limits
 from .life.quiet_node import QuietNode
@@ -286,26 +287,24 @@ class Simulator(QuietNode):
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
         vertices = self.commands.take(start_ns, end_ns)
         rows = [v.row for v in vertices]
-        step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
+        try:
+            step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
+        except CommandError as error:  # ground on which nothing holds the body: it stays, and the tick holds
+            self.throttle.warn("ground", f"dropped {len(rows)} row(s): {error}")
+            self.commands.give_back(len(rows), self.crawler.row)
+            vertices, rows, step = [], [], self.crawler.follow(self._hold)
         self.stepper.finish()
         ledger = self._outlets["applied_commands"]
         if ledger.wanted:
             times = [max(v.due_ns - start_ns, 0) for v in vertices]
             ledger.send(self._ledger.encode(start_ns, times, rows))
-        self._send_states(step, self._time_jumps(step, start_ns, vertices))
+        dues = [max(v.due_ns, start_ns) for v in vertices]
+        self._send_states(step, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
         self.certificates.add(step.account)
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
         self.jumps += len(step.jumps)
-
-    def _time_jumps(self, step: Step, start_ns: int, vertices: list[Vertex]) -> tuple[TimedJump, ...]:
-        """Compute the times of the jumps in a tick for the viewer."""
-        if not step.jumps or self.feed is None:
-            return ()
-        from ..viewer.frames import time_jumps
-
-        return time_jumps(step.jumps, start_ns, [max(v.due_ns, start_ns) for v in vertices])
 
     def _send_states(self, step: Step | None, jumps: tuple[TimedJump, ...] = ()) -> None:
         crawler, now = self.crawler, self.stepper.now_ns

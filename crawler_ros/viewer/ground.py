@@ -152,11 +152,15 @@ class JumpMarks:
                 draw_order=10.0,
             ),
         )
+        whole: dict[tuple[int, float], list[TimedJump]] = {}  # one text, too, where further borders were on the way
+        for jump in self._marked:
+            whole.setdefault((jump.contact, jump.time), []).append(jump)
+        distance = {key: sum(jump.distance for jump in parts) for key, parts in whole.items()}
         self._stream.log(
             "world/jumps/text",
             self._rr.Points2D(
-                [(jump.border + 0.5 * jump.distance - origin, -0.24 * self._length) for jump in self._marked],
-                labels=[f"{self._names[jump.contact]} jumps {jump.distance:.4g} m" for jump in self._marked],
+                [(p[0].border + 0.5 * distance[k] - origin, -0.24 * self._length) for k, p in whole.items()],
+                labels=[f"{self._names[key[0]]} jumps {distance[key]:.4g} m" for key in whole],
                 colors=[(235, 235, 235)],
                 radii=self._rr.Radius.ui_points(0.0),
                 show_labels=True,
