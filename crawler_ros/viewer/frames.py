@@ -250,7 +250,7 @@ def _frames(
 
 
 def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:
-    """Yield frames at least `every_ns` apart; a slip between two of them shows in the later one."""
+    """Yield frames at least `every_ns` apart; a slip or jump between two of them shows in the later one."""
     shown: int | None = None
     moved: np.ndarray | None = None
     jumps: tuple[TimedJump, ...] = ()
@@ -262,3 +262,5 @@ def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Fr
         shown = frame.time_ns
         yield replace(frame, state=moved, jumps=jumps)
         moved, jumps = None, ()
+    if jumps and moved is not None:
+        yield replace(frame, state=moved, jumps=jumps)
