@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +56,11 @@ class Track:
         Returns:
             Displacements at the next border forward and backward, and their rounding error, shape (3, N) [m].
         """
+        return self._limits(position.tobytes(), place.tobytes())
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019
+    def _limits(self, positions: bytes, places: bytes) -> np.ndarray:
+        position, place = np.frombuffer(positions), np.frombuffer(places, np.int64)
         ends = np.concatenate(([-np.inf], self.borders, [np.inf]))
         ahead, behind = ends[place // 2 + 1], ends[(place + 1) // 2]
         sizes = [np.where(np.isfinite(end), np.abs(end), 0.0) for end in (ahead, behind)]
@@ -77,20 +83,36 @@ class Track:
             Forward bounds, backward bounds and loads (on a border the mean of both sides), shape (..., K) [N].
         """
         n = self.tilt.shape[1]
+        whole = isinstance(contacts, slice) and contacts == slice(None)
         number = np.arange(n)[contacts]
-        ahead, behind = (place + 1) // 2, place // 2
-        forward, backward = targets[..., number], targets[..., n + number]
-        load = targets[..., 2 * n + number] if targets.shape[-1] > 2 * n else np.zeros(forward.shape)
-        one = self._side(forward + load, forward, -load, self.factor[0, ahead, number], -self.tilt[ahead, number])
-        other = self._side(backward - load, backward, load, self.factor[1, behind, number], self.tilt[behind, number])
-        return one, other, load + 0.5 * (self.tilt[ahead, number] + self.tilt[behind, number])
+        ahead, behind, mean = (self._whole if whole else self._sides)(place.tobytes(), number.tobytes())
+        if whole:
+            forward, backward, load = targets[..., :n], targets[..., n : 2 * n], targets[..., 2 * n :]
+        else:
+            forward, backward = targets[..., number], targets[..., n + number]
+            load = targets[..., 2 * n + number] if targets.shape[-1] > 2 * n else targets[..., 2 * n :]
+        if load.shape[-1] == 0:
+            load = np.zeros(forward.shape)
+        one = np.where(ahead[0], forward, ahead[1] * (forward + load) - (load + ahead[2]))
+        other = np.where(behind[0], backward, behind[1] * (backward - load) + (load + behind[2]))
+        return one, other, load + mean
 
-    @staticmethod
-    def _side(
-        friction: np.ndarray, bound: np.ndarray, load: np.ndarray, factor: np.ndarray, tilt: np.ndarray
-    ) -> np.ndarray:
-        """Compute a bound; where the ground is that of the track, `bound` to the bit."""
-        return np.where((factor == 1.0) & (tilt == 0.0), bound, factor * friction + (load + tilt))
+    def _sides(
+        self, places: bytes, numbers: bytes
+    ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], np.ndarray]:
+        """Find whether the ground ahead and behind is that of the track, its factors and tilts, and the mean tilt."""
+        place, number = np.frombuffer(places, np.int64), np.frombuffer(numbers, np.int64)
+        sides = []
+        for side, stretch in enumerate(((place + 1) // 2, place // 2)):
+            factor, tilt = self.factor[side, stretch, number], self.tilt[stretch, number]
+            sides.append(((factor == 1.0) & (tilt == 0.0), factor, tilt))
+        return sides[0], sides[1], 0.5 * (sides[0][2] + sides[1][2])
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019
+    def _whole(
+        self, places: bytes, numbers: bytes
+    ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], np.ndarray]:
+        return self._sides(places, numbers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ class Diagnosed(Protocol):
     overspent: int
     unsolved: int
     jumps: int
+    unheld: int
     reported: tuple[int, int, int, int]
     reported_commands: tuple[int, int, int, int]
     certificates: Certificates
@@ -85,6 +86,14 @@ def diagnose(node: Diagnosed) -> list[Status]:
     return [(level, f"{me}: {part}", text, hardware, entries) for part, (level, text, entries) in parts.items()]
 
 
+def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
+    """Count jumps and refused ticks where the ground changes with place."""
+    if node.scene.ground.track is None:
+        return []
+    counts = {"jumps on patches of ground": node.jumps, "ticks refused, as no ground would hold": node.unheld}
+    return [(key, str(count)) for key, count in counts.items()]
+
+
 def _simulation(node: Diagnosed, rival: str) -> Part:
     late = node.stepper.late
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
@@ -118,7 +127,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("ticks without a determined translation", str(node.ambiguous)),
             ("ticks over the budget of work", str(node.overspent)),
             ("ticks not solved", str(node.unsolved)),
-            ("jumps onto ground that holds less", str(node.jumps)),
+            *_on_patches(node),
             ("largest energy residual of a tick [J]", residual),
             ("largest violation of a bound [N]", violation),
             ("largest complementarity [J]", complementarity),

@@ -82,7 +82,7 @@ class Simulator(QuietNode):
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
         self.certificates = certificates_of(self.scene, self.crawler.method)
-        self.ambiguous = self.overspent = self.unsolved = self.jumps = 0
+        self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
         self.reported = (0, 0, 0, 0)
         self.reported_commands = (0, 0, 0, 0)
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
@@ -176,7 +176,7 @@ class Simulator(QuietNode):
             self.stepper.reset()
             self.commands.reset(self.start.row)
             self.certificates = certificates_of(self.scene, self.crawler.method)
-            self.ambiguous = self.overspent = self.unsolved = self.jumps = 0
+            self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
             self.reported = (0, 0, 0, self.reported[3])
             self._resend_states(newcomers=False)  # later subscribers get the state, at worst twice
             self._send_states(None)
@@ -289,10 +289,12 @@ class Simulator(QuietNode):
         rows = [v.row for v in vertices]
         try:
             step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
-        except CommandError as error:  # ground on which nothing holds the body: it stays, and the tick holds
-            self.throttle.warn("ground", f"dropped {len(rows)} row(s): {error}")
-            self.commands.give_back(len(rows), self.crawler.row)
-            vertices, rows, step = [], [], self.crawler.follow(self._hold)
+        except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
+            self.unheld += 1
+            self.throttle.warn("ground", f"the commands of a tick are refused, and those that wait: {error}")
+            self.commands.reset(self.crawler.row)
+            vertices, rows = [], []
+            step = self.crawler.follow(self._hold)
         self.stepper.finish()
         ledger = self._outlets["applied_commands"]
         if ledger.wanted:

@@ -152,7 +152,9 @@ def _on_patches(drawn: Drawn, driven: Driven, length: float, force: float, mirro
     factors, slopes = np.exp(rng.uniform(-1.5, 0.7, (2, 2))), rng.uniform(-8.0, 8.0, 2)
     if drawn.ties:
         cuts = np.sort(rng.choice(np.arange(first, last, 0.25), 4, replace=False))
-        cuts += 0.0625 / 3.0 if drawn.commanded else 0.0  # a contact that turns exactly on a border may jump or not
+        cuts += (
+            0.0625 / 3.0 if drawn.commanded or drawn.bare else 0.0
+        )  # a contact that turns exactly on a border may jump or not
         factors = rng.integers(1, 5, (2, 2)) / 2.0
     if drawn.bare:
         factors = factors * (rng.random((2, 2)) < 0.8)

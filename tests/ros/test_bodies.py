@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 
 from crawler_bench.node.processes import wait_until
-from crawler_model import Crawler, load_scene, simulate
+from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.crawler.readout import Readout
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
@@ -58,6 +60,36 @@ def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
     found, frames = frames_of_recording(path)
     draw_page(found, list(frames), tmp_path / "x.png")
     assert (tmp_path / "x.png").stat().st_size > 20_000
+
+
+def test_a_recording_on_patches_of_ground_runs_again(tmp_path):
+    drive = {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [0.5], [0.0]]}
+    scene = Scene.model_validate(
+        {
+            "name": "ice",
+            "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}},
+            "friction": {"forward": 0.1, "backward": 0.3},
+            "ground": {
+                "patches": [{"from": 1.35, "to": 1.5, "friction": 0.5}, {"from": 1.6, "to": 2.0, "friction": 2}]
+            },
+            "drive": drive,
+        }
+    )
+    file = tmp_path / "ice.yaml"
+    file.write_text(json.dumps(scene.document()), encoding="utf-8")
+    offline = simulate(scene, duration=3.0)
+    assert offline.jumps
+    with graph(tmp_path) as ros:
+        hear = ("joint_states", "contact_states", "pose")
+        simulator = ros.simulator(f"scene:={file}", f"record:={tmp_path / 'bags'}", hear=hear)
+        player = ros.start("crawler_ros.node.gait_player", f"scene:={file}", "periods:=3")
+        assert player.wait() == 0, player.said
+        ros.walked(offline.net_translation[-1], within=1e-12)
+        assert simulator.end() == 0
+    (path,) = (tmp_path / "bags").iterdir()
+    again = simulate_again(path)
+    assert again.identical
+    assert again.ticks > 300
 
 
 @pytest.mark.parametrize("name", [*BODIES, "three_contacts_one_way", "continuous_segment"])

@@ -31,6 +31,7 @@ ROOMS = {
         "run",
         "crawler",
         "theory",
+        "motion.ground",
         "motion.chain",
         "motion.graph",
         "motion.plane",

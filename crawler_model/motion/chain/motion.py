@@ -48,7 +48,7 @@ class ChainMotion:
         limits: np.ndarray,
         reached: np.ndarray,
     ) -> tuple[int, float]:
-        """Follow straight ramps exactly, to the first border of the ground, see `LineMotion`."""
+        """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
         body = self.body
         found: tuple[int, float] = ramp.follow(
             body.elasticity,

@@ -60,7 +60,7 @@ class GraphMotion:
         limits: np.ndarray,
         reached: np.ndarray,
     ) -> tuple[int, float]:
-        """Follow straight ramps exactly, to the first border of the ground, see `LineMotion`."""
+        """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
         body = self.body
         work, ramp_memory = scratch
         found: tuple[int, float] = ramp.follow(

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...body.ground import Track
 from ...errors import CommandError
-from ...rounding import EPS, SHORTEST_STRETCH
+from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
 from ..borders import move_all
 from ..jump import Jump
 from ..state import (
@@ -177,7 +177,7 @@ class Walk:
         self._stops += 1
         failed = account[OVERSPENT] + account[UNSOLVED]
         if self._stops > _MOST_STOPS * (self._n + 1):
-            limits[0], limits[1] = np.inf, -np.inf
+            limits = np.array([[np.inf], [-np.inf], [0.0]]) + np.zeros(self._n)
             targets = targets[:1]
             account[OVERSPENT] += 1
         count, part = self._line.follow_to_border(
@@ -242,7 +242,7 @@ class Walk:
         x = state.contacts[X, i]
         row, bit = (FORWARD, AT_FORWARD) if way > 0 else (BACKWARD, AT_BACKWARD)
         if state.place[i] % 2 == 1:
-            self._enter(i, state.place[i] + way, state.status[i] & bit)
+            self._enter(i, state.place[i] + way, bit if self._is_at_bound(i, way) else 0)
             return
         fall = self._falls.pop(i, None)
         if fall is not None:
@@ -251,7 +251,7 @@ class Walk:
         bounds = self._bounds_of(i, state.place[i] + 2 * way)
         new = bounds[0 if way > 0 else 1]
         near = _SAME * (abs(state.contacts[FORWARD, i]) + abs(state.contacts[BACKWARD, i]) + abs(new))
-        if new > now + near or not state.status[i] & bit:  # without the bit its motion is rounding
+        if new > now + near or not self._is_at_bound(i, way):
             self._enter(i, state.place[i] + way, 0)
             state.status[i] &= ~bit
             return
@@ -261,6 +261,19 @@ class Walk:
             state.contacts[row, i] = now
             state.status[i] = bit
             self._falls[i] = _Fall(way, float(border), float(x))
+
+    def _is_at_bound(self, i: int, way: int) -> bool:
+        """Check that contact i is at the bound of its motion; else its motion is rounding.
+
+        Where all contacts are at their bounds within rounding, those that have yet to arrive slide, too.
+        """
+        state = self._state
+        if state.status[i] & (AT_FORWARD if way > 0 else AT_BACKWARD):
+            return True
+        forward, backward = state.contacts[[FORWARD, BACKWARD], i]
+        force = float(self._line.body.spring_force(state.tension)[i])
+        distance = forward - force if way > 0 else backward + force
+        return bool(abs(distance) <= 100.0 * CRITICAL * (abs(forward) + abs(backward)))
 
     def _bounds_of(self, i: int, place: int) -> tuple[float, float, float]:
         """Compute the bounds and the load of contact i at a place."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,11 +15,35 @@ from crawler_model.errors import CommandError
 from .checks import check_finite, check_loads, check_points, check_times, is_held, named_columns, spread_loads
 from .limits import Limits
 from .received import wrong_point
-from .vertices import Trajectory, Vertex
 
 MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
 """The largest queue: command rows, and the memory that they take."""
 _ROW_BYTES = 128  # of an array or a vertex, beside its numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A checked trajectory: when it starts, and its waypoints.
+
+    Attributes:
+        start_ns: simulated time [ns]; None to start as soon as possible.
+        columns: the numbers of a command row that it sets, one array of indices per name.
+        times_ns: time_from_start of each point, shape (points,) [ns].
+        positions: shape (points, names).
+    """
+
+    start_ns: int | None
+    columns: list[np.ndarray]
+    times_ns: np.ndarray
+    positions: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Vertex:
+    """The end of a ramp within a tick: its simulated time [ns] and the row commanded there."""
+
+    due_ns: int
+    row: np.ndarray
 
 
 class CommandQueue:
@@ -48,7 +73,7 @@ class CommandQueue:
         self.full = 0
         """Messages refused because too much was waiting."""
         self.unheld = 0
-        """Rows dropped because no equilibrium holds their loads, or the body on the ground that it would reach."""
+        """Rows dropped because no equilibrium holds their loads."""
         self._lengths = columns.lengths
         self._lock = threading.Lock()
         self.reset(in_force)
@@ -67,17 +92,6 @@ class CommandQueue:
         self._in_force = np.array(in_force)
         self._anchor = Vertex(0, self._in_force)
         self._path: list[Vertex] = []
-
-    def give_back(self, rows: int, in_force: np.ndarray) -> None:
-        """Drop and count the rows of a tick that could not be followed; commands that follow start as if without them.
-
-        Args:
-            rows: how many there were.
-            in_force: the command row that stays in force, shape (C,).
-        """
-        self.unheld += rows
-        self._in_force = np.array(in_force)
-        self._anchor = Vertex(self._anchor.due_ns, self._in_force)
 
     @property
     def waiting(self) -> int:
