@@ -71,7 +71,7 @@ def replay(
             raise CrawlerError(f"--rrd: {recording} does not hold its scene; name it with --scene")
         from crawler_ros.viewer.visualizer import draw_recording
 
-        draw_recording(recording, rrd, found.scene, found.robot)
+        draw_recording(recording, rrd, found.scene, found.robot, found.table.jumps)
         written.append(f"drawn: {rrd}")
     if as_json:
         print(json.dumps(found.as_plain(), allow_nan=False))

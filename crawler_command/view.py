@@ -48,10 +48,11 @@ def view(
     with tempfile.TemporaryDirectory() as folder:
         rrd = recording
         if recording.suffix != ".rrd":
+            from crawler_ros.replay.analysis import find_jumps
             from crawler_ros.viewer.visualizer import draw_recording
 
             rrd = Path(folder) / "recording.rrd"
-            draw_recording(recording, rrd)
+            draw_recording(recording, rrd, jumps=find_jumps(recording))
         if png is not None:
             screenshot(rrd, png, at)
             screen.print(f"rendered: {png}")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crawler_model import CrawlerError
-from crawler_model.body.plan import Plan
+from crawler_model import CrawlerError, Scene
 
-from .colors import ACTUATION
+from .colors import ACTUATION, GREY
+from .ground import list_sections, trace_profile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ _BODY, _GROUND = "#202020", "#8a8a8a"
 
 
 def draw_body(
-    axis: Axes, scene: Plan, displacement: ArrayLike, actuation: ArrayLike, actuators: Sequence[int] = ()
+    axis: Axes, scene: Scene, displacement: ArrayLike, actuation: ArrayLike, actuators: Sequence[int] = ()
 ) -> None:
     """Draw a chain of contacts at its position; above it there is room for `draw_length`.
 
@@ -28,8 +28,12 @@ def draw_body(
     the reference shape plus L. As an actuator with a spring behind it, the spring keeps half of that distance as its
     rest length, and the actuator has the other half plus L.
 
+    Patches of ground are coloured bands under the body, with their factor on friction and their slope; where there are
+    slopes, a line below shows the profile of the track.
+
     Args:
-        axis: axes to draw on: x in m, y from the ground at 0 to the body at 1, and up to 2.6.
+        axis: axes to draw on: x in m, y from the ground at 0 to the body at 1, and up to 2.6; below the ground there is
+            more room where there are patches or slopes.
         scene: a scene of isolated contacts on a line, each joined to the next.
         displacement: x, shape (N,) [m].
         actuation: L of each link, shape (N - 1,) [m].
@@ -56,6 +60,8 @@ def draw_body(
     axis.axhline(0.0, color=_GROUND, linewidth=1.0, zorder=1)
     axis.axhspan(-0.22, 0.0, facecolor="none", edgecolor=_GROUND, hatch="////", linewidth=0.0)
     axis.set(ylim=(-0.22, 2.6), yticks=[])
+    if scene.parts.ground is not None:
+        _draw_ground(axis, scene, float(place.min()) - 0.5 * reach, float(place.max()) + 0.5 * reach)
     axis.spines[["left", "right", "top"]].set_visible(False)
 
 
@@ -73,6 +79,25 @@ def draw_length(axis: Axes, start: float, end: float, height: float, text: str) 
     axis.annotate("", (end, height), (start, height), arrowprops=bar)
     middle = ((start + end) / 2.0, height)
     axis.annotate(text, middle, (0, 3), textcoords="offset points", ha="center", va="bottom", fontsize=8)
+
+
+def _draw_ground(axis: Axes, scene: Scene, left: float, right: float) -> None:
+    """Draw patches and slopes between two places; texts that would cover their neighbour go one row down."""
+    sections = sorted(list_sections(scene, left, right), key=lambda section: section.middle)
+    letter, ends = 0.012 * (right - left), [-np.inf, -np.inf]
+    for section in sections:
+        if section.color is not None:
+            corners = [section.start, section.end, section.end, section.start]
+            axis.fill(corners, [-0.22, -0.22, 0.0, 0.0], color=section.color, linewidth=0.0, zorder=0.5)
+        half = 0.5 * letter * len(section.text)
+        row = 0 if section.middle - half >= ends[0] else 1
+        ends[row] = section.middle + half
+        axis.text(section.middle, -0.36 - 0.26 * row, section.text, ha="center", va="center", fontsize=8)
+    at, height = trace_profile(scene, left, right)
+    if at.size:
+        axis.plot(at, -1.3 + 0.45 * height / height.max(), color=GREY, linewidth=1.6)
+        axis.plot([left, right], [-1.3, -1.3], color=GREY, linewidth=0.5)
+    axis.set_ylim(-1.36 if at.size else -0.76 if sections else -0.22)
 
 
 def _draw_foot(axis: Axes, place: float, reach: float) -> None:

@@ -6,6 +6,8 @@ FORWARD, BACK = "#009e73", "#c8400f"
 """Slips forward and back, and facets of the stasis domain that allow motion in that direction."""
 STICK, GREY = "#c8c8c8", "#8a8a8a"
 TENSION, ACTUATION = "#2f5fc4", "#e08a1e"
+JUMP = "#9b2fae"
+"""Jumps of contacts onto ground that holds less."""
 CONTACTS = ("#1f3fbf", "#1fa8c8")
 """The two contacts of a body, where both are drawn as lines."""
 

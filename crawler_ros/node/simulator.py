@@ -16,10 +16,11 @@ from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
-from crawler_model.run.simulate import rational_rate
+from crawler_model.run.simulate import TimedJump, rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
+from ..viewer.frames import time_jumps
 from ..wire.messages import (
     JointStateMessage,
     OdometryMessage,
@@ -299,14 +300,15 @@ class Simulator(QuietNode):
         if ledger.wanted:
             times = [max(v.due_ns - start_ns, 0) for v in vertices]
             ledger.send(self._ledger.encode(start_ns, times, rows))
-        self._send_states(step)
+        dues = [max(v.due_ns, start_ns) for v in vertices]
+        self._send_states(step, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
         self.certificates.add(step.account)
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
         self.jumps += len(step.jumps)
 
-    def _send_states(self, step: Step | None) -> None:
+    def _send_states(self, step: Step | None, jumps: tuple[TimedJump, ...] = ()) -> None:
         crawler, now = self.crawler, self.stepper.now_ns
         seconds = np.inf if step is None else (now - self._last_ns) / NS
         self._last_ns = now
@@ -324,7 +326,7 @@ class Simulator(QuietNode):
         if outlets["/clock"].wanted:
             outlets["/clock"].send(encode_clock(now))
         if self.feed is not None:
-            self.feed.show(now, crawler)
+            self.feed.show(now, crawler, jumps)
 
     # -- reports ----------------------------------------------------------------------------------------------------
 

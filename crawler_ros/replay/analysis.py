@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,12 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
+from crawler_model.run.simulate import TimedJump
 
 from ..recording.bag import BagError, recorded_scene
 from ..recording.recorded_robot import Robot
 from ..recording.versions import versions
-from ..wire.states import contact_names, station_names
+from ..wire.states import contact_names, every_contact_name, station_names
 from .cycle_table import Cycle, EnergyBalance, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
 from .margins import Margins, find_margins
@@ -110,6 +111,7 @@ class Replay:
             "cycles": [cycle.as_plain() for cycle in self.cycles],
             "cycle_source": self.cycle_source,
             "slips": self._plain_slips(),
+            "jumps": self.plain_jumps(),
             "energy": None if self.energy is None else self.energy.as_plain(),
             "margins": None if self.margins is None else self.margins.as_plain(),
             "standstill": None if self.standstill is None else self.standstill.as_plain(),
@@ -123,6 +125,15 @@ class Replay:
                 "explanation": self.explanation,
             },
         }
+
+    def plain_jumps(self) -> list[dict[str, Any]]:
+        """List the jumps on patches of ground as plain values.
+
+        Returns:
+            The run, and the attributes of `crawler_model.run.simulate.TimedJump`, with the name of the contact.
+        """
+        names = () if self.scene is None else every_contact_name(self.scene.body)
+        return [{"run": run, **asdict(jump), "contact": names[jump.contact]} for run, jump in self.table.jumps]
 
     def _plain_slips(self) -> list[dict[str, Any]]:
         slips = self.slips
@@ -233,6 +244,26 @@ def simulate_again(path: Path) -> Comparison:
     if compared is None:
         raise BagError(why)
     return compared
+
+
+def find_jumps(path: Path) -> list[tuple[int, TimedJump]]:
+    """Find the jumps of a recording on patches of ground, for a picture of it.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        The number of the run and each jump; none where the ground is the same everywhere or the scene is not known.
+
+    Raises:
+        BagError: when the file is not a recording of a crawler.
+    """
+    from ..recording import bag
+
+    head = bag.Bag({})
+    next(iter(bag.read(path, head)), None)  # attachments precede the first message
+    scene = recorded_scene(path, head.attachments)
+    return [] if scene is None or scene.ground.track is None else analyse(path).table.jumps
 
 
 def _is_planar(survey: Survey, robot: Robot) -> bool:

@@ -159,6 +159,7 @@ class _Reader:
             work=unknown,
             loads_work=unknown,
             dissipation=unknown,
+            jump_loss=unknown,
             stored=unknown,
             margin=unknown,
             nearest=np.full(count, -1),

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 
 from crawler_model import Crawler
 from crawler_model.body.body import Body
+from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
 from crawler_model.crawler.readout import Readout
+from crawler_model.crawler.step import Step
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
+from crawler_model.run.simulate import TimedJump
 from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
 from .parts import parts_of
@@ -20,6 +24,8 @@ from .ramps import Piece
 
 _NOISE = 1e-14
 """Displacements below this fraction of the body's length are rounding."""
+_NO_ACCOUNT = np.zeros(ACCOUNT_SIZE)
+_NO_ACCOUNT[VISITED] = np.inf
 
 
 class RampRows:
@@ -43,7 +49,10 @@ class RampRows:
         self._shape: list[np.ndarray] = []
         self._tension: list[np.ndarray] = []
         self._gained: list[np.ndarray] = []
+        self._places: list[np.ndarray | None] = []
         self._accounts: list[np.ndarray] = []
+        self._losses: list[float] = []
+        self._jumps: list[tuple[int, TimedJump]] = []
         self.joints: list[np.ndarray] = []
         self.contacts: list[np.ndarray] = []
         self.poses: list[tuple[float, ...]] = []
@@ -57,7 +66,7 @@ class RampRows:
         row: np.ndarray,
         target: np.ndarray,
         crawler: Crawler,
-        account: np.ndarray,
+        step: Step | None,
     ) -> None:
         """Add a ramp that was just followed.
 
@@ -69,7 +78,7 @@ class RampRows:
             row: the command at its end.
             target: the same for every spring and contact.
             crawler: the crawler at its end.
-            account: account of the step.
+            step: the response to this ramp; None where nothing was commanded.
         """
         self.run.append(run)
         self.start_ns.append(start_ns)
@@ -81,7 +90,12 @@ class RampRows:
         self._shape.append(crawler.shape.copy())
         self._tension.append(crawler.tension.copy())
         self._gained.append(crawler.gained.copy())
-        self._accounts.append(account)
+        self._places.append(crawler.places)
+        self._accounts.append(_NO_ACCOUNT if step is None else step.account)
+        self._losses.append(0.0 if step is None else step.jump_loss)
+        for jump in () if step is None else step.jumps:
+            when = (start_ns + jump.part * (end_ns - start_ns)) / NS
+            self._jumps.append((run, TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss)))
 
     def hold(self, run: int, start_ns: int, end_ns: int, row: np.ndarray, target: np.ndarray, crawler: Crawler) -> None:
         """Add a tick in which nothing was commanded, as `add` adds a ramp.
@@ -94,9 +108,7 @@ class RampRows:
             target: the same by spring and contact.
             crawler: the crawler at its end.
         """
-        account = np.zeros(ACCOUNT_SIZE)
-        account[VISITED] = np.inf
-        self.add(run, start_ns, end_ns, True, row, target, crawler, account)
+        self.add(run, start_ns, end_ns, True, row, target, crawler, None)
         self._gained[-1] = np.zeros_like(self._gained[-1])
 
     def read(self, readout: Readout, crawler: Crawler, seconds: float) -> None:
@@ -125,7 +137,7 @@ class RampRows:
         """
         body = self._scene.body
         x, tension, gained = np.array(self._x), np.array(self._tension), np.array(self._gained)
-        shape, target, account = np.array(self._shape), np.array(self._targets), np.array(self._accounts)
+        shape, target, account = np.array(self._shape), self._local_targets(), np.array(self._accounts)
         force = spring_forces(body, tension)
         ground = -(force + self._loads(target))
         margins = self._margins(force, target)
@@ -156,12 +168,23 @@ class RampRows:
             work=account[:, WORK],
             loads_work=account[:, LOADS_WORK],
             dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
+            jump_loss=np.array(self._losses),
             stored=(0.5 * tension**2 / stiffness).reshape(rows, -1).sum(axis=1),
             margin=margins.min(axis=1),
             nearest=margins.argmin(axis=1),
             visited=account[:, VISITED],
             unique=account[:, AMBIGUOUS] == 0.0,
+            jumps=tuple(self._jumps),
         )
+
+    def _local_targets(self) -> np.ndarray:
+        """Return the targets, with bounds and loads as the ground makes them where each contact is."""
+        target, track = np.array(self._targets), self._scene.ground.track
+        if track is None:
+            return target
+        springs = self._scene.body.springs
+        bounds = track.bounds(target[:, springs:], np.array(self._places))
+        return np.hstack((target[:, :springs], *bounds))
 
     def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""
@@ -178,10 +201,11 @@ class RampRows:
 
     def _loads(self, target: np.ndarray) -> np.ndarray | float:
         """Return the loads on the contacts, shape (R, N), in the plane (R, N, 2) [N]; 0 without loads."""
-        slope_load = self._scene.columns.slope_load
-        if slope_load is None:
+        scene = self._scene
+        if scene.columns.slope_load is None and scene.ground.track is None:
             return 0.0
-        return target[:, target.shape[1] - slope_load.size :].reshape(-1, *slope_load.shape)
+        shape = scene.body.position.shape
+        return target[:, target.shape[1] - math.prod(shape) :].reshape(-1, *shape)
 
     def _bounds(self, tension: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the bounds of each link's tension; NaN where the body is not a chain of links."""

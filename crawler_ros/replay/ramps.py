@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crawler_model.run.simulate import TimedJump
+
 from .cycles import CommandPath, signature_weights
 
 
@@ -39,11 +41,13 @@ class Piece:
         work: work of the actuators, shape (R,) [J].
         loads_work: work of the loads, shape (R,) [J].
         dissipation: dissipated energy, shape (R,) [J].
+        jump_loss: energy lost in jumps on patches of ground, shape (R,) [J].
         stored: stored energy at the end, shape (R,) [J].
         margin: least distance of a spring force from its nearest bound at the end, shape (R,) [N].
         nearest: number of the contact with the least distance, shape (R,); -1 when it is not known.
         visited: how near all contacts came to sliding at once, shape (R,).
         unique: whether the translation was determined, shape (R,).
+        jumps: the number of its run and each jump in the ramps, in order.
     """
 
     run: np.ndarray
@@ -65,18 +69,20 @@ class Piece:
     work: np.ndarray
     loads_work: np.ndarray
     dissipation: np.ndarray
+    jump_loss: np.ndarray
     stored: np.ndarray
     margin: np.ndarray
     nearest: np.ndarray
     visited: np.ndarray
     unique: np.ndarray
+    jumps: tuple[tuple[int, TimedJump], ...] = ()
 
 
 Sink = Callable[[Piece], None]
 """A callable that receives pieces in order."""
 
 _COPIED = (
-    *("run", "start_ns", "end_ns", "ends_tick", "work", "loads_work", "dissipation", "stored"),
+    *("run", "start_ns", "end_ns", "ends_tick", "work", "loads_work", "dissipation", "jump_loss", "stored"),
     *("margin", "nearest", "visited", "unique", "forward", "backward"),
 )
 
@@ -89,7 +95,8 @@ class RampTable:
         self._parts: dict[str, list[np.ndarray]] = {}
         self.run = self.start_ns = self.end_ns = np.zeros(0, np.int64)
         self.ends_tick = self.unique = np.zeros(0, bool)
-        self.work = self.loads_work = self.dissipation = self.stored = self.margin = self.visited = np.zeros(0)
+        self.work = self.loads_work = self.dissipation = self.jump_loss = self.stored = np.zeros(0)
+        self.margin = self.visited = np.zeros(0)
         self.nearest = np.zeros(0, np.int64)
         self.forward = self.backward = np.zeros(0)
         """Distances slid, all contacts and segments together, shape (R,) [m]."""
@@ -98,6 +105,8 @@ class RampTable:
         self.place = self.shape = np.zeros((0, 2))
         """Commands and elongations as two combinations, shape (R, 2)."""
         self.shape_size = 0.0
+        self.jumps: list[tuple[int, TimedJump]] = []
+        """Every jump with the number of its run."""
 
     def __call__(self, piece: Piece) -> None:
         """Add a piece."""
@@ -108,6 +117,7 @@ class RampTable:
         shape = piece.elongation.reshape(rows, -1)
         made["shape"] = shape @ signature_weights(shape.shape[1])
         self.shape_size = max(self.shape_size, float(np.abs(shape).sum(axis=1).max(initial=0.0)))
+        self.jumps += piece.jumps
         for name, values in made.items():
             self._parts.setdefault(name, []).append(np.array(values))
 

@@ -102,7 +102,7 @@ class Resimulation:
         self._readout = Readout(scene.body, self._shown)
         self._widths = len(joint_state_names(scene.body)), len(contact_names(scene.body))
         self._row = start.row
-        self._target = np.concatenate((start.actuation.ravel(), start.friction))
+        self._target = scene.columns.target(start.row)
         self._run, self._last_ns, self._ticked = 0, begin_ns - 1, False
         self._end_ns = begin_ns
         self._waiting = {name: (_Unpaired(), _Unpaired()) for name in _STATES}
@@ -193,7 +193,7 @@ class Resimulation:
     def _reset(self) -> None:
         self._crawler = self._start.copy()
         self._row = self._start.row
-        self._target = np.concatenate((self._start.actuation.ravel(), self._start.friction))
+        self._target = self._scene.columns.target(self._start.row)
         self._run += 1
         self._last_ns, self._ticked, self._end_ns = -1, False, 0
         self.comparison.resets += 1
@@ -247,7 +247,7 @@ class Resimulation:
             step = crawler.follow(target[None])
             last = number == len(points) - 1
             until = end if last else min(max(stamp + int(offsets[number]), before), end)
-            rows.add(self._run, before, until, last, row, target, crawler, step.account)
+            rows.add(self._run, before, until, last, row, target, crawler, step)
             self._row, self._target, before = row, target, until
         if not points:
             crawler.follow(self._target[None][:0])

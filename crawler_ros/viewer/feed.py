@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene
+from crawler_model.run.simulate import TimedJump
 
 from .frames import FRAME_EVERY_NS, frame_of
 
@@ -25,6 +26,7 @@ LIVE_PORT = 9876
 """The port of the first live viewer on a machine, rerun's default; later viewers use the next ones."""
 _MOST_VIEWERS = 100
 _PIPE_BYTES = 1 << 20
+_MOST_JUMPS = 1000
 
 
 def check_view(view: str) -> None:
@@ -129,27 +131,31 @@ class ViewerFeed:
         self._waiting = b""
         self._shown_ns: int | None = None
         self._moved: np.ndarray | None = None
+        self._jumps: tuple[TimedJump, ...] = ()
         self.dropped = 0
         log(f"drawing to {where}")
 
-    def show(self, time_ns: int, crawler: Crawler) -> None:
+    def show(self, time_ns: int, crawler: Crawler, jumps: tuple[TimedJump, ...] = ()) -> None:
         """Send a frame without waiting; at most fifty per simulated second are sent.
 
         Args:
             time_ns: simulated time [ns].
             crawler: the crawler to draw.
+            jumps: its jumps in this tick; they wait for a frame that is sent, at most the last thousand.
         """
+        if jumps:
+            self._jumps = (*self._jumps, *jumps)[-_MOST_JUMPS:]
         state = crawler.contact_state
         self._moved = state if self._moved is None else np.where(state != 0, state, self._moved)
         if self._shown_ns is not None and 0 <= time_ns - self._shown_ns < FRAME_EVERY_NS:
             return
         self._shown_ns = time_ns
-        frame = frame_of(crawler, time_ns, self._moved)
-        self._moved = None
+        moved, self._moved = self._moved, None
         if not self._push():
             self.dropped += 1
             return
-        self._waiting = frame.pack()
+        self._waiting = frame_of(crawler, time_ns, moved, self._jumps).pack()
+        self._jumps = ()
         self._push()
 
     @property

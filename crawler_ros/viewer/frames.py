@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import itertools
 import struct
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from crawler_model import Crawler, Scene
 from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
+from crawler_model.body.plan import Plan
+from crawler_model.motion.jump import Jump
+from crawler_model.run.simulate import TimedJump
 
 from ..recording.recorded_robot import Robot, noted_robot
 from ..wire.states import StationReader
 
 FRAME_EVERY_NS = 20_000_000
+_HEAD, _JUMP = struct.Struct("<qq"), struct.Struct("<dqddd")
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +31,8 @@ class Frame:
     """One instant to draw, of the stations and joints of a body (see `crawler_model.body.body.Body`).
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
-    tension of each joint, in the plane its size; mu_plus and mu_minus of each station where a chain has no segments.
+    tension of each joint, in the plane its size; bounds of the spring forces on each station where a chain has no
+    segments: friction of the ground there, shifted by the loads; the jumps since the frame before.
     """
 
     time_ns: int
@@ -35,19 +41,43 @@ class Frame:
     state: np.ndarray
     forward: np.ndarray
     backward: np.ndarray
+    jumps: tuple[TimedJump, ...] = ()
 
     def pack(self) -> bytes:
-        """Encode the frame as bytes: the time, then all numbers as doubles."""
+        """Encode the frame as bytes: the time, the number of jumps, all numbers as doubles, the jumps."""
         numbers = (self.displacement, self.tension, self.state, self.forward, self.backward)
-        return struct.pack("<q", self.time_ns) + np.concatenate(numbers).astype("<f8").tobytes()
+        jumps = b"".join(_JUMP.pack(j.time, j.contact, j.border, j.distance, j.loss) for j in self.jumps)
+        return _HEAD.pack(self.time_ns, len(self.jumps)) + np.concatenate(numbers).astype("<f8").tobytes() + jumps
 
     @staticmethod
     def unpack(data: bytes, body: Body) -> Frame:
         """Decode the bytes of `pack`."""
-        (ns,) = struct.unpack_from("<q", data)
+        ns, count = _HEAD.unpack_from(data)
         cuts = np.cumsum(frame_sizes(body))
-        x, tension, state, forward, backward = np.split(np.frombuffer(data, "<f8", int(cuts[-1]), 8), cuts[:-1])
-        return Frame(ns, x, tension, state.astype(np.int8), forward, backward)
+        x, tension, state, forward, backward = np.split(
+            np.frombuffer(data, "<f8", int(cuts[-1]), _HEAD.size), cuts[:-1]
+        )
+        begin = _HEAD.size + 8 * int(cuts[-1])
+        jumps = tuple(TimedJump(*_JUMP.unpack_from(data, begin + k * _JUMP.size)) for k in range(count))
+        return Frame(ns, x, tension, state.astype(np.int8), forward, backward, jumps)
+
+
+def read_frames(source: BinaryIO, body: Body) -> Iterator[Frame]:
+    """Read the frames that `Frame.pack` wrote one after another; an incomplete one at the end is left out.
+
+    Args:
+        source: stream that waits for all bytes asked for.
+        body: the body.
+
+    Yields:
+        The frames.
+    """
+    numbers = 8 * sum(frame_sizes(body))
+    while len(head := source.read(_HEAD.size)) == _HEAD.size:
+        size = numbers + _HEAD.unpack(head)[1] * _JUMP.size
+        rest = source.read(size)
+        if len(rest) == size:
+            yield Frame.unpack(head + rest, body)
 
 
 def frame_sizes(body: Body) -> list[int]:
@@ -76,13 +106,52 @@ def has_stasis_bounds(body: Body) -> bool:
     return body.is_chain and not body.segments
 
 
-def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray) -> Frame:
+def time_jumps(jumps: Iterable[Jump], start_ns: int, ends_ns: Sequence[int]) -> tuple[TimedJump, ...]:
+    """Compute the times of jumps in ramps that were followed in one call.
+
+    Args:
+        jumps: the jumps.
+        start_ns: when the first ramp begins [ns].
+        ends_ns: when each of them ends [ns].
+
+    Returns:
+        The same jumps with simulated times.
+    """
+    made = []
+    for jump in jumps:
+        begin, end = ends_ns[jump.ramp - 1] if jump.ramp else start_ns, ends_ns[jump.ramp]
+        when = (begin + jump.part * (end - begin)) / NS
+        made.append(TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss))
+    return tuple(made)
+
+
+def local_bounds(scene: Plan, row: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the bounds of the spring forces on a body on a line, by the ground under each contact.
+
+    Args:
+        scene: the scene.
+        row: the command row in force, shape (C,).
+        x: displacement of each contact, shape (N,) [m].
+
+    Returns:
+        Bounds forward and backward, each shape (N,) [N].
+    """
+    body, track = scene.body, scene.ground.track
+    target, n = scene.columns.target(row)[body.springs :], body.contacts
+    if track is None:
+        return target[:n], target[n : 2 * n]
+    forward, backward, _ = track.bounds(target, track.find_places(body.position, x))
+    return forward, backward
+
+
+def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[TimedJump, ...] = ()) -> Frame:
     """Build a frame of a crawler.
 
     Args:
         crawler: the crawler.
         time_ns: simulated time [ns].
         state: motion of each of its contacts since the frame before.
+        jumps: the jumps since then.
 
     Returns:
         The frame.
@@ -92,14 +161,17 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray) -> Frame:
     tension = crawler.joint_tension
     if body.dimension == 2:
         tension = np.linalg.norm(tension, axis=1)
-    none = np.zeros(0)
-    bounded = has_stasis_bounds(body)
-    forward, backward = (crawler.forward[at], crawler.backward[at]) if bounded else (none, none)
-    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward)
+    forward = backward = np.zeros(0)
+    if has_stasis_bounds(body):
+        forward, backward = (side[at] for side in local_bounds(crawler.scene, crawler.row, crawler.displacement))
+    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward, jumps)
 
 
 def frames_of_recording(
-    path: Path, scene: Scene | None = None, robot: Robot | None = None
+    path: Path,
+    scene: Scene | None = None,
+    robot: Robot | None = None,
+    jumps: Sequence[tuple[int, TimedJump]] = (),
 ) -> tuple[Scene, Iterator[Frame]]:
     """Read frames from a recording.
 
@@ -108,6 +180,8 @@ def frames_of_recording(
         scene: the body, for a recording that does not hold its scene.
         robot: the crawler, where several were recorded; None for the one whose topics the recording lists, else for
             all.
+        jumps: numbers of runs between resets and jumps in them, in order, as a simulation of the recording finds them:
+            the recorded states do not hold them.
 
     Returns:
         The scene and its frames, one per joint_states message.
@@ -126,7 +200,7 @@ def frames_of_recording(
             raise bag.BagError(f"{path}: the recording does not hold its scene; name one with --scene")
 
     drawn = robot or noted_robot(head.attachments)
-    return scene, in_sequence(_frames(itertools.chain(waiting, records), scene, drawn))
+    return scene, in_sequence(_frames(itertools.chain(waiting, records), scene, drawn, jumps))
 
 
 def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -136,25 +210,27 @@ def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
         if frame.time_ns + offset < last:
             offset = last
         last = frame.time_ns + offset
-        yield replace(frame, time_ns=last)
+        jumps = tuple(replace(jump, time=jump.time + offset / NS) for jump in frame.jumps)
+        yield replace(frame, time_ns=last, jumps=jumps)
 
 
-def _frames(records: Iterable[Any], scene: Scene, robot: Robot | None) -> Iterator[Frame]:
+def _frames(
+    records: Iterable[Any], scene: Scene, robot: Robot | None, jumps: Sequence[tuple[int, TimedJump]]
+) -> Iterator[Frame]:
     from rosbags.typesys import Stores, get_typestore
 
     decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-    body, columns = scene.body, scene.columns
+    body, row = scene.body, scene.drive.rows[0]
     bounded = has_stasis_bounds(body)
-    n = body.contacts if bounded else 0
-    forward, backward = scene.drive.forward[0][:n], scene.drive.backward[0][:n]
+    forward = backward = np.zeros(0)
+    ahead, run, last = deque(jumps), 0, 0
     stations = StationReader(body)
     for record in records:
         name = record.topic.rsplit("/", 1)[-1] if robot is None else robot.meant(record.topic)
         if name == "applied_commands":
             points = decode(record.data, record.type).points
             if points:
-                friction = np.asarray(points[-1].positions)[columns.lengths :]
-                forward, backward = friction[:n], friction[n : 2 * n]
+                row = np.array(points[-1].positions)
         elif name == "joint_states":
             message = decode(record.data, record.type)
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
@@ -163,17 +239,28 @@ def _frames(records: Iterable[Any], scene: Scene, robot: Robot | None) -> Iterat
             if body.dimension == 2:
                 v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
             moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
-            yield Frame(stamp, x.ravel(), tension, (np.sign(v) * moving).astype(np.int8), forward, backward)
+            run += stamp == 0 and last > 0
+            last, passed = stamp, []
+            while ahead and (ahead[0][0], round(ahead[0][1].time * NS)) <= (run, stamp):
+                passed.append(ahead.popleft()[1])
+            if bounded:
+                forward, backward = local_bounds(scene, row, x)
+            state = (np.sign(v) * moving).astype(np.int8)
+            yield Frame(stamp, x.ravel(), tension, state, forward, backward, tuple(passed))
 
 
 def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:
-    """Yield frames at least `every_ns` apart; a slip between two of them shows in the later one."""
+    """Yield frames at least `every_ns` apart; a slip or jump between two of them shows in the later one."""
     shown: int | None = None
     moved: np.ndarray | None = None
+    jumps: tuple[TimedJump, ...] = ()
     for frame in frames:
+        jumps += frame.jumps
         moved = frame.state if moved is None else np.where(frame.state != 0, frame.state, moved)
         if shown is not None and 0 <= frame.time_ns - shown < every_ns:
             continue
         shown = frame.time_ns
-        yield Frame(frame.time_ns, frame.displacement, frame.tension, moved, frame.forward, frame.backward)
-        moved = None
+        yield replace(frame, state=moved, jumps=jumps)
+        moved, jumps = None, ()
+    if jumps and moved is not None:
+        yield replace(frame, state=moved, jumps=jumps)

@@ -12,7 +12,7 @@ import struct
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -21,13 +21,15 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
+from crawler_model.run.simulate import TimedJump
 from crawler_model.theory.stasis import stasis_bounds, stasis_polygon
-from crawler_pictures.colors import BACK, FORWARD, rgb
+from crawler_pictures.colors import BACK, FORWARD, JUMP, rgb
 
 from ..recording.recorded_robot import Robot
 from ..wire.states import joint_names, station_names
 from .feed import is_free
-from .frames import Frame, frame_sizes, frames_of_recording, has_stasis_bounds, in_sequence, thin
+from .frames import Frame, frames_of_recording, has_stasis_bounds, in_sequence, read_frames, thin
+from .ground import JumpMarks, draw_ground
 
 _STATE_NAMES = {-1: "slip back", 0: "stick", 1: "slip forward"}
 _STATE_COLORS = {-1: rgb(BACK), 0: (80, 80, 80), 1: rgb(FORWARD)}
@@ -76,6 +78,7 @@ class Drawing:
         self._page: int | None = None
         self.stream = rr.RecordingStream(f"crawler: {scene.name}")
         open_sinks(self.stream)
+        self._marks = JumpMarks(rr, self.stream, scene, self._length)
         self._blueprint()
         self._constants()
 
@@ -84,7 +87,9 @@ class Drawing:
 
         n, length = self._xi.shape[0], self._length
         depth = 0.25 * length if self._body.dimension == 1 else 1.2 * length
-        page = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-depth, depth])
+        ground = self._scene.parts.ground is not None and self._body.dimension == 1
+        below = 0.42 * length if ground else depth
+        page = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-depth, below])
         tensions = [
             rrb.TimeSeriesView(
                 origin=f"tension/{name}",
@@ -107,10 +112,12 @@ class Drawing:
                     visual_bounds=self._polygon_bounds(),
                 )
             )
+        if self._scene.ground.track is not None:
+            right.append(rrb.TextLogView(origin="jumps", name="Jumps onto ground that holds less"))
         body = rrb.Spatial2DView(
             origin="world", name="Crawler on its track", background=[250, 250, 250], visual_bounds=page
         )
-        shares = [1, 3] if self._body.dimension == 1 else [2, 3]
+        shares = [4 if ground else 3, 9] if self._body.dimension == 1 else [2, 3]
         layout = rrb.Vertical(body, rrb.Horizontal(left, rrb.Vertical(*right), column_shares=[3, 2]), row_shares=shares)
         blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed", timeline="sim_time"), collapse_panels=True)
         self.stream.send_blueprint(blueprint)
@@ -157,8 +164,17 @@ class Drawing:
         radius = 0.045 * self._length
         points = place * (1.0, -1.0) if place.ndim == 2 else np.column_stack((place, np.full(place.size, -radius)))
         y = float(self._body.station_share @ (place if place.ndim == 1 else place[:, 0]))
-        points[:, 0] -= self._turn_page(y)
+        if frame.jumps:
+            self._marks.add(
+                frame.jumps, self._turn_page(y) if self._page is None else self._page * _PAGE * self._length
+            )
+            stream.set_time("sim_time", duration=frame.time_ns / NS)
+        origin = self._turn_page(y)
+        self._marks.age(frame.time_ns, origin)
+        points[:, 0] -= origin
         colors = [_STATE_COLORS[int(s)] for s in frame.state]
+        for station in np.flatnonzero(np.isin(self._body.stations, self._marks.contacts)).tolist():
+            colors[station] = rgb(JUMP)
         stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radius, draw_order=2.0))
         springs = [
             _spring(points[a], points[b], radius, bow) for (a, b), bow in zip(self._joints, self._bows, strict=True)
@@ -206,6 +222,7 @@ class Drawing:
             show_labels=True,
         )
         self.stream.log("world/marks", labels)
+        draw_ground(rr, self.stream, self._scene, self._window + origin, origin, self._length)
         return origin
 
     def _draw_polygon(self, frame: Frame) -> None:
@@ -267,7 +284,13 @@ def to_viewer(url: str) -> Callable[[Any], None]:
     return serve
 
 
-def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot: Robot | None = None) -> int:
+def draw_recording(
+    recording: Path,
+    rrd: Path,
+    scene: Scene | None = None,
+    robot: Robot | None = None,
+    jumps: Sequence[tuple[int, TimedJump]] = (),
+) -> int:
     """Draw a recording into an .rrd file.
 
     Args:
@@ -275,6 +298,7 @@ def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot
         rrd: the file to write.
         scene: the body, for a recording that does not hold its scene.
         robot: the crawler to draw, where several were recorded.
+        jumps: numbers of runs and jumps to mark, as `crawler_ros.replay.analyse` finds them.
 
     Returns:
         The number of frames drawn: at most fifty a simulated second.
@@ -282,7 +306,7 @@ def draw_recording(recording: Path, rrd: Path, scene: Scene | None = None, robot
     Raises:
         BagError: when the recording cannot be read.
     """
-    scene, frames = frames_of_recording(recording, scene, robot)
+    scene, frames = frames_of_recording(recording, scene, robot, jumps)
     drawing = Drawing(scene, to_file(rrd))
     count = 0
     for frame in thin(frames):
@@ -303,11 +327,7 @@ def main() -> int:
     except Exception as error:  # a port in use, a folder that cannot be written: rerun's errors have no common type
         print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
         return 1
-    body = scene.body
-    size = 8 + 8 * sum(frame_sizes(body))
-    for frame in in_sequence(
-        Frame.unpack(data, body) for data in iter(lambda: source.read(size), b"") if len(data) == size
-    ):
+    for frame in in_sequence(read_frames(source, scene.body)):
         drawing.draw(frame)
     drawing.close()
     return 0

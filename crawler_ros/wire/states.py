@@ -75,10 +75,23 @@ def contact_names(body: Body) -> list[str]:
     Returns:
         One name per shown contact; in the plane x and y of each.
     """
+    names = every_contact_name(body)
+    return _each_axis([names[c] for c in shown_contacts(body)], body)
+
+
+def every_contact_name(body: Body) -> tuple[str, ...]:
+    """Name all contacts, shown or not.
+
+    Args:
+        body: the body.
+
+    Returns:
+        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
+    """
     names = {int(c): f"contact_{i}" for i, c in enumerate(body.isolated)}
     for segment in body.segments:
         names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
-    return _each_axis([names[int(c)] for c in shown_contacts(body)], body)
+    return tuple(names[i] for i in range(body.contacts))
 
 
 def tree_of_joints(body: Body) -> list[tuple[int, int, int, float]]:

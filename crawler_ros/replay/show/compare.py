@@ -23,6 +23,8 @@ from ..cycles import ROUNDING
 
 _MOST_SHOWN = 8
 _COLORS = ("#46688f", "#d07a1e")
+_RARE = {"loads_work": "work of loads", "jump_loss": "lost in jumps"}
+"""Energies that are shown only where there are any, and their names in the table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +122,7 @@ def compare_recordings(
     if one.energy is not None and two.energy is not None:
         energy = {
             name: getattr(two.energy, name) - getattr(one.energy, name)
-            for name in ("work", "loads_work", "dissipation", "stored")
+            for name in ("work", "loads_work", "dissipation", "jump_loss", "stored")
         }
     return RunComparison(
         first=one,
@@ -242,7 +244,9 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
     if found.energy is not None and one.energy is not None and two.energy is not None:
         for name, change in found.energy.items():
             values = getattr(one.energy, name), getattr(two.energy, name), change
-            table.add_row(f"total {name}, J", *(f"{v:.6g}" for v in values))
+            if name in _RARE and not any(values):
+                continue
+            table.add_row(f"total {_RARE.get(name, name)}, J", *(f"{v:.6g}" for v in values))
     for row in found.slips[:_MOST_SHOWN]:
         contact = one.stations.index(row["contact"])
         totals = [float(r.slips.distance[r.slips.contact == contact].sum()) for r in (one, two)]

@@ -40,6 +40,7 @@ def print_replay(replay: Replay, screen: Console) -> None:
         screen.print(f"largest difference: {compared.max_difference:.3g} m, {compared.max_force_difference:.3g} N")
     _print_cycles(replay, screen)
     _print_slips(replay, screen)
+    _print_jumps(replay, screen)
     _print_account(replay, screen)
     if replay.standstill is not None:
         screen.print(replay.standstill.explain())
@@ -120,14 +121,27 @@ def _print_slips(replay: Replay, screen: Console) -> None:
     screen.print(f"{slips.contact.size} slips; contact " + "; ".join(parts) + (f"; {more} more" if more > 0 else ""))
 
 
+def _print_jumps(replay: Replay, screen: Console) -> None:
+    jumps = replay.plain_jumps()
+    if not jumps:
+        return
+    longest = max(jumps, key=lambda jump: abs(jump["distance"]))
+    loss = sum(jump["loss"] for jump in jumps)
+    screen.print(
+        f"{len(jumps)} jump(s) onto ground that holds less, {loss:.6g} J lost; the longest: {longest['contact']} at "
+        f"{longest['time']:g} s, {longest['distance']:.6g} m from the border at {longest['border']:g} m"
+    )
+
+
 def _print_account(replay: Replay, screen: Console) -> None:
     energy, margins = replay.energy, replay.margins
     if energy is None or margins is None:
         screen.print("energy and margins: not known without a simulation")
         return
+    jumps = f"lost in jumps {energy.jump_loss:.6g} J, " if energy.jump_loss else ""
     loads = f"work of loads {energy.loads_work:.6g} J, " if energy.loads_work else ""
     screen.print(
-        f"whole run: work {energy.work:.6g} J, {loads}dissipation {energy.dissipation:.6g} J, "
+        f"whole run: work {energy.work:.6g} J, {loads}dissipation {energy.dissipation:.6g} J, {jumps}"
         f"stored {energy.stored:.6g} J, residual {energy.residual:.0e}"
     )
     least = margins.least if abs(margins.least) > 1e-12 else 0.0

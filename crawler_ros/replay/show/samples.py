@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+
+from crawler_model.body.drive import NS
+from crawler_model.run.simulate import TimedJump
 
 from ...recording.layouts import JOINT_STATE, TRAJECTORY
 from ..health import Survey
@@ -29,6 +34,8 @@ class Samples:
         self._moved: np.ndarray | None = None
         self._sums = np.zeros(2)
         self._run, self._offset, self._last = 0, 0, 0
+        self.jumps: list[TimedJump] = []
+        """All jumps, at times in sequence."""
 
     def __call__(self, piece: Piece) -> None:
         """Add a piece."""
@@ -69,6 +76,7 @@ class Samples:
             if number != self._run:
                 self._run, self._offset = number, self._last
             ns[rows] = piece.end_ns[rows] + self._offset
+            self.jumps += [replace(j, time=j.time + self._offset / NS) for run, j in piece.jumps if run == number]
             self._last = int(ns[rows].max())
         return ns
 

@@ -28,14 +28,14 @@ def _schema(table: str, planar: bool) -> pa.Schema:
         return [(n, pa.float64(), unit) for n in names]
 
     real, label = pa.float64(), pa.dictionary(pa.int32(), pa.string())
+    lengths = [(name, real, "m") for name in ("border", "distance")]
+    energies = [(name, real, "J") for name in ("work", "loads_work", "dissipation", "jump_loss", "stored")]
+    interval = [("start", real, "s"), ("length", real, "s")]
     columns = {
         "ticks": [
             *at,
             *each("net_translation", "m"),
-            ("work", real, "J"),
-            ("loads_work", real, "J"),
-            ("dissipation", real, "J"),
-            ("stored", real, "J"),
+            *energies,
             ("margin", real, "N"),
             ("visited_margin", real, "1"),
             ("unique", pa.bool_(), "1"),
@@ -60,10 +60,10 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             ("run", pa.int32(), "1"),
             ("contact", label, "1"),
             ("direction", real, "rad" if planar else "1"),
-            ("start", real, "s"),
-            ("length", real, "s"),
+            *interval,
             ("distance", real, "m"),
         ],
+        "jumps": [*at, ("contact", pa.string(), "1"), *lengths, ("loss", real, "J")],
         "cycles": [
             ("run", pa.int32(), "1"),
             ("start", real, "s"),
@@ -71,10 +71,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             *each("translation", "m"),
             ("slip_forward", real, "m"),
             ("slip_backward", real, "m"),
-            ("work", real, "J"),
-            ("loads_work", real, "J"),
-            ("dissipation", real, "J"),
-            ("stored", real, "J"),
+            *energies,
             ("residual", real, "1"),
             ("least_margin", real, "N"),
             ("transient", pa.bool_(), "1"),
@@ -84,7 +81,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
 
 
 class TableWriter:
-    """Writes ticks, contacts and links piece by piece, slips and cycles at the end."""
+    """Writes ticks, contacts and links piece by piece; slips, cycles and, on patches of ground, jumps at the end."""
 
     def __init__(self, folder: Path, scene: Scene | None) -> None:
         """Store the folder; files are opened with the first piece.
@@ -108,11 +105,11 @@ class TableWriter:
             return
         # the rows of a tick sum over its ramps
         before = np.append(0, rows[:-1] + 1)
-        sums = (piece.work, piece.loads_work, piece.dissipation, piece.gained)
-        work, loads_work, dissipation, gained = (np.add.reduceat(v, before) for v in sums)
+        sums = (piece.work, piece.loads_work, piece.dissipation, piece.jump_loss, piece.gained)
+        work, loads_work, dissipation, jump_loss, gained = (np.add.reduceat(v, before) for v in sums)
         visited, unique = np.minimum.reduceat(piece.visited, before), np.logical_and.reduceat(piece.unique, before)
         at = [piece.run[rows], piece.end_ns[rows] / NS]
-        numbers = [work, loads_work, dissipation, piece.stored[rows], piece.margin[rows], visited, unique]
+        numbers = [work, loads_work, dissipation, jump_loss, piece.stored[rows], piece.margin[rows], visited, unique]
         self._write("ticks", [*at, *self._axes(piece.net_translation[rows]), *numbers])
         size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
         moves = size > 1e-12 * size.max(axis=1, initial=0.0, keepdims=True)
@@ -152,13 +149,15 @@ class TableWriter:
     def _write(self, name: str, columns: list[Any]) -> None:
         schema = _schema(name, self._planar)
         arrays = [
-            c if isinstance(c, pa.Array) else pa.array(np.ascontiguousarray(c), field.type, from_pandas=True)
+            pa.array(c if isinstance(c, list) else np.ascontiguousarray(c), field.type, from_pandas=True)
+            if not isinstance(c, pa.Array)
+            else c
             for c, field in zip(columns, schema, strict=True)
         ]
         self._writers[name].write_table(pa.Table.from_arrays(arrays, schema=schema))
 
     def finish(self, replay: Replay) -> list[str]:
-        """Write slips and cycles and close the files.
+        """Write slips, cycles and jumps and close the files.
 
         Args:
             replay: the analysed recording.
@@ -179,6 +178,10 @@ class TableWriter:
         columns = list(zip(*rows, strict=True)) if rows else [()] * len(schema)
         arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
         self._writers["cycles"].write_table(pa.Table.from_arrays(arrays, schema=schema))
+        if self._scene is not None and self._scene.ground.track is not None:
+            self._open_one("jumps")
+            jumps = replay.plain_jumps()
+            self._write("jumps", [[jump[field.name] for jump in jumps] for field in _schema("jumps", self._planar)])
         for writer in self._writers.values():
             writer.close()
         return [f"{name}.parquet" for name in self._writers]

@@ -1,0 +1,114 @@
+"""The ground of a track in pictures: what each stretch of it is called, its colour, and its profile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crawler_model import Scene
+
+_SOFTER, _HARDER, _MIXED, _SLOPED = "#9fd0f0", "#d8b48a", "#c7b5de", "#d5dcc6"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A stretch of the track whose ground has something to show.
+
+    Attributes:
+        start: where it begins [m].
+        end: where it ends [m].
+        text: factors on friction and slope, as "friction ×0.5, slope 10° ↗".
+        color: of its band, as "#rrggbb"; None outside patches.
+    """
+
+    start: float
+    end: float
+    text: str
+    color: str | None
+
+    @property
+    def middle(self) -> float:
+        """The place for its text [m]."""
+        return 0.5 * (self.start + self.end)
+
+
+def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
+    """List the stretches of other ground that are in sight.
+
+    The slope of the track itself is written once, on the longest stretch in sight that has no patch of another slope.
+
+    Args:
+        scene: the scene.
+        left: begin of what is in sight [m].
+        right: its end [m].
+
+    Returns:
+        The patches in sight, cut where it ends, then the stretch that shows the slope of the track; in the plane and
+        on plain ground none.
+    """
+    ground = scene.parts.ground
+    if ground is None:
+        return []
+    seen = [p for p in ground.patches if p.start < right and p.stop > left]
+    found = []
+    for patch in seen:
+        forward, backward = patch.factors
+        texts = [_write_factors(forward, backward), "" if patch.slope is None else _write_slope(patch.slope)]
+        color = _choose_color(forward, backward)
+        found.append(Section(max(patch.start, left), min(patch.stop, right), ", ".join(filter(None, texts)), color))
+    if ground.slope != 0.0:
+        inside = [edge for p in seen for edge in (max(p.start, left), min(p.stop, right))]
+        edges = np.array([left, *inside, right])
+        gaps = np.diff(edges)[::2]
+        if gaps.max() > 0.0:
+            longest = int(2 * gaps.argmax())
+            found.append(Section(float(edges[longest]), float(edges[longest + 1]), _write_slope(ground.slope), None))
+    return found
+
+
+def trace_profile(scene: Scene, left: float, right: float) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the height of the track in true proportion, from 0 at its lowest point in sight.
+
+    Args:
+        scene: the scene.
+        left: begin of what is in sight [m].
+        right: its end [m].
+
+    Returns:
+        Positions where the slope changes, both ends included, and heights there, each shape (P,) [m]; empty where all
+        in sight is level.
+    """
+    ground = scene.parts.ground
+    patches = () if ground is None else ground.patches
+    cuts = np.array([x for p in patches for x in (p.start, p.stop) if left < x < right])
+    at = np.unique(np.concatenate(([left, right], cuts)))
+    middles = 0.5 * (at[1:] + at[:-1])
+    slopes = np.full(middles.size, 0.0 if ground is None else ground.slope)
+    for patch in patches:
+        if patch.slope is not None:
+            slopes[(middles > patch.start) & (middles < patch.stop)] = patch.slope
+    if not slopes.any():
+        return np.zeros(0), np.zeros(0)
+    height = np.concatenate(([0.0], np.cumsum(np.diff(at) * np.tan(np.radians(slopes)))))
+    return at, height - height.min()
+
+
+def _write_factors(forward: float, backward: float) -> str:
+    """Write the factors on friction; nothing where they are 1."""
+    if forward == backward:
+        return "" if forward == 1.0 else f"friction ×{forward:g}"
+    return f"friction ×{forward:g} →, ×{backward:g} ←"
+
+
+def _write_slope(slope: float) -> str:
+    """Write a slope with an arrow that shows where the ground goes towards +x."""
+    return f"slope {slope:g}°" + (" ↗" if slope > 0.0 else " ↘" if slope < 0.0 else "")
+
+
+def _choose_color(forward: float, backward: float) -> str:
+    """Choose the colour of a patch: less friction, more, less in one direction and more in the other, or a slope."""
+    least, most = min(forward, backward), max(forward, backward)
+    if least == most == 1.0:
+        return _SLOPED
+    return _SOFTER if most <= 1.0 else _HARDER if least >= 1.0 else _MIXED

@@ -1,0 +1,188 @@
+"""The ground in pictures: bands, texts, slopes and jumps in the rerun view and in the drawn body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rerun")
+pytest.importorskip("matplotlib")
+from PIL import Image
+
+from crawler_model import Crawler, Scene, load_scene, simulate
+from crawler_model.run.simulate import TimedJump
+from crawler_pictures.body import draw_body
+from crawler_pictures.colors import JUMP, rgb
+from crawler_pictures.ground import list_sections, trace_profile
+from crawler_ros.replay import analyse
+from crawler_ros.replay.analysis import find_jumps
+from crawler_ros.viewer.feed import ViewerFeed
+from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_sequence, read_frames, thin
+from crawler_ros.viewer.page import screenshot
+from crawler_ros.viewer.visualizer import draw_recording
+
+from ..recordings import attachments, messages, play, record, write
+from ..replay.test_replay_patches import icy
+from .test_pictures import entities, needs_renderer
+
+ICE, ROUGH, HILL = "#9fd0f0", "#d8b48a", "#d5dcc6"
+PATCHES = [
+    {"from": 1.25, "to": 1.75, "friction": 0.5},
+    {"from": 1.75, "to": 2.2, "friction": 2.0, "slope": 10.0},
+    {"from": 2.2, "to": 2.6, "slope": -12.0},
+    {"from": 3.0, "to": 9.0, "forward": 2.0, "backward": 0.5},
+]
+
+
+def hilly(slope: float = 0.0, patches=PATCHES) -> Scene:
+    plain = icy("hilly").document()
+    plain["body"]["weights"] = 0.3
+    plain["ground"] = {"slope": slope, "patches": patches}
+    return Scene.model_validate(plain)
+
+
+def test_sections_name_what_is_in_sight_once():
+    found = list_sections(hilly(3.0), 1.5, 4.0)
+    assert [(s.start, s.end, s.text) for s in found] == [
+        (1.5, 1.75, "friction ×0.5"),
+        (1.75, 2.2, "friction ×2, slope 10° ↗"),
+        (2.2, 2.6, "slope -12° ↘"),
+        (3.0, 4.0, "friction ×2 →, ×0.5 ←"),
+        (2.6, 3.0, "slope 3° ↗"),
+    ]
+    assert [s.color for s in found] == [ICE, ROUGH, HILL, "#c7b5de", None]
+    assert list_sections(hilly(3.0), 3.5, 4.0)[0].text == "friction ×2 →, ×0.5 ←"
+    assert list_sections(hilly(), 9.0, 10.0) == []
+    assert list_sections(load_scene("two_anchor_a"), -10.0, 10.0) == []
+
+
+def test_the_profile_has_the_heights_of_the_slopes():
+    at, height = trace_profile(hilly(), 1.0, 3.0)
+    assert at.tolist() == [1.0, 1.25, 1.75, 2.2, 2.6, 3.0]
+    top, drop = 0.45 * np.tan(np.radians(10.0)), 0.4 * np.tan(np.radians(12.0))
+    assert height == pytest.approx([0.0, 0.0, 0.0, top, top - drop, top - drop] - min(0.0, top - drop))
+    assert trace_profile(icy(), 0.0, 5.0)[0].size == 0
+    at, height = trace_profile(hilly(-45.0, []), 0.0, 2.0)
+    assert height == pytest.approx([2.0, 0.0])
+
+
+def draw(scene: Scene, png: Path) -> np.ndarray:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axis = plt.subplots(figsize=(9, 3))
+    draw_body(axis, scene, [0.0, 0.2], [0.2])
+    figure.savefig(png, dpi=80)
+    plt.close(figure)
+    return np.asarray(Image.open(png).convert("RGB")).astype(int)
+
+
+def count(picture: np.ndarray, color: str | tuple[int, int, int], near: int = 6) -> int:
+    wanted = rgb(color) if isinstance(color, str) else color
+    return int((np.abs(picture - wanted).max(axis=2) < near).sum())
+
+
+def test_the_body_stands_on_its_patches(tmp_path):
+    near = [{**p, "from": p["from"] - 0.8, "to": p["to"] - 0.8} for p in PATCHES]
+    picture = draw(hilly(0.0, near), tmp_path / "hilly.png")
+    for color in (ICE, ROUGH, HILL):
+        assert count(picture, color) > 150
+    plain = icy().document()
+    del plain["ground"]
+    bare = draw(Scene.model_validate(plain), tmp_path / "bare.png")
+    assert count(bare, ICE) == count(bare, ROUGH) == count(bare, HILL) == 0
+    level = draw(Scene.model_validate(plain | {"ground": {}}), tmp_path / "level.png")
+    assert (bare == level).all()
+
+
+def frames(scene: Scene, seconds: float = 2.0) -> list[Frame]:
+    jumps, crawler, made = list(simulate(scene, seconds).jumps), Crawler(scene), []
+    for ns in range(0, int(seconds * 1e9) + 1, 10_000_000):
+        crawler.follow(scene.drive.sample(np.array([ns])))
+        passed = [j for j in jumps if round(j.time * 1e9) <= ns]
+        jumps = jumps[len(passed) :]
+        made.append(frame_of(crawler, ns, crawler.contact_state, tuple(passed)))
+    return made
+
+
+def test_jumps_survive_the_pipe_and_thinning(tmp_path):
+    scene = icy()
+    every = frames(scene)
+    jumps = [jump for frame in every for jump in frame.jumps]
+    assert [jump.contact for jump in jumps] == [1, 0]
+    packed = tmp_path / "frames"
+    packed.write_bytes(b"".join(f.pack() for f in every) + every[0].pack()[:-1])
+    with packed.open("rb") as source:
+        again = list(read_frames(source, scene.body))
+    assert [f.time_ns for f in again] == [f.time_ns for f in every]
+    assert [f.jumps for f in again] == [f.jumps for f in every]
+    assert all((a.displacement == b.displacement).all() for a, b in zip(again, every, strict=True))
+    assert [jump for frame in thin(every, 170_000_000) for jump in frame.jumps] == jumps
+    twice = [jump.time for frame in in_sequence([*every, *every]) for jump in frame.jumps]
+    assert twice == pytest.approx([j.time for j in jumps] + [j.time + 2.0 for j in jumps])
+
+
+def test_bounds_in_frames_are_those_of_the_ground_below(tmp_path):
+    live = frames(icy())
+    assert (live[0].forward.tolist(), live[0].backward.tolist()) == ([0.4, 0.4], [1.0, 1.0])
+    assert (live[-1].forward.tolist(), live[-1].backward.tolist()) == ([0.2, 0.2], [0.5, 0.5])
+    assert live[100].forward.tolist() == [0.4, 0.2]  # the front has reached the ice
+    _, found = frames_of_recording(record(tmp_path / "bag", icy(), 1, wait=0.0))
+    recorded = {f.time_ns: f for f in found}
+    for frame in live:
+        assert recorded[frame.time_ns].forward.tolist() == frame.forward.tolist()
+
+
+def test_a_recording_is_drawn_with_the_jumps_of_each_run(tmp_path):
+    scene, period = icy(), 2 * 10**9
+    sent = [*messages(scene, play(scene, 0, period)), *messages(scene, play(scene, 0, period))]
+    bag = write(tmp_path / "bag", sent, attachments(scene))
+    jumps = find_jumps(bag)
+    assert [(run, jump.contact) for run, jump in jumps] == [(0, 1), (0, 0), (1, 1), (1, 0)]
+    _, found = frames_of_recording(bag, jumps=jumps)
+    at = [(f.time_ns, round(jump.time, 9)) for f in found for jump in f.jumps]
+    assert at == [(330_000_000, 0.325), (1_930_000_000, 1.925), (2_330_000_000, 2.325), (3_930_000_000, 3.925)]
+    draw_recording(bag, tmp_path / "x.rrd", jumps=jumps)
+    rows = entities(tmp_path / "x.rrd")
+    assert rows["/jumps"] == 4
+    assert rows["/world/ground"] == rows["/world/ground/text"] == rows["/world/track"]
+    assert rows["/world/jumps/text"] >= 4
+
+
+def test_a_scene_without_ground_is_drawn_as_before(tmp_path):
+    bag = record(tmp_path / "bag", "two_anchor_a", 1)
+    assert find_jumps(bag) == []
+    draw_recording(bag, tmp_path / "x.rrd", jumps=find_jumps(bag))
+    assert not [name for name in entities(tmp_path / "x.rrd") if "ground" in name or "jump" in name]
+
+
+def test_the_feed_keeps_jumps_for_the_frame_that_is_sent(tmp_path):
+    scene = icy()
+    feed = ViewerFeed(scene, str(tmp_path / "x.rrd"), lambda text: None)
+    crawler = Crawler(scene)
+    for k in range(40):  # every second tick is a frame
+        jumps = (TimedJump(k * 0.01, 1, 1.25, 0.2, 0.02),) if k in (3, 4, 5) else ()
+        feed.show(k * 10_000_000, crawler, jumps)
+    feed.close()
+    assert entities(tmp_path / "x.rrd")["/jumps"] == 3
+
+
+@needs_renderer
+def test_the_view_shows_bands_and_the_contact_that_jumps(tmp_path):
+    bag = record(tmp_path / "bag", hilly(), 1)
+    found = analyse(bag)
+    draw_recording(bag, tmp_path / "x.rrd", found.scene, found.robot, found.table.jumps)
+    when = found.plain_jumps()[0]["time"]
+    pictures = []
+    for k, at in enumerate((when - 0.05, when + 0.05, when + 0.5)):
+        screenshot(tmp_path / "x.rrd", tmp_path / f"{k}.png", at)
+        pictures.append(np.asarray(Image.open(tmp_path / f"{k}.png").convert("RGB")).astype(int)[60:345, :1560])
+    for color in (ICE, ROUGH, HILL):
+        assert count(pictures[0], color, 24) > 1000
+    marks = [count(picture, JUMP, 24) for picture in pictures]
+    assert marks[1] > 500
+    assert marks[0] == marks[2] == 0
