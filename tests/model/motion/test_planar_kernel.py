@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from crawler_model.arrays import frozen
 from crawler_model.body.directions import check_directions
 from crawler_model.errors import SceneError
 from crawler_model.motion.chain.projection import project, workspace
@@ -11,16 +12,28 @@ from crawler_model.motion.plane.cone import solve_with_clarabel
 from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, laplacian_of, project_planar
 from crawler_model.motion.plane.ramp import ACTUATION, GAINED, TENSION, X
 from crawler_model.motion.plane.ramp import follow as follow_planar
-from crawler_model.motion.state import AMBIGUOUS, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, VISITED, WORK
+from crawler_model.motion.state import (
+    ACCOUNT_SIZE,
+    AMBIGUOUS,
+    DISSIPATION,
+    EVENTS,
+    OVERSPENT,
+    RESIDUAL,
+    VIOLATION,
+    VISITED,
+    WORK,
+)
 
-ISOTROPIC = np.zeros((0, 2))
-CROSS = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+# read-only, as a scene's are: the kernels would be compiled again for arrays that can be written
+ISOTROPIC = frozen(np.zeros((0, 2)))
+CROSS = frozen([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 TRIANGLE = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 def solve(laplacian, force, friction, directions=ISOTROPIC):
     # in one piece, or the kernel would be compiled again for each layout
-    laplacian, force, friction, directions = map(np.ascontiguousarray, (laplacian, force, friction, directions))
+    laplacian, force, friction = map(np.ascontiguousarray, (laplacian, force, friction))
+    directions = frozen(directions)
     velocity, motion = np.zeros_like(force), np.zeros(len(force), np.int64)
     solved, residual, unique, _ = project_planar(laplacian, force, friction, directions, MOST_SWEEPS, velocity, motion)
     assert solved
@@ -197,10 +210,10 @@ class Body:
 
     def __init__(self, friction, directions=ISOTROPIC, ends=TRIANGLE, stiffness=(1.0, 1.3, 0.8)):
         self.friction = np.array(friction, float)
-        self.directions, self.ends, self.stiffness = directions, ends, np.array(stiffness, float)
+        self.directions, self.ends, self.stiffness = frozen(directions), frozen(ends, np.int64), frozen(stiffness)
         n = len(self.friction)
         self.contacts, self.links = np.zeros((3, n, 2)), np.zeros((2, len(ends), 2))
-        self.account = np.zeros(11)
+        self.account = np.zeros(ACCOUNT_SIZE)
 
     def follow(self, actuation, tolerance=1e-6, friction=None, most=100_000):
         actuation = np.asarray(actuation, float)
