@@ -285,14 +285,15 @@ class Simulator(QuietNode):
 
     def _tick(self) -> None:
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
+        in_force = self.commands.in_force
         vertices = self.commands.take(start_ns, end_ns)
         rows = [v.row for v in vertices]
         try:
             step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
         except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
             self.unheld += 1
-            self.throttle.warn("ground", f"the commands of a tick are refused, and those that wait: {error}")
-            self.commands.reset(self.crawler.row)
+            self.throttle.warn("ground", f"the commands of a tick are refused: {error}")
+            self.commands.resume(in_force)
             vertices, rows = [], []
             step = self.crawler.follow(self._hold)
         self.stepper.finish()

@@ -304,3 +304,21 @@ def test_loads_in_the_plane_are_a_pair_for_all_or_one_each():
     rows = [vertex.row[-4:].tolist() for vertex in commands.take(0, 1000)]
     assert [0.25, 0.5, 0.25, 0.5] in rows
     assert [0.25, 0.5, -0.5, 0.0] in rows
+
+
+def test_after_a_refused_tick_waiting_messages_remain_and_a_running_trajectory_ends():
+    scene = load_scene("three_contacts_one_way")
+    commands = CommandQueue(scene.columns, scene.drive.rows[0], lock_step=True)
+    before = commands.in_force
+    for k in (1.0, 2.0):
+        commands.accept_actuation([k, 0.0])
+    commands.accept_trajectory(["link_1"], [TICK, 3 * TICK], [[1.0], [3.0]], 0)
+    (refused,) = take(commands)
+    commands.resume(before)
+    (vertex,) = take(commands, 1)
+    assert (refused.row[0], vertex.row[0]) == (1.0, 2.0)
+    taken = take(commands, 2)
+    assert taken[-1].row[:2].tolist() == [2.0, 1.0]
+    commands.resume(vertex.row)
+    assert commands.is_idle
+    assert take(commands, 3) == []

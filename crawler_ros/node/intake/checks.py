@@ -106,6 +106,40 @@ def check_points(
     limits.check(what, names, table[i], first)
 
 
+def spread_friction(columns: Columns, values: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Check a command for all frictions, and spread it over the columns.
+
+    Args:
+        columns: the layout of the commands.
+        values: a single value, one per isolated contact [N] and then per segment [N/m], or all forward and then all
+            backward values.
+
+    Returns:
+        One value per column of friction [N, N/m].
+
+    Raises:
+        CommandError: on a wrong length, a value that is negative or not finite, or friction given by directions.
+    """
+    array = np.array(values, dtype=np.float64)
+    check_finite("friction command", array)
+    sizes, sides = columns.friction_sizes, columns.sides
+    if columns.planar:
+        raise CommandError("friction command: friction given by directions is constant in this scene")
+    if array.size == 1:
+        array = np.full(sizes.size, array[0])
+    if array.size not in (sizes.size, sides * sizes.size):
+        raise CommandError(
+            f"friction command has {array.size} value(s); "
+            f"it needs 1, {sizes.size} (one per {columns.items('contact')})"
+            + (f" or {2 * sizes.size} (all forward, then all backward)" if sides == 2 else "")
+        )
+    if array.min() < 0.0:
+        i = int(np.argmin(array))
+        raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
+    parts = np.tile(array, sides) if array.size == sizes.size else array
+    return np.repeat(parts, np.tile(sizes, sides))
+
+
 def spread_loads(columns: Columns, values: Sequence[float] | np.ndarray) -> np.ndarray:
     """Check the length of a command for all loads, and repeat a single value.
 

@@ -12,7 +12,7 @@ import numpy as np
 from crawler_model.body.columns import Columns
 from crawler_model.errors import CommandError
 
-from .checks import check_finite, check_loads, check_points, check_times, is_held, named_columns, spread_loads
+from . import checks
 from .limits import Limits
 from .received import wrong_point
 
@@ -94,6 +94,23 @@ class CommandQueue:
         self._path: list[Vertex] = []
 
     @property
+    def in_force(self) -> np.ndarray:
+        """The last row that a tick took, shape (C,)."""
+        return self._in_force
+
+    def resume(self, in_force: np.ndarray) -> None:
+        """Continue from an earlier row after the rows of a tick were refused.
+
+        A running trajectory ends; messages that wait for later ticks remain, each for a tick of its own in lock-step.
+
+        Args:
+            in_force: the command row in force, shape (C,).
+        """
+        self._in_force = in_force
+        self._anchor = Vertex(self._now_ns, in_force)
+        self._path = []
+
+    @property
     def waiting(self) -> int:
         """Number of waiting command rows, including those of a running trajectory."""
         return self._pending + self._pending_beside + len(self._path)
@@ -129,7 +146,7 @@ class CommandQueue:
             if planar:
                 counts = f"{self._lengths}, x and y of each link"
             raise CommandError(f"actuation command has {array.size} value(s); it needs {counts}")
-        check_finite("actuation command", array)
+        checks.check_finite("actuation command", array)
         row = array if planar else np.repeat(array, sizes)
         self._limits.check("actuation command", self._columns.names[: self._lengths], row)
         with self._lock:
@@ -152,26 +169,8 @@ class CommandQueue:
         Raises:
             CommandError: on a wrong length, a value that is negative, not finite or beyond its limit, or a full queue.
         """
-        array = np.array(values, dtype=np.float64)
-        check_finite("friction command", array)
-        columns = self._columns
-        sizes, sides = columns.friction_sizes, columns.sides
-        if columns.planar:
-            raise CommandError("friction command: friction given by directions is constant in this scene")
-        if array.size == 1:
-            array = np.full(sizes.size, array[0])
-        if array.size not in (sizes.size, sides * sizes.size):
-            raise CommandError(
-                f"friction command has {array.size} value(s); "
-                f"it needs 1, {sizes.size} (one per {columns.items('contact')})"
-                + (f" or {2 * sizes.size} (all forward, then all backward)" if sides == 2 else "")
-            )
-        parts = np.tile(array, sides) if array.size == sizes.size else array
-        row = np.repeat(parts, np.tile(sizes, sides))
-        if array.min() < 0.0:
-            i = int(np.argmin(array))
-            raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
-        self._limits.check("friction command", columns.names[self._lengths :], row, self._lengths)
+        row = checks.spread_friction(self._columns, values)
+        self._limits.check("friction command", self._columns.names[self._lengths :], row, self._lengths)
         self._accept_beside("friction command", self._lengths, row)
 
     def accept_loads(self, values: Sequence[float] | np.ndarray) -> None:
@@ -185,7 +184,7 @@ class CommandQueue:
                 holds, or a full queue.
         """
         columns = self._columns
-        array = spread_loads(columns, values)
+        array = checks.spread_loads(columns, values)
         first = columns.count - columns.loads
         self._limits.check("load command", columns.names[first:], array, first)
         self._accept_beside("load command", first, array)
@@ -224,16 +223,16 @@ class CommandQueue:
         Raises:
             CommandError: naming the invalid name, point or value.
         """
-        columns = named_columns(self._columns, names, only_lengths)
+        columns = checks.named_columns(self._columns, names, only_lengths)
         times = np.array(times_ns, dtype=np.int64)
         if not isinstance(positions, np.ndarray):
             for i, row in enumerate(positions):
                 if len(row) != len(names):
                     raise wrong_point(i, len(row), len(names))
         table = np.array(positions, dtype=np.float64).reshape(times.size, len(names))
-        check_points(names, columns, times, table, self._limits)
-        check_times(stamp_ns, self._now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
-        check_loads(self._columns, self._in_force, columns, table)
+        checks.check_points(names, columns, times, table, self._limits)
+        checks.check_times(stamp_ns, self._now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
+        checks.check_loads(self._columns, self._in_force, columns, table)
         trajectory = Trajectory(stamp_ns or None, columns, times, table)
         with self._lock:
             self._reserve(times.size + 1)
@@ -316,7 +315,7 @@ class CommandQueue:
         for vertex in vertices:
             if vertex.row.tobytes() == self._in_force.tobytes():
                 continue
-            if is_held(self._columns, vertex.row):
+            if checks.is_held(self._columns, vertex.row):
                 kept.append(vertex)
                 self._in_force = vertex.row
             else:
