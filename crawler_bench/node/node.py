@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from crawler_model.body.names import name_links
+
 from .domain import TICK_HZ, Domain, drive
 from .processes import PATIENCE_S, children, cpu_seconds, memory_mb, wait_until
 
@@ -76,7 +78,7 @@ def _wave(domain: Domain, contacts: int) -> None:
     samples, periods = (64, 300) if contacts <= 100 else (16, 40)
     time_in_period = np.arange(samples * periods)[:, None] / samples
     rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
-    drive(domain, [f"link_{i}" for i in range(contacts - 1)], rows, 1.0 / samples)
+    drive(domain, name_links(contacts - 1), rows, 1.0 / samples)
 
 
 def _strokes(domain: Domain) -> None:

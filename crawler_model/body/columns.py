@@ -22,6 +22,7 @@ import numpy as np
 
 from ..errors import CrawlerError
 from .body import Body
+from .names import name_contacts, name_links
 from .planar_loads import check_planar_equilibrium
 
 
@@ -98,22 +99,22 @@ class Columns:
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the columns, shape (C,)."""
+        contacts, names = name_contacts(self.contacts), name_links(self.links)
         if self.planar is not None:
-            links = [f"link_{i}/{axis}" for i in range(self.links) for axis in "xy"]
             suffixes = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
-            names = [*links, *(f"contact_{i}/{suffix}" for i in range(self.contacts) for suffix in suffixes)]
-            loads = [f"contact_{i}/load_{axis}" for i in range(self.contacts) for axis in "xy"]
+            names = [f"{link}/{axis}" for link in names for axis in "xy"]
+            names += [f"{contact}/{suffix}" for contact in contacts for suffix in suffixes]
+            loads = [f"{contact}/load_{axis}" for contact in contacts for axis in "xy"]
             return (*names, *loads[: self.loads])
-        names = [f"link_{i}" for i in range(self.links)]
         for name, strain, _ in self.segments:
             names += [name] if strain == 1 else [f"{name}/element_{j}" for j in range(strain)]
         for side in ("forward", "backward"):
-            names += [f"contact_{i}/{side}" for i in range(self.contacts)]
+            names += [f"{contact}/{side}" for contact in contacts]
             for name, _, friction in self.segments:
                 each = [f"{name}/contact_{j}/{side}" for j in range(friction)]
                 names += [f"{name}/{side}"] if friction == 1 else each
         if self.loads:
-            names += [f"contact_{i}/load" for i in range(self.contacts)]
+            names += [f"{contact}/load" for contact in contacts]
             names += [f"{name}/load" for name, _, _ in self.segments]
         return tuple(names)
 
@@ -128,7 +129,7 @@ class Columns:
         for name, strain, _ in self.segments:
             aliases[name] = np.arange(first, first + strain)
             first += strain
-        parts = [f"contact_{i}" for i in range(self.contacts)] + [name for name, _, _ in self.segments]
+        parts = name_contacts(self.contacts) + [name for name, _, _ in self.segments]
         half = int(self.friction_sizes.sum())
         starts = self.lengths + np.concatenate(([0], np.cumsum(self.friction_sizes)[:-1]))
         for name, start, size in zip(parts, starts, self.friction_sizes, strict=True):

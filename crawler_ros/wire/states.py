@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crawler_model.body.body import Body
+from crawler_model.body.names import name_contacts, name_links
 
 _AXES = ("/x", "/y")
 
@@ -23,7 +24,7 @@ def station_names(body: Body) -> list[str]:
         One name per station; the first is the root of joint_states.
     """
     ends = [f"{s.name}.{end}" for s in body.segments for end in ("from", "to")]
-    return [f"contact_{i}" for i in range(body.isolated.size)] + ends
+    return name_contacts(body.isolated.size) + ends
 
 
 def joint_names(body: Body) -> list[str]:
@@ -35,7 +36,7 @@ def joint_names(body: Body) -> list[str]:
     Returns:
         Each link, then each segment.
     """
-    return [f"link_{i}" for i in range(body.link_springs.size)] + [s.name for s in body.segments]
+    return name_links(body.link_springs.size) + [s.name for s in body.segments]
 
 
 def joint_state_names(body: Body) -> list[str]:
@@ -88,7 +89,7 @@ def every_contact_name(body: Body) -> tuple[str, ...]:
     Returns:
         One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
     """
-    names = {int(c): f"contact_{i}" for i, c in enumerate(body.isolated)}
+    names = dict(zip(body.isolated.tolist(), name_contacts(body.isolated.size), strict=True))
     for segment in body.segments:
         names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
     return tuple(names[i] for i in range(body.contacts))

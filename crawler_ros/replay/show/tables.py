@@ -11,6 +11,7 @@ from pyarrow import parquet
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
+from crawler_model.body.names import name_contacts, name_links
 
 from ...wire.states import contact_names, joint_names
 from ..analysis import Replay
@@ -123,8 +124,7 @@ class TableWriter:
     def _open(self, contacts: int, joints: int) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         if self._scene is None:
-            self._names = {"contacts": [f"contact_{i}" for i in range(contacts)]}
-            self._names["links"] = [f"link_{i}" for i in range(joints)]
+            self._names = {"contacts": name_contacts(contacts), "links": name_links(joints)}
         else:
             names = contact_names(self._scene.body)[:: self._scene.dimension]
             self._names = {"contacts": [n.removesuffix("/x") for n in names], "links": joint_names(self._scene.body)}
