@@ -40,7 +40,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 coverage: $(READY)
-	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -q -p no:cacheprovider tests/model
+	NUMBA_DISABLE_JIT=1 $(PYTEST) -q -p no:cacheprovider --cov --cov-report= tests/model
 	$(BIN)/coverage report
 
 bench: $(READY)
