@@ -284,7 +284,7 @@ def run_probe(folder, cache):
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=folder,
-        env=os.environ | {"XDG_CACHE_HOME": str(cache), "NUMBA_CACHE_DIR": ""},
+        env=os.environ | {"XDG_CACHE_HOME": str(cache), "NUMBA_CACHE_DIR": "", "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
         check=True,

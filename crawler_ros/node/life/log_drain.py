@@ -63,6 +63,7 @@ class Drain:
                 block = self._waiting.pop(0)
                 self._size -= len(block)
                 if self._dropped and not self._waiting:
+                    block += b"" if block.endswith(b"\n") else b"\n"
                     block += f"{self._dropped} line(s) of this log were dropped because they were not read\n".encode()
                     self._dropped = 0
             while block:
