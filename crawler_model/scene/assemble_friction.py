@@ -105,19 +105,6 @@ def weights_of(parts: SceneParts, body: Body) -> np.ndarray:
     return weight
 
 
-def uses_coefficients(parts: SceneParts) -> bool:
-    """Determine whether friction is given by coefficients and so depends on the slope.
-
-    Args:
-        parts: the parts of the scene.
-
-    Returns:
-        True if the friction of the contacts or of a segment is given so.
-    """
-    of_contacts = parts.friction is not None and parts.friction.coefficient is not None
-    return of_contacts or any(s.friction.coefficient is not None for s in parts.body.segments)
-
-
 def planar_friction(parts: SceneParts) -> np.ndarray:
     """Build the friction array of a planar scene.
 
@@ -202,7 +189,8 @@ def assemble_friction(parts: SceneParts, body: Body, columns: Columns, ground: G
     Raises:
         SceneError: if a friction is negative, an array has a wrong length, or a coefficient has no weight to act on.
     """
-    if uses_coefficients(parts) and parts.body.weights is None:
+    frictions = (parts.friction, *(segment.friction for segment in parts.body.segments))
+    if any(map(_has_coefficient, frictions)) and parts.body.weights is None:
         raise SceneError("body.weights: missing; a coefficient of friction acts on the weight of each contact")
     press = ground.weight * np.cos(ground.slope)
     if parts.dimension == 2:

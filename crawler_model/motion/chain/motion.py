@@ -49,24 +49,7 @@ class ChainMotion:
         reached: np.ndarray,
     ) -> tuple[int, float]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        body = self.body
-        found: tuple[int, float] = ramp.follow(
-            body.elasticity,
-            state.contacts,
-            state.links,
-            state.status,
-            targets,
-            True,
-            budget,
-            body.element_ends,
-            body.share,
-            *scratch,
-            account,
-            records,
-            limits,
-            reached,
-        )
-        return found
+        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached)
 
     def follow(
         self,
@@ -79,8 +62,22 @@ class ChainMotion:
         records: np.ndarray,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
+        self._follow(state, scratch, targets, exact, budget, account, records, None, None)
+
+    def _follow(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+        limits: np.ndarray | None,
+        reached: np.ndarray | None,
+    ) -> tuple[int, float]:
         body = self.body
-        ramp.follow(
+        found: tuple[int, float] = ramp.follow(
             body.elasticity,
             state.contacts,
             state.links,
@@ -93,6 +90,7 @@ class ChainMotion:
             *scratch,
             account,
             records,
-            None,
-            None,
+            limits,
+            reached,
         )
+        return found

@@ -61,29 +61,7 @@ class GraphMotion:
         reached: np.ndarray,
     ) -> tuple[int, float]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        body = self.body
-        work, ramp_memory = scratch
-        found: tuple[int, float] = ramp.follow(
-            body.ends,
-            body.stiffness,
-            (self.network.order, self.network.band),
-            work,
-            state.contacts,
-            state.links,
-            state.status,
-            targets,
-            True,
-            budget,
-            body.element_ends,
-            body.share,
-            active_set.most_rounds(body.contacts),
-            *ramp_memory,
-            account,
-            records,
-            limits,
-            reached,
-        )
-        return found
+        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached)
 
     def follow(
         self,
@@ -96,9 +74,23 @@ class GraphMotion:
         records: np.ndarray,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
+        self._follow(state, scratch, targets, exact, budget, account, records, None, None)
+
+    def _follow(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+        limits: np.ndarray | None,
+        reached: np.ndarray | None,
+    ) -> tuple[int, float]:
         body = self.body
         work, ramp_memory = scratch
-        ramp.follow(
+        found: tuple[int, float] = ramp.follow(
             body.ends,
             body.stiffness,
             (self.network.order, self.network.band),
@@ -115,6 +107,7 @@ class GraphMotion:
             *ramp_memory,
             account,
             records,
-            None,
-            None,
+            limits,
+            reached,
         )
+        return found
