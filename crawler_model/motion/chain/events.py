@@ -15,6 +15,7 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
+from ..pieces import note_piece
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -159,6 +160,7 @@ def follow_events(
     wide,
     limits,
     reached,
+    pieces_met,
 ):
     """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
 
@@ -179,6 +181,7 @@ def follow_events(
         wide: True to use the projection in double-double arithmetic.
         limits: rows of `borders`, shape (3, N); None on ground that is the same everywhere.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        pieces_met: output, from `room_for_pieces`, or without rows.
 
     Returns:
         False if the budget was exceeded or a border was reached before the end; and the place on the ramp that was
@@ -247,6 +250,7 @@ def follow_events(
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least * (until - s)
             account[GAIN_MOST] += most * (until - s)
+        note_piece(pieces_met, s, until, floats[ROW_V], floats[ROW_NEXT], bytes_[ROW_COMING])
         if at_border:
             done = False
             pieces -= until <= s

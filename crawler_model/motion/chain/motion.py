@@ -9,6 +9,7 @@ import numpy as np
 
 from ...body.body import Body
 from ..line_state import LineState, build_line_state
+from ..pieces import NO_PIECES
 from . import memory, ramp
 from .events import FEW_CONTACTS
 
@@ -49,7 +50,7 @@ class ChainMotion:
         reached: np.ndarray,
     ) -> tuple[int, float]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached)
+        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached, NO_PIECES)
 
     def follow(
         self,
@@ -60,9 +61,10 @@ class ChainMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
+        pieces: np.ndarray = NO_PIECES,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        self._follow(state, scratch, targets, exact, budget, account, records, None, None)
+        self._follow(state, scratch, targets, exact, budget, account, records, None, None, pieces)
 
     def _follow(
         self,
@@ -75,6 +77,7 @@ class ChainMotion:
         records: np.ndarray,
         limits: np.ndarray | None,
         reached: np.ndarray | None,
+        pieces: np.ndarray,
     ) -> tuple[int, float]:
         body = self.body
         found: tuple[int, float] = ramp.follow(
@@ -92,5 +95,6 @@ class ChainMotion:
             records,
             limits,
             reached,
+            pieces,
         )
         return found

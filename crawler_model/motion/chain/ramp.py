@@ -17,6 +17,7 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS
+from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
     ACTUATION_REF,
@@ -246,6 +247,7 @@ def follow(
     records,
     limits,
     reached,
+    pieces,
 ):
     """Follow straight ramps to each of the targets in turn, until a contact reaches a border of the ground.
 
@@ -268,6 +270,7 @@ def follow(
         limits: rows of `borders`, shape (3, N), with loads in rows and targets; None on ground that is the same
             everywhere, where the gained displacement starts at zero.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        pieces: output, from `room_for_pieces`, or without rows.
 
     Returns:
         The number of targets reached, and the part of the next ramp that was followed.
@@ -288,6 +291,7 @@ def follow(
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
             begin_loads(contacts, target)
+            begin_ramp(pieces, v)
             finished, part = False, 0.0
             if exact:
                 finished, part = follow_events(
@@ -307,6 +311,7 @@ def follow(
                     wide,
                     limits,
                     reached,
+                    pieces,
                 )
             if limits is not None and not finished and reached.any():
                 middle = np.empty(target.shape[0])

@@ -7,6 +7,7 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
+from ..pieces import note_piece
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -73,6 +74,7 @@ def follow_events(
     share,
     limits,
     reached,
+    pieces_met,
 ):
     """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
 
@@ -95,6 +97,7 @@ def follow_events(
         share: weight of each contact in the net translation, shape (N,).
         limits: rows of `borders`, shape (3, N); None on ground that is the same everywhere.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        pieces_met: output, from `room_for_pieces`, or without rows.
 
     Returns:
         The place reached, 1 for the end; False if the active set did not converge there, else True.
@@ -192,6 +195,7 @@ def follow_events(
             middle = 0.5 * (at + until)
         if not ending and spent > budget:
             return at, True
+        note_piece(pieces_met, at, until, v, floats[ROW_ARRIVAL], bytes_[ROW_COMING])
         if ds > 0.0 or (pieces == 0 and not at_border):
             pieces += 1
             account[EVENTS] += 1

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...body.body import Body
 from ..line_state import LineState, build_line_state
+from ..pieces import NO_PIECES
 from . import active_set, memory, ramp
 from .active_set import Network
 
@@ -61,7 +62,7 @@ class GraphMotion:
         reached: np.ndarray,
     ) -> tuple[int, float]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached)
+        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached, NO_PIECES)
 
     def follow(
         self,
@@ -72,9 +73,10 @@ class GraphMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
+        pieces: np.ndarray = NO_PIECES,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        self._follow(state, scratch, targets, exact, budget, account, records, None, None)
+        self._follow(state, scratch, targets, exact, budget, account, records, None, None, pieces)
 
     def _follow(
         self,
@@ -87,6 +89,7 @@ class GraphMotion:
         records: np.ndarray,
         limits: np.ndarray | None,
         reached: np.ndarray | None,
+        pieces: np.ndarray,
     ) -> tuple[int, float]:
         body = self.body
         work, ramp_memory = scratch
@@ -109,5 +112,6 @@ class GraphMotion:
             records,
             limits,
             reached,
+            pieces,
         )
         return found

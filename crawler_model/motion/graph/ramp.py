@@ -11,6 +11,7 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import EPS
+from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -251,6 +252,7 @@ def follow(
     records,
     limits,
     reached,
+    pieces,
 ):
     """Follow straight ramps to each of the targets in turn, until a contact reaches a border of the ground.
 
@@ -277,6 +279,7 @@ def follow(
         limits: rows of `borders`, shape (3, N), with loads in rows and targets; None on ground that is the same
             everywhere, where the gained displacement starts at zero.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        pieces: output, from `room_for_pieces`, or without rows.
 
     Returns:
         The number of targets reached, and the part of the next ramp that was followed.
@@ -299,6 +302,7 @@ def follow(
                 ramp[i] = 0.0
             ramp[VISITED] = np.inf
             begin_loads(contacts, target)
+            begin_ramp(pieces, v)
             done = 0.0
             solved = True
             if exact:
@@ -321,6 +325,7 @@ def follow(
                     share,
                     limits,
                     reached,
+                    pieces,
                 )
                 if done < 1.0:
                     at_border = False
