@@ -80,19 +80,41 @@ class Variations(Sequence[Scene]):
             The input of `Scene.model_validate`.
         """
         document = self._template
-        for path, column in zip(self._paths, self.values.values(), strict=True):
+        for path, column in zip(self.paths, self.values.values(), strict=True):
             document = _put(document, path, float(column[at]))
         return document
 
+    def origin(self, key: str) -> float:
+        """Read the value of a varied key in the base scene.
+
+        Args:
+            key: one of the keys of `values`.
+
+        Returns:
+            The value; 0 where a document may omit the number because it is 0.
+
+        Raises:
+            SceneError: if the scene does not have the number.
+        """
+        node: Any = self._template
+        for step in self.paths[list(self.values).index(key)]:
+            node = node.get(step) if isinstance(node, dict) else node[step]
+        if node is None and self.paths[list(self.values).index(key)][0] == "ground":
+            return 0.0
+        if not isinstance(node, (int, float)):
+            raise SceneError(f"vary: {key}: the scene does not give this number")
+        return float(node)
+
     @functools.cached_property
-    def _paths(self) -> tuple[_Path, ...]:
+    def paths(self) -> tuple[_Path, ...]:
+        """The steps to each key in a document."""
         return tuple(_path(self.base, key) for key in self.values)
 
     @functools.cached_property
     def _template(self) -> dict[str, Any]:
         """The document of the base scene, extended so that every varied key exists."""
         document = self.base.document()
-        for path in self._paths:
+        for path in self.paths:
             _make_room(self.base, document, path)
         return document
 
@@ -103,11 +125,11 @@ class Variations(Sequence[Scene]):
 
     @functools.cached_property
     def _changed(self) -> tuple[str, ...]:
-        return tuple(sorted({str(path[0]) for path in self._paths}))
+        return tuple(sorted({str(path[0]) for path in self.paths}))
 
     def _scene(self, at: int) -> Scene:
         document = self.document(at)
-        if all(path[0] in _BODY_UNCHANGED or path[:2] == ("body", "weights") for path in self._paths):
+        if all(path[0] in _BODY_UNCHANGED or path[:2] == ("body", "weights") for path in self.paths):
             with contextlib.suppress(ValueError):  # validated again as a whole for a message that names the field
                 return self._scene_with_same_body(document)
         return Scene.model_validate(document)
@@ -149,7 +171,7 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
     elif len(set(sizes)) > 1:
         raise SceneError(f"vary: {sizes} values; without a grid every key needs as many")
     variations = Variations(scene, columns, tuple(sizes) if grid else (sizes[0],))
-    paths = variations._paths
+    paths = variations.paths
     for path, key in zip(paths, columns, strict=True):
         _check_effect(scene, path, key)
     weighed = scene.parts.body.weights is not None or any(path[:2] == ("body", "weights") for path in paths)
