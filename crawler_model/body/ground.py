@@ -121,10 +121,11 @@ class Ground:
     """Weights and slope, from which the ground adds loads and, with coefficients, friction.
 
     Attributes:
-        weight: of each contact, shape (N,) [N].
+        weight: of each contact, shape (N,) [N]; (M, N) for variations.
         by_coefficient: of each contact, whether its friction follows from its weight, and so changes with the slope,
             shape (N,); not while a drive commands friction.
-        slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`.
+        slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`; shape (M, 1) for
+            variations.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
         track: patches of other ground; None if the ground is the same everywhere.
     """
@@ -137,6 +138,9 @@ class Ground:
 
     @property
     def slope_load(self) -> np.ndarray:
-        """Load of the slope on each contact: -w sin(theta), shape (N,), in the plane along uphill, shape (N, 2) [N]."""
+        """Load of the slope on each contact: -w sin(theta), shape (N,), in the plane along uphill, shape (N, 2) [N].
+
+        For variations shape (M, N).
+        """
         along = -self.weight * np.sin(self.slope)
         return along if self.direction is None else along[:, None] * unit_directions([self.direction])
