@@ -43,7 +43,7 @@ class Crawler:
         check_plan(scene, "Crawler")
         self.scene = scene
         self.method = choose_method(scene, method)
-        self.budget = 10_000 * (scene.body.contacts + 1000) if budget is None else budget
+        self.budget = default_budget(scene.body) if budget is None else budget
         self._motion = build_motion(scene)
         self._state: State = self._motion.start(scene.start_displacement, scene.drive.targets[0])
         self._scratch = self._motion.scratch()
@@ -308,6 +308,18 @@ class Crawler:
         velocity = self._state.gained.copy()
         velocity.flags.writeable = account.flags.writeable = False
         return Step(velocity, account, self.body.share, jumps or ())
+
+
+def default_budget(body: Body) -> int:
+    """Compute the upper limit of work in one ramp of `exact` unless another one is given, see `Crawler`.
+
+    Args:
+        body: the body.
+
+    Returns:
+        The limit.
+    """
+    return 10_000 * (body.contacts + 1000)
 
 
 def choose_method(scene: Plan, method: str | None) -> Method:

@@ -15,7 +15,6 @@ from ..errors import SceneError
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts, angles_of
 
-
 _RADIANS = math.pi / 180.0
 
 

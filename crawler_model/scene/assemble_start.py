@@ -29,9 +29,9 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
         drive: its drive; the first row is in force at the start.
 
     Returns:
-        Displacement, shape (..., N), in the plane (N, 2) [m]. A scene specifies it for the isolated contacts and both ends
-        of each segment, with linear interpolation between; `relaxed` is a start without spring forces (`relax_loaded`
-        where loads do not allow that).
+        Displacement, shape (..., N), in the plane (N, 2) [m]. A scene specifies it for the isolated contacts and both
+        ends of each segment, with linear interpolation between; `relaxed` is a start without spring forces
+        (`relax_loaded` where loads do not allow that).
 
     Raises:
         SceneError: if the number of values is wrong.
