@@ -14,7 +14,7 @@ from ..errors import CrawlerError
 from .rows import COMPARED, COUNTS, DONE, FORCES, LENGTHS
 
 _STATUS = np.array(["not run", "done", "invalid"])
-COLUMNS = ("status", *LENGTHS, *FORCES, *COMPARED, "unique", *COUNTS)
+COLUMNS = ("status", *LENGTHS, *FORCES, *COMPARED, "unique", *COUNTS, "kernel_s")
 """The results with an entry for each run."""
 UNITS = {
     **dict.fromkeys(LENGTHS, "m"),
@@ -66,6 +66,8 @@ class ManyRuns:
         overspent: number of ramps whose budget of work was exceeded, shape (M,).
         unsolved: number of ramps in which the active set of a graph did not converge, shape (M,).
         periods: number of whole periods, shape (M,).
+        kernel_s: time spent in compiled kernels, a share of that of the call for runs that went together, shape (M,)
+            [s].
         interrupted: True if Ctrl-C stopped the runs; completed runs are included.
         wall_s: wall-clock time [s].
     """
@@ -91,6 +93,7 @@ class ManyRuns:
     overspent: np.ndarray
     unsolved: np.ndarray
     periods: np.ndarray
+    kernel_s: np.ndarray
     interrupted: bool
     wall_s: float
 
@@ -195,7 +198,7 @@ def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s:
         column = rows[name].copy()
         column[~done] = np.nan
         columns[name] = column if planar or column.ndim == 1 else column[:, 0].copy()
-    for name in ("unique", *COUNTS):
+    for name in ("unique", *COUNTS, "kernel_s"):
         columns[name] = rows[name].copy()
     columns["status"] = _STATUS[rows["status"]]
     for column in columns.values():

@@ -106,9 +106,7 @@ class Ledger:
         rows = np.zeros(count, ROW)
         stored: Any = self._stored - self._start
         peak: Any = self._peak
-        account = Energy(
-            total.work, total.dissipation, stored, total.residual, peak, total.loads_work, total.jump_loss
-        )
+        account = Energy(total.work, total.dissipation, stored, total.residual, peak, total.loads_work, total.jump_loss)
         values = {"status": DONE, "dimension": plan.body.dimension, "unique": total.unique, "kernel_s": kernel_s}
         values |= {"work": total.work, "dissipation": total.dissipation, "stored": stored}
         values |= {"residual": account.relative_residual, "violation": total.violation, "visited_margin": total.visited}
