@@ -15,7 +15,8 @@ from .run.limits import Limit, largest_tow, steepest_climb
 from .run.simulate import Trajectory, simulate
 from .scene.file import gallery, load_scene, parse_scene
 from .scene.scene import Scene
-from .sweep.many import ManyRuns, simulate_many
+from .sweep.many import simulate_many
+from .sweep.results import ManyRuns
 from .sweep.vary import Variations, vary
 
 __all__ = [

@@ -96,11 +96,11 @@ class Drive:
             times_ns: shape (K,), int64, >= 0 and increasing [ns].
 
         Returns:
-            Targets, shape (K, S + 2 N).
+            Targets, shape (K, S + 2 N); of variations with the same times (M, K, S + 2 N).
         """
         targets = self.targets
         if times_ns.size == 0:
-            return targets[:0]
+            return targets[..., :0, :]
         if self.period is None:
             known, rows = self.waypoints_between(-1, int(np.rint(self.times[-1] * NS)))
         else:
@@ -110,8 +110,8 @@ class Drive:
         after = np.minimum(before + 1, known.size - 1)
         gap = np.maximum(known[after] - known[before], 1)
         part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None]
-        start = targets[rows[before]]
-        return start + part * (targets[rows[after]] - start)
+        start = targets[..., rows[before], :]
+        return np.asarray(start + part * (targets[..., rows[after], :] - start))
 
 
 def find_waypoints(

@@ -311,13 +311,13 @@ class Crawler:
 
 
 def default_budget(body: Body) -> int:
-    """Compute the upper limit of work in one exact ramp, see `Crawler`.
+    """Compute the upper limit of work in one ramp of `exact` unless another one is given, see `Crawler`.
 
     Args:
         body: the body.
 
     Returns:
-        The limit, which no scene is known to reach.
+        The limit.
     """
     return 10_000 * (body.contacts + 1000)
 

@@ -19,6 +19,7 @@ from ..arrays import frozen
 from ..body.body import Body
 from ..body.drive import NS, Drive
 from ..errors import LARGEST, SceneError
+from ..run.transport import length_of
 from ..scene.assemble import assemble_together
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
@@ -166,7 +167,7 @@ def stack_scenes(scenes: Sequence[Assembly]) -> Stack:
     arrays = {name: np.array([one[name] for one in each]) for name in each[0]}
     if "period" in arrays:
         arrays["period"] = arrays["period"].reshape(-1, 1)
-    length = np.array([float(np.ptp(scene.body.position)) for scene in scenes])
+    length = np.array([length_of(scene.body) for scene in scenes])
     return Stack(_with_arrays(scenes[0], arrays), length, {})
 
 
@@ -235,7 +236,7 @@ def _assemble_variations(variations: Variations, check: bool) -> Stack:
             arrays[name] = np.repeat(np.asarray(arrays[name])[None], count, axis=0)
     if "period" in arrays:
         arrays["period"] = arrays["period"].reshape(-1, 1)
-    length = np.full(count, float(np.ptp(assembly.body.position)))
+    length = np.full(count, length_of(assembly.body))
     return Stack(_with_arrays(assembly, arrays), length, reasons)
 
 

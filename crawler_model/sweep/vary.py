@@ -59,7 +59,10 @@ class Variations(Sequence[Scene]):
         """Build one variation, or select several."""
         if isinstance(at, slice):
             values = {key: column[at] for key, column in self.values.items()}
-            return Variations(self.base, values, (len(next(iter(values.values()))),))
+            part = Variations(self.base, values, (len(next(iter(values.values()))),))
+            known = ("paths", "pinned", "_template", "_changed")
+            part.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
+            return part
         return self._scene(at)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from ...body.body import Body
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
-from . import memory, ramp
+from . import many, memory, ramp
 from .events import FEW_CONTACTS
 
 
@@ -19,7 +19,7 @@ class ChainMotion:
     """A chain followed from event to event, or by catch-up steps.
 
     Attributes:
-        body: the chain.
+        body: the chain, or variations of it that differ in their stiffness, for `start` and `follow_many`.
     """
 
     methods: ClassVar[tuple[str, ...]] = ("exact", "catch_up")
@@ -65,6 +65,38 @@ class ChainMotion:
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
         self._follow(state, scratch, targets, exact, budget, account, records, None, None, pieces)
+
+    def follow_many(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        rows: np.ndarray,
+        legs: np.ndarray,
+        budget: int,
+        accounts: np.ndarray,
+        spent: np.ndarray,
+        records: np.ndarray,
+    ) -> None:
+        """Follow straight ramps exactly, for each variation of the body, see `many.follow_many`."""
+        body = self.body
+        many.follow_many(
+            body.elasticity,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            rows,
+            legs,
+            True,
+            budget,
+            body.element_ends,
+            body.share,
+            *scratch,
+            accounts,
+            spent,
+            records,
+        )
 
     def _follow(
         self,
