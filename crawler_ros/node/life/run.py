@@ -61,7 +61,7 @@ def end_on_signals(stop: Callable[[], Any], stuck: Callable[[], bool]) -> None:
 
     Args:
         stop: function that asks the node to end.
-        stuck: whether it was asked before.
+        stuck: whether it has been asked before.
     """
     first = 0.0
 
