@@ -104,7 +104,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
     finite, inaccurate = node.certificates.judge()
     if late > before[3]:
         level = WARN
-        message = f"{late - before[3]} late tick(s): this machine cannot keep the rate; simulated time slows"
+        message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time slows"
     if node.ambiguous > before[0]:
         level, message = WARN, "the translation was not determined in some ticks; the one nearest to zero was taken"
     if node.overspent > before[1]:

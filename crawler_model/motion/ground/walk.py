@@ -5,9 +5,9 @@ contact that reaches a border forward with the spring force g, which is its forw
 
 * stands there, free, if the ground ahead holds more than g;
 * goes on if it holds the same;
-* otherwise jumps: at fixed commands and without duration, its bound falls from g to what the ground ahead holds. The
-  fall is followed like any other ramp; the part of the bound that the ground does not provide is an extra load, whose
-  work is the energy lost. Borders that are met during the fall are further events.
+* else jumps: its bound falls from g to what the ground ahead holds, along a ramp in no time at fixed commands. That
+  ramp is followed like any other, with the part of the bound that the ground does not give as an extra load, whose work
+  is the energy lost. Further borders on the way are further events.
 
 Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with the displacements
 of the others; so the end of a jump is the least displacement at which all bounds hold. Where no equilibrium is left,
@@ -51,19 +51,19 @@ from .line import LineMotion
 from .state import GroundState
 
 _BLOCK = 64
-"""Number of ramps followed in one call. After a border the bounds of the remaining ramps are computed again."""
+"""Ramps that are followed in one call. After a border the bounds of those that are left are computed again."""
 _SAME = 16.0 * EPS
-"""Bounds closer than this, relative to their size, count as equal."""
+"""Bounds closer than this, relative to their size, are equal."""
 _MOST_STOPS = 1000
-"""Average number of borders per contact in one ramp beyond which the rest of the ramp passes over borders."""
-_UNDETERMINED = [AMBIGUOUS, GAIN_LEAST, GAIN_MOST]
+"""Borders met by each contact in one ramp, on average, beyond which the rest of the ramp passes over them."""
+_DOUBTS = [AMBIGUOUS, GAIN_LEAST, GAIN_MOST]
 
 
 @dataclass
 class _Fall:
     """A jump in progress: direction, border, displacement there, energy lost so far."""
 
-    direction: int
+    way: int
     border: float
     x: float
     loss: float = 0.0
@@ -121,10 +121,10 @@ class Walk:
         ramp, done = 0, 0.0
         while ramp < targets.shape[0]:
             rows = targets[ramp : ramp + (_BLOCK if done == 0.0 else 1)]
-            undetermined = account[_UNDETERMINED]
+            doubts = account[_DOUBTS]
             count, part = self._advance(self._here(rows), records[ramp : ramp + len(rows)])
             if 1.0 - done <= SHORTEST_STRETCH:  # what is left of a ramp is an instant
-                account[_UNDETERMINED] = undetermined
+                account[_DOUBTS] = doubts
             if count:
                 ramp, done, self._stops = ramp + count, 0.0, 0
                 begin = targets[ramp - 1].copy()
@@ -141,7 +141,7 @@ class Walk:
         return tuple(self._jumps)
 
     def _here(self, targets: np.ndarray) -> np.ndarray:
-        """Convert targets for ground without patches to those for the places of the contacts."""
+        """Turn targets for ground without patches into those for the places of the contacts."""
         bounds = self._track.bounds(targets[:, self._springs :], self._state.place)
         return np.hstack((targets[:, : self._springs], *bounds))
 
@@ -157,15 +157,15 @@ class Walk:
             return self._follow(targets, records)
         if lost[0] > 0:
             return self._follow(targets[: lost[0]], records[: lost[0]])
-        direction = 1 if forward[0].sum() < least[0] else -1
-        goal = float((forward if direction > 0 else backward)[0].sum())
-        now = max(float(state.contacts[FORWARD if direction > 0 else BACKWARD].sum()), 0.0)
+        way = 1 if forward[0].sum() < least[0] else -1
+        goal = float((forward if way > 0 else backward)[0].sum())
+        now = max(float(state.contacts[FORWARD if way > 0 else BACKWARD].sum()), 0.0)
         share = now / (now - goal)
         begin = np.concatenate((state.links[ACTUATION], *state.contacts[[FORWARD, BACKWARD, LOAD]]))
         _, part = self._follow((begin + share * (targets[0] - begin))[None], self._no_records)
         if self._reached.any():
             return 0, share * part
-        self._slide(direction, targets[0])
+        self._slide(way, targets[0])
         return 0, share
 
     def _follow(self, targets: np.ndarray, records: np.ndarray) -> tuple[int, float]:
@@ -187,17 +187,17 @@ class Walk:
             self._place_anew()
         return count, part
 
-    def _slide(self, direction: int, target: np.ndarray) -> None:
+    def _slide(self, way: int, target: np.ndarray) -> None:
         """Slide the whole body, with all contacts at their bounds, to the next border of one of them."""
         state, account = self._state, self._account
         limits = self._track.find_limits(self._line.body.position, state.place)
         x = state.contacts[X]
-        gaps = (limits[0] - x if direction > 0 else x - limits[1]) - direction * state.contacts[X_REST]
+        gaps = (limits[0] - x if way > 0 else x - limits[1]) - way * state.contacts[X_REST]
         distance = float(gaps.min())
         if distance == np.inf:
-            raise CommandError(self._runaway(direction, target))
-        distance = direction * max(distance, 0.0)
-        total = float(state.contacts[FORWARD if direction > 0 else BACKWARD].sum()) * abs(distance)
+            raise CommandError(self._runaway(way, target))
+        distance = way * max(distance, 0.0)
+        total = float(state.contacts[FORWARD if way > 0 else BACKWARD].sum()) * abs(distance)
         account[DISSIPATION] += total
         account[RESIDUAL] += total
         account[LOADS_WORK] += float(state.contacts[LOAD].sum()) * distance
@@ -206,26 +206,26 @@ class Walk:
         state.contacts[LOAD_WORK] = worked
         self._slid = distance
         none = state.contacts[FORWARD] + state.contacts[BACKWARD] == 0.0
-        state.status[:] = np.where(none, AT_FORWARD | AT_BACKWARD, AT_FORWARD if direction > 0 else AT_BACKWARD)
+        state.status[:] = np.where(none, AT_FORWARD | AT_BACKWARD, AT_FORWARD if way > 0 else AT_BACKWARD)
         near = limits[2] + 16.0 * EPS * np.abs(x)
-        self._reached[:] = np.where(gaps <= abs(distance) + near, direction, 0)
+        self._reached[:] = np.where(gaps <= abs(distance) + near, way, 0)
         if not self._falls and distance != 0.0:
             first = int(np.flatnonzero(self._reached)[0])
-            border = self._track.borders[(state.place[first] + direction) // 2 - (direction < 0)]
+            border = self._track.borders[(state.place[first] + way) // 2 - (way < 0)]
             self._jumps.append(Jump(*self._at, first, float(border), distance, 0.0))
 
-    def _runaway(self, direction: int, target: np.ndarray) -> str:
-        """Build the message with the sums that do not fit on the ground where the body would end."""
+    def _runaway(self, way: int, target: np.ndarray) -> str:
+        """Say which sums do not fit on the ground where the body would end."""
         n = self._n
         forward, backward, load = target[self._springs :].reshape(3, n)
         if self._falls:  # the row of loads holds the extra loads of the jump
             load = self._track.bounds(self._state.command[self._springs :], self._state.place)[2]
         total = float(load.sum())
-        friction = float(forward.sum()) + total if direction > 0 else float(backward.sum()) - total
-        side = "forward" if direction > 0 else "backward"
+        friction = float(forward.sum()) + total if way > 0 else float(backward.sum()) - total
+        side = "forward" if way > 0 else "backward"
         return (
-            f"ground.patches: on the ground that the contacts reach, the loads sum to {direction * total:g} N {side}, "
-            f"but friction against sliding {side} to {friction:g} N: no equilibrium, the body would run away"
+            f"ground.patches: on the ground that the contacts reach, the loads sum to {way * total:g} N {side}, but "
+            f"friction against sliding {side} to {friction:g} N: no equilibrium, the body would run away"
         )
 
     # -- borders ----------------------------------------------------------------------------------------------------
@@ -236,43 +236,43 @@ class Walk:
             self._meet_border(int(contact), int(self._reached[contact]))
         self._reached[:] = 0
 
-    def _meet_border(self, i: int, direction: int) -> None:
-        """Let contact i, sliding in `direction`, stand, go on or jump at the border that it has reached."""
+    def _meet_border(self, i: int, way: int) -> None:
+        """Let contact i, sliding in direction `way`, stand, go on or jump at the border that it has reached."""
         state = self._state
         x = state.contacts[X, i]
-        row, bit = (FORWARD, AT_FORWARD) if direction > 0 else (BACKWARD, AT_BACKWARD)
+        row, bit = (FORWARD, AT_FORWARD) if way > 0 else (BACKWARD, AT_BACKWARD)
         if state.place[i] % 2 == 1:
-            self._enter(i, state.place[i] + direction, bit if self._is_at_bound(i, direction) else 0)
+            self._enter(i, state.place[i] + way, bit if self._is_at_bound(i, way) else 0)
             return
         fall = self._falls.pop(i, None)
         if fall is not None:
             self._close(i, fall)
         now = state.contacts[row, i]
-        bounds = self._bounds_of(i, state.place[i] + 2 * direction)
-        new = bounds[0 if direction > 0 else 1]
+        bounds = self._bounds_of(i, state.place[i] + 2 * way)
+        new = bounds[0 if way > 0 else 1]
         near = _SAME * (abs(state.contacts[FORWARD, i]) + abs(state.contacts[BACKWARD, i]) + abs(new))
-        if new > now + near or not self._is_at_bound(i, direction):
-            self._enter(i, state.place[i] + direction, 0)
+        if new > now + near or not self._is_at_bound(i, way):
+            self._enter(i, state.place[i] + way, 0)
             state.status[i] &= ~bit
             return
-        border = self._track.borders[(state.place[i] + direction) // 2]
-        self._enter(i, state.place[i] + 2 * direction, bit)
+        border = self._track.borders[(state.place[i] + way) // 2]
+        self._enter(i, state.place[i] + 2 * way, bit)
         if new < now - near:
             state.contacts[row, i] = now
             state.status[i] = bit
-            self._falls[i] = _Fall(direction, float(border), float(x))
+            self._falls[i] = _Fall(way, float(border), float(x))
 
-    def _is_at_bound(self, i: int, direction: int) -> bool:
+    def _is_at_bound(self, i: int, way: int) -> bool:
         """Check that contact i is at the bound of its motion; else its motion is rounding.
 
         Where all contacts are at their bounds within rounding, those that have yet to arrive slide, too.
         """
         state = self._state
-        if state.status[i] & (AT_FORWARD if direction > 0 else AT_BACKWARD):
+        if state.status[i] & (AT_FORWARD if way > 0 else AT_BACKWARD):
             return True
         forward, backward = state.contacts[[FORWARD, BACKWARD], i]
         force = float(self._line.body.spring_force(state.tension)[i])
-        distance = forward - force if direction > 0 else backward + force
+        distance = forward - force if way > 0 else backward + force
         return bool(abs(distance) <= 100.0 * CRITICAL * (abs(forward) + abs(backward)))
 
     def _bounds_of(self, i: int, place: int) -> tuple[float, float, float]:
@@ -281,7 +281,7 @@ class Walk:
         return float(found[0][0]), float(found[1][0]), float(found[2][0])
 
     def _enter(self, i: int, place: int, bit: int) -> None:
-        """Set the place of contact i, at the bound of its motion unless `bit` is 0."""
+        """Put contact i onto a place, at the bound of its motion unless `bit` is 0."""
         state = self._state
         state.place[i] = place
         forward, backward, load = self._bounds_of(i, place)
@@ -299,16 +299,16 @@ class Walk:
         places = self._track.find_places(body.position, x)
         force = body.spring_force(state.tension)
         for i in beyond.tolist():
-            direction = 1 if x[i] > limits[0, i] else -1
+            way = 1 if x[i] > limits[0, i] else -1
             self._falls.pop(i, None)
             self._enter(i, int(places[i]), 0)
-            row, bit = (FORWARD, AT_FORWARD) if direction > 0 else (BACKWARD, AT_BACKWARD)
+            row, bit = (FORWARD, AT_FORWARD) if way > 0 else (BACKWARD, AT_BACKWARD)
             state.status[i] = 0
-            if direction * force[i] > state.contacts[row, i]:
-                state.contacts[row, i] = direction * force[i]
+            if way * force[i] > state.contacts[row, i]:
+                state.contacts[row, i] = way * force[i]
                 state.status[i] = bit
-                border = limits[0 if direction > 0 else 1, i] + body.position[i]
-                self._falls[i] = _Fall(direction, float(border), float(x[i]))
+                border = limits[0 if way > 0 else 1, i] + body.position[i]
+                self._falls[i] = _Fall(way, float(border), float(x[i]))
         if beyond.size:
             self._reached[:] = 0
 
@@ -317,7 +317,7 @@ class Walk:
     def _jump(self) -> None:
         """Follow the falling bounds of all jumps in progress, at fixed commands, to their end."""
         state, account = self._state, self._account
-        before = account[[*_UNDETERMINED, VISITED]]
+        before = account[[*_DOUBTS, VISITED]]
         while self._falls:
             target = self._falling()
             loads = self._here(state.command[None])[0, -self._n :]
@@ -339,29 +339,29 @@ class Walk:
         self._settle(before)
 
     def _falling(self) -> np.ndarray:
-        """Set the extra loads of jumps: the parts of bounds that the ground does not provide; return their end."""
+        """Set the extra loads of the jumps in progress, what the ground does not give of their bounds; end at 0."""
         state, springs, n = self._state, self._springs, self._n
         target = self._here(state.command[None])[0]
         target[:springs] = state.links[ACTUATION]
         target[-n:] = 0.0
         state.contacts[LOAD] = 0.0
         for i, fall in self._falls.items():
-            row, first = (FORWARD, springs) if fall.direction > 0 else (BACKWARD, springs + n)
-            state.contacts[LOAD, i] = -fall.direction * max(float(state.contacts[row, i] - target[first + i]), 0.0)
+            row, first = (FORWARD, springs) if fall.way > 0 else (BACKWARD, springs + n)
+            state.contacts[LOAD, i] = -fall.way * max(float(state.contacts[row, i] - target[first + i]), 0.0)
         return target
 
     def _close(self, i: int, fall: _Fall) -> None:
-        """Append a jump to the results."""
+        """Enter a jump in the results."""
         distance = float(self._state.contacts[X, i]) - fall.x
         self._jumps.append(Jump(*self._at, i, fall.border, distance, fall.loss))
 
     def _settle(self, before: np.ndarray) -> None:
-        """Set the bounds and loads of the ground after a jump, during which nothing counts as undetermined."""
+        """Put the bounds and loads of the ground into force after a jump; on its way nothing counts as undetermined."""
         state, account = self._state, self._account
         here = self._track.bounds(state.command[self._springs :], state.place)
         state.contacts[FORWARD], state.contacts[BACKWARD], state.contacts[LOAD] = here
         none = (here[0] + here[1] == 0.0) & (state.status != 0)
         state.status[none] = AT_FORWARD | AT_BACKWARD
-        account[[*_UNDETERMINED, VISITED]] = before
+        account[[*_DOUBTS, VISITED]] = before
         margin = state.visited_margin(self._line.body.spring_force(state.tension))
         account[VISITED] = min(before[-1], margin)
