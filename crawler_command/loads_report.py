@@ -1,4 +1,4 @@
-"""The part of the report of `crawler check` about loads: what the body holds at rest, and against what it gains."""
+"""The part of the report of `crawler check` about loads: the limits of the body at rest, and those of its gait."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .screen import progress_bar
 
 _BUDGET = 1_000_000
 """Periods times waypoints times contacts of each search: a second or two."""
-_WAYS = {1: "forward", -1: "backward"}
+_DIRECTIONS = {1: "forward", -1: "backward"}
 
 
 def print_holding(run: Trajectory, screen: Console) -> None:
-    """Print what a body on a line holds at rest, at the start of its run.
+    """Print the limits at rest of a body on a line, at the start of its run.
 
     Args:
         run: the run.
@@ -33,9 +33,9 @@ def print_holding(run: Trajectory, screen: Console) -> None:
     forward, backward = drive.forward[0] + load, drive.backward[0] - load
     holding = compute_holding(body, scene.ground, run.tension[0], forward, backward, load)
     _print_tow(scene, holding, screen)
-    for tilt, way in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
+    for tilt, direction in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
         if tilt is not None:
-            screen.print(_describe_tilt(scene, tilt, way))
+            screen.print(_describe_tilt(scene, tilt, direction))
 
 
 def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
@@ -56,13 +56,13 @@ def _sides(holding: Holding) -> tuple[tuple[np.ndarray, float], ...]:
     return (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
 
 
-def _describe_tilt(scene: Plan, tilt: Tilt, way: str) -> str:
+def _describe_tilt(scene: Plan, tilt: Tilt, direction: str) -> str:
     steepest = "any, up to 90" if tilt.steepest == math.pi / 2.0 else f"{math.degrees(tilt.steepest):.6g}"
     if tilt.gives_way == math.pi / 2.0:
-        return f"steepest slope that it holds at rest, {way}: {steepest} degrees"
+        return f"steepest slope that it holds at rest, {direction}: {steepest} degrees"
     return (
-        f"steepest slope that it holds at rest, {way}: {steepest} degrees; {scene.body.name_of(tilt.contact)} gives "
-        f"way first, at {math.degrees(tilt.gives_way):.6g} degrees"
+        f"steepest slope that it holds at rest, {direction}: {steepest} degrees; "
+        f"{scene.body.name_of(tilt.contact)} gives way first, at {math.degrees(tilt.gives_way):.6g} degrees"
     )
 
 
@@ -78,12 +78,12 @@ def print_limits(scene: Plan, screen: Console) -> None:
     on = f"on {scene.body.name_of(scene.body.contacts - 1)}"
     if scene.ground.weight.any():
         try:
-            with progress_bar("searching the steepest slope") as progress:
+            with progress_bar("searching for the steepest slope") as progress:
                 slope = steepest_climb(scene, _BUDGET, progress)
             screen.print(describe_climb(slope))
         except CommandError as error:
             screen.print(str(error))
-    with progress_bar("searching the largest tow") as progress:
+    with progress_bar("searching for the largest tow") as progress:
         tow = largest_tow(scene, -1, _BUDGET, progress)
     screen.print(describe_tow(tow, on))
 
@@ -102,8 +102,8 @@ def describe_climb(limit: Limit) -> str:
             "steepest slope at which a period still gains: none, as the drive does not carry the body on level ground"
         )
     value, beyond = (f"{math.degrees(angle):.8g} degrees" for angle in (limit.value, limit.beyond))
-    way = "uphill" if limit.direction > 0 else "uphill towards -x, the way it goes"
-    return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, way)}"
+    direction = "uphill" if limit.direction > 0 else "uphill towards -x, in the direction of travel"
+    return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, direction)}"
 
 
 def describe_tow(limit: Limit, on: str) -> str:
@@ -119,24 +119,26 @@ def describe_tow(limit: Limit, on: str) -> str:
     if limit.cause == "no travel":
         return f"largest tow {on} at which a period still gains: none, as the drive does not carry the body without it"
     value, beyond = (f"{force:.8g} N" for force in (limit.value, limit.beyond))
-    way = _WAYS.get(-limit.direction, "")
-    return f"largest tow {on} at which a period still gains: {_describe(limit, value, beyond, way)}"
+    direction = _DIRECTIONS.get(-limit.direction, "")
+    return f"largest tow {on} at which a period still gains: {_describe(limit, value, beyond, direction)}"
 
 
-def _describe(limit: Limit, value: str, beyond: str, way: str) -> str:
+def _describe(limit: Limit, value: str, beyond: str, direction: str) -> str:
     """Describe value, direction and cause."""
     if limit.cause == "budget":
         if limit.direction == 0:
-            return "not searched, a period takes too long here; see steepest_climb and largest_tow in Python"
-        return f"between {value} and {beyond} {way}; the search was cut short"
+            return (
+                "not searched for, because a period takes too long here; use steepest_climb and largest_tow in Python"
+            )
+        return f"between {value} and {beyond} {direction}; the search was cut short"
     unsettled = "" if limit.settled else "; some runs did not become periodic"
     gain = limit.direction * limit.gain
     size = abs(limit.free_gain)
     if limit.cause == "equilibrium":
         return (
-            f"{value} {way}, where the equilibrium ends: it gains {gain:.6g} m there, and beyond it "
-            f"runs away whatever the drive does{unsettled}"
+            f"{value} {direction}, where the equilibrium ends: it gains {gain:.6g} m there, and beyond it "
+            f"the body runs away whatever the drive does{unsettled}"
         )
-    fades = limit.gain < 1e-6 * size
-    end = "where the gain has faded" if fades else f"where it still gains {gain:.6g} m, none beyond"
-    return f"{value} {way}, {end}{unsettled}"
+    faded = limit.gain < 1e-6 * size
+    end = "where the gain has fallen to 0" if faded else f"where it still gains {gain:.6g} m, none beyond"
+    return f"{value} {direction}, {end}{unsettled}"

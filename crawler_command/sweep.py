@@ -92,7 +92,7 @@ def parse_axis(text: str) -> tuple[str, np.ndarray]:
     if not 1 <= count <= MOST_VARIATIONS:
         raise CrawlerError(f"--vary {text}: N is {count}; it must be between 1 and {MOST_VARIATIONS}")
     if log and not (start > 0.0 and stop > 0.0):
-        raise CrawlerError(f"--vary {text}: log: goes from one number > 0 to another")
+        raise CrawlerError(f"--vary {text}: with `log:` both ends must be > 0")
     return key, np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
 
 

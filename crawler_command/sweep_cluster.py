@@ -124,4 +124,4 @@ def _result(task: distributed.Future) -> tuple[np.ndarray, dict[int, str]]:
     except ModuleNotFoundError as error:
         raise CrawlerError(f"--scheduler: a worker lacks {error.name}; install crawler-ros there") from None
     except distributed.KilledWorker:
-        raise CrawlerError("--scheduler: the workers die one after another, as they do when memory is short") from None
+        raise CrawlerError("--scheduler: the workers died one after another; they may have run out of memory") from None

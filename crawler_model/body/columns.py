@@ -72,12 +72,12 @@ class Columns:
 
     @functools.cached_property
     def frictions(self) -> int:
-        """How many columns are frictions."""
+        """Number of columns that hold friction."""
         return self.sides * int(self.friction_sizes.sum())
 
     @property
     def loads(self) -> int:
-        """How many columns are loads: one (in the plane two) per isolated contact, then per segment; 0 if none."""
+        """Number of columns that hold loads: one (in the plane two) per isolated contact and segment; 0 if none."""
         return 0 if self.slope_load is None else int(self.load_sizes.sum())
 
     @functools.cached_property
@@ -188,7 +188,7 @@ class Columns:
         return target
 
     def held_target(self, row: np.ndarray, actuation: np.ndarray, bounds: np.ndarray, loads: np.ndarray) -> np.ndarray:
-        """Turn a command row into a target; what the row leaves out (NaN) stays as it is in force.
+        """Convert a command row to a target; where the row is NaN, the value in force remains.
 
         Args:
             row: shape (C,).
@@ -243,7 +243,7 @@ class Columns:
             error: the class of the error.
 
         Raises:
-            CrawlerError: of that class, with the sums that do not fit. Nothing would stop the body.
+            CrawlerError: of that class, with the sums that do not fit, if nothing would stop the body.
         """
         if self.slope_load is None or self.patched:
             return

@@ -123,7 +123,7 @@ class Ground:
     Attributes:
         weight: of each contact, shape (N,) [N]; (M, N) for variations.
         by_coefficient: of each contact, whether its friction follows from its weight, and so changes with the slope,
-            shape (N,); not while a drive commands friction.
+            shape (N,); False while a drive commands friction.
         slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`; shape (M, 1) for
             variations.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.

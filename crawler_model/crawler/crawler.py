@@ -96,7 +96,7 @@ class Crawler:
 
     @property
     def places(self) -> np.ndarray | None:
-        """Place of each contact on patches of ground, as in `Track`, shape (N,); None if the ground is one."""
+        """Place of each contact on patches of ground, as in `Track`, shape (N,); None on ground without patches."""
         place = getattr(self._state, "place", None)
         return None if place is None else frozen(place, np.int64)
 
@@ -201,7 +201,7 @@ class Crawler:
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
-                (N, 2); None keeps what is in force. Only where the scene has loads.
+                (N, 2); None leaves it unchanged. Only for scenes with loads.
 
         Returns:
             L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
@@ -216,7 +216,7 @@ class Crawler:
         if planar and backward is not None:
             raise CommandError("backward: in the plane `forward` holds the friction of each contact; omit `backward`")
         if loads is not None and not columns.loads:
-            raise CommandError("loads: the scene has none; with `loads: 0` in it they can be commanded")
+            raise CommandError("loads: the scene has no loads; add `loads: 0` to the scene to command loads")
         given = (
             ("actuation", actuation, columns.actuation_sizes, 0),
             ("forward", forward, columns.friction_sizes, columns.lengths),
@@ -264,7 +264,7 @@ class Crawler:
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
-                (N, 2); None keeps what is in force. Only where the scene has loads.
+                (N, 2); None leaves it unchanged. Only for scenes with loads.
 
         Returns:
             The account of the ramp.

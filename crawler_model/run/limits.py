@@ -2,7 +2,7 @@
 
 Both are judged by the gain of the periodic regime: the loads are applied slowly at the start, then the drive runs until
 the tensions at the end of a period repeat. More load never carries a body further (spring forces are monotone), so
-that the largest tow is found by bisection. A slope also lowers the friction of coefficients, which may help or
+the largest tow is found by bisection. A slope also lowers the friction of coefficients, which may help or
 hinder: slopes are scanned first, from the steepest down, and the end of the highest stretch that gains is bisected.
 """
 

@@ -98,7 +98,7 @@ def _check_parts(parts: SceneParts) -> None:
         if names.count(name) > 1:
             raise SceneError(f"body.segments: two segments are named {name!r}; names must be unique")
     if parts.body.links is None and (parts.dimension == 2 or len(parts.body.contacts) + len(names) > 1):
-        raise SceneError("body.links: missing; the springs between contacts and segments, {stiffness: ...}")
+        raise SceneError("body.links: missing; give the springs between contacts and segments as {stiffness: ...}")
     if parts.friction is None and parts.body.contacts:
         raise SceneError("friction: missing; isolated contacts need it")
 
@@ -129,9 +129,9 @@ def _check_planar(parts: SceneParts) -> None:
 
 
 def _count(parts: SceneParts, place: int) -> int:
-    """Find the number of elements that a segment needs for its accuracy under the drive of the scene, without patches.
+    """Find the number of elements that a segment needs for its accuracy under the drive of the scene.
 
-    On patches periods differ, and the error with them.
+    Patches are left out: with them the periods differ from each other, and so do their errors.
     """
     if parts.ground is not None and parts.ground.patches:
         parts = parts.model_copy(update={"ground": parts.ground.model_copy(update={"patches": ()})})

@@ -47,7 +47,7 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
 
 
 def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
-    """Determine whose friction follows from its weight, shape (N,): not that of a drive that commands friction."""
+    """Determine where friction follows from weight, shape (N,): on no contact if the drive commands friction."""
     follows = np.zeros(body.contacts, np.bool_)
     drive = parts.drive
     if drive is None or (drive.friction is None and drive.friction_wave is None):

@@ -187,7 +187,7 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         axes = np.meshgrid(*columns.values(), indexing="ij")
         columns = dict(zip(columns, (frozen(column.ravel()) for column in axes), strict=True))
     elif len(set(sizes)) > 1:
-        raise SceneError(f"vary: {sizes} values; without a grid every key needs as many")
+        raise SceneError(f"vary: {sizes} values; without a grid all keys need the same number of values")
     variations = Variations(scene, columns, tuple(sizes) if grid else (sizes[0],))
     paths = variations.paths
     for path, key in zip(paths, columns, strict=True):

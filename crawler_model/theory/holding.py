@@ -1,8 +1,8 @@
 """The limits of a body at rest: the steepest slope and the largest tow before it runs away.
 
-A connected body has an equilibrium under loads f if and only if -sum mu_minus <= sum f <= sum mu_plus: springs carry
-what one contact cannot hold to another one that can. Before that, single contacts give way: each as soon as its own
-load and the force of its springs exceed its own friction.
+A connected body has an equilibrium under loads f if and only if -sum mu_minus <= sum f <= sum mu_plus: springs
+transmit to other contacts what one contact cannot hold. Below this limit single contacts give way, each as soon as its
+load and the force of its springs together exceed its friction.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..body.ground import Ground
 
 @dataclass(frozen=True)
 class Tilt:
-    """What a body at rest holds when the track is tilted, uphill or downhill.
+    """The limits of a body at rest when the track is tilted, uphill or downhill.
 
     Attributes:
         steepest: slope beyond which no equilibrium exists and the body runs away, a positive angle [rad].
@@ -36,10 +36,10 @@ class Holding:
     """The limits of rest.
 
     Attributes:
-        tow_forward: largest force towards +x, on any contact, beside the loads that there are [N].
+        tow_forward: largest force towards +x, on any contact, in addition to the loads of the scene [N].
         tow_backward: largest force towards -x, likewise [N].
-        slip_forward: force towards +x on each contact alone with which that contact, the first one, gives way, shape
-            (N,) [N].
+        slip_forward: least force towards +x that, applied to a contact alone, makes this contact slide, shape (N,)
+            [N].
         slip_backward: force towards -x, likewise, shape (N,) [N].
         uphill: tilted until it slides back, towards -x; None without weights.
         downhill: tilted until it slides forward; None without weights.
@@ -61,7 +61,7 @@ def compute_holding(
     backward: np.ndarray,
     load: np.ndarray,
 ) -> Holding:
-    """Compute what a body at rest holds.
+    """Compute the limits of a body at rest.
 
     Args:
         body: a body on a line.
@@ -116,7 +116,7 @@ def steepest_held(ground: Ground, friction: np.ndarray, others: np.ndarray) -> f
 
 
 def _balance(ground: Ground, friction: np.ndarray, helping: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Divide what holds a contact on a slope into its weight, constant forces, and friction that goes with cos."""
+    """Compute the terms of the balance on a slope: weight, constant forces, friction proportional to cos(theta)."""
     follows = ground.by_coefficient
     sliding = np.where(follows, friction, 0.0) / math.cos(ground.slope)
     return ground.weight, helping + np.where(follows, 0.0, friction), sliding

@@ -252,7 +252,7 @@ def test_random_bodies_against_the_reference(seed):
 
 
 REFUSED = [
-    ({"from": 1.0, "to": 1.0, "friction": 2.0}, "to: 1 m; it must lie beyond from, 1 m"),
+    ({"from": 1.0, "to": 1.0, "friction": 2.0}, "to: 1 m; it must be greater than `from`, 1 m"),
     ({"from": 1.0, "to": 2.0}, "give `friction`, `forward`, `backward` or `slope`"),
     ({"from": 1.0, "to": 2.0, "friction": -1.0}, "friction: -1; a factor on friction must be >= 0"),
     ({"from": 1.0, "to": 2.0, "friction": 1.0, "forward": 1.0}, "not both"),

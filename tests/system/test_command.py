@@ -199,7 +199,7 @@ def test_check_says_that_a_search_was_cut_short(monkeypatch, capsys):
     monkeypatch.setattr("crawler_command.loads_report._BUDGET", 1)
     with pytest.raises(SystemExit):
         main(["check", "slope_climber"])
-    assert "not searched, a period takes too long here" in " ".join(capsys.readouterr().out.split())
+    assert "not searched for, because a period takes too long here" in " ".join(capsys.readouterr().out.split())
 
 
 def test_check_of_a_scene_with_loads_shows_them_and_the_bounds_that_they_leave(tmp_path):

@@ -170,7 +170,7 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, like the next three.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next three.
         bytes_: statuses within the ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.

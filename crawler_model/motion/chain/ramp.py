@@ -261,7 +261,7 @@ def follow(
         budget: upper limit of work in one ramp, see `follow_events`; beyond it a catch-up step completes the ramp.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        floats: memory from `scratch(N)`, like the next three.
+        floats: memory from `scratch(N)`, which also allocates the next three.
         bytes_: statuses within a ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.

@@ -197,7 +197,7 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
         upper: largest force at rest, shape (N,) [N], inf where there is none; lower <= upper.
         magnitude: magnitude of the numbers whose differences load and bounds are, shape (N,) [N].
         most_rounds: upper limit of rounds.
-        work: memory from `workspace`, like the next two.
+        work: memory from `workspace`, which also allocates the next two.
         floats: forces, magnitudes, loads and trial velocities.
         sliding: 1 for sliding contacts.
         velocity: output, shape (N,). On entry a guess, of which only the signs matter.

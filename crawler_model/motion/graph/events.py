@@ -87,7 +87,7 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (S + 2 N,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, like the next two.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next two.
         changes: changes of the rest lengths and tensions.
         bytes_: sides of the contacts.
         account: account of the ramp, shape (14,), added to.

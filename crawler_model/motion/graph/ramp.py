@@ -188,7 +188,7 @@ def _catch_up(
 
 @compiled
 def _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, account, energy):
-    """Set the state to the end of the ramp, contacts that slid exactly on their bounds, and complete the account."""
+    """Set the state to the end of the ramp, with sliding contacts exactly on their bounds; complete the account."""
     n = contacts.shape[1]
     springs = ends.shape[0]
     for s in range(springs):
@@ -271,7 +271,7 @@ def follow(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         rounds: upper limit of rounds of the active set.
-        floats: memory from `scratch(N, S)`, like the next two.
+        floats: memory from `scratch(N, S)`, which also allocates the next two.
         changes: floats of the springs.
         bytes_: flags of the contacts.
         account: total account, shape (14,), added to.

@@ -13,7 +13,7 @@ from ..line_state import LineState
 class GroundState(LineState):
     """The state of a body on a line, the command in force and the places of the contacts.
 
-    The rows FORWARD, BACKWARD and LOAD hold what the ground at each place makes of the command.
+    The rows FORWARD, BACKWARD and LOAD hold the bounds and loads that the command has on the ground at each place.
 
     Attributes:
         place: as in `Track`, int64, shape (N,).

@@ -434,7 +434,7 @@ def test_a_mistake_in_a_key_is_one_clear_line(name, keys, said):
         vary(name if isinstance(name, Scene) else load_scene(name), keys)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
-    with pytest.raises(SceneError, match="as many"):
+    with pytest.raises(SceneError, match="all keys need the same number of values"):
         vary(load_scene("two_anchor_a"), {"drive.length": [1, 2], "drive.friction": [1]}, grid=False)
 
 
