@@ -2,26 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..line_state import LineState
+from ..state import GAINED, LINK_ROWS, LOADED_ROWS
 
 
-@dataclass(eq=False)
 class GroundState(LineState):
-    """The state of a body on a line, the command in force and the places of the contacts.
+    """The state of a body on patches of ground, the command in force and the places of the contacts.
 
-    The rows FORWARD, BACKWARD and LOAD hold what the ground at each place makes of the command.
+    The rows FORWARD, BACKWARD and LOAD hold what the ground at each place makes of the command. All numbers lie in one
+    piece of memory, so that every tick can keep them for the case that it is refused.
 
     Attributes:
-        place: as in `Track`, int64, shape (N,).
         command: the target in force, for ground without patches, shape (S + 2 N,), with loads (S + 3 N,).
+        place: as in `Track`, int64, shape (N,).
+        gained_row: the row GAINED of the contacts, shape (N,) [m].
+        ground: from `Track.find_ground`, for these places; None until it is needed.
     """
 
-    place: np.ndarray
-    command: np.ndarray
+    def __init__(self, memory: np.ndarray, contacts: int, springs: int, command: int) -> None:
+        """Divide a piece of memory.
+
+        Args:
+            memory: all numbers, uint8.
+            contacts: number of contacts N.
+            springs: number of springs S.
+            command: size of a target for ground without patches.
+        """
+        self._memory, self._sizes = memory, (contacts, springs, command)
+        n, s = contacts, springs
+        ends = np.cumsum([8 * LOADED_ROWS * n, 8 * LINK_ROWS * s, 8 * command, 8 * n, n])
+        parts = np.split(memory, ends[:-1])
+        super().__init__(
+            parts[0].view(np.float64).reshape(LOADED_ROWS, n),
+            parts[1].view(np.float64).reshape(LINK_ROWS, s),
+            parts[4].view(np.int8),
+        )
+        self.command, self.place = parts[2].view(np.float64), parts[3].view(np.int64)
+        self.gained_row = self.contacts[GAINED]
+        self.ground: np.ndarray | None = None
 
     @property
     def friction(self) -> np.ndarray:
@@ -46,17 +66,24 @@ class GroundState(LineState):
         Returns:
             An independent state with the same numbers.
         """
-        arrays = (self.contacts, self.links, self.status, self.place, self.command)
-        return GroundState(*(array.copy() for array in arrays))
+        return GroundState(self.keep(), *self._sizes)
 
-    def restore(self, other: GroundState) -> None:
-        """Take over the numbers of another state of the same body.
+    def keep(self) -> np.ndarray:
+        """Copy all numbers.
+
+        Returns:
+            The numbers, for `restore`.
+        """
+        return self._memory.copy()
+
+    def restore(self, kept: np.ndarray) -> None:
+        """Return to kept numbers.
 
         Args:
-            other: the other state.
+            kept: from `keep`.
         """
-        for name in ("contacts", "links", "status", "place", "command"):
-            getattr(self, name)[:] = getattr(other, name)
+        self._memory[:] = kept
+        self.ground = None
 
     def bits(self) -> bytes:
         """Return all numbers as bytes, for comparison.
@@ -64,4 +91,20 @@ class GroundState(LineState):
         Returns:
             The bytes of all arrays, one after another.
         """
-        return super().bits() + self.place.tobytes() + self.command.tobytes()
+        return self._memory.tobytes()
+
+
+def build_ground_state(state: LineState, place: np.ndarray, command: np.ndarray) -> GroundState:
+    """Build the state of a body on patches of ground.
+
+    Args:
+        state: at these places, with loads.
+        place: as in `Track`, shape (N,).
+        command: the target in force, for ground without patches.
+
+    Returns:
+        The state.
+    """
+    parts = (state.contacts, state.links, np.array(command), place, state.status)
+    memory = np.concatenate([np.frombuffer(part.tobytes(), np.uint8) for part in parts])
+    return GroundState(memory, state.status.size, state.links.shape[1], command.size)
