@@ -79,9 +79,8 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     axes[0].plot(time_s, place, color="#9a9a9a", linewidth=0.8)
     for sign, color in ((1, FORWARD), (-1, BACK)):
         axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
-    jumps = [jump for frame in frames for jump in frame.jumps]
-    draw_jumps(axes[0], jumps)
-    if jumps:
+    draw_jumps(axes[0], [jump for frame in frames for jump in frame.jumps])
+    if axes[0].get_legend_handles_labels()[0]:
         axes[0].legend(fontsize=8, loc="upper left", frameon=False)
     axes[0].set_ylabel("contacts [m]")
     for i in range(contacts if contacts <= _MOST_NAMED else 0):

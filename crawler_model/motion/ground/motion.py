@@ -58,8 +58,8 @@ class GroundMotion:
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
         line_scratch, reached = scratch
-        kept = state.keep()
-        state.gained_row.fill(0.0)
+        kept = state.memory.copy()
+        state.gained.fill(0.0)
         if state.ground is None:
             state.ground = self.track.find_ground(self.line.body.position, state.place)
         found = self.line.follow_to_border(

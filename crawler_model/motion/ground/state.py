@@ -2,46 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..line_state import LineState
-from ..state import GAINED, LINK_ROWS, LOADED_ROWS
+from ..state import LINK_ROWS, LOADED_ROWS
 
 
+@dataclass(eq=False)
 class GroundState(LineState):
     """The state of a body on patches of ground, the command in force and the places of the contacts.
 
-    The rows FORWARD, BACKWARD and LOAD hold what the ground at each place makes of the command. All numbers lie in one
-    piece of memory, so that every tick can keep them for the case that it is refused.
+    The rows FORWARD, BACKWARD and LOAD hold what the ground at each place makes of the command.
 
     Attributes:
         command: the target in force, for ground without patches, shape (S + 2 N,), with loads (S + 3 N,).
         place: as in `Track`, int64, shape (N,).
-        gained_row: the row GAINED of the contacts, shape (N,) [m].
+        memory: the bytes of all these arrays, one piece, which every tick keeps in case that it is refused.
         ground: from `Track.find_ground`, for these places; None until it is needed.
     """
 
-    def __init__(self, memory: np.ndarray, contacts: int, springs: int, command: int) -> None:
-        """Divide a piece of memory.
-
-        Args:
-            memory: all numbers, uint8.
-            contacts: number of contacts N.
-            springs: number of springs S.
-            command: size of a target for ground without patches.
-        """
-        self._memory, self._sizes = memory, (contacts, springs, command)
-        n, s = contacts, springs
-        ends = np.cumsum([8 * LOADED_ROWS * n, 8 * LINK_ROWS * s, 8 * command, 8 * n, n])
-        parts = np.split(memory, ends[:-1])
-        super().__init__(
-            parts[0].view(np.float64).reshape(LOADED_ROWS, n),
-            parts[1].view(np.float64).reshape(LINK_ROWS, s),
-            parts[4].view(np.int8),
-        )
-        self.command, self.place = parts[2].view(np.float64), parts[3].view(np.int64)
-        self.gained_row = self.contacts[GAINED]
-        self.ground: np.ndarray | None = None
+    command: np.ndarray
+    place: np.ndarray
+    memory: np.ndarray
+    ground: np.ndarray | None = None
 
     @property
     def friction(self) -> np.ndarray:
@@ -66,23 +51,15 @@ class GroundState(LineState):
         Returns:
             An independent state with the same numbers.
         """
-        return GroundState(self.keep(), *self._sizes)
+        return _divide(self.memory.copy(), self.status.size, self.links.shape[1], self.command.size)
 
-    def keep(self) -> np.ndarray:
-        """Copy all numbers.
-
-        Returns:
-            The numbers, for `restore`.
-        """
-        return self._memory.copy()
-
-    def restore(self, kept: np.ndarray) -> None:
-        """Return to kept numbers.
+    def restore(self, memory: np.ndarray) -> None:
+        """Return to former numbers.
 
         Args:
-            kept: from `keep`.
+            memory: a copy of `memory`.
         """
-        self._memory[:] = kept
+        self.memory[:] = memory
         self.ground = None
 
     def bits(self) -> bytes:
@@ -91,7 +68,7 @@ class GroundState(LineState):
         Returns:
             The bytes of all arrays, one after another.
         """
-        return self._memory.tobytes()
+        return self.memory.tobytes()
 
 
 def build_ground_state(state: LineState, place: np.ndarray, command: np.ndarray) -> GroundState:
@@ -107,4 +84,18 @@ def build_ground_state(state: LineState, place: np.ndarray, command: np.ndarray)
     """
     parts = (state.contacts, state.links, np.array(command), place, state.status)
     memory = np.concatenate([np.frombuffer(part.tobytes(), np.uint8) for part in parts])
-    return GroundState(memory, state.status.size, state.links.shape[1], command.size)
+    return _divide(memory, state.status.size, state.links.shape[1], command.size)
+
+
+def _divide(memory: np.ndarray, n: int, springs: int, command: int) -> GroundState:
+    """Divide a piece of memory into the arrays of a state."""
+    ends = np.cumsum([8 * LOADED_ROWS * n, 8 * LINK_ROWS * springs, 8 * command, 8 * n])
+    contacts, links, target, place, status = np.split(memory, ends)
+    return GroundState(
+        contacts.view(np.float64).reshape(LOADED_ROWS, n),
+        links.view(np.float64).reshape(LINK_ROWS, springs),
+        status.view(np.int8),
+        target.view(np.float64),
+        place.view(np.int64),
+        memory,
+    )
