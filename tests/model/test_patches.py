@@ -354,3 +354,21 @@ def test_a_tow_that_pulls_the_body_onto_ground_that_does_not_hold_it_is_too_larg
     ice_behind = [{"from": -5.0, "to": -0.05, "friction": 0.1}]
     limit = largest_tow(far_from("friction_step", ground={"patches": ice_behind}))
     assert limit.value <= 0.3 <= limit.beyond <= limit.value + 1e-8
+
+
+@BODIES
+def test_a_step_that_completes_a_ramp_finds_the_ground_that_it_leads_to(between):
+    """Without a budget each ramp is one step over the border; ramps that follow start on the ground behind it."""
+    scene = two(ice(), between=between)
+    lengths = (0.2, 2.0, 2.5, 1.5)
+    one, other = Crawler(scene, budget=0), Crawler(scene, budget=0)
+    step = one.follow(np.array([one.target([length] * scene.columns.links) for length in lengths]))
+    for length in lengths:
+        go(other, length)
+    assert step.overspent > 0
+    assert one.places.tolist() == other.places.tolist() == [0, 2]
+    exact = Crawler(scene)
+    for length in lengths:
+        go(exact, length)
+    assert one.displacement == pytest.approx(exact.displacement, abs=1e-12)
+    assert other.displacement == pytest.approx(exact.displacement, abs=1e-12)
