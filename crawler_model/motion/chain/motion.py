@@ -46,11 +46,11 @@ class ChainMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray,
+        ground: np.ndarray,
         reached: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached, NO_PIECES)
+        return self._follow(state, scratch, targets, True, budget, account, records, ground, reached, NO_PIECES)
 
     def follow(
         self,
@@ -107,12 +107,12 @@ class ChainMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray | None,
+        ground: np.ndarray | None,
         reached: np.ndarray | None,
         pieces: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         body = self.body
-        found: tuple[int, float] = ramp.follow(
+        found: tuple[int, float, int] = ramp.follow(
             body.elasticity,
             state.contacts,
             state.links,
@@ -125,7 +125,7 @@ class ChainMotion:
             *scratch,
             account,
             records,
-            limits,
+            ground,
             reached,
             pieces,
         )

@@ -58,11 +58,11 @@ class GraphMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray,
+        ground: np.ndarray,
         reached: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached, NO_PIECES)
+        return self._follow(state, scratch, targets, True, budget, account, records, ground, reached, NO_PIECES)
 
     def follow(
         self,
@@ -124,13 +124,13 @@ class GraphMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray | None,
+        ground: np.ndarray | None,
         reached: np.ndarray | None,
         pieces: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         body = self.body
         work, ramp_memory = scratch
-        found: tuple[int, float] = ramp.follow(
+        found: tuple[int, float, int] = ramp.follow(
             body.ends,
             body.stiffness,
             (self.network.order, self.network.band),
@@ -147,7 +147,7 @@ class GraphMotion:
             *ramp_memory,
             account,
             records,
-            limits,
+            ground,
             reached,
             pieces,
         )
