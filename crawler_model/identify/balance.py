@@ -1,0 +1,120 @@
+"""A first estimate from the balance of forces alone, without following any motion.
+
+Measured positions determine the elongation of every spring and so, for given parameters, the force of the springs on
+every contact: it equals a bound where the contact is seen to slide, and lies between both bounds where it rests. Unlike
+the residuals of a motion, which jump where another contact starts to hold the body, these errors are smooth in the
+parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .replica import Replica
+from .unknowns import Space
+
+_MOST_ROWS = 1000
+_SLIDES = 0.2
+"""A contact slides where it moves by this part of the largest step of any contact, before and after a row."""
+_LOOSE = 1e-4
+_MORE = 1.5
+"""Factor for bounds at which no contact slides, as the balance only tells what they held."""
+_TOWARDS_ORIGIN = 1e-3
+"""Weight that fixes the scale where only ratios follow from the balance."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a recording shows about sliding.
+
+    Attributes:
+        replica: the recording.
+        time: shape (T,) [s].
+        x: displacement, but for a common shift, shape (T, N) [m].
+        sliding: 1 forward, -1 backward, 0 at rest, shape (T, N).
+    """
+
+    replica: Replica
+    time: np.ndarray
+    x: np.ndarray
+    sliding: np.ndarray
+
+
+def see(replica: Replica, rows: np.ndarray) -> Seen | None:
+    """Find which contacts slide when.
+
+    Args:
+        replica: the recording.
+        rows: the rows to use, bool, shape (T,).
+
+    Returns:
+        What is seen; None if the measurements do not determine the position of every contact.
+    """
+    matrix, added = replica.observation
+    if np.linalg.matrix_rank(matrix) < matrix.shape[1] or rows.sum() < 3:
+        return None
+    values = replica.measured.values[rows] - added
+    x = values @ np.linalg.pinv(matrix).T
+    step = np.diff(x, axis=0)
+    least = _SLIDES * float(np.abs(step).max())
+    before, after = step[:-1], step[1:]
+    sliding = np.where((before > least) & (after > least), 1, 0) - np.where((before < -least) & (after < -least), 1, 0)
+    rest = (np.abs(before) < least) & (np.abs(after) < least)
+    some = (sliding != 0).any(axis=1) | rest.all(axis=1)
+    keep = np.flatnonzero(some)
+    keep = keep[:: max(1, keep.size // _MOST_ROWS)]
+    if not (sliding != 0).any():
+        return None
+    return Seen(replica, replica.measured.time[rows][1:-1][keep], x[1:-1][keep], sliding[keep])
+
+
+def estimate(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray | None:
+    """Estimate the parameters from the balance of forces.
+
+    Args:
+        seen: the recordings.
+        space: the parameters.
+        start: their first values, shape (P,).
+
+    Returns:
+        Their values, shape (P,); None if the arrays of the scene are not valid at the start.
+    """
+    from scipy.optimize import least_squares  # loads in 0.2 s
+
+    origin = space.to_coordinates(space.origin)
+
+    def errors(coordinates: np.ndarray) -> np.ndarray:
+        values = space.to_values(coordinates)
+        parts = [_errors(one, values) for one in seen]
+        if any(part is None for part in parts):
+            return np.full(size, np.inf)
+        return np.concatenate([*parts, _TOWARDS_ORIGIN * (coordinates - origin)])  # type: ignore[list-item]
+
+    size = sum(one.x.size for one in seen) + origin.size
+    first = space.to_coordinates(start)
+    if not np.isfinite(errors(first)).all():
+        return None
+    low, high = space.to_coordinates(space.low), space.to_coordinates(space.high)
+    options: Any = {"loss": "soft_l1", "f_scale": 0.02, "max_nfev": 60, "x_scale": 1.0}
+    try:
+        found: Any = least_squares(errors, np.clip(first, low, high), "2-point", bounds=(low, high), **options)
+    except ValueError:  # a difference stepped to values that are not valid
+        return None
+    slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(origin.size, np.bool_)])
+    loose = space.logarithmic & (np.abs(found.jac[slides]).max(axis=0) <= _LOOSE * np.abs(found.jac[slides]).max())
+    return space.to_values(np.minimum(np.where(loose, found.x + np.log(_MORE), found.x), high))
+
+
+def _errors(seen: Seen, values: np.ndarray) -> np.ndarray | None:
+    """Compute by how much each contact is out of balance, relative to the mean force, shape (T N,)."""
+    found = seen.replica.balance(values, seen.time, seen.x)
+    if found is None:
+        return None
+    force, forward, backward = found
+    ahead, behind = forward - force, backward + force
+    wrong = np.minimum(ahead, 0.0) - np.minimum(behind, 0.0)
+    wrong = np.where(seen.sliding > 0, ahead, np.where(seen.sliding < 0, -behind, wrong))
+    return np.asarray(wrong / max(float(np.abs(force).mean()), 1e-300)).ravel()

@@ -1,0 +1,245 @@
+"""Measured motion: positions or elongations over time, and the commands that caused them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import frozen
+from ..body.body import Body
+from ..body.names import name_contacts, name_links
+from ..errors import CrawlerError
+from ..scene.scene import Scene
+
+_FEWEST = 8
+_THOUSAND = (300.0, 3000.0)
+"""Ratios of lengths that look like a mistake by a factor of a thousand."""
+
+
+class MeasurementError(CrawlerError):
+    """Measurements that cannot be used: gaps, wrong units, columns of another body, too few rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """One recording.
+
+    Attributes:
+        name: name of the recording, for messages.
+        time: increasing, shape (T,) [s]; the scene starts at the first command, or without commands at the first time.
+        channels: names of the measured quantities, shape (M,): `contact_i` (position along the ground), `link_j` or
+            the name of a segment (elongation relative to the reference shape).
+        values: shape (T, M) [m].
+        command_names: names of the commanded columns, shape (C,), for example `link_0`; () if the scene's own drive
+            was played.
+        commands: shape (K, C), straight between rows [m, N].
+        command_time: increasing, shape (K,) [s].
+    """
+
+    name: str
+    time: np.ndarray
+    channels: tuple[str, ...]
+    values: np.ndarray
+    command_names: tuple[str, ...] = ()
+    commands: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    command_time: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+
+    def head(self, rows: int) -> Measurements:
+        """Select the first rows.
+
+        Args:
+            rows: their number.
+
+        Returns:
+            The measurements up to then, with all commands that matter for them.
+        """
+        if rows >= self.time.size:
+            return self
+        keep = int(np.searchsorted(self.command_time, self.time[rows - 1])) + 1
+        return dataclasses.replace(
+            self,
+            time=self.time[:rows],
+            values=self.values[:rows],
+            commands=self.commands[:keep],
+            command_time=self.command_time[:keep],
+        )
+
+
+def channel_names(scene: Scene) -> tuple[str, ...]:
+    """Name everything that can be measured on a scene.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The isolated contacts, the links, then the segments.
+    """
+    body = scene.body
+    segments = [segment.name for segment in body.segments]
+    return (*name_contacts(body.isolated.size), *name_links(body.link_springs.size), *segments)
+
+
+def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Build the linear map from displacements to measured values.
+
+    Args:
+        body: the body.
+        channels: from `channel_names`.
+
+    Returns:
+        The map, shape (M, N), and what is added, shape (M,) [m].
+    """
+    matrix, added = np.zeros((len(channels), body.contacts)), np.zeros(len(channels))
+    contacts = {name: int(i) for name, i in zip(name_contacts(body.isolated.size), body.isolated, strict=True)}
+    names = [*name_links(body.link_springs.size), *(segment.name for segment in body.segments)]
+    joints = {name: body.stations[ends] for name, ends in zip(names, body.joints, strict=True)}
+    for m, channel in enumerate(channels):
+        if channel in contacts:
+            matrix[m, contacts[channel]] = 1.0
+            added[m] = body.position[contacts[channel]]
+        else:
+            matrix[m, joints[channel][1]] += 1.0
+            matrix[m, joints[channel][0]] -= 1.0
+    return matrix, added
+
+
+def check_measurements(scene: Scene, measured: Measurements) -> Measurements:
+    """Check a recording against a scene.
+
+    Args:
+        scene: the scene.
+        measured: the recording.
+
+    Returns:
+        The recording with read-only float64 arrays; its time begins at the first command, or at its first row.
+
+    Raises:
+        MeasurementError: with one line about the first problem.
+    """
+    name = measured.name
+    arrays = {k: np.array(getattr(measured, k), dtype=np.float64) for k in ("time", "values", "commands")}
+    command_time = np.array(measured.command_time, dtype=np.float64)
+    if measured.command_names and command_time.size == 0:
+        command_time = arrays["time"]
+    _check_names(scene, measured)
+    shape = (arrays["time"].size, len(measured.channels))
+    if arrays["values"].shape != shape:
+        raise MeasurementError(f"{name}: values of shape {arrays['values'].shape}; it must be {shape}")
+    if measured.command_names and arrays["commands"].shape != (command_time.size, len(measured.command_names)):
+        raise MeasurementError(
+            f"{name}: commands of shape {arrays['commands'].shape}; "
+            f"it must be {(command_time.size, len(measured.command_names))}"
+        )
+    if shape[0] < _FEWEST:
+        raise MeasurementError(f"{name}: {shape[0]} rows are too few; at least {_FEWEST} are needed")
+    _check_times(name, "time", arrays["time"])
+    _check_gaps(name, measured.channels, arrays["time"], arrays["values"])
+    start = float(arrays["time"][0])
+    if measured.command_names:
+        _check_times(name, "time of the commands", command_time)
+        commands = tuple(f"command/{column}" for column in measured.command_names)
+        _check_gaps(name, commands, command_time, arrays["commands"])
+        start = float(command_time[0])
+        if command_time[-1] <= arrays["time"][0]:
+            raise MeasurementError(
+                f"{name}: the commands end at {command_time[-1]:g} s, before the measurements begin at "
+                f"{arrays['time'][0]:g} s; both must have the same clock"
+            )
+    _check_units(scene, measured, arrays)
+    return Measurements(
+        name,
+        frozen(arrays["time"] - start),
+        tuple(measured.channels),
+        frozen(arrays["values"]),
+        tuple(measured.command_names),
+        frozen(arrays["commands"]),
+        frozen(command_time - start),
+    )
+
+
+def _check_names(scene: Scene, measured: Measurements) -> None:
+    """Check that all columns belong to the scene, and that all its actuators are commanded if any is."""
+    known = channel_names(scene)
+    if not measured.channels:
+        raise MeasurementError(f"{measured.name}: nothing is measured; it must have at least one of {', '.join(known)}")
+    for channel in measured.channels:
+        if channel not in known:
+            raise MeasurementError(
+                f"{measured.name}: column {channel} does not belong to {scene.name}, which has {', '.join(known)}; "
+                "is it a recording of another body?"
+            )
+    for names in (measured.channels, measured.command_names):
+        twice = next((n for n in names if names.count(n) > 1), None)
+        if twice is not None:
+            raise MeasurementError(f"{measured.name}: column {twice} is given twice")
+    columns = scene.columns.names
+    for column in measured.command_names:
+        if column not in columns:
+            raise MeasurementError(
+                f"{measured.name}: command/{column} does not belong to {scene.name}, whose commands are "
+                f"{', '.join(columns)}; is it a recording of another body?"
+            )
+    actuators = columns[: scene.columns.lengths]
+    missing = [column for column in actuators if column not in measured.command_names]
+    if measured.command_names and missing:
+        raise MeasurementError(
+            f"{measured.name}: no column command/{missing[0]}; the commands of all of {', '.join(actuators)} are needed"
+        )
+    if not measured.command_names and scene.parts.drive is None:
+        raise MeasurementError(
+            f"{measured.name}: no commands, and {scene.name} has no drive; add the columns "
+            f"{', '.join(f'command/{column}' for column in actuators)}"
+        )
+
+
+def _check_times(name: str, what: str, time: np.ndarray) -> None:
+    if not np.isfinite(time).all():
+        row = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise MeasurementError(f"{name}: {what} is missing in row {row}; every row needs it, in seconds")
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        row = int(back[0])
+        raise MeasurementError(
+            f"{name}: {what} {time[row + 1]:g} s in row {row + 1} does not come after {time[row]:g} s; it must increase"
+        )
+
+
+def _check_gaps(name: str, columns: Sequence[str], time: np.ndarray, values: np.ndarray) -> None:
+    bad = ~np.isfinite(values)
+    if bad.any():
+        row, column = (int(i) for i in np.argwhere(bad)[0])
+        raise MeasurementError(
+            f"{name}: a gap: {columns[column]} is missing in row {row} (time {time[row]:g} s), and in {int(bad.sum())} "
+            "place(s) in all; leave out these rows or interpolate them"
+        )
+
+
+def _check_units(scene: Scene, measured: Measurements, arrays: dict[str, np.ndarray]) -> None:
+    """Compare the lengths of measurements and commands with those of the body."""
+    name, values, commands = measured.name, arrays["values"], arrays["commands"]
+    contacts = [m for m, channel in enumerate(measured.channels) if channel.startswith("contact_")]
+    own = observation(scene.body, measured.channels)[1]
+    if len(contacts) > 1:
+        first, last = contacts[int(np.argmin(own[contacts]))], contacts[int(np.argmax(own[contacts]))]
+        apart, expected = float(np.median(values[:, last] - values[:, first])), float(own[last] - own[first])
+        words = (
+            f"{name}: {measured.channels[first]} and {measured.channels[last]} are {apart:g} apart, in the scene "
+            f"{expected:g} m"
+        )
+        if _THOUSAND[0] < abs(apart) / expected < _THOUSAND[1]:
+            raise MeasurementError(f"{words}; the numbers look like millimetres: divide them by 1000")
+        if _THOUSAND[0] < expected / max(abs(apart), 1e-300) < _THOUSAND[1]:
+            raise MeasurementError(f"{words}; the lengths of the scene look like millimetres: divide them by 1000")
+    length = float(np.ptp(scene.body.position)) or 1.0
+    lengths = [c for c, column in enumerate(measured.command_names) if column.startswith("link_")]
+    elongations = [m for m, channel in enumerate(measured.channels) if channel.startswith("link_")]
+    for what, found in (("command/", commands[:, lengths]), ("", values[:, elongations])):
+        most = float(np.abs(found).max(initial=0.0))
+        if most > _THOUSAND[0] * 0.1 * length:
+            raise MeasurementError(
+                f"{name}: {what}link columns reach {most:g}, but the body is {length:g} m long; the numbers look like "
+                "millimetres: divide them by 1000"
+            )

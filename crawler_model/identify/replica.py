@@ -1,0 +1,320 @@
+"""The motion of a scene under recorded commands, with exact derivatives with respect to its parameters.
+
+Where all arrays of the scene are affine in the parameters, they are differentiated once and extrapolated; otherwise the
+scene is assembled anew at every value.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..body.drive import NS, Drive
+from ..derivative.parameters import Derivatives, differentiate_arrays
+from ..derivative.path import TangentPath, build_vertices
+from ..errors import CommandError, SceneError
+from ..scene.scene import Scene
+from ..sweep.vary import Variations, vary
+from .measurements import Measurements, MeasurementError, observation
+
+_MOST_NUMBERS = 200_000_000
+_EXCESS = 1e-9
+_AFFINE = 1e-12
+_CALLER = "identify"
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model predicts for a recording.
+
+    Attributes:
+        values: shape (T, M) [m].
+        jacobian: their derivatives with respect to the parameters, shape (T, M, P).
+        velocity: their rates of change, shape (T, M) [m/s].
+        one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
+    """
+
+    values: np.ndarray
+    jacobian: np.ndarray
+    velocity: np.ndarray
+    one_sided: np.ndarray
+
+
+@dataclass(frozen=True)
+class Slack:
+    """Distances of forces from their bounds.
+
+    Attributes:
+        time: shape (V,) [s].
+        distance: of the force on each contact from its forward, then its backward bound, shape (V, 2 N) [N].
+        derivative: of these bounds with respect to the parameters, shape (V, 2 N, P).
+    """
+
+    time: np.ndarray
+    distance: np.ndarray
+    derivative: np.ndarray
+
+
+def replay_scene(scene: Scene, measured: Measurements) -> Scene:
+    """Build the scene whose drive is replaced by the first recorded command.
+
+    Args:
+        scene: the scene.
+        measured: the recording.
+
+    Returns:
+        The scene itself if no commands were recorded.
+
+    Raises:
+        SceneError: if its start is not admissible under this command.
+    """
+    if not measured.command_names:
+        return scene
+    place = {name: c for c, name in enumerate(measured.command_names)}
+    document = scene.document()
+    parts = len(document["body"].get("segments", ()))
+    links = [f"link_{j}" for j in range(scene.columns.links)] + [s.name for s in scene.body.segments]
+    if scene.columns.lengths != scene.columns.links + parts:
+        raise SceneError(f"{_CALLER}: {scene.name}: the strain of a segment varies along it; commands must be constant")
+    row = [float(measured.commands[0, place[name]]) for name in links]
+    document["drive"] = {"times": [0.0, 1.0], "actuation": [row, row]}
+    return Scene.model_validate(document)
+
+
+class Replica:
+    """A recording, and the model that repeats it."""
+
+    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str]) -> None:
+        """Prepare the model.
+
+        Args:
+            scene: the scene.
+            measured: the recording, checked.
+            keys: names of single parameters.
+
+        Raises:
+            SceneError: if a key is unknown or has no effect.
+            MeasurementError: if the derivatives of the recording take too much memory.
+        """
+        self.measured = measured
+        self._keys = tuple(keys)
+        self._base = replay_scene(scene, measured)
+        for key in keys:
+            if measured.command_names and key.startswith("drive."):
+                raise SceneError(f"{_CALLER}: {key}: no effect, as the commands of {measured.name} replace the drive")
+        vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
+        self.observation = observation(self._base.body, measured.channels)
+        numbers = (measured.time.size + measured.command_time.size) * self._base.body.contacts * len(keys)
+        if numbers > _MOST_NUMBERS:
+            raise MeasurementError(
+                f"{measured.name}: {numbers:.1e} derivatives; at most {_MOST_NUMBERS:.0e}: keep fewer rows"
+            )
+        self._local = self._derive(None)
+        far = self._local.values * 1.37 + 0.011 * (self._local.values == 0.0)
+        try:
+            self._affine = _agree(self._local, self._derive(far)) and measured.command_names != ()
+        except SceneError:
+            self._affine = False
+
+    def _derive(self, values: np.ndarray | None) -> Derivatives:
+        """Differentiate the arrays of the scene at some values."""
+        scene = self._base if values is None else self._scene_at(values)
+        if values is None:
+            self._at = scene
+        return differentiate_arrays(scene, self._keys, _CALLER)
+
+    def _scene_at(self, values: np.ndarray) -> Scene:
+        columns = {key: np.array([value]) for key, value in zip(self._keys, values, strict=True)}
+        return Variations(self._base, columns, (1,))[0]
+
+    @property
+    def start_values(self) -> np.ndarray:
+        """The values of the parameters in the scene, shape (P,)."""
+        return self._local.values
+
+    def contact_name(self, contact: int) -> str:
+        """Name a contact, for messages.
+
+        Args:
+            contact: its index.
+
+        Returns:
+            For example "contact 2".
+        """
+        return self._base.body.name_of(contact)
+
+    def predict(self, values: np.ndarray, delay: float = 0.0) -> Prediction | None:
+        """Follow the recorded commands.
+
+        Args:
+            values: of the parameters, shape (P,).
+            delay: the recording shows the state of this long ago [s].
+
+        Returns:
+            The prediction; None if the values are not valid or the motion has too many events.
+        """
+        plan = self._plan(values)
+        if plan is None:
+            return None
+        scene, derivatives = plan
+        at = self.measured.time - delay
+        ns = np.rint(np.maximum(at, 0.0) * NS).astype(np.int64)
+        ticks = np.unique(ns[ns > 0])
+        path = TangentPath(scene, derivatives)
+        n, columns = scene.body.contacts, len(self._keys)
+        x = np.tile(scene.start_displacement, (ns.size, 1))
+        dx = np.tile(path.dx, (ns.size, 1, 1))
+        velocity = np.zeros((ns.size, n))
+        if ticks.size:
+            try:
+                vertices = build_vertices(scene.drive, derivatives, 0, ticks)
+                stretch = path.follow(vertices)
+            except CommandError:
+                return None
+            duration = np.diff(vertices.time_ns, prepend=0) / NS
+            rows = np.flatnonzero(ns > 0)
+            place = np.searchsorted(vertices.time_ns, ns[rows])
+            speed = stretch.speed[place] / duration[place, None]
+            late = np.where(at[rows] > 0.0, at[rows] - ns[rows] / NS, 0.0)
+            x[rows] = stretch.x[place] + stretch.rest[place] + speed * late[:, None]
+            dx[rows] = stretch.dx[place] - speed[:, :, None] * vertices.d_time[place][:, None, :]
+            velocity[rows] = speed
+        matrix, added = self.observation
+        return Prediction(
+            x @ matrix.T + added,
+            np.einsum("mn,tnp->tmp", matrix, dx).reshape(ns.size, -1, columns),
+            velocity @ matrix.T,
+            path.one_sided,
+        )
+
+    def balance(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...] | None:
+        """Compute forces and their bounds at given positions.
+
+        Args:
+            values: of the parameters, shape (P,).
+            time: shape (T,) [s].
+            x: displacement, shape (T, N) [m].
+
+        Returns:
+            The force of the springs on each contact, its forward and its backward bound, each of shape (T, N) [N]. None
+            if the values are not valid.
+        """
+        plan = self._plan(values)
+        if plan is None:
+            return None
+        body, drive = plan[0].body, plan[0].drive
+        targets = drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
+        force = body.spring_force(body.stiffness * (body.elongation(x) - targets[:, : body.springs]))
+        bounds = targets[:, body.springs :]
+        n = body.contacts
+        return force, bounds[:, :n], bounds[:, n : 2 * n]
+
+    def slack(self, values: np.ndarray) -> Slack | None:
+        """Compute how far each force stayed from its bounds.
+
+        Args:
+            values: of the parameters, shape (P,).
+
+        Returns:
+            The distances at all rows of the recording and its commands; None if the values are not valid.
+        """
+        plan = self._plan(values)
+        if plan is None:
+            return None
+        scene, derivatives = plan
+        body, measured = scene.body, self.measured
+        times = np.concatenate((measured.time, measured.command_time[measured.command_time <= measured.time[-1]]))
+        ticks = np.unique(np.rint(times[times > 0.0] * NS).astype(np.int64))
+        path = TangentPath(scene, derivatives)
+        vertices = build_vertices(scene.drive, derivatives, 0, ticks)
+        stretch = path.follow(vertices)
+        springs, n = body.springs, body.contacts
+        x = np.vstack((scene.start_displacement, stretch.x + stretch.rest))
+        before = np.append(0, vertices.before)
+        time = np.append(0, vertices.time_ns) / NS
+        found = self.balance(values, time, x)
+        assert found is not None
+        force, forward, backward = found
+        return Slack(
+            time,
+            np.hstack((forward - force, backward + force)),
+            derivatives.targets[before, springs : springs + 2 * n],
+        )
+
+    def _plan(self, values: np.ndarray) -> tuple[Scene, Derivatives] | None:
+        """Build the arrays at some values, and their derivatives; None if they are not valid."""
+        local, base = self._local, self._at
+        if not self._affine and not np.array_equal(values, local.values):
+            try:
+                base = self._scene_at(values)
+                local = differentiate_arrays(base, self._keys, _CALLER)
+            except SceneError:
+                return None
+        step = values - local.values
+        body = dataclasses.replace(base.body, stiffness=base.body.stiffness + local.stiffness @ step)
+        start = base.start_displacement + local.start @ step
+        drive, local = self._drive(base, local, step)
+        if (body.stiffness <= 0.0).any() or not _is_admissible(body, drive, start):
+            return None
+        changed: Any = dataclasses.replace(base, body=body, drive=drive, start_displacement=start)
+        return changed, local
+
+    def _drive(self, base: Scene, local: Derivatives, step: np.ndarray) -> tuple[Drive, Derivatives]:
+        """Build the recorded commands with what the scene determines of them, and their derivatives."""
+        if not self.measured.command_names:
+            return base.drive, local  # the step is zero
+        columns, springs, n = base.columns, base.body.springs, base.body.contacts
+        raw, d_raw = base.drive.targets[0] + local.targets[0] @ step, local.targets[0].copy()
+        slope, d_slope = columns.slope_load, np.zeros((0, step.size))
+        if slope is not None:
+            fixed = np.array([key.startswith("loads") for key in self._keys])
+            d_slope = np.where(fixed, 0.0, d_raw[-n:])
+            slope = slope + d_slope @ step
+            for part, load in ((raw, raw[-n:].copy()), (d_raw, d_raw[-n:].copy())):
+                part[springs : springs + n] += load
+                part[springs + n : springs + 2 * n] -= load
+            raw[-n:] -= slope
+            d_raw[-n:] -= d_slope
+        _, first = np.unique(columns.index, return_index=True)
+        row, d_row = raw[first] / columns.factor[first], d_raw[first] / columns.factor[first][:, None]
+        commanded = [columns.names.index(name) for name in self.measured.command_names]
+        rows = np.tile(row, (self.measured.command_time.size, 1))
+        rows[:, commanded] = self.measured.commands
+        d_row[commanded] = 0.0
+        d_target = d_row[columns.index] * columns.factor[:, None]
+        if slope is not None:
+            d_target[-n:] += d_slope
+            d_target[springs : springs + n] -= d_target[-n:]
+            d_target[springs + n : springs + 2 * n] += d_target[-n:]
+        drive = Drive(self.measured.command_time, None, rows, dataclasses.replace(columns, slope_load=slope))
+        count = rows.shape[0]
+        targets = np.ascontiguousarray(np.broadcast_to(d_target, (count, *d_target.shape)))
+        none = np.zeros((count, step.size))
+        return drive, dataclasses.replace(local, targets=targets, times=none, period=np.zeros(step.size))
+
+
+def _agree(one: Derivatives, other: Derivatives) -> bool:
+    """Determine whether derivatives at two places are the same, so that the arrays are affine."""
+    for name in ("stiffness", "targets", "start", "times", "period"):
+        a, b = getattr(one, name), getattr(other, name)
+        if np.abs(a - b).max(initial=0.0) > _AFFINE * (1.0 + np.abs(a).max(initial=0.0)):
+            return False
+    return True
+
+
+def _is_admissible(body: Any, drive: Drive, start: np.ndarray) -> bool:
+    """Determine whether the start is in equilibrium, no friction is negative, and friction holds all loads."""
+    columns, target, n = drive.columns, drive.targets[0], body.contacts
+    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
+    if (drive.rows[:, frictions] < 0.0).any():
+        return False
+    if columns.slope_load is not None and columns.lacks_equilibrium(drive.targets).any():
+        return False
+    force = body.spring_force(body.stiffness * (body.elongation(start) - target[: body.springs]))
+    forward, backward = target[body.springs :][:n], target[body.springs + n :][:n]
+    size = _EXCESS * (np.abs(force).max() + np.abs(forward).max() + np.abs(backward).max())
+    return bool((force <= forward + size).all() and (force >= -backward - size).all())

@@ -1,0 +1,383 @@
+"""What measurements decide about each parameter, from the exact Jacobian."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from .fit import Fit
+from .unknowns import Problem
+
+Verdict = Literal["identified", "ratio", "bound", "not excited"]
+_ZERO = 1e-11
+"""A column below this part of the largest one is zero."""
+_NULL = 1e-8
+"""A singular value below this part of the largest one is zero; columns have length 1."""
+_MEMBER = 1e-5
+_WEAK_MEMBER = 0.1
+_WIDEST = np.log(3.0)
+"""Half of a 95 % interval of a logarithm; a parameter with a wider one is not identified."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known about a parameter.
+
+    Attributes:
+        name: for example "friction.forward[2]".
+        verdict: "identified"; "ratio": only together with others, whose common scale is that of the scene's value of
+            the first one; "bound": from one side; "not excited".
+        value: the fitted value, or the bound; None if the measurements do not contain it.
+        interval: 95 % interval; None at an end that is not known.
+        partners: names of the other parameters of a ratio.
+        why: the reason, in words.
+    """
+
+    name: str
+    verdict: Verdict
+    value: float | None
+    interval: tuple[float | None, float | None]
+    partners: tuple[str, ...]
+    why: str
+
+    def as_plain(self) -> dict[str, object]:
+        """Convert to the values that `crawler identify --json` prints."""
+        return {
+            "name": self.name,
+            "verdict": self.verdict,
+            "value": self.value,
+            "interval": list(self.interval),
+            "with": list(self.partners),
+            "why": self.why,
+        }
+
+
+@dataclass
+class Structure:
+    """Which parameters the measurements determine.
+
+    Attributes:
+        unseen: parameters without any effect.
+        held: parameters whose value is that of the scene, because only a combination is determined.
+        groups: sets of parameters of which only combinations are determined, in the order of the parameters.
+        weak: parameters that the noise hides, with the half width of their interval, as a logarithm.
+    """
+
+    unseen: set[int] = field(default_factory=set)
+    held: set[int] = field(default_factory=set)
+    groups: list[set[int]] = field(default_factory=list)
+    weak: dict[int, float] = field(default_factory=dict)
+
+    def free(self, count: int) -> list[int]:
+        """List the parameters that are determined, given those that are held."""
+        out = self.unseen | self.held | set(self.weak)
+        return [p for p in range(count) if p not in out]
+
+    def join(self, members: set[int]) -> None:
+        """Add a group, joined with all that share a parameter with it."""
+        apart = [g for g in self.groups if not g & members]
+        for group in self.groups:
+            if group & members:
+                members = members | group
+        self.groups = [*apart, members]
+
+
+def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -> Structure:
+    """Find null directions of the Jacobian, exact ones and those that the noise hides.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+        known: what was found before; its held parameters remain held.
+
+    Returns:
+        The structure.
+    """
+    count = problem.space.origin.size
+    jacobian = effective_jacobian(problem, fit)
+    found = Structure()
+    if known is not None:
+        found.held, found.groups = set(known.held), [set(g) for g in known.groups]
+    size = np.linalg.norm(jacobian, axis=0)
+    own = np.linalg.norm(fit.residuals.jacobian[:, :count], axis=0)
+    spread = max(float(np.abs(r.measured.values).max()) for r in problem.replicas)
+    largest = max(float(size.max(initial=0.0)), _ZERO * spread)
+    found.unseen = {p for p in range(count) if size[p] <= max(_ZERO * largest, _NULL * own[p])} - found.held
+    while True:
+        free = found.free(count)
+        if not free:
+            return found
+        part = jacobian[:, free] / size[free]
+        _, values, right = np.linalg.svd(part, full_matrices=False)
+        null = right[values <= _NULL * values[0]]
+        if null.shape[0]:
+            shares = null.T @ null
+            first = next(i for i in range(len(free)) if shares[i, i] > _MEMBER)
+            members = _component(np.abs(shares) > _MEMBER * np.abs(shares).max(), first)
+            found.join({free[i] for i in members})
+            found.held.add(free[first])
+            continue
+        hidden = _hidden(problem, fit, jacobian, free)
+        if hidden is None:
+            return found
+        members_of, width = hidden
+        if len(members_of) > 1:
+            found.join(set(members_of))
+            found.held.add(members_of[0])
+        else:
+            found.weak[members_of[0]] = width
+
+
+def _component(joined: np.ndarray, first: int) -> list[int]:
+    """List what is connected with an index in a graph, shape (K, K)."""
+    reached, waiting = {first}, [first]
+    for i in waiting:
+        new = [int(j) for j in np.flatnonzero(joined[i]) if int(j) not in reached]
+        reached.update(new)
+        waiting += new
+    return sorted(reached)
+
+
+def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -> tuple[list[int], float] | None:
+    """Find the combination of logarithms that the noise hides most, if it hides any."""
+    covariance, quantile = find_covariance(problem, fit, jacobian, free)
+    logs = [i for i, p in enumerate(free) if problem.space.logarithmic[p]]
+    if not logs:
+        return None
+    widths = quantile * np.sqrt(np.diag(covariance)[logs])
+    worst = int(np.argmax(widths))
+    if widths[worst] <= _WIDEST:
+        return None
+    _, vectors = np.linalg.eigh(covariance[np.ix_(logs, logs)])
+    direction = np.abs(vectors[:, -1])
+    members = [free[logs[i]] for i in np.flatnonzero(direction > _WEAK_MEMBER * direction.max())]
+    conditional = jacobian[:, members[0]]
+    alone = quantile * noise_of(problem, fit)[0] / max(float(np.linalg.norm(conditional)), 1e-300)
+    if len(members) > 1 and alone <= _WIDEST:
+        return members, float(widths[worst])
+    return [free[logs[worst]]], float(widths[worst])
+
+
+def effective_jacobian(problem: Problem, fit: Fit) -> np.ndarray:
+    """Remove from the derivatives what offsets and delays can imitate.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+
+    Returns:
+        Derivatives of the fitted residuals with respect to the coordinates of the parameters, shape (R, P).
+    """
+    count = problem.space.origin.size
+    jacobian, others = fit.residuals.jacobian[:, :count], fit.residuals.jacobian[:, count:]
+    others = others[:, np.abs(others).max(axis=0, initial=0.0) > 0.0]
+    if others.shape[1] == 0:
+        return jacobian
+    basis, values, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
+    basis = basis[:, values > _NULL * values[0]]
+    return np.asarray(jacobian - basis @ (basis.T @ jacobian))
+
+
+def noise_of(problem: Problem, fit: Fit) -> tuple[float, int]:
+    """Estimate the standard deviation that intervals follow from.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+
+    Returns:
+        The standard deviation [m], for a robust fit that of the estimator (P. J. Huber, Robust Statistics, 7.6), and
+        the degrees of freedom.
+    """
+    residuals = fit.residuals.fitted
+    freedom = max(residuals.size - problem.count, 1)
+    if fit.soft is None:
+        return float(np.sqrt(residuals @ residuals / freedom)), freedom
+    z = 1.0 + (residuals / fit.soft) ** 2
+    score, slope = residuals / np.sqrt(z), z**-1.5
+    return float(np.sqrt(score @ score / freedom) / np.mean(slope)), freedom
+
+
+def find_covariance(
+    problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]
+) -> tuple[np.ndarray, float]:
+    """Compute the covariance of some parameters, the others held.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+        jacobian: from `effective_jacobian`, shape (R, P).
+        free: the parameters.
+
+    Returns:
+        The covariance of their coordinates, shape (F, F), and the quantile of Student's t for a 95 % interval.
+    """
+    from scipy.stats import t
+
+    deviation, freedom = noise_of(problem, fit)
+    part = jacobian[:, free]
+    size = np.linalg.norm(part, axis=0)
+    _, values, right = np.linalg.svd(part / size, full_matrices=False)
+    half = (right.T / np.maximum(values, 1e-300)) / size[:, None]
+    return deviation**2 * (half @ half.T), float(t.ppf(0.975, freedom))
+
+
+@dataclass(frozen=True)
+class Held:
+    """A one-sided bound of a parameter.
+
+    Attributes:
+        value: the bound.
+        at_least: whether it is a lower bound.
+        recording: name of the recording.
+        time: when it is reached, on the clock of its commands [s].
+        contact: name of the contact.
+    """
+
+    value: float
+    at_least: bool
+    recording: str
+    time: float
+    contact: str
+
+
+def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, tuple[Held, ...]]:
+    """Find what the forces that friction held require of parameters without effect on the motion.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+        unseen: these parameters.
+
+    Returns:
+        For each parameter its lower and upper bound, as far as there is one.
+    """
+    space = problem.space
+    values = space.to_values(fit.unknowns[: space.origin.size])
+    found: dict[tuple[int, bool], Held] = {}
+    for replica in problem.replicas if unseen else ():
+        slack = replica.slack(values)
+        if slack is None:
+            continue
+        n = slack.distance.shape[1] // 2
+        for p in sorted(unseen):
+            slope = slack.derivative[:, :, p]
+            for at_least in (True, False):
+                which = slope > 0.0 if at_least else slope < 0.0
+                if not which.any():
+                    continue
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    limit = np.where(which, values[p] - slack.distance / slope, -np.inf if at_least else np.inf)
+                row, side = np.unravel_index(int(limit.argmax() if at_least else limit.argmin()), limit.shape)
+                name = replica.contact_name(int(side) % n)
+                bound = Held(float(limit[row, side]), at_least, replica.measured.name, float(slack.time[row]), name)
+                known = found.get((p, at_least))
+                better = known is None or (bound.value > known.value) == at_least
+                if better:
+                    found[p, at_least] = bound
+    result: dict[int, tuple[Held, ...]] = {}
+    for (p, _), bound in found.items():
+        if space.low[p] < bound.value < space.high[p] or not bound.at_least:
+            result[p] = (*result.get(p, ()), bound)
+    return result
+
+
+def judge(problem: Problem, fit: Fit, structure: Structure) -> tuple[Parameter, ...]:
+    """Write the verdict on each parameter.
+
+    Args:
+        problem: the problem.
+        fit: its end, with the held parameters at the scene's values.
+        structure: from `find_structure`.
+
+    Returns:
+        One for each parameter, in order.
+    """
+    space = problem.space
+    count = space.origin.size
+    free = structure.free(count)
+    jacobian = effective_jacobian(problem, fit)
+    coordinates = fit.unknowns[:count]
+    values = space.to_values(coordinates)
+    width = np.full(count, np.inf)
+    if free:
+        covariance, quantile = find_covariance(problem, fit, jacobian, free)
+        width[free] = quantile * np.sqrt(np.diag(covariance))
+    bounds = find_bounds(problem, fit, structure.unseen)
+    low, high = (v[:count] for v in problem.bounds)
+    parameters = []
+    for p, name in enumerate(space.names):
+        group = next((g for g in structure.groups if p in g), set())
+        partners = tuple(space.names[q] for q in sorted(group - {p}))
+        interval = _interval(problem, coordinates[p], width[p], p)
+        if p in structure.unseen:
+            parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, ())))
+        elif p in structure.weak:
+            why = f"the noise hides it: its 95 % interval would span a factor of {np.exp(2.0 * structure.weak[p]):.3g}"
+            parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
+        elif p in structure.held:
+            why = f"only its ratio to {', '.join(partners)} is determined; it is kept at {values[p]:.6g}"
+            parameters.append(Parameter(name, "ratio", float(values[p]), (None, None), partners, why))
+        elif group:
+            kept = ", ".join(f"{space.names[q]} = {values[q]:.6g}" for q in sorted(group & structure.held))
+            why = f"only its ratio to {', '.join(partners)} is determined; the value holds for {kept}"
+            parameters.append(Parameter(name, "ratio", float(values[p]), interval, partners, why))
+        elif coordinates[p] - low[p] < 1e-6 or high[p] - coordinates[p] < 1e-6:
+            at_most = coordinates[p] - low[p] < 1e-6
+            ends = (None, float(values[p])) if at_most else (float(values[p]), None)
+            side = f"{'at most' if at_most else 'at least'} {values[p]:.6g}"
+            why = f"{side}: the fit ended at this bound"
+            parameters.append(Parameter(name, "bound", float(values[p]), ends, (), why))
+        else:
+            why = "the motion determines it"
+            parameters.append(Parameter(name, "identified", float(values[p]), interval, (), why))
+    return tuple(parameters)
+
+
+def _interval(problem: Problem, coordinate: float, width: float, p: int) -> tuple[float | None, float | None]:
+    """Convert the interval of a coordinate to one of the value."""
+    if not np.isfinite(width):
+        return (None, None)
+    space = problem.space
+    low, high = coordinate - width, coordinate + width
+    if space.logarithmic[p]:
+        return float(np.exp(low)), float(np.exp(high))
+    return float(low * space.scale[p]), float(high * space.scale[p])
+
+
+def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: tuple[Held, ...]) -> Parameter:
+    """Write the verdict on a parameter without effect on the fitted rows."""
+    name = problem.space.names[p]
+    if np.abs(fit.residuals.jacobian[:, p]).max(initial=0.0) > 0.0 and not bounds:
+        why = "an unknown offset or delay has the same effect"
+        return Parameter(name, "not excited", None, (None, None), (), why)
+    if not bounds:
+        return Parameter(name, "not excited", None, (None, None), (), "the measured motion does not depend on it")
+    ends: dict[bool, float] = {b.at_least: b.value for b in bounds}
+    reasons = [
+        f"{'at least' if b.at_least else 'at most'} {b.value:.6g}: {b.contact} did not slide at {b.time:.4g} s of "
+        f"{b.recording}"
+        for b in bounds
+    ]
+    return Parameter(
+        name, "bound", bounds[0].value, (ends.get(True), ends.get(False)), (), "; ".join(reasons)
+    )
+
+
+def without_trust(parameter: Parameter, where: str) -> Parameter:
+    """Withdraw a verdict on values, because the model does not fit.
+
+    Args:
+        parameter: the parameter.
+        where: where the model fails.
+
+    Returns:
+        The same parameter, with its best value but without an interval.
+    """
+    if parameter.verdict not in ("identified", "ratio"):
+        return parameter
+    why = f"the model cannot repeat the measurements ({where}); the value is only the best one of a wrong model"
+    return dataclasses.replace(parameter, verdict="not excited", interval=(None, None), partners=(), why=why)
