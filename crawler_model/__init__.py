@@ -9,6 +9,8 @@ from .crawler.crawler import Crawler, prepare
 from .crawler.step import Certificate, Step
 from .derivative.sensitivities import Kink, Sensitivities, sensitivities
 from .errors import CommandError, CrawlerError, SceneError
+from .identify.identify import Identification, identify
+from .identify.measurements import MeasurementError, Measurements
 from .run.account import Energy
 from .run.cycle import LimitCycle, limit_cycle
 from .run.limits import Limit, largest_tow, steepest_climb
@@ -25,10 +27,13 @@ __all__ = [
     "Crawler",
     "CrawlerError",
     "Energy",
+    "Identification",
     "Kink",
     "Limit",
     "LimitCycle",
     "ManyRuns",
+    "MeasurementError",
+    "Measurements",
     "Scene",
     "SceneError",
     "Sensitivities",
@@ -36,6 +41,7 @@ __all__ = [
     "Trajectory",
     "Variations",
     "gallery",
+    "identify",
     "largest_tow",
     "limit_cycle",
     "load_scene",

@@ -184,9 +184,7 @@ def _fitted_rows(sizes: Sequence[int], hold_out: float) -> list[np.ndarray]:
     return [np.arange(size) < size - int(hold_out * size) for size in sizes]
 
 
-def _coarse(
-    problem: Problem, scene: Scene, checked: Sequence[Measurements], offset: Offset, delay: bool
-) -> Problem:
+def _coarse(problem: Problem, scene: Scene, checked: Sequence[Measurements], offset: Offset, delay: bool) -> Problem:
     """Build the problem with the first rows of each recording; the problem itself if it is small."""
     used = [i for i, rows in enumerate(problem.rows) if rows.any()]
     most = max(50, _COARSE // len(used))
@@ -228,9 +226,7 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
     return fit, structure
 
 
-def _shift(
-    problem: Problem, fit: Fit, group: set[int], first: int, shift: float, moved: np.ndarray
-) -> None:
+def _shift(problem: Problem, fit: Fit, group: set[int], first: int, shift: float, moved: np.ndarray) -> None:
     """Move a group along its null direction until its first member has the scene's value, in place."""
     members = sorted(group)
     part = fit.residuals.jacobian[:, members]

@@ -19,7 +19,7 @@ from ..derivative.path import TangentPath, build_vertices
 from ..errors import CommandError, SceneError
 from ..scene.scene import Scene
 from ..sweep.vary import Variations, vary
-from .measurements import Measurements, MeasurementError, observation
+from .measurements import MeasurementError, Measurements, observation
 
 _MOST_NUMBERS = 200_000_000
 _EXCESS = 1e-9

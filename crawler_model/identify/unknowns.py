@@ -83,9 +83,7 @@ class Space:
         return np.clip(drawn, self.low, self.high)
 
 
-def build_space(
-    names: Sequence[str], origin: np.ndarray, bounds: Mapping[str, tuple[float, float]] | None
-) -> Space:
+def build_space(names: Sequence[str], origin: np.ndarray, bounds: Mapping[str, tuple[float, float]] | None) -> Space:
     """Choose coordinates and bounds.
 
     Args:

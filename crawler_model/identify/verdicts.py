@@ -201,9 +201,7 @@ def noise_of(problem: Problem, fit: Fit) -> tuple[float, int]:
     return float(np.sqrt(score @ score / freedom) / np.mean(slope)), freedom
 
 
-def find_covariance(
-    problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]
-) -> tuple[np.ndarray, float]:
+def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -> tuple[np.ndarray, float]:
     """Compute the covariance of some parameters, the others held.
 
     Args:
@@ -362,9 +360,7 @@ def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: tuple[Held, ...]) 
         f"{b.recording}"
         for b in bounds
     ]
-    return Parameter(
-        name, "bound", bounds[0].value, (ends.get(True), ends.get(False)), (), "; ".join(reasons)
-    )
+    return Parameter(name, "bound", bounds[0].value, (ends.get(True), ends.get(False)), (), "; ".join(reasons))
 
 
 def without_trust(parameter: Parameter, where: str) -> Parameter:

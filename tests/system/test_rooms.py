@@ -26,6 +26,7 @@ ROOMS = {
         "examples",
     ),
     "crawler_model": (
+        "identify",
         "derivative",
         "sweep",
         "scene",

@@ -1,0 +1,280 @@
+"""Identification from synthetic measurements: values, ratios, bounds, and what is not determined."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_model import Scene
+from crawler_model.identify.identify import Identification, identify
+from crawler_model.identify.noise import ljung_box, runs_test
+
+from .synthetic import chain, measure, scaled, walk
+
+FRICTION = ["friction.forward", "friction.backward"]
+ALL = ["body.links.stiffness", *FRICTION]
+WRONG = {"friction.forward": 1.3, "friction.backward": 0.9, "body.links.stiffness": 1.5}
+
+
+def mixed(contacts: int = 3, seed: int = 0) -> dict[str, Any]:
+    """A chain in which contacts slide both ways: drawn friction, far from balanced."""
+    rng = np.random.default_rng(seed)
+    document = chain(contacts)
+    document["friction"] = {side: rng.uniform(0.2, 0.6, contacts).tolist() for side in ("forward", "backward")}
+    return document
+
+
+def truth(document: dict[str, Any], name: str) -> float:
+    key, _, at = name.removesuffix("]").partition("[")
+    node: Any = document
+    for step in key.split("."):
+        node = node[step]
+    return float(node[int(at)] if at else node)
+
+
+def check_honest(found: Identification, document: dict[str, Any], tolerance: float) -> int:
+    """Check every verdict against the truth; count the parameters that are identified."""
+    identified = 0
+    for p in found.parameters:
+        true = truth(document, p.name)
+        if p.verdict == "identified":
+            identified += 1
+            assert p.value == pytest.approx(true, rel=tolerance), p
+        elif p.verdict == "bound":
+            low, high = p.interval
+            assert low is None or low <= true * (1.0 + tolerance), p
+            assert high is None or high >= true * (1.0 - tolerance), p
+    return identified
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_without_noise_friction_is_found_to_rounding(seed: int) -> None:
+    document = mixed(seed=seed)
+    times, rows = walk(2, 6.0, seed)
+    found = identify(
+        scaled(document, WRONG | {"body.links.stiffness": 1.0}), [measure(document, times, rows)], FRICTION
+    )
+    assert found.model_fits, found.where
+    assert check_honest(found, document, 1e-9) >= 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_from_positions_stiffness_and_friction_are_found_as_ratios(seed: int) -> None:
+    document = mixed(seed=seed)
+    times, rows = walk(2, 6.0, seed)
+    guess = scaled(document, WRONG)
+    found = identify(guess, [measure(document, times, rows, offset=0.2)], ALL)
+    assert found.model_fits, found.where
+    ratios = [p for p in found.parameters if p.verdict == "ratio"]
+    assert len(ratios) >= 4
+    assert check_honest(found, document, 1e-9) == 0
+    first = ratios[0]
+    assert first.name == "body.links.stiffness[0]"
+    assert first.value == pytest.approx(guess.body.stiffness[0], rel=1e-12)
+    assert found.offsets[0] == pytest.approx([0.2] * 3, abs=1e-12)
+    for p in ratios[1:]:
+        assert first.name in p.partners
+        expected = truth(document, p.name) / truth(document, first.name)
+        assert p.value is not None and first.value is not None
+        assert p.value / first.value == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_known_load_fixes_the_scale() -> None:
+    document = mixed(seed=1) | {"loads": [0.05, -0.03, 0.04], "friction": {"isotropic": [0.3, 0.35, 0.25]}}
+    times, rows = walk(2, 6.0, 1)
+    guess = scaled(document, {"friction.isotropic": 1.2, "body.links.stiffness": 1.5})
+    found = identify(guess, [measure(document, times, rows)], ["body.links.stiffness", "friction.isotropic"])
+    assert found.model_fits, found.where
+    assert check_honest(found, document, 1e-9) >= 4
+    assert not any(p.verdict == "ratio" for p in found.parameters)
+
+
+def test_several_recordings_with_offsets_and_delays_are_fitted_together() -> None:
+    document = mixed(seed=4)
+    recordings = []
+    for k, delay in enumerate((0.013, -0.007)):
+        times, rows = walk(2, 4.0, 10 + k)
+        one = measure(document, times, rows, offset=0.1 * k)
+        object.__setattr__(one, "time", one.time + delay)
+        object.__setattr__(one, "name", f"run {k}")
+        recordings.append(one)
+    found = identify(scaled(document, WRONG | {"body.links.stiffness": 1.0}), recordings, FRICTION, delay=True)
+    assert found.model_fits, found.where
+    assert found.delays == pytest.approx([0.013, -0.007], abs=1e-9)
+    assert found.offsets[1][0] - found.offsets[0][0] == pytest.approx(0.1, abs=1e-9)
+    assert check_honest(found, document, 1e-9) >= 2
+
+
+def test_elongations_alone_are_enough() -> None:
+    document = mixed(seed=2)
+    times, rows = walk(2, 6.0, 2)
+    one = measure(document, times, rows, channels=("contact_0", "link_0", "link_1"))
+    found = identify(scaled(document, WRONG | {"body.links.stiffness": 1.0}), [one], FRICTION)
+    assert found.model_fits, found.where
+    assert check_honest(found, document, 1e-9) >= 2
+
+
+def test_outliers_count_less_in_a_robust_fit() -> None:
+    document = mixed(seed=3)
+    times, rows = walk(2, 6.0, 3)
+    one = measure(document, times, rows, noise=2e-4, seed=5)
+    values = one.values.copy()
+    values[::25, 1] += 0.05
+    object.__setattr__(one, "values", values)
+    guess = scaled(document, WRONG | {"body.links.stiffness": 1.0})
+    plain, robust = (identify(guess, [one], FRICTION, robust=r) for r in (False, True))
+    true = [truth(document, p.name) for p in robust.parameters]
+
+    def worst(found: Identification) -> float:
+        slid = [i for i, p in enumerate(robust.parameters) if p.verdict == "identified"]
+        assert slid
+        return max(abs((found.parameters[i].value or 0.0) / true[i] - 1.0) for i in slid)
+
+    assert worst(robust) < 0.5 * worst(plain)
+
+
+def coverage(cases: range) -> tuple[int, int]:
+    """Count the intervals that contain the truth at a noise of 1 % of the stroke, and all intervals."""
+    inside = total = 0
+    for case in cases:
+        document = mixed(2 + case % 2, seed=case % 7)
+        times, rows = walk(1 + case % 2, 4.0, case % 5)
+        one = measure(document, times, rows, noise=1e-3, seed=1000 + case)
+        guess = scaled(document, {"friction.forward": 1.1, "friction.backward": 0.95})
+        found = identify(guess, [one], FRICTION)
+        for p in found.parameters:
+            if p.verdict == "identified":
+                low, high = p.interval
+                assert low is not None and high is not None
+                total += 1
+                inside += low <= truth(document, p.name) <= high
+    return inside, total
+
+
+def test_intervals_cover_the_truth() -> None:
+    inside, total = coverage(range(100))
+    assert total >= 200
+    assert 0.92 <= inside / total <= 0.98
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth_in_a_thousand_cases() -> None:
+    inside, total = coverage(range(1000))
+    assert total >= 2000
+    assert 0.93 <= inside / total <= 0.97
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("contact", range(3))
+def test_a_contact_that_never_slid_has_a_lower_bound(contact: int, noise: float) -> None:
+    document = chain(3)
+    document["friction"]["forward"][contact] = document["friction"]["backward"][contact] = 9.0
+    times, rows = walk(2, 6.0, contact)
+    found = identify(
+        scaled(document, {"friction.forward": 1.2}), [measure(document, times, rows, noise=noise)], FRICTION
+    )
+    assert found.model_fits, found.where
+    for side in ("forward", "backward"):
+        p = found[f"friction.{side}[{contact}]"]
+        assert p.verdict == "bound"
+        low, high = p.interval
+        assert low is not None and 0.1 < low < 9.0 and high is None
+        assert f"contact {contact} did not slide" in p.why
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("link", range(2))
+def test_the_stiffness_of_a_link_between_held_contacts_is_not_identified(link: int, noise: float) -> None:
+    document = chain(3)
+    for contact in (link, link + 1):
+        for side in ("forward", "backward"):
+            document["friction"][side][contact] = 9.0
+    times, rows = walk(2, 6.0, link)
+    rows[:, link] = 0.0
+    found = identify(scaled(document, WRONG), [measure(document, times, rows, noise=noise)], ALL)
+    assert found.model_fits, found.where
+    assert found[f"body.links.stiffness[{link}]"].verdict == "not excited"
+    assert found[f"body.links.stiffness[{link}]"].value is None
+    assert check_honest(found, document, 0.0) == 0
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("seed", range(4))
+def test_scaled_together_nothing_is_identified(seed: int, noise: float) -> None:
+    document = mixed(seed=seed)
+    times, rows = walk(2, 6.0, 20 + seed)
+    found = identify(scaled(document, WRONG), [measure(document, times, rows, noise=noise)], ALL)
+    assert found.model_fits, found.where
+    assert check_honest(found, document, 0.0) == 0
+
+
+def test_at_rest_nothing_is_excited() -> None:
+    document = chain(3)
+    rows = np.random.default_rng(0).uniform(-0.002, 0.002, (31, 2))
+    rows[0] = 0.0
+    found = identify(scaled(document, WRONG), [measure(document, walk(2, 6.0, 0)[0], rows)], ALL)
+    assert found.model_fits
+    assert {p.verdict for p in found.parameters} <= {"not excited", "bound"}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("wrong", ["load", "stiffness", "friction changes", "lag"])
+def test_a_wrong_model_identifies_nothing(wrong: str, noise: float) -> None:
+    document = mixed(seed=1)
+    guess = copy.deepcopy(document)
+    times, rows = walk(2, 6.0, 3)
+    keys = ["friction.forward"]
+    if wrong == "load":
+        document["loads"] = [0.1, 0.0, -0.15]
+    elif wrong == "stiffness":
+        document["body"]["links"]["stiffness"] = [8.0, 60.0]
+    one = measure(document, times, rows, noise=noise)
+    if wrong == "friction changes":
+        document["friction"]["forward"] = [0.15, 0.7, 0.25]
+        half = one.time.size // 2
+        values = one.values.copy()
+        values[half:] = measure(document, times, rows, noise=noise).values[half:]
+        object.__setattr__(one, "values", values)
+    elif wrong == "lag":
+        object.__setattr__(one, "time", one.time + 0.15)
+    found = identify(Scene.model_validate(guess), [one], keys)
+    assert not found.model_fits
+    assert found.where is not None and "run 0" in found.where
+    assert not any(p.verdict in ("identified", "ratio") for p in found.parameters)
+
+
+def test_a_fit_that_ends_at_a_bound_is_reported() -> None:
+    document = mixed(seed=1)
+    times, rows = walk(2, 6.0, 1)
+    guess = scaled(document, {"friction.forward": 0.6})
+    most = 0.8 * truth(document, "friction.forward[0]")
+    found = identify(
+        guess,
+        [measure(document, times, rows, noise=0.02)],
+        ["friction.forward[0]"],
+        {"friction.forward[0]": (0.01, most)},
+    )
+    p = found.parameters[0]
+    assert p.verdict != "identified"
+    assert p.verdict == "bound" and p.interval == (pytest.approx(most), None)
+    assert "ended at its bound" in found.warnings[0]
+
+
+def test_the_same_seed_finds_the_same_bits() -> None:
+    document = mixed(seed=5)
+    times, rows = walk(2, 4.0, 5)
+    one = measure(document, times, rows, noise=1e-3)
+    first, second = (identify(scaled(document, WRONG), [one], ALL).summary() for _ in range(2))
+    assert first == second
+
+
+def test_tests_of_noise_accept_noise_and_refuse_patterns() -> None:
+    rng = np.random.default_rng(0)
+    accepted = [min(ljung_box(e), runs_test(e)) for e in rng.normal(size=(400, 200))]
+    assert np.mean(np.array(accepted) < 0.01) < 0.04
+    time = np.linspace(0.0, 10.0, 200)
+    assert ljung_box(np.sin(time)) < 1e-6
+    assert runs_test(np.sin(time)) < 1e-6
