@@ -123,7 +123,7 @@ class Ground:
     Attributes:
         weight: of each contact, shape (N,) [N].
         by_coefficient: of each contact, whether its friction follows from its weight, and so changes with the slope,
-            shape (N,); False while a drive commands friction.
+            shape (N,); not while a drive commands friction.
         slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
         track: patches of other ground; None if the ground is the same everywhere.

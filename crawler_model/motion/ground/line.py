@@ -11,7 +11,7 @@ from ..line_state import LineState
 
 
 class LineMotion(Protocol):
-    """The motion of a chain or a graph, resumed at every border."""
+    """What this motion needs of a chain or a graph."""
 
     @property
     def body(self) -> Body:

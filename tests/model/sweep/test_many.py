@@ -16,7 +16,6 @@ import pytest
 
 from crawler_model import CommandError, Scene, SceneError, gallery, load_scene, simulate, simulate_many, vary
 from crawler_model.run.account import average_displacement
-from crawler_model.run.transport import supporting_force
 from crawler_model.sweep import workers
 from crawler_model.sweep.many import Settings, run_chunk
 
@@ -534,9 +533,6 @@ def test_without_weights_the_force_is_the_mean_friction_of_all_contacts():
     )
     assert runs.period_work[1] == pytest.approx(work, abs=1e-12)
     assert runs.cost_of_transport[1] == pytest.approx(work / (2.0 * 2.0), abs=1e-12)  # mu = 1 N each, on average
-    document = load_scene("two_contacts_anisotropic").document()
-    del document["drive"]
-    assert supporting_force(Scene.model_validate(document)) == pytest.approx(0.7, abs=1e-15)
 
 
 def test_a_constant_factor_between_weights_and_friction_counts_once():
