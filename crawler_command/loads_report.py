@@ -9,7 +9,8 @@ from rich.console import Console
 
 from crawler_model import CommandError, Limit, Trajectory, largest_tow, steepest_climb
 from crawler_model.body.plan import Plan
-from crawler_model.theory.holding import Holding, Tilt, compute_holding
+from crawler_model.body.planar_loads import split_target
+from crawler_model.theory.holding import Holding, Tilt, compute_holding, steepest_held
 
 from .screen import progress_bar
 
@@ -19,7 +20,7 @@ _DIRECTIONS = {1: "forward", -1: "backward"}
 
 
 def print_holding(run: Trajectory, screen: Console) -> None:
-    """Print the limits at rest of a body on a line, at the start of its run.
+    """Print the limits of a body at rest, at the start of its run.
 
     Args:
         run: the run.
@@ -27,12 +28,20 @@ def print_holding(run: Trajectory, screen: Console) -> None:
     """
     scene, body = run.scene, run.scene.body
     if body.dimension == 2:
+        _print_planar_holding(scene, screen)
         return
-    drive = scene.drive
+    drive, ground = scene.drive, scene.ground
     load = drive.loads[0] if scene.columns.loads else np.zeros(body.contacts)
-    forward, backward = drive.forward[0] + load, drive.backward[0] - load
-    holding = compute_holding(body, scene.ground, run.tension[0], forward, backward, load)
+    plus, minus = drive.forward[0], drive.backward[0]
+    if ground.track is not None:
+        place = ground.track.find_places(body.position, run.displacement[0])
+        plus, minus, load = ground.track.bounds(drive.targets[0, body.springs :], place)
+    holding = compute_holding(body, ground, run.tension[0], plus + load, minus - load, load)
     _print_tow(scene, holding, screen)
+    if not ground.has_one_slope:
+        screen.print(
+            "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of their own"
+        )
     for tilt, direction in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
         if tilt is not None:
             screen.print(_describe_tilt(scene, tilt, direction))
@@ -52,12 +61,38 @@ def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
         )
 
 
+def _print_planar_holding(scene: Plan, screen: Console) -> None:
+    """Print what isotropic friction holds in the plane, the same in every direction."""
+    if scene.directions.shape[0]:
+        screen.print(
+            "largest tow and steepest slope that it holds at rest: not computed in the plane for friction that depends "
+            "on the direction, as they depend on it, too"
+        )
+        return
+    ground, loaded = scene.ground, scene.columns.loads > 0
+    _, friction, loads = split_target(scene.body, scene.directions, scene.drive.targets[0])
+    whole = float(friction.sum())
+    tow = whole - (math.hypot(*loads.sum(axis=0)) if loaded else 0.0)
+    screen.print(f"largest tow that it holds at rest, on any contact: {tow:.6g} N in every direction")
+    if not ground.weight.any():
+        return
+    if loaded and not np.allclose(loads, ground.slope_load, rtol=0.0, atol=1e-12 * whole):
+        screen.print("steepest slope that it holds at rest: not computed in the plane beside other loads")
+        return
+    slope = steepest_held(ground, friction[:, 0], np.zeros(scene.body.contacts))
+    screen.print(f"steepest slope that it holds at rest: {_degrees(slope)} degrees uphill in every direction")
+
+
+def _degrees(slope: float) -> str:
+    return "any, up to 90" if slope == math.pi / 2.0 else f"{math.degrees(slope):.6g}"
+
+
 def _sides(holding: Holding) -> tuple[tuple[np.ndarray, float], ...]:
     return (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
 
 
 def _describe_tilt(scene: Plan, tilt: Tilt, direction: str) -> str:
-    steepest = "any, up to 90" if tilt.steepest == math.pi / 2.0 else f"{math.degrees(tilt.steepest):.6g}"
+    steepest = _degrees(tilt.steepest)
     if tilt.gives_way == math.pi / 2.0:
         return f"steepest slope that it holds at rest, {direction}: {steepest} degrees"
     return (
@@ -70,10 +105,16 @@ def print_limits(scene: Plan, screen: Console) -> None:
     """Print the steepest slope and the largest tow on the last contact against which a period gains.
 
     Args:
-        scene: the scene; nothing is printed in the plane and without a drive that has a period.
+        scene: the scene; nothing is printed without a drive that has a period.
         screen: the console to print to.
     """
-    if scene.body.dimension == 2 or scene.drive.holds or scene.drive.period is None:
+    if scene.drive.holds or scene.drive.period is None:
+        return
+    if scene.body.dimension == 2:
+        screen.print(
+            "steepest slope and largest tow at which a period still gains: only on a line; in the plane a load turns "
+            "the body, so that its direction against the travel changes"
+        )
         return
     on = f"on {scene.body.name_of(scene.body.contacts - 1)}"
     if scene.ground.weight.any():

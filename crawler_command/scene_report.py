@@ -34,6 +34,8 @@ def print_report(run: Trajectory, screen: Console) -> None:
     scene, body = run.scene, run.scene.body
     screen.print(f"{scene.name}: {body.describe()}; valid")
     screen.print(_contacts(run))
+    if scene.ground.track is not None:
+        screen.print("stasis domain, directions and uniqueness margin are those of the ground outside the patches")
     if body.dimension == 1:
         screen.print(_direction(run))
     _print_conditions(run, screen)

@@ -17,7 +17,9 @@ import distributed
 import numpy as np
 
 from crawler_model import CrawlerError, ManyRuns, Variations
-from crawler_model.sweep.many import ROW, Settings, gather, run_chunk
+from crawler_model.sweep.many import Settings, run_chunk
+from crawler_model.sweep.results import gather
+from crawler_model.sweep.rows import ROW
 
 PATIENCE_S = 8.0
 """Longest wait for the scheduler's answer, and for a first worker [s]."""

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crawler_model import Scene
+from crawler_model.run.simulate import TimedJump
+
+from .colors import JUMP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _SOFTER, _HARDER, _MIXED, _SLOPED = "#9fd0f0", "#d8b48a", "#c7b5de", "#d5dcc6"
 
@@ -112,3 +120,19 @@ def _choose_color(forward: float, backward: float) -> str:
     if least == most == 1.0:
         return _SLOPED
     return _SOFTER if most <= 1.0 else _HARDER if least >= 1.0 else _MIXED
+
+
+def draw_jumps(axis: Axes, jumps: Sequence[TimedJump]) -> None:
+    """Draw each jump as a line from the border to where it ended, over a dotted line along the border.
+
+    Args:
+        axis: positions on the track over time, with a legend to come.
+        jumps: the jumps.
+    """
+    for border in sorted({jump.border for jump in jumps}):
+        axis.axhline(border, color=JUMP, linewidth=0.6, linestyle=":", zorder=0)
+    if jumps:
+        time, start = [jump.time for jump in jumps], [jump.border for jump in jumps]
+        axis.plot(time, start, "D", color=JUMP, markersize=4.5, zorder=4, label="jumps over a border (dotted)")
+        ends = [jump.border + jump.distance for jump in jumps]
+        axis.vlines(time, start, ends, color=JUMP, linewidth=2.2, zorder=4)

@@ -50,6 +50,20 @@ PLANAR_TENSION, PLANAR_ACTUATION = range(2)
 others are maxima or counts. DISSIPATION is that of the shifted bounds: friction dissipates DISSIPATION + LOADS_WORK."""
 ACCOUNT_SIZE = 14
 
+
+@compiled
+def dissipated(account):
+    """Compute the energy lost to friction.
+
+    Args:
+        account: shape (14,).
+
+    Returns:
+        The energy [J].
+    """
+    return account[DISSIPATION] + account[LOADS_WORK]
+
+
 _RETURNED = 2.0**-50
 
 AT_FORWARD, AT_BACKWARD = 1, 2

@@ -41,8 +41,9 @@ class Holding:
         slip_forward: least force towards +x that, applied to a contact alone, makes this contact slide, shape (N,)
             [N].
         slip_backward: force towards -x, likewise, shape (N,) [N].
-        uphill: tilted until it slides back, towards -x; None without weights.
-        downhill: tilted until it slides forward; None without weights.
+        uphill: tilted until it slides back, towards -x; None without weights, and where patches have slopes of their
+            own.
+        downhill: tilted until it slides forward; None likewise.
     """
 
     tow_forward: float
@@ -67,8 +68,8 @@ def compute_holding(
         body: a body on a line.
         ground: its ground.
         tension: T, shape (S,) [N].
-        forward: mu_plus, shape (N,) [N].
-        backward: mu_minus, shape (N,) [N].
+        forward: mu_plus, on patches of ground that of the place, shape (N,) [N].
+        backward: mu_minus, likewise, shape (N,) [N].
         load: f, the slope's share included, shape (N,) [N].
 
     Returns:
@@ -78,7 +79,7 @@ def compute_holding(
     plus, minus = forward - load, backward + load
     others = load - ground.slope_load
     uphill = downhill = None
-    if ground.weight.any():
+    if ground.weight.any() and ground.has_one_slope:
         uphill = _tilt(ground, backward, others, g)
         downhill = _tilt(ground, forward, -others, -g)
     return Holding(float(plus.sum()), float(minus.sum()), plus - g, minus + g, uphill, downhill)

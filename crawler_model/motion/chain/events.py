@@ -15,6 +15,7 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
+from ..pieces import note_piece
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -157,8 +158,9 @@ def follow_events(
     elements,
     share,
     wide,
-    limits,
+    ground,
     reached,
+    pieces_met,
 ):
     """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
 
@@ -177,8 +179,9 @@ def follow_events(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         wide: True to use the projection in double-double arithmetic.
-        limits: rows of `borders`, shape (3, N); None on ground that is the same everywhere.
+        ground: rows as in `Track.find_ground`, shape (8, N); None on ground that is the same everywhere.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        pieces_met: output, from `room_for_pieces`, or without rows.
 
     Returns:
         False if the budget was exceeded or a border was reached before the end; and the place on the ramp that was
@@ -238,8 +241,8 @@ def follow_events(
                 floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
             shifted = True
-        if limits is not None:
-            meeting = find_border(contacts, floats[ROW_V], floats[ROW_SINCE], s, limits)
+        if ground is not None:
+            meeting = find_border(contacts, floats[ROW_V], floats[ROW_SINCE], s, ground)
             if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 at_border = True
@@ -247,6 +250,7 @@ def follow_events(
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least * (until - s)
             account[GAIN_MOST] += most * (until - s)
+        note_piece(pieces_met, s, until, floats[ROW_V], floats[ROW_NEXT], bytes_[ROW_COMING])
         if at_border:
             done = False
             pieces -= until <= s
@@ -329,7 +333,7 @@ def follow_events(
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
         advance_loads(contacts, s)
-        if limits is not None and at_border:
-            mark_reached(contacts, floats[ROW_V], limits, reached)
+        if ground is not None and at_border:
+            mark_reached(contacts, floats[ROW_V], ground, reached)
     account[EVENTS] += pieces
     return done, end

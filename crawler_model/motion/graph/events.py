@@ -7,6 +7,7 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
+from ..pieces import note_piece
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -71,8 +72,9 @@ def follow_events(
     rounds,
     elements,
     share,
-    limits,
+    ground,
     reached,
+    pieces_met,
 ):
     """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
 
@@ -93,8 +95,9 @@ def follow_events(
         rounds: upper limit of rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        limits: rows of `borders`, shape (3, N); None on ground that is the same everywhere.
+        ground: rows as in `Track.find_ground`, shape (8, N); None on ground that is the same everywhere.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        pieces_met: output, from `room_for_pieces`, or without rows.
 
     Returns:
         The place reached, 1 for the end; False if the active set did not converge there, else True.
@@ -175,15 +178,15 @@ def follow_events(
                 floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
                 floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
-            if limits is not None:
-                ds = min(ds, find_border(contacts, v, np.full(n, at), at, limits) - at)
+            if ground is not None:
+                ds = min(ds, find_border(contacts, v, np.full(n, at), at, ground) - at)
             if ds > SHORTEST_STRETCH and is_wide(least, most, v):
                 account[AMBIGUOUS] = 1.0
                 account[GAIN_LEAST] += least * ds
                 account[GAIN_MOST] += most * ds
         at_border = False
-        if limits is not None:
-            meeting = find_border(contacts, v, np.full(n, at), at, limits)
+        if ground is not None:
+            meeting = find_border(contacts, v, np.full(n, at), at, ground)
             if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 ending = False
@@ -192,6 +195,7 @@ def follow_events(
             middle = 0.5 * (at + until)
         if not ending and spent > budget:
             return at, True
+        note_piece(pieces_met, at, until, v, floats[ROW_ARRIVAL], bytes_[ROW_COMING])
         if ds > 0.0 or (pieces == 0 and not at_border):
             pieces += 1
             account[EVENTS] += 1
@@ -217,8 +221,8 @@ def follow_events(
                     contacts[RELATIVE, i] += v[i] * ds
                 status[i] &= bytes_[ROW_HELD, i]
         at = until
-        if limits is not None and at_border:
-            mark_reached(contacts, v, limits, reached)
+        if ground is not None and at_border:
+            mark_reached(contacts, v, ground, reached)
             return at, True
         if ending:
             return 1.0, True

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...body.places import put_on_ground
 from ...compiled import compiled
 from ...rounding import EPS
+from ..borders import FOLLOWED, PASSED
+from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -249,8 +252,9 @@ def follow(
     bytes_,
     account,
     records,
-    limits,
+    ground,
     reached,
+    pieces,
 ):
     """Follow straight ramps to each of the targets in turn, until a contact reaches a border of the ground.
 
@@ -274,23 +278,30 @@ def follow(
         bytes_: flags of the contacts.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
-        limits: rows of `borders`, shape (3, N), with loads in rows and targets; None on ground that is the same
-            everywhere, where the gained displacement starts at zero.
+        ground: from `Track.find_ground`, shape (8, N), for contacts with rows of loads; None on ground that is the
+            same everywhere, where the gained displacement starts at zero.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        pieces: output, from `room_for_pieces`, or without rows.
 
     Returns:
-        The number of targets reached, and the part of the next ramp that was followed.
+        The number of targets reached; the part of the next ramp that was followed; and how it ended, see `borders`.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
     ramp = np.zeros(account.shape[0])
     before = np.empty(n)
     moved = np.zeros(n, np.int8)
-    if limits is None:
-        for i in range(n):
-            contacts[GAINED, i] = 0.0
+    if ground is None:
+        contacts[GAINED, :] = 0.0
+    else:
+        here = np.empty(springs + 3 * n)
     for v in range(targets.shape[0]):
         target = targets[v]
+        if ground is not None:
+            unheld = put_on_ground(targets[v], springs, ground, here)
+            if unheld != 0:
+                return v, 0.0, unheld
+            target = here
         if not is_in_force(contacts, links, target):
             energy = _stored_energy(stiffness, links)
             for i in range(n):
@@ -299,6 +310,7 @@ def follow(
                 ramp[i] = 0.0
             ramp[VISITED] = np.inf
             begin_loads(contacts, target)
+            begin_ramp(pieces, v)
             done = 0.0
             solved = True
             if exact:
@@ -319,12 +331,13 @@ def follow(
                     rounds,
                     elements,
                     share,
-                    limits,
+                    ground,
                     reached,
+                    pieces,
                 )
                 if done < 1.0:
                     at_border = False
-                    if limits is not None:
+                    if ground is not None:
                         at_border = reached.any()
                     if done < 1.0 - INSTANT and not at_border:
                         ramp[OVERSPENT if solved else UNSOLVED] = 1.0
@@ -334,7 +347,7 @@ def follow(
                         contacts[FORWARD, i] += done * (target[springs + i] - contacts[FORWARD, i])
                         contacts[BACKWARD, i] += done * (target[springs + n + i] - contacts[BACKWARD, i])
                     advance_loads(contacts, done)
-                if limits is not None and reached.any():
+                if ground is not None and reached.any():
                     middle = np.empty(target.shape[0])
                     read_commands(contacts, links, middle)
                     for i in range(n):
@@ -346,12 +359,12 @@ def follow(
                     )
                     end_loads(contacts, middle, ramp)
                     add_ramp(account, ramp)
-                    return v, done
+                    return v, done, FOLLOWED
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
                 ambiguous, least, most = ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST]
-                found = _catch_up(
+                if not _catch_up(
                     ends,
                     stiffness,
                     network,
@@ -367,8 +380,7 @@ def follow(
                     rounds,
                     elements,
                     share,
-                )
-                if not found:
+                ):
                     ramp[UNSOLVED] = 1.0
                 if done >= 1.0 - INSTANT:  # an instant without friction is not a stretch
                     ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = ambiguous, least, most
@@ -379,7 +391,9 @@ def follow(
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             record(contacts, links, records[v])
+        if ground is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
+            return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         account[VISITED] = _margin_at_rest(status, floats, contacts, moved)
-    return targets.shape[0], 0.0
+    return targets.shape[0], 0.0, FOLLOWED

@@ -1,0 +1,233 @@
+"""The path of a crawler along its drive, with the derivatives of positions and work."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..body.drive import NS, Drive
+from ..body.plan import Plan
+from ..crawler.crawler import default_budget
+from ..errors import CommandError
+from ..motion.follow import build_motion
+from ..motion.pieces import COUNT, HEADER, RAMP, room_for_pieces
+from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
+from .elimination import build_band
+from .parameters import Derivatives
+from .tangent import follow_tangent
+
+_MOST_NUMBERS = 4_000_000
+_KINKS = 4096
+"""Kinks that are listed for one call; more are counted only."""
+_PIECES_A_RAMP = 16
+
+
+@dataclass(frozen=True)
+class Vertices:
+    """Ends of ramps along a drive.
+
+    Attributes:
+        time_ns: when each is reached, shape (V,) [ns].
+        before: the waypoint before each, shape (V,).
+        after: the waypoint after each, the same one for a waypoint, shape (V,).
+        part: where between them it is, shape (V,).
+        d_part: derivatives of that place at a fixed time, shape (V, P).
+        d_time: derivatives of the time of a waypoint, shape (V, P); zero for other vertices [s].
+        targets: shape (V, F).
+    """
+
+    time_ns: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    part: np.ndarray
+    d_part: np.ndarray
+    d_time: np.ndarray
+    targets: np.ndarray
+
+
+def build_vertices(drive: Drive, derivatives: Derivatives, after_ns: int, tick_ns: np.ndarray) -> Vertices:
+    """Find the ends of the ramps of some ticks: the ticks' ends and the waypoints within them.
+
+    Args:
+        drive: the drive.
+        derivatives: of its arrays.
+        after_ns: start of the first tick [ns].
+        tick_ns: ends of the ticks, shape (T,) [ns].
+
+    Returns:
+        The vertices, in order.
+    """
+    until = int(tick_ns[-1])
+    margin = 0 if drive.period is None else int(drive.period * NS) + 2
+    last = int(np.rint(drive.times[-1] * NS)) if drive.period is None else until + margin
+    known, rows = drive.waypoints_between(max(after_ns - margin, -1) if margin else -1, last)
+    way_ns, _ = drive.waypoints_between(after_ns, until)
+    time_ns = np.union1d(tick_ns, way_ns)
+    at = np.clip(np.searchsorted(known, time_ns, side="right") - 1, 0, known.size - 1)
+    to = np.minimum(at + 1, known.size - 1)
+    on = np.isin(time_ns, way_ns) | (to == at)
+    to = np.where(on, at, to)
+    gap = np.maximum(known[to] - known[at], 1)
+    part = np.where(on, 0.0, np.maximum(time_ns - known[at], 0) / gap)
+    d_known = derivatives.times[rows]
+    if drive.period is not None:
+        number = np.rint((known / NS - drive.times[rows]) / drive.period)
+        d_known = d_known + number[:, None] * derivatives.period
+    d_gap = d_known[to] - d_known[at]
+    d_part = -np.where(on[:, None], 0.0, (d_known[at] + part[:, None] * d_gap) * (NS / gap)[:, None])
+    d_time = np.where(np.isin(time_ns, way_ns)[:, None], d_known[at], 0.0)
+    targets = drive.sample(time_ns)
+    is_waypoint = np.isin(time_ns, way_ns)
+    targets[is_waypoint] = drive.targets[rows[at[is_waypoint]]]
+    return Vertices(time_ns, rows[at], rows[to], part, d_part, d_time, np.ascontiguousarray(targets))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """What a path did along some vertices.
+
+    Attributes:
+        x: displacement at each vertex, without the rounding rest, shape (V, N) [m].
+        rest: that rest, shape (V, N) [m].
+        work: work of the actuators in each ramp, shape (V,) [J].
+        dx: derivatives of x, at a waypoint of the moving waypoint, shape (V, N, P).
+        d_work: derivatives of `work`, shape (V, P).
+        speed: velocity at the end of each ramp, shape (V, N) [m per ramp].
+    """
+
+    x: np.ndarray
+    rest: np.ndarray
+    work: np.ndarray
+    dx: np.ndarray
+    d_work: np.ndarray
+    speed: np.ndarray
+
+
+class TangentPath:
+    """A path in progress, with the derivatives of its state."""
+
+    def __init__(self, plan: Plan, derivatives: Derivatives) -> None:
+        """Begin at the start of a plan.
+
+        Args:
+            plan: a body on a line, on ground that is the same everywhere.
+            derivatives: of its arrays.
+        """
+        body, drive = plan.body, plan.drive
+        self._plan, self._derivatives = plan, derivatives
+        self._motion: Any = build_motion(plan)
+        x = plan.start_displacement
+        self._state = self._motion.start(x, drive.targets[0])
+        self._scratch = self._motion.scratch()
+        self._order, self._band = build_band(body)
+        columns = len(derivatives.names)
+        self._target = drive.targets[0].copy()
+        self._d_target = derivatives.targets[0].copy()
+        self._dx = derivatives.start.copy()
+        self._memory = np.zeros((2, body.contacts))
+        self._event = np.zeros(1 + 4 * columns)
+        self.one_sided = np.zeros(columns, np.bool_)
+        self.kinks: list[tuple[int, float, int]] = []
+        self._ramps = 0
+
+    @property
+    def dx(self) -> np.ndarray:
+        """Derivatives of the displacement, shape (N, P)."""
+        return self._dx.copy()
+
+    @property
+    def state(self) -> np.ndarray:
+        """Tensions, from which the motion under given commands follows, shape (S,) [N]."""
+        return np.array(self._state.tension)
+
+    def follow(self, vertices: Vertices) -> Stretch:
+        """Follow ramps to each vertex in turn.
+
+        Args:
+            vertices: their ends.
+
+        Returns:
+            Displacements and work at the vertices, with their derivatives.
+
+        Raises:
+            CommandError: if a ramp has too many events to be followed.
+        """
+        n = self._plan.body.contacts
+        most = max(1, _MOST_NUMBERS // (_PIECES_A_RAMP * (HEADER + 2 * n)))
+        most = min(most, max(1, _MOST_NUMBERS // max(self._dx.size, 1)))
+        found = [self._follow(vertices, slice(i, i + most)) for i in range(0, vertices.time_ns.size, most)]
+        if len(found) == 1:
+            return found[0]
+        names = ("x", "rest", "work", "dx", "d_work", "speed")
+        return Stretch(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
+
+    def _follow(self, vertices: Vertices, rows: slice) -> Stretch:
+        body, derivatives = self._plan.body, self._derivatives
+        n, springs = body.contacts, body.springs
+        targets = vertices.targets[rows]
+        count = targets.shape[0]
+        records = np.empty((count, 2 * n + springs))
+        begin_tension = np.array(self._state.tension)
+        pieces = self._find_pieces(targets, records)
+        tensions = np.vstack((begin_tension[None], records[:-1, 2 * n :]))
+        columns = len(derivatives.names)
+        dx, work, d_work = np.empty((count, n, columns)), np.empty(count), np.empty((count, columns))
+        kinks = np.zeros((_KINKS, 3))
+        follow_tangent(
+            body.ends,
+            np.array(body.stiffness),
+            derivatives.stiffness,
+            self._order,
+            self._band,
+            body.element_ends,
+            np.array(body.share),
+            np.array(self._plan.drive.targets),
+            derivatives.targets,
+            vertices.before[rows],
+            vertices.after[rows],
+            vertices.part[rows],
+            np.ascontiguousarray(vertices.d_part[rows]),
+            targets,
+            self._target,
+            tensions,
+            pieces,
+            self._dx,
+            self._d_target,
+            self._memory,
+            self._event,
+            dx,
+            work,
+            d_work,
+            kinks,
+            self.one_sided,
+        )
+        for ramp, place, contact in kinks[1 : 1 + int(kinks[0, 0])]:
+            self.kinks.append((self._ramps + int(ramp), float(place), int(contact)))
+        self._ramps += count
+        speed = np.zeros((count, n))
+        met = pieces[1 : 1 + int(pieces[0, COUNT])]
+        speed[met[:, RAMP].astype(np.int64)] = met[:, HEADER : HEADER + n]  # the last piece of a ramp remains
+        return Stretch(records[:, :n], records[:, n : 2 * n], work, dx, d_work, speed)
+
+    def _find_pieces(self, targets: np.ndarray, records: np.ndarray) -> np.ndarray:
+        """Follow ramps and note their pieces; again with more room if there are more pieces than expected."""
+        before = self._state.copy()
+        room = _PIECES_A_RAMP * targets.shape[0] + 64
+        while True:
+            pieces = room_for_pieces(room, self._plan.body.contacts)
+            account = np.zeros(ACCOUNT_SIZE)
+            account[VISITED] = math.inf
+            budget = default_budget(self._plan.body)
+            self._motion.follow(self._state, self._scratch, targets, True, budget, account, records, pieces)
+            failed = int(account[OVERSPENT] + account[UNSOLVED])
+            if failed:
+                raise CommandError(
+                    f"{failed} ramp(s) have too many events to be followed exactly; no derivative exists"
+                )
+            if pieces[0, COUNT] <= room:
+                return pieces
+            room = int(pieces[0, COUNT])
+            self._state = before.copy()

@@ -1,0 +1,72 @@
+"""The linear pieces of an exact path, noted by the event loops for those who ask for them.
+
+Without rows nothing is noted, and nothing is spent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import compiled
+
+RAMP, FROM, UNTIL = range(3)
+"""First columns of a piece: the ramp, and the part of it that the piece spans. The velocities of all contacts follow
+[m per unit of the ramp], then the bounds that they reach at its end, as bits AT_FORWARD and AT_BACKWARD."""
+COUNT, PRESENT_RAMP = range(2)
+"""Columns of the first row: the number of pieces met, which may exceed the rows there are, and the ramp in progress."""
+HEADER = 3
+
+NO_PIECES = np.zeros((0, 0))
+"""For those who do not ask."""
+
+
+def room_for_pieces(pieces: int, contacts: int) -> np.ndarray:
+    """Allocate the rows for the pieces of some ramps.
+
+    Args:
+        pieces: their number at most.
+        contacts: number of contacts N.
+
+    Returns:
+        Shape (pieces + 1, 3 + 2 N).
+    """
+    return np.zeros((pieces + 1, HEADER + 2 * contacts))
+
+
+@compiled
+def begin_ramp(pieces, ramp):
+    """Note which ramp the next pieces belong to.
+
+    Args:
+        pieces: from `room_for_pieces`, or without rows.
+        ramp: its index.
+    """
+    if pieces.shape[0] > 0:
+        pieces[0, PRESENT_RAMP] = ramp
+
+
+@compiled
+def note_piece(pieces, begin, until, velocity, arrival, coming):
+    """Note a piece of a path.
+
+    Args:
+        pieces: from `room_for_pieces`, or without rows.
+        begin: where it begins on the ramp.
+        until: where it ends.
+        velocity: of the contacts, shape (N,) [m per unit of the ramp].
+        arrival: where on the ramp each contact reaches a bound, shape (N,).
+        coming: the bound that it reaches there, shape (N,).
+    """
+    if pieces.shape[0] == 0 or until <= begin:
+        return
+    pieces[0, COUNT] += 1.0
+    row = int(pieces[0, COUNT])
+    if row >= pieces.shape[0]:
+        return
+    n = velocity.shape[0]
+    pieces[row, RAMP] = pieces[0, PRESENT_RAMP]
+    pieces[row, FROM] = begin
+    pieces[row, UNTIL] = until
+    for i in range(n):
+        pieces[row, HEADER + i] = velocity[i]
+        pieces[row, HEADER + n + i] = coming[i] if arrival[i] <= until else 0.0
