@@ -62,6 +62,9 @@ LONG = (
     "test_planar_tolerance.py::test_random_ramps*",
     "test_scene.py::test_every_gallery_scene*segment*",
     "test_scene.py::test_every_gallery_scene*hybrid*",
+    "test_cycle.py::test_a_gait*continuous*",
+    "test_sensitivities.py::test_random_crawlers*[[]??]",
+    "test_sensitivities.py::test_random_crawlers*[[][0379]]",
     "test_scene.py::test_the_scenes_of_the_docs*trunk_and_foot*",
 )
 """Tests that take seconds to hours with interpreted kernels; whatever they alone would reach has a shorter test."""
