@@ -17,8 +17,8 @@ _CASES = (
     ("two_anchor_a", "drive.length", 1),
     ("two_contacts_anisotropic", "friction.backward", 1),
     ("three_springs", "body.links.stiffness", 4),
-    ("ten_contact_wave", "drive.wave.amplitude", 100),
-    ("peristaltic_segment", "body.segments.trunk.stiffness", 1000),
+    ("ten_contact_wave", "drive.wave.amplitude", 40),
+    ("peristaltic_segment", "body.segments.trunk.stiffness", 100),
 )
 """Scene, key that varies within 10 %, and divisor of the number of variations."""
 

@@ -33,9 +33,13 @@ def bench(
     sweep: Annotated[
         bool, typer.Option("--sweep", help="Measure runs of many variations instead: rate, part of time in kernels.")
     ] = False,
+    gradients: Annotated[
+        bool, typer.Option("--gradients", help="Measure exact derivatives instead: cost and error beside differences.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    chosen = [name for name, is_chosen in (("node", node), ("replay", replay), ("sweep", sweep)) if is_chosen]
+    instead = (("node", node), ("replay", replay), ("sweep", sweep), ("gradients", gradients))
+    chosen = [name for name, is_chosen in instead if is_chosen]
     if chosen:
         if case:
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
@@ -43,6 +47,8 @@ def bench(
             raise CrawlerError(f"--{chosen[0]} and --{chosen[1]} cannot be combined; run one after the other")
         if sweep:
             _bench_sweep(quick, as_json, out)
+        elif gradients:
+            _bench_gradients(quick, as_json, out)
         else:
             _bench_processes(chosen[0], quick, as_json, out)
         return
@@ -78,6 +84,15 @@ def _bench_sweep(quick: bool, as_json: bool, out: Path) -> None:
     with progress_bar("measuring") as progress:
         rows = measure_sweep(QUICK if quick else VARIATIONS, progress)
     _write_rows("sweep", rows, quick, as_json, out)
+
+
+def _bench_gradients(quick: bool, as_json: bool, out: Path) -> None:
+    """Measure exact derivatives beside differences."""
+    from crawler_bench.gradients import CONTACTS, QUICK, measure_gradients
+
+    with progress_bar("measuring") as progress:
+        rows = measure_gradients(QUICK if quick else CONTACTS, progress)
+    _write_rows("gradients", rows, quick, as_json, out)
 
 
 def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:

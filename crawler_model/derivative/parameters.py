@@ -119,7 +119,7 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
     names = expand_keys(scene, keys, caller)
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)
     origin = {name: everything.origin(name) for name in names}
-    changing = {name: _changing(scene, name, path) for name, path in zip(names, everything.paths, strict=True)}
+    changing = {name: changing_keys(scene, name, path) for name, path in zip(names, everything.paths, strict=True)}
     together = names if shares_mesh(everything) else [n for n in names if shares_mesh(vary(scene, {n: [0.0]}))]
     found = _differentiate_together(scene, origin, {name: changing[name] for name in together})
     for name in names:
@@ -236,11 +236,19 @@ def _arrays_of_stack(many: Stack) -> np.ndarray:
     return np.hstack([np.reshape(part, (count, -1)) for part in parts])
 
 
-def _changing(scene: Scene, name: str, path: tuple[str | int, ...]) -> tuple[str, ...]:
-    """Find the keys that change with a number; none if it is fixed or not used.
+def changing_keys(scene: Scene, name: str, path: tuple[str | int, ...]) -> tuple[str, ...]:
+    """Find the keys that change with a number.
 
     The first time of a drive is 0. The last waypoint of a drive that ends with its period repeats the first one, and is
     not used itself.
+
+    Args:
+        scene: the scene.
+        name: key of the number.
+        path: the same key as a path into the document.
+
+    Returns:
+        The key, and its twin in the last row if there is one; none if the number is fixed or not used.
     """
     drive = scene.drive
     if path == ("drive", "times", 0):

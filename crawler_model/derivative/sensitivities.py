@@ -18,6 +18,7 @@ from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .parameters import differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
+from .planar import PlanarDerivatives, differentiate_in_plane
 
 _CHUNK = 4096
 _MOST_NUMBERS = 200_000_000
@@ -45,13 +46,16 @@ class Sensitivities:
         parameters: names of the parameters, shape (P,).
         values: their values in the scene, shape (P,).
         time: times of the start and of the end of each tick, as in `Trajectory`, shape (T,) [s].
-        displacement: d x / d p, shape (T, N, P).
-        net_translation: d y / d p, shape (T, P).
-        per_period: derivatives of the net translation gained in each whole period, shape (periods, P).
+        displacement: d x / d p, shape (T, N, P), in the plane (T, N, 2, P).
+        net_translation: d y / d p, shape (T, P), in the plane (T, 2, P).
+        per_period: derivatives of the net translation gained in each whole period, shape (periods, P), in the plane
+            (periods, 2, P).
         work: derivatives of the work of the actuators in the whole run, shape (P,).
-        period_work: derivatives of that work in each whole period, shape (periods, P).
+        period_work: derivatives of that work in each whole period, shape (periods, P); in the plane shape (0, P).
         one_sided: parameters whose derivatives are one-sided somewhere on the path, bool, shape (P,).
-        kinks: where they are.
+        kinks: where they are; not located in the plane.
+        tolerance: on a line 0, as derivatives are exact but for rounding; in the plane an estimate of their error,
+            relative to the largest derivative with respect to the same parameter [1].
     """
 
     parameters: tuple[str, ...]
@@ -64,6 +68,7 @@ class Sensitivities:
     period_work: np.ndarray
     one_sided: np.ndarray
     kinks: tuple[Kink, ...]
+    tolerance: float = 0.0
 
     @property
     def differentiable(self) -> bool:
@@ -72,8 +77,11 @@ class Sensitivities:
 
     def __repr__(self) -> str:
         """Describe the derivatives in one line."""
-        state = "differentiable" if self.differentiable else f"one-sided at {len(self.kinks)} kink(s)"
-        return f"Sensitivities({len(self.parameters)} parameters, {self.time.size} times, {state})"
+        state = "differentiable"
+        if not self.differentiable:
+            state = f"{int(self.one_sided.sum())} of them one-sided"
+        error = f", errors up to about {self.tolerance:.0e}" if self.tolerance else ""
+        return f"Sensitivities({len(self.parameters)} parameters, {self.time.size} times, {state}{error})"
 
 
 def sensitivities(
@@ -83,14 +91,15 @@ def sensitivities(
 
     The derivatives are exact through events: the path is piecewise linear, and only contacts that stop remember how
     they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative is that of the
-    path with the events in the order in which they are met.
+    path with the events in the order in which they are met. In the plane, where paths are followed to a tolerance, the
+    derivatives are differences of refined runs, four for each parameter, and `tolerance` estimates their error.
 
     A waypoint's derivatives are those at the moving waypoint for gains and work, and at the fixed time for
     displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
     which repeats the first one, are fixed: their derivatives are 0.
 
     Args:
-        scene: a scene on a line, a path or a gallery name.
+        scene: a scene, a path or a gallery name.
         keys: dotted keys, as for `vary`; a key that names a table or a list counts once for each number in it.
         duration: duration [s]; None for ten periods, or up to the last waypoint.
         rate: ticks per second [Hz].
@@ -99,12 +108,13 @@ def sensitivities(
         The derivatives at the times of `simulate(scene, duration, rate)`.
 
     Raises:
-        SceneError: if a key is unknown or names no number, if the scene has no drive, is in the plane, or has patches
-            of ground.
+        SceneError: if a key is unknown or names no number, if the scene has no drive, or has patches of ground.
         CommandError: if duration or rate is out of range, or a ramp has too many events.
     """
     scene = coerce_scene(scene, "sensitivities")
-    check_differentiable(scene, "sensitivities")
+    check_differentiable(scene, "sensitivities", plane=True)
+    if scene.dimension == 2:
+        return _in_plane(differentiate_in_plane(scene, keys, duration, rate, "sensitivities"))
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     seconds = default_duration(scene.drive) if duration is None else float(duration)
     if not 0.0 <= seconds < 9e9:
@@ -154,19 +164,36 @@ def sensitivities(
     )
 
 
-def check_differentiable(scene: Scene, caller: str) -> None:
+def _in_plane(found: PlanarDerivatives) -> Sensitivities:
+    return Sensitivities(
+        found.names,
+        frozen(found.values),
+        found.run.time,
+        frozen(found.displacement),
+        frozen(found.net_translation),
+        frozen(found.per_period),
+        frozen(found.work),
+        frozen(np.zeros((0, len(found.names)))),
+        frozen(found.one_sided, np.bool_),
+        (),
+        found.tolerance,
+    )
+
+
+def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None:
     """Check that the path of a scene can be differentiated.
 
     Args:
         scene: the scene.
         caller: name of the function, for error messages.
+        plane: whether differences of runs in the plane will do.
 
     Raises:
         SceneError: if it has no drive, is in the plane, or has patches of ground.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
-    if scene.dimension == 2:
+    if scene.dimension == 2 and not plane:
         raise SceneError(f"{caller}: {scene.name} is in the plane; derivatives are for bodies on a line")
     if scene.ground.track is not None:
         raise SceneError(f"{caller}: {scene.name} has ground.patches; derivatives across jumps are not implemented")

@@ -1,1 +1,1 @@
-"""Identification: the numbers of a scene under which the model repeats measured motion, and what a recording decides."""
+"""Identification: the numbers of a scene that repeat measured motion, and what a recording decides about each."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -105,7 +106,8 @@ def _step(
     step = np.zeros(unknowns.size)
     if free.size:
         # the triangle of a QR decomposition is small, so that its singular values cost little
-        triangle = np.linalg.qr(np.column_stack((jacobian[:, free] / size[free], residuals)), mode="r")
+        whole = np.column_stack((jacobian[:, free] / size[free], residuals))
+        triangle: Any = np.linalg.qr(whole, mode="r")
         count = min(free.size, triangle.shape[0])
         left, values, right = np.linalg.svd(triangle[:count, :-1], full_matrices=False)
         share = np.where(values > _NOTHING * values[0], values / (values**2 + damping), 0.0)

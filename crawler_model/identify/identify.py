@@ -155,6 +155,8 @@ def identify(
         raise CrawlerError(f"identify: starts: {starts}; it must be at least 1")
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"identify: offset: {offset!r}; it must be none, frame or each")
+    if scene.dimension == 2:
+        raise CrawlerError(f"identify: {scene.name} is in the plane; identification is for bodies on a line")
     checked = [check_measurements(scene, m) for m in recordings]
     check_differentiable(replay_scene(scene, checked[0]), "identify")
     names = expand_keys(replay_scene(scene, checked[0]), keys, "identify")
@@ -297,8 +299,8 @@ def _held_out_failure(problem: Problem, out: Sequence[np.ndarray], held_out: flo
     measured = problem.replicas[worst].measured
     time = measured.time[~problem.rows[worst]][row]
     return (
-        f"{measured.name}: held-out rows have residuals of {held_out:.3g} m, the fitted ones {noise:.3g} m; the largest "
-        f"is that of {measured.channels[column]} at {time:.4g} s"
+        f"{measured.name}: held-out rows have residuals of {held_out:.3g} m, the fitted ones {noise:.3g} m; the "
+        f"largest is that of {measured.channels[column]} at {time:.4g} s"
     )
 
 

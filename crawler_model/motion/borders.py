@@ -1,8 +1,8 @@
 """Borders between patches of ground, as limits of the displacements of contacts inside the compiled event loops.
 
-A contact stands in a patch or on a border; which of the two is data that `ground` changes (rounded positions cannot
-tell). A ramp is followed until a sliding contact reaches its next border, and stops there. A contact that stands on a
-border reaches it as soon as it moves: it leaves.
+A contact stands in a patch or on a border; which of the two is data that `ground` changes (rounded positions do not
+determine it). A ramp is followed until a sliding contact reaches its next border, and stops there. A contact that
+stands on a border reaches it as soon as it moves: it leaves.
 """
 
 from __future__ import annotations
@@ -89,13 +89,13 @@ def mark_reached(contacts, velocity, ground, reached):
         reached[i] = 0
         if _is_moving(velocity, i, fastest):
             gap, near = _gap(contacts, velocity, ground, i)
-            way = 1 if velocity[i] > 0.0 else -1
+            direction = 1 if velocity[i] > 0.0 else -1
             if gap <= 2.0 * near:
-                reached[i] = way
+                reached[i] = direction
                 arriving |= ground[AHEAD, i] != ground[BEHIND, i]
             if (gap - near) / abs(velocity[i]) < least:
                 least = (gap - near) / abs(velocity[i])
-                soonest, side = i, way
+                soonest, side = i, direction
     reached[soonest] = side
     if arriving:
         for i in range(velocity.shape[0]):

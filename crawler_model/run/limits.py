@@ -5,8 +5,8 @@ the tensions at the end of a period repeat. More load never carries a body furth
 the largest tow is found by bisection. A slope also lowers the friction of coefficients, which may help or
 hinder: slopes are scanned first, from the steepest down, and the end of the highest stretch that gains is bisected.
 
-On patches of ground there is no periodic regime before the last border is passed. The whole way counts there: against a
-load that is not too large, the body still gains behind the last border in its direction, or nothing holds it back
+On patches of ground there is no periodic regime before the last border is passed. The whole path counts there: against
+a load that is not too large, the body still gains behind the last border in its direction, or nothing holds it back
 before the search ends. Less load brings it at least as far, so that the bisection holds on patches, too.
 """
 
@@ -73,7 +73,7 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
     """Find the steepest slope, uphill in the direction of travel, on which a period of the drive still gains.
 
     The direction is that on level ground; the slope of the scene does not matter, its other loads do. On patches of
-    ground the whole way of the body counts; they are tilted with the track.
+    ground the whole path of the body counts; they are tilted with the track.
 
     Args:
         scene: a body on a line with weights, and a drive with a period.
@@ -107,8 +107,8 @@ def largest_tow(
 ) -> Limit:
     """Find the largest constant force on one contact, against the travel, with which a period still gains.
 
-    The direction of travel is that of the scene with its own slope and loads. On patches of ground the whole way of the
-    body counts.
+    The direction of travel is that of the scene with its own slope and loads. On patches of ground the whole path of
+    the body counts.
 
     Args:
         scene: a body on a line, and a drive with a period.

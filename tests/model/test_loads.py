@@ -101,6 +101,19 @@ def test_a_ramp_of_loads_does_not_depend_on_how_it_is_cut(between):
     assert total[0] != 0.0
 
 
+def test_coefficients_of_a_segment_act_on_its_weight_per_length():
+    trunk = {"name": "trunk", "from": 0.0, "to": 0.5, "stiffness": 1.0, "elements": 4}
+    trunk["friction"] = {"coefficient": {"forward": 0.2, "backward": 0.8}}
+    body = {"segments": [trunk], "weights": 2.0}
+    crawler = Crawler(Scene.model_validate({"name": "s", "body": body, "ground": {"slope": 10.0}}))
+    weight = 2.0 * 0.5
+    load = -weight * math.sin(math.radians(10.0))
+    forward, backward = crawler.friction.reshape(2, 5).sum(axis=1)
+    assert forward == pytest.approx(0.2 * weight * math.cos(math.radians(10.0)))
+    assert backward == pytest.approx(0.8 * weight * math.cos(math.radians(10.0)))
+    assert crawler.loads.sum() == pytest.approx(load)
+
+
 def test_loads_along_a_segment_are_per_length():
     def scene(load):
         segment = {"name": "trunk", "from": 0.0, "to": 1.0, "stiffness": 1.0, "elements": 200}
@@ -216,6 +229,10 @@ REFUSED = [
     ({"friction": {"coefficient": {"isotropic": 0.5}}}, "body.weights: missing; a coefficient of friction acts"),
     ({"friction": {"coefficient": {"isotropic": 0.5}, "isotropic": 1}}, "give `coefficient`, or forces, not both"),
     ({"body": {"weights": [1.0, -1.0]}}, "body.weights: entry 1 is -1"),
+    (
+        {"drive": {"times": [0, 1], "period": 1, "actuation": [[0], [0]], "loads": [[0, 0], [0, 0.1]]}},
+        "drive.loads: the last row, at the period's end, has 0.1 for contact_1/load and the first 0",
+    ),
 ]
 
 

@@ -189,6 +189,19 @@ def test_a_body_that_nothing_holds_slides_to_the_foot_of_the_hill(between):
     assert step.jump_loss == pytest.approx(step.work + loads - friction - stored, abs=1e-12)
 
 
+@BODIES
+def test_friction_commanded_below_what_a_slope_needs_lets_the_body_slide_to_its_foot(between):
+    """Both forward bounds are 0 on the way, when friction equals the load of 0.5 N; the front then stands at 3 m."""
+    hill = [{"from": -5.0, "to": 3.0, "slope": -30.0}]
+    crawler = Crawler(two(hill, 1.0, 1.0, between=between, body={"weights": 1.0}))
+    step = go(crawler, 0.0, forward=[0.4, 0.4], backward=[0.4, 0.4])
+    assert crawler.displacement == pytest.approx([2.1, 2.0], abs=1e-12)
+    (jump,) = step.jumps
+    assert (jump.contact, jump.border, jump.loss) == (1, 3.0, 0.0)
+    assert jump.distance == pytest.approx(2.0, abs=1e-12)
+    assert abs(step.certificate.energy_residual) < 1e-12
+
+
 def test_commanded_friction_and_that_of_the_place_multiply():
     crawler = Crawler(two(ice(0.5, start=0.5)))
     go(crawler, 0.0, forward=[0.4, 0.8], backward=[1.0, 1.0])

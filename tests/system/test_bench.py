@@ -16,6 +16,7 @@ from crawler_bench.entrants import ours
 from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
+from crawler_bench.gradients import measure_gradients
 from crawler_bench.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
 
@@ -245,3 +246,13 @@ def test_runs_of_many_variations_are_measured():
     for row in rows:
         assert row["runs_per_s"] > 0.0
         assert 0.0 < row["in_kernels"] <= 1.0
+
+
+def test_exact_derivatives_are_measured_beside_differences():
+    rows = measure_gradients((2, 3), lambda part: None)
+    assert [(row["n"], row["method"]) for row in rows] == [
+        (n, method) for n in (2, 3) for method in ("exact", "differences")
+    ]
+    for row in rows:
+        assert row["ms"] > 0.0
+        assert row["error"] < (1e-9 if row["method"] == "exact" else 1e-3)

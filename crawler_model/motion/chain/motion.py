@@ -78,7 +78,7 @@ class ChainMotion:
         spent: np.ndarray,
         records: np.ndarray,
     ) -> None:
-        """Follow straight ramps exactly, for each variation of the body, see `many.follow_many`."""
+        """Follow straight ramps exactly, for each variation of the body, see `Motion` and `LineMotion`."""
         body = self.body
         many.follow_many(
             body.elasticity,

@@ -90,7 +90,7 @@ class GraphMotion:
         spent: np.ndarray,
         records: np.ndarray,
     ) -> None:
-        """Follow straight ramps exactly, for each variation of the body, see `many.follow_many`."""
+        """Follow straight ramps exactly, for each variation of the body, see `Motion` and `LineMotion`."""
         body = self.body
         work, ramp_memory = scratch
         many.follow_many(

@@ -1,4 +1,4 @@
-"""The motion of a chain or a graph between two borders."""
+"""What chains and graphs offer beside `Motion`: motion up to a border of the ground, and of many variations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..line_state import LineState
 
 
 class LineMotion(Protocol):
-    """The motion of a chain or a graph, resumed at every border."""
+    """The motion of a chain or a graph: resumed at every border of patches, and over many variations in sweeps."""
 
     @property
     def body(self) -> Body:
@@ -53,5 +53,33 @@ class LineMotion(Protocol):
         Returns:
             The number of targets reached; the part of the next ramp that was followed; and how it ended: FOLLOWED or
             PASSED, or 1 or -1 before a ramp at whose end the ground holds nothing, forward or backward.
+        """
+        ...
+
+    def follow_many(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        rows: np.ndarray,
+        legs: np.ndarray,
+        budget: int,
+        accounts: np.ndarray,
+        spent: np.ndarray,
+        records: np.ndarray,
+    ) -> None:
+        """Follow straight ramps exactly, for each of M variations of the body, in one compiled call.
+
+        Args:
+            state: of all variations, changed in place.
+            scratch: memory from `scratch`.
+            targets: targets to choose from, shape (M, W, F).
+            rows: which of them end the ramps, the same for all variations, shape (V,).
+            legs: the ramps at which the account is read, increasing from 0 to V, shape (L + 1,).
+            budget: upper limit of work in one ramp.
+            accounts: entries as in `motion.state`, shape (M, 14), added to.
+            spent: output: work, and energy lost to friction, since the start of the call at the end of each leg, shape
+                (M, L, 2) [J].
+            records: output: displacement, its rest and tension after each ramp, shape (M, V, 2 N + S).
         """
         ...

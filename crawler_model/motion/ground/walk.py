@@ -5,9 +5,9 @@ contact that reaches a border forward with the spring force g, which is its forw
 
 * stands there, free, if the ground ahead holds more than g;
 * goes on if it holds the same;
-* else jumps: its bound falls from g to what the ground ahead holds, along a ramp in no time at fixed commands. That
-  ramp is followed like any other, with the part of the bound that the ground does not give as an extra load, whose work
-  is the energy lost. Further borders on the way are further events.
+* otherwise jumps: at fixed commands and without duration, its bound falls from g to what the ground ahead holds. The
+  fall is followed like any other ramp; the part of the bound that the ground does not provide is an extra load, whose
+  work is the energy lost. Borders that are met during the fall are further events.
 
 Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with the displacements
 of the others; so the end of a jump is the least displacement at which all bounds hold. Where no equilibrium is left,
@@ -50,17 +50,17 @@ from .line import LineMotion
 from .state import GroundState
 
 _SAME = 16.0 * EPS
-"""Bounds closer than this, relative to their size, are equal."""
+"""Bounds closer than this, relative to their size, count as equal."""
 _MOST_STOPS = 1000
-"""Borders met by each contact in one ramp, on average, beyond which the rest of the ramp passes over them."""
-_DOUBTS = [AMBIGUOUS, GAIN_LEAST, GAIN_MOST]
+"""Average number of borders per contact in one ramp beyond which the rest of the ramp passes over borders."""
+_UNDETERMINED = [AMBIGUOUS, GAIN_LEAST, GAIN_MOST]
 
 
 @dataclass
 class _Fall:
     """A jump in progress: direction, border, displacement there, energy lost so far."""
 
-    way: int
+    direction: int
     border: float
     x: float
     loss: float = 0.0
@@ -116,13 +116,13 @@ class Walk:
             CommandError: if the body reaches ground on which no equilibrium is left; the state has to be restored.
         """
         state, account = self._state, self._account
-        begin, doubts = state.command.copy(), account[_DOUBTS]
+        begin, undetermined = state.command.copy(), account[_UNDETERMINED]
         ramp, done = 0, 0.0
         rows = targets
         while True:
             count, part = self._settle_end(rows[0], self._ground(), found)
             if 1.0 - done <= SHORTEST_STRETCH:  # what is left of a ramp is an instant
-                account[_DOUBTS] = doubts
+                account[_UNDETERMINED] = undetermined
             if count:
                 ramp, done, self._stops = ramp + count, 0.0, 0
                 begin = targets[ramp - 1].copy()
@@ -137,7 +137,7 @@ class Walk:
             if ramp == targets.shape[0]:
                 return tuple(self._jumps)
             rows = targets[ramp:] if done == 0.0 else targets[ramp : ramp + 1]
-            doubts = account[_DOUBTS]
+            undetermined = account[_UNDETERMINED]
             found = self._follow(rows, records[ramp:][: len(rows)], self._ground())
 
     def _ground(self) -> np.ndarray:
@@ -172,12 +172,12 @@ class Walk:
             return count, part
         return 0, self._follow_while_held(target, ground, ending)
 
-    def _follow_while_held(self, target: np.ndarray, ground: np.ndarray, way: int) -> float:
+    def _follow_while_held(self, target: np.ndarray, ground: np.ndarray, direction: int) -> float:
         """Follow a ramp to where nothing holds the body in a direction, and slide on; return the part followed."""
         state, springs, n = self._state, self._springs, self._n
         end = np.empty(springs + 3 * n)
         put_on_ground(target, springs, ground, end)
-        row, first = (FORWARD, springs) if way > 0 else (BACKWARD, springs + n)
+        row, first = (FORWARD, springs) if direction > 0 else (BACKWARD, springs + n)
         goal = float(end[first : first + n].sum())
         now = max(float(state.contacts[row].sum()), 0.0)
         share = now / (now - goal)
@@ -185,7 +185,7 @@ class Walk:
         _, part, _ = self._follow((begin + share * (end - begin))[None], self._no_records, keep_borders(ground))
         if self._reached.any():
             return share * part
-        self._slide(way, end)
+        self._slide(direction, end)
         return share
 
     def _follow(self, targets: np.ndarray, records: np.ndarray, ground: np.ndarray) -> tuple[int, float, int]:
@@ -205,17 +205,17 @@ class Walk:
         )
         return count, part, PASSED if spent and ending == FOLLOWED else ending
 
-    def _slide(self, way: int, target: np.ndarray) -> None:
+    def _slide(self, direction: int, target: np.ndarray) -> None:
         """Slide the whole body, with all contacts at their bounds, to the next border of one of them."""
         state, account = self._state, self._account
         ground = self._ground()
         x = state.contacts[X]
-        gaps = (ground[AHEAD] - x if way > 0 else x - ground[BEHIND]) - way * state.contacts[X_REST]
+        gaps = (ground[AHEAD] - x if direction > 0 else x - ground[BEHIND]) - direction * state.contacts[X_REST]
         distance = float(gaps.min())
         if distance == np.inf:
-            raise CommandError(self._runaway(way, target))
-        distance = way * max(distance, 0.0)
-        total = float(state.contacts[FORWARD if way > 0 else BACKWARD].sum()) * abs(distance)
+            raise CommandError(self._runaway(direction, target))
+        distance = direction * max(distance, 0.0)
+        total = float(state.contacts[FORWARD if direction > 0 else BACKWARD].sum()) * abs(distance)
         account[DISSIPATION] += total
         account[RESIDUAL] += total
         account[LOADS_WORK] += float(state.contacts[LOAD].sum()) * distance
@@ -224,26 +224,26 @@ class Walk:
         state.contacts[LOAD_WORK] = worked
         self._slid = distance
         none = state.contacts[FORWARD] + state.contacts[BACKWARD] == 0.0
-        state.status[:] = np.where(none, AT_FORWARD | AT_BACKWARD, AT_FORWARD if way > 0 else AT_BACKWARD)
+        state.status[:] = np.where(none, AT_FORWARD | AT_BACKWARD, AT_FORWARD if direction > 0 else AT_BACKWARD)
         near = ground[ROUNDING_OF_PLACE] + 16.0 * EPS * np.abs(x)
-        self._reached[:] = np.where(gaps <= abs(distance) + near, way, 0)
+        self._reached[:] = np.where(gaps <= abs(distance) + near, direction, 0)
         if not self._falls and distance != 0.0:
             first = int(np.flatnonzero(self._reached)[0])
-            border = self._track.borders[(state.place[first] + way) // 2 - (way < 0)]
+            border = self._track.borders[(state.place[first] + direction) // 2 - (direction < 0)]
             self._jumps.append(Jump(*self._at, first, float(border), distance, 0.0))
 
-    def _runaway(self, way: int, target: np.ndarray) -> str:
-        """Say which sums do not fit on the ground where the body would end."""
+    def _runaway(self, direction: int, target: np.ndarray) -> str:
+        """Build the message with the sums that do not fit on the ground where the body would end."""
         n = self._n
         forward, backward, load = target[self._springs :].reshape(3, n)
         if self._falls:  # the row of loads holds the extra loads of the jump
             load = self._track.bounds(self._state.command[self._springs :], self._state.place)[2]
         total = float(load.sum())
-        friction = float(forward.sum()) + total if way > 0 else float(backward.sum()) - total
-        side = "forward" if way > 0 else "backward"
+        friction = float(forward.sum()) + total if direction > 0 else float(backward.sum()) - total
+        side = "forward" if direction > 0 else "backward"
         return (
-            f"ground.patches: on the ground that the contacts reach, the loads sum to {way * total:g} N {side}, but "
-            f"friction against sliding {side} to {friction:g} N: no equilibrium, the body would run away"
+            f"ground.patches: on the ground that the contacts reach, the loads sum to {direction * total:g} N {side}, "
+            f"but friction against sliding {side} to {friction:g} N: no equilibrium, the body would run away"
         )
 
     # -- borders ----------------------------------------------------------------------------------------------------
@@ -254,43 +254,43 @@ class Walk:
             self._meet_border(int(contact), int(self._reached[contact]))
         self._reached[:] = 0
 
-    def _meet_border(self, i: int, way: int) -> None:
-        """Let contact i, sliding in direction `way`, stand, go on or jump at the border that it has reached."""
+    def _meet_border(self, i: int, direction: int) -> None:
+        """Let contact i, sliding in `direction`, stand, go on or jump at the border that it has reached."""
         state = self._state
         x = state.contacts[X, i]
-        row, bit = (FORWARD, AT_FORWARD) if way > 0 else (BACKWARD, AT_BACKWARD)
+        row, bit = (FORWARD, AT_FORWARD) if direction > 0 else (BACKWARD, AT_BACKWARD)
         if state.place[i] % 2 == 1:
-            self._enter(i, state.place[i] + way, bit if self._is_at_bound(i, way) else 0)
+            self._enter(i, state.place[i] + direction, bit if self._is_at_bound(i, direction) else 0)
             return
         fall = self._falls.pop(i, None)
         if fall is not None:
             self._close(i, fall)
         now = state.contacts[row, i]
-        bounds = self._bounds_of(i, state.place[i] + 2 * way)
-        new = bounds[0 if way > 0 else 1]
+        bounds = self._bounds_of(i, state.place[i] + 2 * direction)
+        new = bounds[0 if direction > 0 else 1]
         near = _SAME * (abs(state.contacts[FORWARD, i]) + abs(state.contacts[BACKWARD, i]) + abs(new))
-        if new > now + near or not self._is_at_bound(i, way):
-            self._enter(i, state.place[i] + way, 0)
+        if new > now + near or not self._is_at_bound(i, direction):
+            self._enter(i, state.place[i] + direction, 0)
             state.status[i] &= ~bit
             return
-        border = self._track.borders[(state.place[i] + way) // 2]
-        self._enter(i, state.place[i] + 2 * way, bit)
+        border = self._track.borders[(state.place[i] + direction) // 2]
+        self._enter(i, state.place[i] + 2 * direction, bit)
         if new < now - near:
             state.contacts[row, i] = now
             state.status[i] = bit
-            self._falls[i] = _Fall(way, float(border), float(x))
+            self._falls[i] = _Fall(direction, float(border), float(x))
 
-    def _is_at_bound(self, i: int, way: int) -> bool:
+    def _is_at_bound(self, i: int, direction: int) -> bool:
         """Check that contact i is at the bound of its motion; else its motion is rounding.
 
         Where all contacts are at their bounds within rounding, those that have yet to arrive slide, too.
         """
         state = self._state
-        if state.status[i] & (AT_FORWARD if way > 0 else AT_BACKWARD):
+        if state.status[i] & (AT_FORWARD if direction > 0 else AT_BACKWARD):
             return True
         forward, backward = state.contacts[[FORWARD, BACKWARD], i]
         force = float(self._line.body.spring_force(state.tension)[i])
-        distance = forward - force if way > 0 else backward + force
+        distance = forward - force if direction > 0 else backward + force
         return bool(abs(distance) <= 100.0 * CRITICAL * (abs(forward) + abs(backward)))
 
     def _bounds_of(self, i: int, place: int) -> tuple[float, float, float]:
@@ -319,16 +319,16 @@ class Walk:
         places = self._track.find_places(body.position, x)
         force = body.spring_force(state.tension)
         for i in beyond.tolist():
-            way = 1 if x[i] > ground[AHEAD, i] else -1
+            direction = 1 if x[i] > ground[AHEAD, i] else -1
             self._falls.pop(i, None)
             self._enter(i, int(places[i]), 0)
-            row, bit = (FORWARD, AT_FORWARD) if way > 0 else (BACKWARD, AT_BACKWARD)
+            row, bit = (FORWARD, AT_FORWARD) if direction > 0 else (BACKWARD, AT_BACKWARD)
             state.status[i] = 0
-            if way * force[i] > state.contacts[row, i]:
-                state.contacts[row, i] = way * force[i]
+            if direction * force[i] > state.contacts[row, i]:
+                state.contacts[row, i] = direction * force[i]
                 state.status[i] = bit
-                border = ground[AHEAD if way > 0 else BEHIND, i] + body.position[i]
-                self._falls[i] = _Fall(way, float(border), float(x[i]))
+                border = ground[AHEAD if direction > 0 else BEHIND, i] + body.position[i]
+                self._falls[i] = _Fall(direction, float(border), float(x[i]))
         if beyond.size:
             self._reached[:] = 0
 
@@ -337,7 +337,7 @@ class Walk:
     def _jump(self) -> None:
         """Follow the falling bounds of all jumps in progress, at fixed commands, to their end."""
         state, account = self._state, self._account
-        before = account[[*_DOUBTS, VISITED]]
+        before = account[[*_UNDETERMINED, VISITED]]
         while self._falls:
             target = self._falling()
             loads = self._here(state.command)[-self._n :]
@@ -360,29 +360,29 @@ class Walk:
         self._settle(before)
 
     def _falling(self) -> np.ndarray:
-        """Set the extra loads of the jumps in progress, what the ground does not give of their bounds; end at 0."""
+        """Set the extra loads of jumps: the parts of bounds that the ground does not provide; return their end."""
         state, springs, n = self._state, self._springs, self._n
         target = self._here(state.command)
         target[:springs] = state.links[ACTUATION]
         target[-n:] = 0.0
         state.contacts[LOAD] = 0.0
         for i, fall in self._falls.items():
-            row, first = (FORWARD, springs) if fall.way > 0 else (BACKWARD, springs + n)
-            state.contacts[LOAD, i] = -fall.way * max(float(state.contacts[row, i] - target[first + i]), 0.0)
+            row, first = (FORWARD, springs) if fall.direction > 0 else (BACKWARD, springs + n)
+            state.contacts[LOAD, i] = -fall.direction * max(float(state.contacts[row, i] - target[first + i]), 0.0)
         return target
 
     def _close(self, i: int, fall: _Fall) -> None:
-        """Enter a jump in the results."""
+        """Append a jump to the results."""
         distance = float(self._state.contacts[X, i]) - fall.x
         self._jumps.append(Jump(*self._at, i, fall.border, distance, fall.loss))
 
     def _settle(self, before: np.ndarray) -> None:
-        """Put the bounds and loads of the ground into force after a jump; on its way nothing counts as undetermined."""
+        """Set the bounds and loads of the ground after a jump, during which nothing counts as undetermined."""
         state, account = self._state, self._account
         here = self._track.bounds(state.command[self._springs :], state.place)
         state.contacts[FORWARD], state.contacts[BACKWARD], state.contacts[LOAD] = here
         none = (here[0] + here[1] == 0.0) & (state.status != 0)
         state.status[none] = AT_FORWARD | AT_BACKWARD
-        account[[*_DOUBTS, VISITED]] = before
+        account[[*_UNDETERMINED, VISITED]] = before
         margin = state.visited_margin(self._line.body.spring_force(state.tension))
         account[VISITED] = min(before[-1], margin)

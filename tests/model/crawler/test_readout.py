@@ -65,3 +65,16 @@ def test_in_the_plane_every_number_is_two():
     assert contacts[0] == pytest.approx((crawler.body.position + x)[1:].ravel())
     assert contacts[1] == pytest.approx(moved[1:].ravel())
     assert contacts[2] == pytest.approx(-crawler.spring_force[1:].ravel())
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_the_force_of_the_ground_carries_the_loads_too(dimension):
+    place, loads = ([0.0, 1.0], [0.25, -0.5]) if dimension == 1 else ([[0, 0], [1, 0]], [[0.25, 0.1], [-0.5, 0.0]])
+    body = {"contacts": place, "links": {"stiffness": 1.0}}
+    document = {"name": "x", "dimension": dimension, "body": body, "friction": {"isotropic": 1.0}, "loads": loads}
+    crawler = Crawler(Scene.model_validate(document))
+    crawler.advance([0.5] if dimension == 1 else [[0.5, 0.0]])
+    assert crawler.spring_force.any()
+    joints, contacts = read(crawler, [0, 1], 1.0)
+    assert contacts[2] == pytest.approx(-(crawler.spring_force + loads).ravel())
+    assert joints[2, :dimension] == pytest.approx(contacts[2, :dimension])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Scene, SceneError, load_scene, sensitivities, simulate
+from crawler_model import CommandError, Scene, SceneError, load_scene, sensitivities, simulate, vary
 
 from .drawn import KEYS, SEGMENT_KEYS, differences, draw, draw_segment
 
@@ -177,7 +177,6 @@ def test_friction_that_leaves_the_translation_open_is_a_kink() -> None:
         ("two_anchor_a", [], "at least one key"),
         ("two_anchor_a", "drive.length", "must be a list"),
         ("two_anchor_a", ["drive.length", "drive.length"], "named twice"),
-        ("planar_three_points", ["friction.isotropic"], "in the plane"),
         ("three_contacts_two_ways", ["drive.times[9]"], "unknown key"),
     ],
 )
@@ -195,6 +194,30 @@ def test_fixed_times_have_no_derivative() -> None:
     assert not found.displacement[..., [0, -1]].any()
     assert found.displacement[..., 1:-1].any()
     assert np.abs(found.per_period).max() <= 1e-15
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [("planar_three_points", "friction.isotropic[2]", 0.2), ("planar_rectilinear", "body.links.stiffness", 20.0)],
+)
+def test_in_the_plane_derivatives_have_a_tolerance(name: str, key: str, value: float) -> None:
+    scene = load_scene(name)
+    found = sensitivities(scene, [key], 2.0, 2.0)
+    assert found.displacement.shape == (5, scene.body.contacts, 2, 1)
+    assert found.per_period.shape == (2, 2, 1)
+    assert found.differentiable
+    assert 0.0 < found.tolerance < 1e-3
+    step = 1e-3 * value
+    low, high = (simulate(one, 2.0, 2.0) for one in vary(scene, {key: [value - step, value + step]}))
+    expected = (high.displacement - low.displacement) / (2.0 * step)
+    size = np.abs(found.displacement).max()
+    assert np.abs(found.displacement[..., 0] - expected).max() <= 1e-3 * size + 1e-3 * scene.drive.targets.max()
+
+
+def test_in_the_plane_kinks_are_found() -> None:
+    found = sensitivities(load_scene("planar_three_points"), ["friction.isotropic"], 1.0, 1.0)
+    assert found.one_sided.tolist() == [True, True, False]  # two contacts alike begin to slide together
+    assert "2 of them one-sided" in repr(found)
 
 
 def test_a_scene_without_a_drive_is_refused() -> None:

@@ -78,7 +78,8 @@ def test_from_positions_stiffness_and_friction_are_found_as_ratios(seed: int) ->
     for p in ratios[1:]:
         assert first.name in p.partners
         expected = truth(document, p.name) / truth(document, first.name)
-        assert p.value is not None and first.value is not None
+        assert p.value is not None
+        assert first.value is not None
         assert p.value / first.value == pytest.approx(expected, rel=1e-9)
 
 
@@ -148,7 +149,8 @@ def coverage(cases: range) -> tuple[int, int]:
         for p in found.parameters:
             if p.verdict == "identified":
                 low, high = p.interval
-                assert low is not None and high is not None
+                assert low is not None
+                assert high is not None
                 total += 1
                 inside += low <= truth(document, p.name) <= high
     return inside, total
@@ -181,7 +183,9 @@ def test_a_contact_that_never_slid_has_a_lower_bound(contact: int, noise: float)
         p = found[f"friction.{side}[{contact}]"]
         assert p.verdict == "bound"
         low, high = p.interval
-        assert low is not None and 0.1 < low < 9.0 and high is None
+        assert low is not None
+        assert 0.1 < low < 9.0
+        assert high is None
         assert f"contact {contact} did not slide" in p.why
 
 
@@ -242,7 +246,8 @@ def test_a_wrong_model_identifies_nothing(wrong: str, noise: float) -> None:
         object.__setattr__(one, "time", one.time + 0.15)
     found = identify(Scene.model_validate(guess), [one], keys)
     assert not found.model_fits
-    assert found.where is not None and "run 0" in found.where
+    assert found.where is not None
+    assert "run 0" in found.where
     assert not any(p.verdict in ("identified", "ratio") for p in found.parameters)
 
 
@@ -259,7 +264,8 @@ def test_a_fit_that_ends_at_a_bound_is_reported() -> None:
     )
     p = found.parameters[0]
     assert p.verdict != "identified"
-    assert p.verdict == "bound" and p.interval == (pytest.approx(most), None)
+    assert p.verdict == "bound"
+    assert p.interval == (pytest.approx(most), None)
     assert "ended at its bound" in found.warnings[0]
 
 

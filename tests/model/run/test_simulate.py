@@ -8,6 +8,7 @@ import pytest
 
 from crawler_model import CommandError, Crawler, load_scene, simulate, simulate_many
 from crawler_model.run.simulate import rational_rate, tick_end_ns
+from crawler_model.run.transport import supporting_force
 
 from ..chains import scene
 
@@ -78,6 +79,7 @@ def test_without_a_drive_nothing_happens():
     assert run.time.size == 101
     assert not run.displacement.any()
     assert run.summary()["time"] == [0.0, 1.0]
+    assert supporting_force(run.scene) == 3.0  # 1 N on each contact
 
 
 @pytest.mark.parametrize("rate", [0.3, 3.0, 7.7, 1234.5])

@@ -466,6 +466,14 @@ WRONG_BODIES = [
         "body.segments.0: the table of stiffness covers 2 .. 3 m, outside the segment's 0 .. 1 m",
     ),
     (with_segments({"friction": 0.3}), "body.segments.0.friction: write {isotropic: 0.3}"),
+    (
+        with_segments({"friction": {"coefficient": {"directions": [0, 2, 4], "value": 1}}}),
+        "body.segments.0.friction: coefficient: directions; a segment lies on a line and has none",
+    ),
+    (
+        with_segments({"friction": {"coefficient": {"isotropic": [0.1, 0.2]}}}),
+        "body.segments.0.friction: coefficient: a list; a segment takes one number",
+    ),
     (with_segments({"to": -1}), "to: -1 m; it must be greater than `from`, 0 m"),
     (with_segments({"name": "link_0"}), "name: 'link_0'; it must be a single word"),
     (with_segments({"shown": 1}), "shown: 1; it must be at least 2, as both ends are shown"),

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler_model import Crawler, Scene, simulate
+from crawler_model.motion.translation import choose_translation
 from crawler_model.theory.uniqueness import commanded_margin, translation_interval, uniqueness_margin
 
 from ..chains import scene
@@ -254,3 +255,14 @@ def test_the_interval_wants_one_number_for_each_contact():
 
 def margin(scene):
     return commanded_margin(scene.body, scene.drive)
+
+
+@pytest.mark.parametrize("joined", [True, False])
+def test_an_element_that_slides_both_ways_has_a_point_at_rest_in_its_middle(joined):
+    """Bounds of 1 N balance for every translation from -3 to -1; two contacts alone take that nearest to 0."""
+    velocity, bound = np.array([1.0, 3.0]), np.ones(2)
+    elements = np.array([[0, 1]]) if joined else np.empty((0, 2), int)
+    share = np.array([0.9, 0.1])
+    below, above = choose_translation(velocity, bound, bound, elements, share)
+    assert velocity.tolist() == pytest.approx([-1.0, 1.0] if joined else [-0.2, 1.8])
+    assert (below, above) == pytest.approx((0.0, 0.0) if joined else (-1.8, 0.2))
