@@ -16,6 +16,7 @@ from crawler_ros.node.life.leave import STOPPED
 from .bench import bench
 from .check import check
 from .executables import describe_missing
+from .identify.command import identify_command
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar
 from .simulate import simulate_command
@@ -100,6 +101,7 @@ def sweep(
 
 
 app.command()(view)
+app.command("identify")(identify_command)
 app.command("replay")(replay)
 app.command("compare")(compare)
 

@@ -1,0 +1,154 @@
+"""The verb `identify`: parameters of a scene from recordings and tables of measurements."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from crawler_model import CrawlerError, Measurements, Scene, identify, load_scene
+
+from ..screen import check_picture, progress_bar, screen
+from ..sweep import whole_file
+from .report import print_identification
+from .tables import read_table
+
+_TABLES = (".csv", ".parquet")
+_TOPICS = ("joint_states", "contact_states", "applied_commands")
+
+
+def identify_command(
+    recordings: Annotated[
+        list[Path], typer.Argument(help="Bag folders, .mcap files, .csv or .parquet tables of measurements.")
+    ],
+    scene: Annotated[str, typer.Option(help="The scene that was measured, a file or a gallery name: the first guess.")],
+    fit: Annotated[
+        list[str],
+        typer.Option(metavar="KEY[,KEY...]", help="Numbers of the scene to find, by their dotted keys."),
+    ],
+    bounds: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=A:B", help="Lower and upper bound of a fitted key.")
+    ] = None,
+    hold_out: Annotated[
+        float, typer.Option(help="Fraction of the measurements that is predicted instead of fitted.", min=0.0, max=0.8)
+    ] = 0.2,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=RECORDED", help="Recorded name of a topic, for example joint_states=/robot/js."),
+    ] = None,
+    offset: Annotated[
+        str, typer.Option(help="Unknown offsets of positions: none, frame (one per recording) or each (per channel).")
+    ] = "frame",
+    fit_delay: Annotated[bool, typer.Option("--fit-delay", help="Find the delay of the measurements, too.")] = False,
+    robust: Annotated[bool, typer.Option("--robust", help="Let outliers count less (soft_l1).")] = False,
+    starts: Annotated[int, typer.Option(help="Largest number of starts.", min=1)] = 8,
+    seed: Annotated[int, typer.Option(help="Seed of the random starts.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Write the scene with the values found to this .yaml file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw measurements, model and residuals to this file.")] = None,
+) -> None:
+    """Find the numbers of a scene from measured motion, and what the motion tells about each of them.
+
+    A parameter is identified (with a 95 % interval), determined only as a ratio to others, bounded from one side, or
+    not excited by the recorded motion. The exit status is 0 only if the model fits the measurements.
+    """
+    check_picture(png)
+    _check_out(out)
+    if offset not in ("none", "frame", "each"):
+        raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
+    chosen: Literal["none", "frame", "each"] = offset  # type: ignore[assignment]
+    loaded = load_scene(scene)
+    keys = [key.strip() for text in fit for key in text.split(",") if key.strip()]
+    limits = parse_bounds(bounds or ())
+    topics = parse_topics(topic or ())
+    measured = [_read(path, loaded, topics) for path in recordings]
+    with progress_bar("identifying") as progress:
+        found = identify(loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress)
+    written = []
+    if out is not None:
+        _write_scene(found.scene, out)
+        written.append(f"scene: {out}")
+    if png is not None:
+        from crawler_pictures.identification import draw_identification
+
+        with whole_file(png) as part:
+            draw_identification(found, part)
+        written.append(f"picture: {png}")
+    if as_json:
+        print(json.dumps(found.summary(), allow_nan=False))
+    else:
+        print_identification(found, screen)
+        for line in written:
+            screen.print(line)
+    if not found.model_fits:
+        raise CrawlerError(f"the model does not fit: {found.where}")
+
+
+def parse_bounds(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Parse the `--bounds` options.
+
+    Args:
+        texts: each KEY=A:B.
+
+    Returns:
+        The bounds by key.
+
+    Raises:
+        CrawlerError: with one line that describes the correct form.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        key, _, ends = text.partition("=")
+        low, _, high = ends.partition(":")
+        try:
+            found[key.strip()] = (float(low), float(high))
+        except ValueError:
+            raise CrawlerError(f"--bounds {text}: write KEY=A:B, for example friction.forward=0.1:2") from None
+    return found
+
+
+def parse_topics(texts: Sequence[str]) -> dict[str, str]:
+    """Parse the `--topic` options.
+
+    Args:
+        texts: each NAME=RECORDED.
+
+    Returns:
+        The recorded names by name.
+
+    Raises:
+        CrawlerError: with one line that describes the correct form.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, recorded = text.partition("=")
+        if name not in _TOPICS or not recorded:
+            raise CrawlerError(f"--topic {text}: write NAME=RECORDED with NAME one of {', '.join(_TOPICS)}")
+        found[name] = recorded
+    return found
+
+
+def _check_out(out: Path | None) -> None:
+    if out is not None and out.suffix not in (".yaml", ".yml"):
+        raise CrawlerError(f"--out: {out} must end in .yaml")
+    if out is not None and not out.absolute().parent.is_dir():
+        raise CrawlerError(f"--out: the folder {out.absolute().parent} does not exist")
+
+
+def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
+    if path.suffix in _TABLES:
+        return read_table(path, scene)
+    from crawler_ros.recording.measurements import read_bag
+
+    return read_bag(path, scene, topics)
+
+
+def _write_scene(scene: Scene, out: Path) -> None:
+    import yaml
+
+    document: dict[str, Any] = scene.document()
+    with whole_file(out) as part:
+        part.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")

@@ -1,0 +1,134 @@
+"""Measured positions and commands in recordings, of the simulator or of a robot with other topics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from crawler_model import MeasurementError, Measurements, Scene
+from crawler_model.body.drive import NS
+from crawler_model.identify.measurements import channel_names
+
+from . import bag
+from .layouts import JOINT_STATE, TRAJECTORY, Decoder
+from .recorded_robot import noted_robot, robot_in
+
+_KINDS = {"contact_states": JOINT_STATE, "joint_states": JOINT_STATE, "applied_commands": TRAJECTORY}
+
+
+def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
+    """Read the first run of a recording: positions from `contact_states`, else `joint_states`, and commands.
+
+    Columns of friction and loads that never change are values of the scene, not commands.
+
+    Args:
+        path: a bag folder or an .mcap file.
+        scene: the scene that was measured.
+        topics: recorded names by names in the table of topics; others are as the recording lists them.
+
+    Returns:
+        The measurements.
+
+    Raises:
+        BagError: when the file is not a recording.
+        MeasurementError: when it contains no positions or no commands.
+    """
+    head = bag.Bag({})
+    blocks = list(bag.read_blocks(path, head))
+    robot = noted_robot(head.attachments) or robot_in("/")
+    recorded = {channel.topic: number for number, (channel, _) in head.channels.items()}
+    wanted = {name: topics.get(name, robot.recorded(name)) for name in _KINDS}
+    for name, given in topics.items():
+        if given not in recorded:
+            raise MeasurementError(f"{path}: no topic {given} for {name}; recorded are {', '.join(sorted(recorded))}")
+    kind = next((name for name in ("contact_states", "joint_states") if wanted[name] in recorded), None)
+    if "joint_states" in topics and "contact_states" not in topics:
+        kind = "joint_states"
+    if kind is None:
+        raise MeasurementError(
+            f"{path}: neither contact_states nor joint_states was recorded; name one with --topic joint_states=..., "
+            f"recorded are {', '.join(sorted(recorded))}"
+        )
+    if wanted["applied_commands"] not in recorded:
+        raise MeasurementError(
+            f"{path}: no commands were recorded; name their topic with --topic applied_commands=..., "
+            f"recorded are {', '.join(sorted(recorded))}"
+        )
+    names, stamps, values, _ = _read(blocks, recorded[wanted[kind]], wanted[kind], JOINT_STATE)
+    columns, begin, points, after = _read(
+        blocks, recorded[wanted["applied_commands"]], wanted["applied_commands"], TRAJECTORY
+    )
+    known = channel_names(scene)
+    used = [i for i, name in enumerate(names) if name in known or kind == "joint_states"]
+    position = np.array([row[0] for row in values])[:, used]
+    channels = tuple(names[i] for i in used)
+    if kind == "joint_states" and channels[0] == "contact_0":  # along the ground: x_0, without the reference position
+        position[:, 0] += float(scene.body.position[scene.body.isolated[0]])
+    last = _first_run(stamps)
+    time, rows = _vertices(begin, points, after, int(stamps[last - 1]))
+    if time.size == 0:
+        raise MeasurementError(f"{path}: {wanted['applied_commands']} contains no command")
+    actuators = scene.columns.names[: scene.columns.lengths]
+    moving = [c for c, name in enumerate(columns) if name in actuators or np.ptp(rows[:, c]) > 0.0]
+    return Measurements(
+        path.name,
+        stamps[:last] / NS,
+        channels,
+        position[:last],
+        tuple(columns[c] for c in moving),
+        rows[:, moving],
+        time / NS,
+    )
+
+
+def _read(
+    blocks: list[bag.Block], number: int, topic: str, kind: str
+) -> tuple[tuple[str, ...], np.ndarray, list[list[np.ndarray]], list[np.ndarray]]:
+    """Read all messages of a topic in order: names, stamps [ns], sequences of numbers, times of points [ns]."""
+    decoder = Decoder(topic, kind)
+    stamps: list[int] = []
+    values: list[list[np.ndarray]] = []
+    after: list[np.ndarray] = []
+    for block in blocks:
+        which = np.flatnonzero(block.channel == number)
+        if not which.size:
+            continue
+        found = [
+            (int(at[k]), times[k], [n[k] for n in numbers])
+            for at, times, numbers in decoder.read(block, which)
+            for k in range(at.size)
+        ]
+        for _, times, numbers in sorted(found, key=lambda one: one[0]):
+            stamps.append(int(times[0]))
+            values.append(numbers)
+            after.append(times[1:])
+    return decoder.names or (), np.array(stamps, np.int64), values, after
+
+
+def _first_run(stamps: np.ndarray) -> int:
+    """Count the states before the simulator was first reset, when stamps go back."""
+    back = np.flatnonzero(np.diff(stamps) <= 0)
+    return int(back[0]) + 1 if back.size else int(stamps.size)
+
+
+def _vertices(
+    begin: np.ndarray, points: list[list[np.ndarray]], after: list[np.ndarray], until: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """List the commands with their times [ns], each time once, up to the first one at or after `until`."""
+    times: list[int] = []
+    rows: list[np.ndarray] = []
+    for stamp, row, offsets in zip(begin.tolist(), points, after, strict=True):
+        for point, offset in zip(row, offsets.tolist(), strict=True):
+            time = stamp + int(offset)
+            if times and time <= times[-1]:
+                if time < times[0] or stamp < times[-1] - int(NS):
+                    return np.array(times, np.int64), np.array(rows)
+                rows[-1] = point
+                continue
+            times.append(time)
+            rows.append(point)
+        if times and times[-1] >= until:
+            break
+    return np.array(times, np.int64), np.array(rows)
