@@ -12,9 +12,6 @@ import typer
 from crawler_model import CrawlerError, Measurements, Scene, identify, load_scene
 
 from ..screen import check_picture, progress_bar, screen
-from ..sweep import whole_file
-from .report import print_identification
-from .tables import read_table
 
 _TABLES = (".csv", ".parquet")
 _TOPICS = ("joint_states", "contact_states", "applied_commands")
@@ -74,12 +71,16 @@ def identify_command(
     if png is not None:
         from crawler_pictures.identification import draw_identification
 
+        from ..sweep import whole_file
+
         with whole_file(png) as part:
             draw_identification(found, part)
         written.append(f"picture: {png}")
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
     else:
+        from .report import print_identification
+
         print_identification(found, screen)
         for line in written:
             screen.print(line)
@@ -140,6 +141,8 @@ def _check_out(out: Path | None) -> None:
 
 def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
     if path.suffix in _TABLES:
+        from .tables import read_table
+
         return read_table(path, scene)
     from crawler_ros.recording.measurements import read_bag
 
@@ -148,6 +151,8 @@ def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
 
 def _write_scene(scene: Scene, out: Path) -> None:
     import yaml
+
+    from ..sweep import whole_file
 
     document: dict[str, Any] = scene.document()
     with whole_file(out) as part:

@@ -42,7 +42,7 @@ class Identification:
         noise: estimated standard deviation of the measurements [m].
         held_out: root mean square of the residuals that were not fitted [m]; None if nothing was held out.
         model_fits: whether the residuals are noise, and those held out are not larger.
-        p_value: probability of such residuals if they were noise.
+        p_value: probability of such residuals if they were noise [1].
         where: where the model fails; None if it fits.
         warnings: one line each.
         recordings: the measurements.
@@ -128,7 +128,7 @@ def identify(
         recordings: the measurements; all are fitted together.
         keys: dotted keys, as for `sensitivities`.
         bounds: lower and upper bounds by key; positive numbers without bounds may change by a factor of 100.
-        hold_out: fraction of the measurements that is not fitted but predicted: the end of each recording, or from
+        hold_out: fraction of the measurements that is not fitted but predicted [1]: the end of each recording, or from
             five recordings on whole recordings.
         offset: "frame" for one unknown constant in the positions of each recording, "each" for one per channel,
             "none" for positions in the frame of the scene.

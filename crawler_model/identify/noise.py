@@ -19,7 +19,7 @@ class NoiseTest:
 
     Attributes:
         is_noise: whether no test found a pattern.
-        p_value: least probability of any test under noise, times the number of tests.
+        p_value: least probability of any test under noise, times the number of tests [1].
         where: the recording, channel and time at which a pattern is largest; None if there is none.
     """
 
@@ -35,7 +35,7 @@ def ljung_box(residuals: np.ndarray) -> float:
         residuals: in order, shape (T,).
 
     Returns:
-        The probability of such a correlation in noise.
+        The probability of such a correlation in noise [1].
 
     Source: G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297.
     """
@@ -59,7 +59,7 @@ def runs_test(residuals: np.ndarray) -> float:
         residuals: in order, shape (T,).
 
     Returns:
-        The probability of such a number of runs in noise, by its normal approximation.
+        The probability of such a number of runs in noise, by its normal approximation [1].
 
     Source: A. Wald, J. Wolfowitz, Ann. Math. Statist. 11 (1940) 147.
     """

@@ -64,7 +64,14 @@ class Space:
             return np.where(self.logarithmic, np.log(safe), values / self.scale)
 
     def slope(self, values: np.ndarray) -> np.ndarray:
-        """Compute the derivatives of the values with respect to the coordinates, shape (P,)."""
+        """Compute the derivatives of the values with respect to the coordinates.
+
+        Args:
+            values: shape (P,).
+
+        Returns:
+            Shape (P,).
+        """
         return np.where(self.logarithmic, values, self.scale)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
@@ -170,7 +177,14 @@ class Problem:
         return low, high
 
     def unknowns(self, values: np.ndarray) -> np.ndarray:
-        """Build a start from values of the parameters, with the offsets that fit best, and no delays, shape (U,)."""
+        """Build a start from values of the parameters, with the offsets that fit best, and no delays.
+
+        Args:
+            values: shape (P,).
+
+        Returns:
+            Shape (U,).
+        """
         found = np.zeros(self.count)
         found[: values.size] = self.space.to_coordinates(values)
         residuals = self.compute(found)
@@ -182,11 +196,25 @@ class Problem:
         return found
 
     def delays(self, unknowns: np.ndarray) -> np.ndarray:
-        """Read the delay of each recording [s]."""
+        """Read the delay of each recording.
+
+        Args:
+            unknowns: shape (U,).
+
+        Returns:
+            One per recording [s].
+        """
         return unknowns[-len(self.replicas) :] if self.delay else np.zeros(len(self.replicas))
 
     def added(self, unknowns: np.ndarray) -> list[np.ndarray]:
-        """Read what is added to each channel of each recording [m]."""
+        """Read what is added to each channel of each recording.
+
+        Args:
+            unknowns: shape (U,).
+
+        Returns:
+            For each recording shape (M,) [m].
+        """
         ends = self.space.origin.size + np.cumsum([0, *self.offsets])
         return [shape @ unknowns[ends[i] : ends[i + 1]] for i, shape in enumerate(self.shapes)]
 

@@ -30,7 +30,7 @@ class Parameter:
         name: for example "friction.forward[2]".
         verdict: "identified"; "ratio": only together with others, whose common scale is that of the scene's value of
             the first one; "bound": from one side; "not excited".
-        value: the fitted value, or the bound; None if the measurements do not contain it.
+        value: the fitted value, or the bound, in the unit of the scene's key [any]; None if nothing determines it.
         interval: 95 % interval; None at an end that is not known.
         partners: names of the other parameters of a ratio.
         why: the reason, in words.
@@ -44,7 +44,11 @@ class Parameter:
     why: str
 
     def as_plain(self) -> dict[str, object]:
-        """Convert to the values that `crawler identify --json` prints."""
+        """Convert to the values that `crawler identify --json` prints.
+
+        Returns:
+            Plain numbers, lists and text.
+        """
         return {
             "name": self.name,
             "verdict": self.verdict,
@@ -72,12 +76,23 @@ class Structure:
     weak: dict[int, float] = field(default_factory=dict)
 
     def free(self, count: int) -> list[int]:
-        """List the parameters that are determined, given those that are held."""
+        """List the parameters that are determined, given those that are held.
+
+        Args:
+            count: number of parameters.
+
+        Returns:
+            Their indices.
+        """
         out = self.unseen | self.held | set(self.weak)
         return [p for p in range(count) if p not in out]
 
     def join(self, members: set[int]) -> None:
-        """Add a group, joined with all that share a parameter with it."""
+        """Add a group, joined with all that share a parameter with it.
+
+        Args:
+            members: indices of its parameters.
+        """
         apart = [g for g in self.groups if not g & members]
         for group in self.groups:
             if group & members:
@@ -228,7 +243,7 @@ class Held:
     """A one-sided bound of a parameter.
 
     Attributes:
-        value: the bound.
+        value: the bound, in the unit of the scene's key [any].
         at_least: whether it is a lower bound.
         recording: name of the recording.
         time: when it is reached, on the clock of its commands [s].

@@ -67,11 +67,15 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurement
     if kind == "joint_states" and channels[0] == "contact_0":  # along the ground: x_0, without the reference position
         position[:, 0] += float(scene.body.position[scene.body.isolated[0]])
     last = _first_run(stamps)
-    time, rows = _vertices(begin, points, after, int(stamps[last - 1]))
-    if time.size == 0:
+    if not any(points):
         raise MeasurementError(f"{path}: {wanted['applied_commands']} contains no command")
     actuators = scene.columns.names[: scene.columns.lengths]
-    moving = [c for c, name in enumerate(columns) if name in actuators or np.ptp(rows[:, c]) > 0.0]
+    in_force = next(rows[0] for rows in points if rows).copy()
+    for c, name in enumerate(columns):
+        if name in actuators:
+            in_force[c] = scene.drive.rows[0, scene.columns.names.index(name)]
+    time, rows = _vertices(begin, points, after, int(stamps[last - 1]), in_force)
+    moving = [c for c, name in enumerate(columns) if name in actuators or float(np.ptp(rows[:, c])) > 0.0]
     return Measurements(
         path.name,
         stamps[:last] / NS,
@@ -114,21 +118,31 @@ def _first_run(stamps: np.ndarray) -> int:
 
 
 def _vertices(
-    begin: np.ndarray, points: list[list[np.ndarray]], after: list[np.ndarray], until: int
+    begin: np.ndarray, points: list[list[np.ndarray]], after: list[np.ndarray], until: int, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """List the commands with their times [ns], each time once, up to the first one at or after `until`."""
-    times: list[int] = []
-    rows: list[np.ndarray] = []
+    """List the commands of the first run with their times [ns]; a command is held until the next message.
+
+    Args:
+        begin: stamp of each message [ns].
+        points: the rows of each message.
+        after: time of each row after the stamp [ns].
+        until: end of the measurements [ns].
+        first: the row in force at the first stamp.
+
+    Returns:
+        Times, each once and increasing, shape (K,), and rows, shape (K, C).
+    """
+    times, rows = [int(begin[0])], [first]
     for stamp, row, offsets in zip(begin.tolist(), points, after, strict=True):
+        if stamp < times[0] or times[-1] >= until or (stamp == begin[0] and len(times) > 1):
+            break  # after a reset
+        if row and stamp > times[-1]:
+            times.append(stamp)
+            rows.append(rows[-1])
         for point, offset in zip(row, offsets.tolist(), strict=True):
-            time = stamp + int(offset)
-            if times and time <= times[-1]:
-                if time < times[0] or stamp < times[-1] - int(NS):
-                    return np.array(times, np.int64), np.array(rows)
+            if stamp + offset > times[-1]:
+                times.append(stamp + int(offset))
+                rows.append(point)
+            else:
                 rows[-1] = point
-                continue
-            times.append(time)
-            rows.append(point)
-        if times and times[-1] >= until:
-            break
     return np.array(times, np.int64), np.array(rows)

@@ -1,0 +1,212 @@
+"""`crawler identify` on tables and recordings, and its errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from crawler_command.app import main
+from crawler_model import Measurements, load_scene
+
+from .. import recordings
+from ..model.identify.synthetic import chain, measure, scaled, walk
+
+
+def run(capsys, *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return int(stopped.value.code or 0), out, err
+
+
+def table(measured: Measurements, times: list[float], rows: np.ndarray) -> tuple[list[str], np.ndarray]:
+    commands = [np.interp(measured.time, times, column) for column in rows.T]
+    header = ["time", *measured.channels, *(f"command/{name}" for name in measured.command_names)]
+    return header, np.column_stack((measured.time, measured.values, *commands))
+
+
+def write_csv(path: Path, header: list[str], rows: np.ndarray) -> Path:
+    lines = [",".join("" if np.isnan(v) else repr(float(v)) for v in row) for row in rows]
+    path.write_text("\n".join((",".join(header), *lines)) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """A first guess in a file, and the header and rows of a table of measurements."""
+    document = chain(3)
+    times, rows = walk(2, 6.0, 1)
+    guess = tmp_path / "guess.yaml"
+    guess.write_text(yaml.safe_dump(scaled(document, {"friction.forward": 1.3}).document()), encoding="utf-8")
+    return guess, *table(measure(document, times, rows, noise=2e-4), times, rows)
+
+
+def test_a_table_is_fitted_and_the_scene_written(robot, tmp_path, capsys):
+    guess, header, rows = robot
+    csv = write_csv(tmp_path / "run.csv", header, rows)
+    out, png = tmp_path / "found.yaml", tmp_path / "found.png"
+    options = ("--scene", guess, "--fit", "friction.forward,friction.backward", "--out", out, "--png", png, "--json")
+    status, text, _ = run(capsys, "identify", csv, *options)
+    assert status == 0
+    found = json.loads(text)
+    assert {"parameters", "residual", "held_out", "model_fits"} <= set(found)
+    assert found["model_fits"] is True
+    for i, true in enumerate((0.2, 0.23, 0.26)):
+        p = found["parameters"][i]
+        assert set(p) == {"name", "verdict", "value", "interval", "with", "why"}
+        assert p["name"] == f"friction.forward[{i}]"
+        assert p["verdict"] == "identified"
+        assert p["value"] == pytest.approx(true, rel=0.02)
+    assert load_scene(out).drive.forward[0] == pytest.approx([p["value"] for p in found["parameters"][:3]])
+    assert png.read_bytes().startswith(b"\x89PNG")
+
+
+def test_parquet_is_read_as_csv_is(robot, tmp_path, capsys):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    guess, header, rows = robot
+    parquet.write_table(pa.table(dict(zip(header, rows.T, strict=True))), tmp_path / "run.parquet")
+    write_csv(tmp_path / "run.csv", header, rows)
+    found = []
+    for kind in ("csv", "parquet"):
+        options = ("--scene", guess, "--fit", "friction.forward", "--json")
+        status, text, _ = run(capsys, "identify", tmp_path / f"run.{kind}", *options)
+        assert status == 0
+        found.append(json.loads(text)["parameters"])
+    assert found[0] == found[1]
+
+
+def without_time(header, rows):
+    return header[1:], rows[:, 1:]
+
+
+def gap(header, rows):
+    rows[17, 2] = np.nan
+    return header, rows
+
+
+def millimetres(header, rows):
+    rows[:, 1:] *= 1000.0
+    return header, rows
+
+
+def command_in_millimetres(header, rows):
+    rows[:, 4:] *= 1000.0
+    return header, rows
+
+
+def other_body(header, rows):
+    return [name.replace("contact_2", "contact_7") for name in header], rows
+
+
+def too_few(header, rows):
+    return header, rows[:5]
+
+
+def backwards(header, rows):
+    rows[9, 0] = rows[3, 0]
+    return header, rows
+
+
+def no_commands(header, rows):
+    return header[:4], rows[:, :4]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (without_time, "no column `time`"),
+        (gap, "a gap: contact_1 is missing in row 17 (time 0.34 s)"),
+        (millimetres, "look like millimetres: divide them by 1000"),
+        (command_in_millimetres, "look like millimetres: divide them by 1000"),
+        (other_body, "contact_7 does not belong to measured"),
+        (too_few, "5 rows are too few; at least 8 are needed"),
+        (backwards, "does not come after"),
+        (no_commands, "add the columns command/link_0, command/link_1"),
+    ],
+)
+def test_a_bad_table_is_refused_in_one_line_and_nothing_is_written(robot, tmp_path, capsys, spoil, message):
+    guess, header, rows = robot
+    csv = write_csv(tmp_path / "run.csv", *spoil(header, rows))
+    out = tmp_path / "found.yaml"
+    status, text, error = run(capsys, "identify", csv, "--scene", guess, "--fit", "friction.forward", "--out", out)
+    assert status == 1
+    assert text == ""
+    assert message in error
+    assert error.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--fit", "friction.forwards"), "unknown key"),
+        (("--fit", "friction.forward", "--bounds", "friction.forward=1"), "write KEY=A:B"),
+        (("--fit", "friction.forward", "--bounds", "friction.backward=1:2"), "it is not fitted"),
+        (("--fit", "friction.forward", "--bounds", "friction.forward=5:9"), "do not contain its value in the scene"),
+        (("--fit", "friction.forward", "--offset", "some"), "none, frame or each"),
+        (("--fit", "friction.forward", "--out", "x.txt"), "must end in .yaml"),
+        (("--fit", "friction.forward", "--topic", "joints=/a"), "write NAME=RECORDED"),
+        (("--fit", "drive.period"), "the commands of run.csv replace the drive"),
+    ],
+)
+def test_bad_options_are_refused_in_one_line(robot, tmp_path, capsys, options, message):
+    guess, header, rows = robot
+    csv = write_csv(tmp_path / "run.csv", header, rows)
+    status, _, error = run(capsys, "identify", csv, "--scene", guess, *options)
+    assert status == 1
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_wrong_model_ends_with_status_1_and_says_where(robot, tmp_path, capsys):
+    guess, header, rows = robot
+    rows[150:, 1:4] += 0.01
+    csv = write_csv(tmp_path / "run.csv", header, rows)
+    status, _, error = run(capsys, "identify", csv, "--scene", guess, "--fit", "friction.forward")
+    assert status == 1
+    assert "the model does not fit: run.csv: contact_" in error
+
+
+@pytest.mark.parametrize("kind", ["ours", "remapped", "joint_states"])
+def test_recordings_are_read(tmp_path, capsys, kind):
+    pytest.importorskip("mcap")
+    scene = load_scene("two_contacts_anisotropic")
+    bag = recordings.record(tmp_path / "bag", scene, 3.0)
+    topics = []
+    if kind != "ours":
+        kept = (
+            ("joint_states", "applied_commands") if kind == "joint_states" else ("contact_states", "applied_commands")
+        )
+        topics = [f"--topic={name}=/robot/{name}" for name in kept]
+
+        def keep(name: str, stamp: int, data: bytes):
+            return [(name, stamp, data)] if name in kept else []
+
+        sent = [m for r in recordings.read(bag) for m in keep(r.topic.removeprefix("/"), 0, r.data)]
+        bag = recordings.write(tmp_path / "robot", sent, {}, "/robot/")
+    document = scene.document()
+    key = "friction.forward"
+    true = scene.drive.forward[0, 0]
+    document["friction"]["forward"] = 1.2 * true
+    guess = tmp_path / "guess.yaml"
+    guess.write_text(yaml.safe_dump(document), encoding="utf-8")
+    status, text, error = run(capsys, "identify", bag, "--scene", guess, "--fit", key, "--json", *topics)
+    assert status == 0, error
+    (found,) = json.loads(text)["parameters"]
+    assert found["verdict"] == "identified"
+    assert found["value"] == pytest.approx(true, rel=1e-9)
+
+
+def test_a_recording_without_the_named_topic_is_refused(tmp_path, capsys):
+    pytest.importorskip("mcap")
+    bag = recordings.record(tmp_path / "bag", "two_contacts_anisotropic", 1.0)
+    options = ("--scene", "two_contacts_anisotropic", "--fit", "friction.forward", "--topic", "joint_states=/robot/js")
+    status, _, error = run(capsys, "identify", bag, *options)
+    assert status == 1
+    assert "no topic /robot/js for joint_states; recorded are /applied_commands" in error
