@@ -192,7 +192,7 @@ def test_recordings_are_read(tmp_path, capsys, kind):
         bag = recordings.write(tmp_path / "robot", sent, {}, "/robot/")
     document = scene.document()
     key = "friction.forward"
-    true = scene.drive.forward[0, 0]
+    true = float(scene.drive.forward[0, 0])
     document["friction"]["forward"] = 1.2 * true
     guess = tmp_path / "guess.yaml"
     guess.write_text(yaml.safe_dump(document), encoding="utf-8")
