@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
-from crawler_model import CrawlerError, Measurements, Scene, identify, load_scene
+from crawler_model import CrawlerError, Identification, Measurements, Scene, identify, load_scene
 
 from ..screen import check_picture, progress_bar, screen
 
@@ -46,6 +46,7 @@ def identify_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     out: Annotated[Path | None, typer.Option(help="Write the scene with the values found to this .yaml file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw measurements, model and residuals to this file.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write everything to this page, which needs no other file.")] = None,
 ) -> None:
     """Find the numbers of a scene from measured motion, and what the motion tells about each of them.
 
@@ -53,7 +54,8 @@ def identify_command(
     not excited by the recorded motion. The exit status is 0 only if the model fits the measurements.
     """
     check_picture(png)
-    _check_out(out)
+    _check_out("--out", out, ".yaml")
+    _check_out("--html", html, ".html")
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
     chosen: Literal["none", "frame", "each"] = offset  # type: ignore[assignment]
@@ -64,18 +66,7 @@ def identify_command(
     measured = [_read(path, loaded, topics) for path in recordings]
     with progress_bar("identifying") as progress:
         found = identify(loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress)
-    written = []
-    if out is not None:
-        _write_scene(found.scene, out)
-        written.append(f"scene: {out}")
-    if png is not None:
-        from crawler_pictures.identification import draw_identification
-
-        from ..sweep import whole_file
-
-        with whole_file(png) as part:
-            draw_identification(found, part)
-        written.append(f"picture: {png}")
+    written = _write(found, out, png, html)
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
     else:
@@ -132,11 +123,11 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _check_out(out: Path | None) -> None:
-    if out is not None and out.suffix not in (".yaml", ".yml"):
-        raise CrawlerError(f"--out: {out} must end in .yaml")
+def _check_out(option: str, out: Path | None, suffix: str) -> None:
+    if out is not None and out.suffix != suffix:
+        raise CrawlerError(f"{option}: {out} must end in {suffix}")
     if out is not None and not out.absolute().parent.is_dir():
-        raise CrawlerError(f"--out: the folder {out.absolute().parent} does not exist")
+        raise CrawlerError(f"{option}: the folder {out.absolute().parent} does not exist")
 
 
 def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
@@ -149,11 +140,33 @@ def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
     return read_bag(path, scene, topics)
 
 
-def _write_scene(scene: Scene, out: Path) -> None:
-    import yaml
+def _write(found: Identification, out: Path | None, png: Path | None, html: Path | None) -> list[str]:
+    """Write the files that were asked for; return a line about each."""
+    import tempfile
 
+    if out is None and png is None and html is None:
+        return []
     from ..sweep import whole_file
 
-    document: dict[str, Any] = scene.document()
-    with whole_file(out) as part:
-        part.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    if out is not None:
+        import yaml
+
+        with whole_file(out) as part:
+            text = yaml.safe_dump(found.scene.document(), sort_keys=False, allow_unicode=True)
+            part.write_text(text, encoding="utf-8")
+    if png is not None or html is not None:
+        from crawler_pictures.identification import draw_identification
+
+        from .report import write_page
+
+        with tempfile.TemporaryDirectory() as folder:
+            picture = Path(folder) / "picture.png"
+            draw_identification(found, picture)
+            if html is not None:
+                with whole_file(html) as part:
+                    write_page(found, picture, part)
+            if png is not None:
+                with whole_file(png) as part:
+                    part.write_bytes(picture.read_bytes())
+    named = {"scene": out, "picture": png, "page": html}
+    return [f"{what}: {path}" for what, path in named.items() if path is not None]

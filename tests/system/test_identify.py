@@ -48,8 +48,9 @@ def robot(tmp_path):
 def test_a_table_is_fitted_and_the_scene_written(robot, tmp_path, capsys):
     guess, header, rows = robot
     csv = write_csv(tmp_path / "run.csv", header, rows)
-    out, png = tmp_path / "found.yaml", tmp_path / "found.png"
-    options = ("--scene", guess, "--fit", "friction.forward,friction.backward", "--out", out, "--png", png, "--json")
+    out, png, html = (tmp_path / f"found.{kind}" for kind in ("yaml", "png", "html"))
+    files = ("--out", out, "--png", png, "--html", html)
+    options = ("--scene", guess, "--fit", "friction.forward,friction.backward", *files, "--json")
     status, text, _ = run(capsys, "identify", csv, *options)
     assert status == 0
     found = json.loads(text)
@@ -63,6 +64,9 @@ def test_a_table_is_fitted_and_the_scene_written(robot, tmp_path, capsys):
         assert p["value"] == pytest.approx(true, rel=0.02)
     assert load_scene(out).drive.forward[0] == pytest.approx([p["value"] for p in found["parameters"][:3]])
     assert png.read_bytes().startswith(b"\x89PNG")
+    page = html.read_text(encoding="utf-8")
+    assert "friction.forward[2]</td><td>identified" in page
+    assert "http" not in page
 
 
 def test_parquet_is_read_as_csv_is(robot, tmp_path, capsys):
