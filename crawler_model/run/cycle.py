@@ -1,0 +1,171 @@
+"""The periodic regime of a drive: what a period gains once the transient is over.
+
+The tensions of two solutions under the same drive never move apart in the norm of the elastic energy ([G] section 4:
+the shape is a sweeping process), so that the tensions at the ends of periods settle. Often they repeat after a few
+periods, exactly; otherwise their difference shrinks by a ratio a period, from which the rest of the transient follows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import frozen
+from ..body.drive import NS
+from ..body.plan import Plan, check_plan
+from ..crawler.crawler import Crawler
+from ..errors import CommandError
+from ..rounding import EPS
+from .account import average_displacement
+
+_REPEATS = 1e-13
+"""Tensions that repeat within this part of the largest bound or tension have settled."""
+_RATIOS = 3
+"""Ratios of successive differences that have to agree on how fast the transient decays."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LimitCycle:
+    """The periodic regime of a drive.
+
+    Attributes:
+        gain: y gained in the last period [m]; in the plane shape (2,).
+        work: work of the actuators in the last period [J].
+        transient_left: estimate of how far `gain` is from that of the periodic regime [m]: the rounding of the gain
+            where the tensions repeat, the tail of a geometric series where their difference shrinks; infinite where it
+            does not shrink yet.
+        settled: whether `transient_left` is within the tolerance.
+        ratio: by which the difference of the tensions shrank in each of the last periods, at worst [1]; 0 where they
+            repeat.
+        periods: number of periods run.
+        gains: y gained in each period, shape (periods,), in the plane (periods, 2) [m].
+    """
+
+    gain: float | np.ndarray
+    work: float
+    transient_left: float
+    settled: bool
+    ratio: float
+    periods: int
+    gains: np.ndarray
+
+    def __repr__(self) -> str:
+        """State the gain, and whether it has settled."""
+        if self.settled:
+            end = f"settled after {self.periods} periods, at most {self.transient_left:.1e} m left"
+        elif math.isfinite(self.transient_left):
+            shrinks = 100.0 * (1.0 - self.ratio)
+            end = f"not settled after {self.periods} periods: the transient shrinks by {shrinks:.2g} % a period"
+        else:
+            end = f"not settled after {self.periods} periods: the transient does not shrink yet"
+        return f"LimitCycle({self.gain} m a period, {end})"
+
+
+def limit_cycle(
+    scene: Plan,
+    tolerance: float = 1e-9,
+    most_periods: int = 1000,
+    progress: Callable[[float], None] | None = None,
+) -> LimitCycle:
+    """Run a drive until its periods repeat.
+
+    Args:
+        scene: a scene whose drive has a period, on ground that is the same everywhere.
+        tolerance: of the gain, relative to the largest displacement within a period [1].
+        most_periods: number of periods to run at most.
+        progress: called with the completed part of these, in [0, 1].
+
+    Returns:
+        The periodic regime, or how far the run came.
+
+    Raises:
+        CommandError: if the drive has no period, the ground has patches, or an argument is out of range.
+        SceneError: if `scene` is not a scene.
+    """
+    check_plan(scene, "limit_cycle")
+    drive = scene.drive
+    if drive.period is None or drive.holds:
+        raise CommandError(f"limit_cycle: {scene.name} has no drive with a period")
+    if scene.ground.track is not None:
+        raise CommandError("limit_cycle: on ground.patches periods differ from place to place")
+    if not tolerance > 0.0:
+        raise CommandError(f"limit_cycle: tolerance {tolerance:g}; it must be > 0")
+    if most_periods < 1:
+        raise CommandError(f"limit_cycle: most_periods {most_periods}; it must be at least 1")
+    _, rows = drive.waypoints_between(0, round(drive.period * NS))
+    targets = np.ascontiguousarray(drive.targets[rows])
+    run = _Periods(Crawler(scene), targets)
+    while run.count < most_periods:
+        run.follow()
+        if run.transient_left() <= tolerance * run.travel:
+            break
+        if progress is not None:
+            progress(run.count / most_periods)
+    return run.finish(tolerance)
+
+
+class _Periods:
+    """Periods of a drive in progress."""
+
+    def __init__(self, crawler: Crawler, targets: np.ndarray) -> None:
+        self.crawler, self.targets = crawler, targets
+        self.tension = crawler.tension
+        self.size = float(np.abs(targets[:, crawler.tension.size :]).max(initial=0.0))
+        self.differences: list[float] = []
+        self.gains: list[np.ndarray] = []
+        self.work, self.travel, self.count = 0.0, 0.0, 0
+        self.records = np.empty((targets.shape[0], 2 * crawler.displacement.size + crawler.tension.size))
+
+    def follow(self) -> None:
+        """Run one more period."""
+        crawler, body = self.crawler, self.crawler.body
+        start = crawler.displacement.ravel()
+        step = crawler.follow(self.targets, self.records)
+        x = self.records[:, : start.size]
+        self.travel = max(float(np.abs(x - start).max()), 1e-300)
+        self.work = step.work
+        self.gains.append(average_displacement(body, crawler.gained[None])[0])
+        before, self.tension = self.tension, crawler.tension
+        energy = (self.tension - before) ** 2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
+        self.differences.append(math.sqrt(float(energy.sum())))
+        self.repeats = bool(
+            np.abs(self.tension - before).max(initial=0.0)
+            <= _REPEATS * max(self.size, float(np.abs(self.tension).max(initial=0.0)))
+        )
+        self.count += 1
+
+    def ratio(self) -> float:
+        """Compute the worst ratio of the last differences; 1 where there are too few."""
+        if self.repeats:
+            return 0.0
+        last = self.differences[-1 - _RATIOS :]
+        if len(last) <= _RATIOS:
+            return 1.0
+        return max(b / a if a > 0.0 else 0.0 for a, b in zip(last[:-1], last[1:], strict=True))
+
+    def transient_left(self) -> float:
+        """Estimate how far the last gain is from that of the periodic regime [m]."""
+        if self.repeats:
+            return 8.0 * EPS * self.travel
+        ratio = self.ratio()
+        if ratio >= 1.0:
+            return math.inf
+        change = max(float(np.abs(b - a).max()) for a, b in zip(self.gains[-_RATIOS - 1 : -1], self.gains[-_RATIOS:], strict=True))
+        return change * ratio / (1.0 - ratio)
+
+    def finish(self, tolerance: float) -> LimitCycle:
+        """Build the result."""
+        gain = self.gains[-1]
+        left = self.transient_left()
+        return LimitCycle(
+            frozen(gain) if gain.ndim else float(gain),
+            self.work,
+            left,
+            left <= tolerance * self.travel,
+            self.ratio(),
+            self.count,
+            frozen(self.gains),
+        )
