@@ -8,6 +8,9 @@ after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 from .crawler.crawler import Crawler, prepare
 from .crawler.step import Certificate, Step
 from .errors import CommandError, CrawlerError, SceneError
+from .optimise.optimise import optimise
+from .optimise.optimum import Optimum
+from .optimise.pareto import Front, pareto
 from .run.account import Energy
 from .run.limits import Limit, largest_tow, steepest_climb
 from .run.simulate import Trajectory, simulate
@@ -22,8 +25,10 @@ __all__ = [
     "Crawler",
     "CrawlerError",
     "Energy",
+    "Front",
     "Limit",
     "ManyRuns",
+    "Optimum",
     "Scene",
     "SceneError",
     "Step",
@@ -32,6 +37,8 @@ __all__ = [
     "gallery",
     "largest_tow",
     "load_scene",
+    "optimise",
+    "pareto",
     "parse_scene",
     "prepare",
     "simulate",

@@ -52,8 +52,9 @@ def build_unknowns(
     if not with_table:
         if period is not None:
             raise SceneError(f"period: {period:g} s; without waypoints the period is that of the scene's drive")
-        keys, low, high = _expand(scene, given)
-        return Unknowns(scene, keys, None, low, high, scene)
+        base = Scene.model_validate(scene.document() | {"start": "relaxed"})
+        keys, low, high = _expand(base, given)
+        return Unknowns(base, keys, None, low, high, scene)
     for key in given:
         if key_steps(key)[0] == "drive":
             raise SceneError(f"free: {key}: no effect, as the waypoints replace the drive")

@@ -69,6 +69,8 @@ def search(
     Returns:
         What was found; after Ctrl-C the best so far.
     """
+    import cma  # takes a second, and is needed only here  # noqa: F401
+
     run = _Search(space, seed, seconds, progress, rounds, threads)
     try:
         run.go(begin)

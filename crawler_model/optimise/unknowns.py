@@ -86,7 +86,7 @@ class Unknowns:
     """The unknowns, and the candidates that they describe.
 
     Attributes:
-        base: the scene; with a table it has no drive.
+        base: the scene, with a relaxed start; with a table it has no drive.
         keys: numbers of the scene, by dotted keys.
         table: the waypoints, or None if the scene's own drive is played.
         key_low: lower bounds of the numbers of the scene, shape (keys,).
@@ -317,4 +317,4 @@ def with_numbers(unknowns: Unknowns, factors: dict[str, float]) -> Unknowns:
             values[key] = np.array([one.origin(key) * factor])
         return Variations(scene, values, (1,))[0]
 
-    return dataclasses.replace(unknowns, base=scale(unknowns.base), original=scale(unknowns.original))
+    return dataclasses.replace(unknowns, base=scale(unknowns.base))
