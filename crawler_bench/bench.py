@@ -185,7 +185,7 @@ def describe_machine(quick: bool) -> dict[str, Any]:
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
         **{name: installed_version(name) for name in ("crawler-ros", "numpy", "numba", "scipy", *PEERS)},
-        "threads": "one, asked of each library by " + ", ".join(THREADS),
+        "threads": "one, set for each library by " + ", ".join(THREADS),
         "load_average": [round(x, 2) for x in os.getloadavg()],
         "quick": quick,
     }

@@ -73,7 +73,7 @@ def measure(case: Case, entrants: list[Entrant], effort: Effort, progress: Calla
 def _run_for_error(case: Case, entry: _Entry, effort: Effort, steps: dict[int, np.ndarray]) -> None:
     entrant = entry.entrant
     if case.contacts > entrant.largest:
-        entry.problem = f"too large: run up to {entrant.largest} contacts"
+        entry.problem = f"too large: it is run for at most {entrant.largest} contacts"
         return
     began = time.perf_counter()
     found: list[np.ndarray] = []
@@ -84,7 +84,7 @@ def _run_for_error(case: Case, entry: _Entry, effort: Effort, steps: dict[int, n
             entry.first += entry.run.quarter(number, began + effort.seconds)
             found.append(np.array(entry.run.displacement))
     except OutOfTime:
-        entry.problem = f"not done within {effort.seconds:g} s"
+        entry.problem = f"not finished within {effort.seconds:g} s"
     except (ArithmeticError, ValueError, RuntimeError) as failure:
         entry.problem = f"{type(failure).__name__}: {failure}"
     entry.used = time.perf_counter() - began

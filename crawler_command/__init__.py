@@ -1,1 +1,1 @@
-"""The `crawler` command: one verb a file, thin over the model, the nodes and the recordings."""
+"""The `crawler` command: one file per verb, thin over the model, the nodes and the recordings."""

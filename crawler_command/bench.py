@@ -6,7 +6,7 @@ import json
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -30,14 +30,21 @@ def bench(
             "--replay", help="Measure reading, analysing and exporting recordings of up to three hours instead."
         ),
     ] = False,
+    sweep: Annotated[
+        bool, typer.Option("--sweep", help="Measure runs of many variations instead: rate, part of time in kernels.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    if node or replay:
+    chosen = [name for name, is_chosen in (("node", node), ("replay", replay), ("sweep", sweep)) if is_chosen]
+    if chosen:
         if case:
-            raise CrawlerError("--case selects cases of the methods; it cannot be combined with --node or --replay")
-        if node and replay:
-            raise CrawlerError("--node and --replay cannot be combined; run one after the other")
-        _bench_processes("node" if node else "replay", quick, as_json, out)
+            raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
+        if len(chosen) > 1:
+            raise CrawlerError(f"--{chosen[0]} and --{chosen[1]} cannot be combined; run one after the other")
+        if sweep:
+            _bench_sweep(quick, as_json, out)
+        else:
+            _bench_processes(chosen[0], quick, as_json, out)
         return
     import matplotlib as _required_later  # noqa: F401
 
@@ -64,23 +71,37 @@ def bench(
     screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
 
 
+def _bench_sweep(quick: bool, as_json: bool, out: Path) -> None:
+    """Measure runs of many variations."""
+    from crawler_bench.sweep import QUICK, VARIATIONS, measure_sweep
+
+    with progress_bar("measuring") as progress:
+        rows = measure_sweep(QUICK if quick else VARIATIONS, progress)
+    _write_rows("sweep", rows, quick, as_json, out)
+
+
 def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
     """Measure the node or replays, which run in processes of their own."""
     import rclpy as _needed  # noqa: F401
 
-    from crawler_bench.bench import describe_machine
     from crawler_bench.node import node, replay
-    from crawler_bench.report import print_rows
 
-    out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=True)
-    document = {"schema": 1, "machine": describe_machine(quick)}
     with console.status("starting") if console.is_terminal else nullcontext() as status:
         progress = status.update if status else None
         if name == "node":
             rows = node.measure_node(**(node.QUICK if quick else {}), progress=progress)
         else:
             rows = replay.measure_replay(**(replay.QUICK if quick else {}), progress=progress)
+    _write_rows(name, rows, quick, as_json, out)
+
+
+def _write_rows(name: str, rows: list[dict[str, Any]], quick: bool, as_json: bool, out: Path) -> None:
+    from crawler_bench.bench import describe_machine
+    from crawler_bench.report import print_rows
+
+    out.mkdir(parents=True, exist_ok=True)
+    document = {"schema": 1, "machine": describe_machine(quick)}
     text = json.dumps({**document, "rows": rows}, allow_nan=False, indent=1)
     file = out / f"{name}.json"
     file.write_text(text + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The part of the report of `crawler check` about loads: what the body holds at rest, and against what it gains."""
+"""The part of the report of `crawler check` about loads: the limits of the body at rest, and those of its gait."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from rich.console import Console
 
 from crawler_model import CommandError, Limit, Trajectory, largest_tow, steepest_climb
 from crawler_model.body.plan import Plan
-from crawler_model.theory.holding import Holding, Tilt, compute_holding
+from crawler_model.body.planar_loads import split_target
+from crawler_model.theory.holding import Holding, Tilt, compute_holding, steepest_held
 
 from .screen import progress_bar
 
 _BUDGET = 1_000_000
 """Periods times waypoints times contacts of each search: a second or two."""
-_WAYS = {1: "forward", -1: "backward"}
+_DIRECTIONS = {1: "forward", -1: "backward"}
 
 
 def print_holding(run: Trajectory, screen: Console) -> None:
-    """Print what a body on a line holds at rest, at the start of its run.
+    """Print the limits of a body at rest, at the start of its run.
 
     Args:
         run: the run.
@@ -27,15 +28,23 @@ def print_holding(run: Trajectory, screen: Console) -> None:
     """
     scene, body = run.scene, run.scene.body
     if body.dimension == 2:
+        _print_planar_holding(scene, screen)
         return
-    drive = scene.drive
+    drive, ground = scene.drive, scene.ground
     load = drive.loads[0] if scene.columns.loads else np.zeros(body.contacts)
-    forward, backward = drive.forward[0] + load, drive.backward[0] - load
-    holding = compute_holding(body, scene.ground, run.tension[0], forward, backward, load)
+    plus, minus = drive.forward[0], drive.backward[0]
+    if ground.track is not None:
+        place = ground.track.find_places(body.position, run.displacement[0])
+        plus, minus, load = ground.track.bounds(drive.targets[0, body.springs :], place)
+    holding = compute_holding(body, ground, run.tension[0], plus + load, minus - load, load)
     _print_tow(scene, holding, screen)
-    for tilt, way in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
+    if not ground.has_one_slope:
+        screen.print(
+            "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of their own"
+        )
+    for tilt, direction in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
         if tilt is not None:
-            screen.print(_describe_tilt(scene, tilt, way))
+            screen.print(_describe_tilt(scene, tilt, direction))
 
 
 def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
@@ -52,17 +61,43 @@ def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
         )
 
 
+def _print_planar_holding(scene: Plan, screen: Console) -> None:
+    """Print what isotropic friction holds in the plane, the same in every direction."""
+    if scene.directions.shape[0]:
+        screen.print(
+            "largest tow and steepest slope that it holds at rest: not computed in the plane for friction that depends "
+            "on the direction, as they depend on it, too"
+        )
+        return
+    ground, loaded = scene.ground, scene.columns.loads > 0
+    _, friction, loads = split_target(scene.body, scene.directions, scene.drive.targets[0])
+    whole = float(friction.sum())
+    tow = whole - (math.hypot(*loads.sum(axis=0)) if loaded else 0.0)
+    screen.print(f"largest tow that it holds at rest, on any contact: {tow:.6g} N in every direction")
+    if not ground.weight.any():
+        return
+    if loaded and not np.allclose(loads, ground.slope_load, rtol=0.0, atol=1e-12 * whole):
+        screen.print("steepest slope that it holds at rest: not computed in the plane beside other loads")
+        return
+    slope = steepest_held(ground, friction[:, 0], np.zeros(scene.body.contacts))
+    screen.print(f"steepest slope that it holds at rest: {_degrees(slope)} degrees uphill in every direction")
+
+
+def _degrees(slope: float) -> str:
+    return "any, up to 90" if slope == math.pi / 2.0 else f"{math.degrees(slope):.6g}"
+
+
 def _sides(holding: Holding) -> tuple[tuple[np.ndarray, float], ...]:
     return (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
 
 
-def _describe_tilt(scene: Plan, tilt: Tilt, way: str) -> str:
-    steepest = "any, up to 90" if tilt.steepest == math.pi / 2.0 else f"{math.degrees(tilt.steepest):.6g}"
+def _describe_tilt(scene: Plan, tilt: Tilt, direction: str) -> str:
+    steepest = _degrees(tilt.steepest)
     if tilt.gives_way == math.pi / 2.0:
-        return f"steepest slope that it holds at rest, {way}: {steepest} degrees"
+        return f"steepest slope that it holds at rest, {direction}: {steepest} degrees"
     return (
-        f"steepest slope that it holds at rest, {way}: {steepest} degrees; {scene.body.name_of(tilt.contact)} gives "
-        f"way first, at {math.degrees(tilt.gives_way):.6g} degrees"
+        f"steepest slope that it holds at rest, {direction}: {steepest} degrees; "
+        f"{scene.body.name_of(tilt.contact)} gives way first, at {math.degrees(tilt.gives_way):.6g} degrees"
     )
 
 
@@ -70,20 +105,26 @@ def print_limits(scene: Plan, screen: Console) -> None:
     """Print the steepest slope and the largest tow on the last contact against which a period gains.
 
     Args:
-        scene: the scene; nothing is printed in the plane and without a drive that has a period.
+        scene: the scene; nothing is printed without a drive that has a period.
         screen: the console to print to.
     """
-    if scene.body.dimension == 2 or scene.drive.holds or scene.drive.period is None:
+    if scene.drive.holds or scene.drive.period is None:
+        return
+    if scene.body.dimension == 2:
+        screen.print(
+            "steepest slope and largest tow at which a period still gains: only on a line; in the plane a load turns "
+            "the body, so that its direction against the travel changes"
+        )
         return
     on = f"on {scene.body.name_of(scene.body.contacts - 1)}"
     if scene.ground.weight.any():
         try:
-            with progress_bar("searching the steepest slope") as progress:
+            with progress_bar("searching for the steepest slope") as progress:
                 slope = steepest_climb(scene, _BUDGET, progress)
             screen.print(describe_climb(slope))
         except CommandError as error:
             screen.print(str(error))
-    with progress_bar("searching the largest tow") as progress:
+    with progress_bar("searching for the largest tow") as progress:
         tow = largest_tow(scene, -1, _BUDGET, progress)
     screen.print(describe_tow(tow, on))
 
@@ -102,8 +143,8 @@ def describe_climb(limit: Limit) -> str:
             "steepest slope at which a period still gains: none, as the drive does not carry the body on level ground"
         )
     value, beyond = (f"{math.degrees(angle):.8g} degrees" for angle in (limit.value, limit.beyond))
-    way = "uphill" if limit.direction > 0 else "uphill towards -x, the way it goes"
-    return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, way)}"
+    direction = "uphill" if limit.direction > 0 else "uphill towards -x, in the direction of travel"
+    return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, direction)}"
 
 
 def describe_tow(limit: Limit, on: str) -> str:
@@ -119,24 +160,26 @@ def describe_tow(limit: Limit, on: str) -> str:
     if limit.cause == "no travel":
         return f"largest tow {on} at which a period still gains: none, as the drive does not carry the body without it"
     value, beyond = (f"{force:.8g} N" for force in (limit.value, limit.beyond))
-    way = _WAYS.get(-limit.direction, "")
-    return f"largest tow {on} at which a period still gains: {_describe(limit, value, beyond, way)}"
+    direction = _DIRECTIONS.get(-limit.direction, "")
+    return f"largest tow {on} at which a period still gains: {_describe(limit, value, beyond, direction)}"
 
 
-def _describe(limit: Limit, value: str, beyond: str, way: str) -> str:
+def _describe(limit: Limit, value: str, beyond: str, direction: str) -> str:
     """Describe value, direction and cause."""
     if limit.cause == "budget":
         if limit.direction == 0:
-            return "not searched, a period takes too long here; see steepest_climb and largest_tow in Python"
-        return f"between {value} and {beyond} {way}; the search was cut short"
+            return (
+                "not searched for, because a period takes too long here; use steepest_climb and largest_tow in Python"
+            )
+        return f"between {value} and {beyond} {direction}; the search was cut short"
     unsettled = "" if limit.settled else "; some runs did not become periodic"
     gain = limit.direction * limit.gain
     size = abs(limit.free_gain)
     if limit.cause == "equilibrium":
         return (
-            f"{value} {way}, where the equilibrium ends: it gains {gain:.6g} m there, and beyond it "
-            f"runs away whatever the drive does{unsettled}"
+            f"{value} {direction}, where the equilibrium ends: it gains {gain:.6g} m there, and beyond it "
+            f"the body runs away whatever the drive does{unsettled}"
         )
-    fades = limit.gain < 1e-6 * size
-    end = "where the gain has faded" if fades else f"where it still gains {gain:.6g} m, none beyond"
-    return f"{value} {way}, {end}{unsettled}"
+    faded = limit.gain < 1e-6 * size
+    end = "where the gain has fallen to 0" if faded else f"where it still gains {gain:.6g} m, none beyond"
+    return f"{value} {direction}, {end}{unsettled}"

@@ -34,6 +34,8 @@ def print_report(run: Trajectory, screen: Console) -> None:
     scene, body = run.scene, run.scene.body
     screen.print(f"{scene.name}: {body.describe()}; valid")
     screen.print(_contacts(run))
+    if scene.ground.track is not None:
+        screen.print("stasis domain, directions and uniqueness margin are those of the ground outside the patches")
     if body.dimension == 1:
         screen.print(_direction(run))
     _print_conditions(run, screen)
@@ -147,7 +149,7 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
 
 
 def _print_units(scene: Plan, screen: Console) -> None:
-    """Warn about lengths far beyond the body's own: mostly millimetres for metres, or other units of force."""
+    """Warn about lengths far beyond that of the body, most of which are due to wrong units of length or force."""
     body, drive = scene.body, scene.drive
     length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
     commanded = body.joint_sum(np.abs(drive.actuation).T.reshape(body.springs, -1)).max(axis=1)
@@ -178,13 +180,13 @@ def _print_units(scene: Plan, screen: Console) -> None:
 def _print_motion(run: Trajectory, screen: Console) -> None:
     """Print the motion along the drive."""
     scene, body = run.scene, run.scene.body
-    of = " (of the elements, which come nearer than the segment as a whole)" if body.segments else ""
+    of = " (of the elements; that of the segment as a whole is larger)" if body.segments else ""
     unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 only at instants)"
     screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
     _print_crossings(run, screen)
     still = [i for i in range(body.contacts) if not run.contact_state[:, i].any()]
     if len(still) == body.contacts:
-        screen.print("too weak: the drive never leaves the stasis domain, so that nothing moves")
+        screen.print("too weak: the drive never leaves the stasis domain, so nothing moves")
     elif still:
         names = ", ".join(body.name_of(i).removeprefix("contact ") for i in still[:10])
         screen.print(f"contacts that never slide: {names}{' ...' if len(still) > 10 else ''}")

@@ -22,23 +22,6 @@ from crawler_model.sweep.vary import MOST_VARIATIONS, key_steps
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.versions import installed_version
 
-RESULTS = {
-    "net_translation": "m",
-    "gained": "m",
-    "per_period": "m",
-    "settling": "m",
-    "work": "J",
-    "dissipation": "J",
-    "stored": "J",
-    "residual": "1",
-    "violation": "N",
-    "visited_margin": "1",
-    "efficiency": "m/J",
-    "period_work": "J",
-    "cost_of_transport": "1",
-    "body_lengths": "1",
-}
-"""Numbers in a row and their units; null when a run is invalid or has no such number."""
 _UNITS = {
     "forward": "N",
     "backward": "N",
@@ -109,7 +92,7 @@ def parse_axis(text: str) -> tuple[str, np.ndarray]:
     if not 1 <= count <= MOST_VARIATIONS:
         raise CrawlerError(f"--vary {text}: N is {count}; it must be between 1 and {MOST_VARIATIONS}")
     if log and not (start > 0.0 and stop > 0.0):
-        raise CrawlerError(f"--vary {text}: log: goes from one number > 0 to another")
+        raise CrawlerError(f"--vary {text}: with `log:` both ends must be > 0")
     return key, np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
 
 
@@ -243,36 +226,14 @@ def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
         The values varied, status and reason, the results; scene, settings and versions in the metadata.
     """
     ran = runs.status != "not run"
-    done = runs.status == "done"
-    fields, columns = [], []
-
-    def add(
-        name: str, values: np.ndarray | list[str], unit: str | None = None, missing: np.ndarray | None = None
-    ) -> None:
-        array = pa.array(values, mask=missing)
-        fields.append(pa.field(name, array.type, metadata=None if unit is None else {"unit": unit}))
-        columns.append(array)
-
-    for key, values in sweep.variations.values.items():
-        add(key, values[ran], unit_of(sweep.variations.base, key))
-    add("status", runs.status[ran].tolist())
-    add("reason", [reason for reason, has_run in zip(runs.reason, ran, strict=True) if has_run])
-    for name, unit in RESULTS.items():
-        column = _result(runs, name)[ran]
-        for axis, values in zip(("_x", "_y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
-            add(name + axis, values, unit, ~np.isfinite(values))
-    for name in ("unique", "events", "overspent", "unsolved", "periods"):
-        add(name, getattr(runs, name)[ran], None, ~done[ran])
+    table = runs.to_table().filter(pa.array(ran))
+    base = sweep.variations.base
+    for place, (key, values) in enumerate(sweep.variations.values.items()):
+        table = table.add_column(
+            place, pa.field(key, pa.float64(), metadata={"unit": unit_of(base, key)}), [values[ran]]
+        )
     about = json.dumps(_about(sweep, runs), sort_keys=True)
-    return pa.Table.from_arrays(columns, schema=pa.schema(fields, metadata={"crawler_sweep": about}))
-
-
-def _result(runs: ManyRuns, name: str) -> np.ndarray:
-    if name != "efficiency":
-        return np.asarray(getattr(runs, name))
-    gained = runs.gained
-    spent = runs.dissipation.reshape(-1, *(1,) * (gained.ndim - 1))
-    return np.divide(gained, spent, out=np.full(gained.shape, np.nan), where=spent > 0.0)
+    return table.replace_schema_metadata({"crawler_sweep": about})
 
 
 def _about(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:

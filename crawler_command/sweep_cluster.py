@@ -17,7 +17,9 @@ import distributed
 import numpy as np
 
 from crawler_model import CrawlerError, ManyRuns, Variations
-from crawler_model.sweep.many import ROW, Settings, gather, run_chunk
+from crawler_model.sweep.many import Settings, run_chunk
+from crawler_model.sweep.results import gather
+from crawler_model.sweep.rows import ROW
 
 PATIENCE_S = 8.0
 """Longest wait for the scheduler's answer, and for a first worker [s]."""
@@ -122,4 +124,4 @@ def _result(task: distributed.Future) -> tuple[np.ndarray, dict[int, str]]:
     except ModuleNotFoundError as error:
         raise CrawlerError(f"--scheduler: a worker lacks {error.name}; install crawler-ros there") from None
     except distributed.KilledWorker:
-        raise CrawlerError("--scheduler: the workers die one after another, as they do when memory is short") from None
+        raise CrawlerError("--scheduler: the workers died one after another; they may have run out of memory") from None

@@ -7,16 +7,19 @@ after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 
 from .crawler.crawler import Crawler, prepare
 from .crawler.step import Certificate, Step
+from .derivative.sensitivities import Kink, Sensitivities, sensitivities
 from .errors import CommandError, CrawlerError, SceneError
 from .optimise.optimise import optimise
 from .optimise.optimum import Optimum
 from .optimise.pareto import Front, pareto
 from .run.account import Energy
+from .run.cycle import LimitCycle, limit_cycle
 from .run.limits import Limit, largest_tow, steepest_climb
 from .run.simulate import Trajectory, simulate
 from .scene.file import gallery, load_scene, parse_scene
 from .scene.scene import Scene
-from .sweep.many import ManyRuns, simulate_many
+from .sweep.many import simulate_many
+from .sweep.results import ManyRuns
 from .sweep.vary import Variations, vary
 
 __all__ = [
@@ -26,21 +29,26 @@ __all__ = [
     "CrawlerError",
     "Energy",
     "Front",
+    "Kink",
     "Limit",
+    "LimitCycle",
     "ManyRuns",
     "Optimum",
     "Scene",
     "SceneError",
+    "Sensitivities",
     "Step",
     "Trajectory",
     "Variations",
     "gallery",
     "largest_tow",
+    "limit_cycle",
     "load_scene",
     "optimise",
     "pareto",
     "parse_scene",
     "prepare",
+    "sensitivities",
     "simulate",
     "simulate_many",
     "steepest_climb",

@@ -25,8 +25,8 @@ def draw_body(
     """Draw a chain of contacts at its position; above it there is room for `draw_length`.
 
     A link has two interpretations with the same tension. As a spring its rest length is the distance of its contacts in
-    the reference shape plus L. As an actuator with a spring behind it, the spring keeps half of that distance as its
-    rest length, and the actuator has the other half plus L.
+    the reference shape plus L. As an actuator with a spring behind it, the rest length of the spring is half of that
+    distance, and the length of the actuator is the other half plus L.
 
     Patches of ground are coloured bands under the body, with their factor on friction and their slope; where there are
     slopes, a line below shows the profile of the track.

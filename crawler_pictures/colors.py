@@ -1,4 +1,4 @@
-"""Colours of all pictures, in matplotlib and in rerun; colour-blind readers can tell forward from back."""
+"""Colours of all pictures, in matplotlib and in rerun; colour-blind readers can distinguish forward from back."""
 
 from __future__ import annotations
 

@@ -26,6 +26,7 @@ from .domain_text import (
     section_path,
     shown_waypoints,
     symbol,
+    title,
     verdict,
 )
 
@@ -44,7 +45,7 @@ def draw_three(scene: Plan, run: Trajectory) -> Figure:
     rows = -(-len(shown) // columns)
     size = (7.0, 6.8) if len(shown) == 1 else (4.2 * columns, 4.3 * rows + 0.6)
     figure, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
-    figure.suptitle(f"stasis domain: {scene.name}\n{verdict([domain for _, domain in shown])}", fontsize=11)
+    figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     path = section_path(scene, run.tension)[last_period(run)]
     limits = _limits([domain.vertices() for _, domain in shown])
     for axis, (time_s, domain) in zip(grid.ravel(), shown, strict=False):
@@ -197,7 +198,7 @@ def draw_many(scene: Plan, run: Trajectory) -> Figure:
         height_ratios=[2, 1.2],
         layout="constrained",
     )
-    figure.suptitle(f"stasis domain: {scene.name}\n{verdict([domain for _, domain in shown])}", fontsize=11)
+    figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     for name, pair in zip(names, pairs, strict=True):
         _draw_projections(axes[name], scene, [domain for _, domain in shown], pair, path)
         which = which_first if pair == first else "the two that change most"

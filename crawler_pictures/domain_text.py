@@ -76,6 +76,13 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return read(drive.forward), read(drive.backward)
 
 
+def title(scene: Plan) -> str:
+    """Name a picture, and the ground that its domain belongs to."""
+    return f"stasis domain: {scene.name}" + (
+        "" if scene.ground.track is None else ", on the ground outside its patches"
+    )
+
+
 def verdict(domains: Sequence[StasisDomain]) -> str:
     """Describe the possible directions of motion."""
     directions = directions_of(domains)

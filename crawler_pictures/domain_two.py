@@ -24,6 +24,7 @@ from .domain_text import (
     section_path,
     shown_waypoints,
     symbol,
+    title,
     verdict,
 )
 
@@ -55,7 +56,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
         rows, heights = [top, ["band"] * count, ["motion"] * count], [11.0 / count + 0.3, 3.6, 2.4]
         size = (11.0, sum(heights))
     figure, axes = plt.subplot_mosaic(rows, figsize=size, height_ratios=heights, layout="constrained")
-    figure.suptitle(f"stasis domain: {scene.name}\n{verdict([domain for _, domain in shown])}", fontsize=11)
+    figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     reach = max(float(max(domain.forward.max(), domain.backward.max())) for _, domain in shown) or 1.0
     for i, (time_s, domain) in enumerate(shown):
         axis = axes[f"box_{i}"]

@@ -1,19 +1,27 @@
-"""The ground of a track in pictures: what each stretch of it is called, its colour, and its profile."""
+"""The ground of a track in pictures: the label and colour of each stretch, and the profile."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crawler_model import Scene
+from crawler_model.run.simulate import TimedJump
+
+from .colors import JUMP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _SOFTER, _HARDER, _MIXED, _SLOPED = "#9fd0f0", "#d8b48a", "#c7b5de", "#d5dcc6"
 
 
 @dataclass(frozen=True)
 class Section:
-    """A stretch of the track whose ground has something to show.
+    """A stretch of the track that is marked in pictures: a patch, or the place for the slope of the track.
 
     Attributes:
         start: where it begins [m].
@@ -34,17 +42,17 @@ class Section:
 
 
 def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
-    """List the stretches of other ground that are in sight.
+    """List the stretches to mark between two places.
 
-    The slope of the track itself is written once, on the longest stretch in sight that has no patch of another slope.
+    The slope of the track itself is written once, on the longest visible stretch that has no patch of another slope.
 
     Args:
         scene: the scene.
-        left: begin of what is in sight [m].
-        right: its end [m].
+        left: left end of the visible track [m].
+        right: its right end [m].
 
     Returns:
-        The patches in sight, cut where it ends, then the stretch that shows the slope of the track; in the plane and
+        The visible patches, cut at both places, then the stretch that shows the slope of the track; in the plane and
         on plain ground none.
     """
     ground = scene.parts.ground
@@ -68,16 +76,16 @@ def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
 
 
 def trace_profile(scene: Scene, left: float, right: float) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the height of the track in true proportion, from 0 at its lowest point in sight.
+    """Compute the height of the track in true proportion, from 0 at its lowest visible point.
 
     Args:
         scene: the scene.
-        left: begin of what is in sight [m].
-        right: its end [m].
+        left: left end of the visible track [m].
+        right: its right end [m].
 
     Returns:
         Positions where the slope changes, both ends included, and heights there, each shape (P,) [m]; empty where all
-        in sight is level.
+        of it is level.
     """
     ground = scene.parts.ground
     patches = () if ground is None else ground.patches
@@ -112,3 +120,19 @@ def _choose_color(forward: float, backward: float) -> str:
     if least == most == 1.0:
         return _SLOPED
     return _SOFTER if most <= 1.0 else _HARDER if least >= 1.0 else _MIXED
+
+
+def draw_jumps(axis: Axes, jumps: Sequence[TimedJump]) -> None:
+    """Draw each jump as a line from the border to where it ended, over a dotted line along the border.
+
+    Args:
+        axis: positions on the track over time, with a legend to come.
+        jumps: the jumps.
+    """
+    for border in sorted({jump.border for jump in jumps}):
+        axis.axhline(border, color=JUMP, linewidth=0.6, linestyle=":", zorder=0)
+    if jumps:
+        time, start = [jump.time for jump in jumps], [jump.border for jump in jumps]
+        axis.plot(time, start, "D", color=JUMP, markersize=4.5, zorder=4, label="jumps over a border (dotted)")
+        ends = [jump.border + jump.distance for jump in jumps]
+        axis.vlines(time, start, ends, color=JUMP, linewidth=2.2, zorder=4)

@@ -1,4 +1,4 @@
-"""Importable under this documented name; see `crawler_pictures.domain`."""
+"""Pictures of stasis domains, importable under this documented name; see `crawler_pictures.domain`."""
 
 from crawler_pictures.domain import draw_domain
 

@@ -1,4 +1,4 @@
-"""Importable under this documented name; see `crawler_pictures.domain_text`."""
+"""Labels of stasis domains, importable under this documented name; see `crawler_pictures.domain_text`."""
 
 from crawler_pictures.domain_text import STYLE, friction_at, label_of, verdict
 

@@ -212,9 +212,9 @@ def topics() -> str:
     given = yaml.safe_load((ROOT / "msgs_config" / "topics.yaml").read_text(encoding="utf-8"))
     parts = {"in": "", "out": ""}
     for name, row in given["topics"].items():
-        said = f"{code(row['type'])}; quality of service: [{row['qos']}](#quality-of-service)"
-        said += "".join(f"; {key}: {row[key]}" for key in ("unit", "frame") if key in row)
-        parts[row["direction"]] += f"### {name}\n\n{said}\n\n{wrapped(row['meaning'])}\n\n"
+        line = f"{code(row['type'])}; quality of service: [{row['qos']}](#quality-of-service)"
+        line += "".join(f"; {key}: {row[key]}" for key in ("unit", "frame") if key in row)
+        parts[row["direction"]] += f"### {name}\n\n{line}\n\n{wrapped(row['meaning'])}\n\n"
     keys = ("reliability", "durability", "history", "depth")
     qos = table("name", *keys, rows=((n, *(str(row[key]) for key in keys)) for n, row in given["qos"].items()))
     rows = ((code(f"crawler/{n}"), row["type"], row["meaning"]) for n, row in given["services"].items())

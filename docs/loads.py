@@ -1,4 +1,4 @@
-"""Draw what slopes, tows and payloads cost a crawler: pictures/loads.png, the figure of loads.md."""
+"""Draw what slopes, tows, payloads and patches of ground cost a crawler: the figures of loads.md."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import ManyRuns, Scene, largest_tow, load_scene, simulate_many, steepest_climb, vary
+from crawler_model import ManyRuns, Scene, largest_tow, load_scene, simulate, simulate_many, steepest_climb, vary
+from crawler_pictures.ground import draw_jumps, list_sections
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-PICTURE = Path(__file__).parent / "pictures" / "loads.png"
+PICTURES = Path(__file__).parent / "pictures"
+CROSSED = ("ice", "friction_step", "hill_top")
+"""Scenes with patches."""
 STIFFNESS, STROKE = 20.0, 0.1
 """Of the two contacts of `slope_climber` [N/m, m]."""
 RATIOS = (0.8, 0.5, 0.3)
@@ -21,6 +25,7 @@ RATIOS = (0.8, 0.5, 0.3)
 STROKES = (0.1, 0.06, 0.04)
 _COLORS = ("#007d5c", "#2f5fc4", "#b8860b")
 _GREY = "#9a9a9a"
+_AT_RIGHT: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center", "fontsize": 8}
 
 
 def slope_bounds(degrees: np.ndarray, forward: float, backward: float) -> tuple[np.ndarray, np.ndarray]:
@@ -126,21 +131,46 @@ def draw_cost(axis: Axes) -> None:
     axis.set_ylim(0.0, 0.6)
 
 
+def draw_crossing(axis: Axes, name: str) -> None:
+    """Draw both contacts of a scene over the patches that they cross, with their jumps."""
+    run = simulate(load_scene(name), 16.0, 50.0)
+    place = run.scene.body.position + run.displacement
+    draw_jumps(axis, run.jumps)
+    for i, color in enumerate(_COLORS[: place.shape[1]]):
+        axis.plot(run.time, place[:, i], color=color, lw=1.2, label=f"contact {i}")
+    for section in list_sections(run.scene, float(place.min()), float(place.max())):
+        axis.axhspan(section.start, section.end, color=section.color, alpha=0.35, lw=0)
+        axis.annotate(section.text, (run.time[-1], section.middle), (-4, 0), **_AT_RIGHT)
+    axis.set(title=f"{name}, gains {1e3 * run.per_period[1]:.4g} .. {1e3 * run.per_period[-1]:.4g} mm a period")
+    axis.set_xlabel("time [s]")
+    axis.legend(fontsize=8, frameon=False, loc="lower right")
+    axis.margins(x=0)
+
+
+def save(figure: Figure, name: str) -> None:
+    """Write a figure to the pictures."""
+    figure.savefig(PICTURES / name, dpi=100, pil_kwargs={"optimize": True})
+    print(f"written: docs/pictures/{name}")
+
+
 def main() -> None:
-    """Draw the figure."""
+    """Draw the figures."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    style: dict[Any, Any] = {"font.size": 9}
+    style: dict[Any, Any] = {"font.size": 9, "axes.titlesize": 10}
     with matplotlib.rc_context(style):
+        figure, axes = plt.subplots(1, len(CROSSED), figsize=(13.0, 4.2), layout="constrained")
+        for axis, name in zip(axes, CROSSED, strict=True):
+            draw_crossing(axis, name)
+        axes[0].set_ylabel("position of the contacts [m]")
+        save(figure, "patches.png")
         figure, axes = plt.subplots(2, 2, figsize=(11.0, 8.0), layout="constrained")
         for axis, draw in zip(axes.ravel(), (draw_slopes, draw_tows, draw_payloads, draw_cost), strict=True):
             draw(axis)
-        figure.savefig(PICTURE, dpi=100, pil_kwargs={"optimize": True})
-        plt.close(figure)
-    print(f"written: {PICTURE.relative_to(Path.cwd()) if PICTURE.is_relative_to(Path.cwd()) else PICTURE}")
+        save(figure, "loads.png")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ MOST = 6.0
 """Greatest amplitude drawn, k Lmax / mu."""
 CLOSED_FORMS = {
     "A": (lambda a: np.maximum(a - 2.0, 0.0), "max(0, a - 2)"),
-    "B": (lambda a: np.clip(a - 1.0, 0.0, 2.0), "a - 1, from 0 to 2"),
+    "B": (lambda a: np.clip(a - 1.0, 0.0, 2.0), "a - 1, limited to 0 .. 2"),
     "C": (lambda a: np.maximum(a - 2.0, 0.0), "max(0, a - 2)"),
 }
 """Net translation per period at shift 0 in units of mu / k, a = k Lmax / mu."""
@@ -33,7 +33,7 @@ def shifted_drives(strategy: str, amplitude: np.ndarray, shift: np.ndarray) -> d
     Args:
         strategy: "A", "B" or "C".
         amplitude: Lmax of each, shape (M,) [m].
-        shift: by which part of a period the friction is late, no multiple of 1/4, shape (M,).
+        shift: delay of the friction, as part of a period, no multiple of 1/4, shape (M,).
 
     Returns:
         For `vary`, side by side: eight waypoints, those of the shape and those of the friction.
@@ -108,7 +108,9 @@ def draw(maps: dict[str, np.ndarray], amplitude: np.ndarray, shift: np.ndarray, 
             drawn = top.pcolormesh(amplitude, shift, table, cmap="PRGn", vmin=-limit, vmax=limit, rasterized=True)
             _draw_lines(top, strategy, table, amplitude, shift)
             _draw_section(bottom, strategy, amplitude)
-        axes[0, 0].set_ylabel("friction runs late by, as part of the period\n(below 0: early; 0: the strategy itself)")
+        axes[0, 0].set_ylabel(
+            "delay of the friction, as part of the period\n(negative: earlier; 0: the strategy itself)"
+        )
         axes[0, 0].set_yticks(np.arange(-0.5, 0.51, 0.25), ["-1/2", "-1/4", "0", "1/4", "1/2"])
         axes[1, 0].set_ylabel("net translation\n" + r"per period [$\mu / k$]")
         axes[1, 0].set_xlim(0.0, MOST)
@@ -127,8 +129,8 @@ def _draw_lines(axes: Any, strategy: str, table: np.ndarray, amplitude: np.ndarr
     axes.plot(KINKS[strategy], np.zeros(len(KINKS[strategy])), "o", ms=6, mfc="white", mec=_BLUE, mew=1.5, zorder=5)
     axes.text(0.45, 0.25, "nothing moves", rotation=90, va="center", color="#555555")
     if strategy == "A":
-        axes.annotate("here A is B", (5.9, 0.25), (0, 3), textcoords="offset points", fontsize=8, ha="right")
-    axes.set_title({"A": "strategy A", "B": "strategy B: A, a quarter of a period late", "C": "strategy C"}[strategy])
+        axes.annotate("equal to strategy B", (5.9, 0.25), (0, 3), textcoords="offset points", fontsize=8, ha="right")
+    axes.set_title({"A": "strategy A", "B": "strategy B (A with friction delayed by 1/4)", "C": "strategy C"}[strategy])
 
 
 def _beginnings(distance: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

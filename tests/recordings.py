@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -25,6 +26,8 @@ STATES = ("joint_states", "contact_states", "pose")
 def play(scene: Scene, first_ns: int, last_ns: int, rate: float = 100.0) -> Iterator[tuple[int, list, list]]:
     """The ticks of a scene whose drive starts at `first_ns`: start, offsets and rows of the vertices."""
     ratio, drive, columns = rational_rate(rate), scene.drive, scene.columns
+    plain = dataclasses.replace(columns, index=np.arange(columns.count), factor=np.ones(columns.count), slope_load=None)
+    rows_of = dataclasses.replace(drive, columns=plain)  # its targets are rows
     tick = 0
     in_force = drive.rows[0]
     while (end := tick_end_ns(tick + 1, ratio)) <= last_ns:
@@ -33,8 +36,7 @@ def play(scene: Scene, first_ns: int, last_ns: int, rate: float = 100.0) -> Iter
         way, rows = drive.waypoints_between(max(start - first_ns, -1), int(ns[0])) if ns[0] >= 0 else ([], [])
         vertices = [(int(t) + first_ns - start, drive.rows[r]) for t, r in zip(way, rows, strict=True)]
         if ns[0] >= 0 and (len(way) == 0 or way[-1] < ns[0]):
-            assert columns.index.size == columns.count, "bodies whose rows are their targets"
-            vertices.append((end - start, drive.sample(ns)[0]))
+            vertices.append((end - start, rows_of.sample(ns)[0]))
         kept = []
         for due, row in vertices:
             if row.tobytes() != in_force.tobytes():

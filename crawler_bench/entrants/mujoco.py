@@ -1,8 +1,8 @@
 """MuJoCo on a chain: slide joints with friction loss, springs between them as tendons.
 
 MuJoCo has inertia and soft constraints; quasi-static dry friction is the limit of small mass. Mass, damping, the
-softness of friction and the integrator are tuned for each step size. MuJoCo has no friction that differs forwards and
-backwards, and friction that changes with time requires editing the model in every step.
+softness of friction and the integrator are tuned for each step size. MuJoCo's friction cannot differ between forwards
+and backwards, and friction that changes with time requires editing the model in every step.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def why_not(case: Case) -> str | None:
     if body.dimension == 2:
         return "friction in the plane is a disc; MuJoCo's friction loss acts on each axis by itself"
     if (drive.forward != drive.backward).any():
-        return "friction differs forwards and backwards; MuJoCo's friction loss is equal in both directions"
+        return "friction differs between forwards and backwards; MuJoCo's friction loss is equal in both directions"
     if not body.is_chain:
         return "the MuJoCo model is built only for chains"
     return None

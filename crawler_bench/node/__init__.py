@@ -1,1 +1,1 @@
-"""What the node and replay cost, measured with real processes."""
+"""The cost of the node and of replay, measured with real processes."""

@@ -7,11 +7,14 @@ each contact to the next one is a chain.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from ..arrays import join
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Body:
     Attributes:
         position: reference positions xi, shape (N,), increasing; shape (N, 2) in the plane [m].
         ends: the two contacts of each spring, shape (S, 2); on a line the first lies before the second.
-        stiffness: k, shape (S,) [N/m].
+        stiffness: k, shape (S,) [N/m]; (M, S) for M variations of a body.
         share: weight of each contact in the net translation, shape (N,), summing to 1. Every isolated contact and
             every segment has the same weight; a segment contributes the mean over its length.
         ground: length of ground that each contact represents, 1 for an isolated contact, shape (N,) [m].
@@ -88,7 +91,7 @@ class Body:
     @property
     def springs(self) -> int:
         """Number of springs S, including those of segments."""
-        return int(self.stiffness.size)
+        return int(self.stiffness.shape[-1])
 
     @property
     def dimension(self) -> int:
@@ -105,8 +108,8 @@ class Body:
 
     @functools.cached_property
     def elasticity(self) -> np.ndarray:
-        """Stiffness k [N/m] and compliance 1 / k [m/N] of each spring, shape (2, S)."""
-        return np.stack((self.stiffness, 1.0 / self.stiffness))
+        """Stiffness k [N/m] and compliance 1 / k [m/N] of each spring, shape (..., 2, S)."""
+        return np.stack((self.stiffness, 1.0 / self.stiffness), axis=-2)
 
     @functools.cached_property
     def stations(self) -> np.ndarray:
@@ -159,14 +162,16 @@ class Body:
             force[..., :-1] = t
             force[..., 1:] -= t
             return force
-        if t.ndim == 1:
-            n = self.contacts
-            return np.bincount(self.ends[:, 0], t, n) - np.bincount(self.ends[:, 1], t, n)
-        rows = t.reshape(-1, self.springs).T
-        force = np.zeros((self.contacts, rows.shape[1]))
-        np.add.at(force, self.ends[:, 0], rows)
-        np.subtract.at(force, self.ends[:, 1], rows)
-        return force.T.reshape(*t.shape[:-1], self.contacts)
+        return self._sum_at(self.ends[:, 0], t) - self._sum_at(self.ends[:, 1], t)
+
+    def _sum_at(self, contact: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Sum values, shape (..., K), at a contact of each, shape (K,); returns shape (..., N)."""
+        if values.ndim == 1:
+            return np.bincount(contact, values, self.contacts)
+        rows = values.reshape(-1, contact.size).T
+        total = np.zeros((self.contacts, rows.shape[1]))
+        np.add.at(total, contact, rows)
+        return np.ascontiguousarray(total.T).reshape(*values.shape[:-1], self.contacts)
 
     def describe(self) -> str:
         """Describe the components of the body in a few words.
@@ -223,15 +228,13 @@ class Body:
         """Compute the sum of the absolute tensions at each contact, which bounds the rounding error of its force.
 
         Args:
-            tension: T, shape (S,) [N].
+            tension: T, shape (..., S) [N].
 
         Returns:
-            Shape (N,) [N].
+            Shape (..., N) [N].
         """
-        size = np.zeros(self.contacts)
-        np.add.at(size, self.ends[:, 0], np.abs(tension))
-        np.add.at(size, self.ends[:, 1], np.abs(tension))
-        return size
+        size = np.abs(tension)
+        return self._sum_at(self.ends.T.ravel(), np.concatenate((size, size), axis=-1))
 
     def name_of(self, contact: int) -> str:
         """Return a readable name of a contact.
@@ -251,13 +254,19 @@ class Body:
         """Compute displacements at which no spring exerts a force; the first contact is not displaced.
 
         Args:
-            actuation: L, shape (S,), in the plane (2 S,), x and y of each in turn [m].
+            actuation: L, shape (..., S), in the plane (2 S,), x and y of each in turn [m].
 
         Returns:
-            x, shape (N,), in the plane (N, 2) [m].
+            x, shape (..., N), in the plane (N, 2) [m].
         """
         if self.is_chain:
-            return np.concatenate(([0.0], np.cumsum(actuation)))
+            return join((0.0, np.cumsum(actuation, axis=-1)))
+        if self.stiffness.ndim == 2 or (self.dimension == 1 and actuation.ndim == 2):
+            lengths, stiffness = np.broadcast_arrays(actuation, self.stiffness)
+            x = np.full((lengths.shape[0], self.contacts), np.nan)
+            for at in np.flatnonzero((stiffness > 0.0).all(axis=1) & np.isfinite(lengths).all(axis=1)):
+                x[at] = dataclasses.replace(self, stiffness=stiffness[at]).relaxed(lengths[at])
+            return x
         from scipy.sparse import csc_matrix
         from scipy.sparse.linalg import spsolve
 

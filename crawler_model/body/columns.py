@@ -37,8 +37,8 @@ class Columns:
         planar: in the plane, the number of friction directions, 0 for isotropic friction; None on a line.
         index: for each entry of the target, the column from which it is read, shape (S + 2 N,), with loads (S + 3 N,).
         factor: factor by which that column is multiplied, likewise.
-        slope_load: with loads, what the slope adds to the load of each contact, shape (N,), in the plane (N, 2) [N];
-            None without loads.
+        slope_load: with loads, what the slope adds to the load of each contact, shape (N,), for variations (M, N), in
+            the plane (N, 2) [N]; None without loads.
         directions: in the plane, unit vectors of the friction directions, shape (m, 2); None on a line.
         patched: whether the ground changes with place, so that only the motion shows whether friction holds the loads.
     """
@@ -72,12 +72,12 @@ class Columns:
 
     @functools.cached_property
     def frictions(self) -> int:
-        """How many columns are frictions."""
+        """Number of columns that hold friction."""
         return self.sides * int(self.friction_sizes.sum())
 
     @property
     def loads(self) -> int:
-        """How many columns are loads: one (in the plane two) per isolated contact, then per segment; 0 if none."""
+        """Number of columns that hold loads: one (in the plane two) per isolated contact and segment; 0 if none."""
         return 0 if self.slope_load is None else int(self.load_sizes.sum())
 
     @functools.cached_property
@@ -166,7 +166,7 @@ class Columns:
         """Convert command rows to targets.
 
         Args:
-            rows: shape (..., C).
+            rows: shape (..., C); for variations of the load of the slope (..., W, C).
 
         Returns:
             Shape (..., S + 2 N), with loads (..., S + 3 N) [m, N]; `rows` itself if no conversion is needed.
@@ -177,15 +177,18 @@ class Columns:
         if self.slope_load is not None and self.planar is not None:
             target[..., target.shape[-1] - self.slope_load.size :] += self.slope_load.ravel()
         elif self.slope_load is not None:
-            n = self.slope_load.size
+            slope, n = self.slope_load, self.slope_load.shape[-1]
+            if slope.ndim == 2:
+                slope = slope[:, None, :]
+                target = np.broadcast_to(target, (slope.shape[0], *target.shape[-2:])).copy()
             forward, backward, load = (target[..., target.shape[-1] - k * n :][..., :n] for k in (3, 2, 1))
-            load += self.slope_load
+            load += slope
             forward -= load
             backward += load
         return target
 
     def held_target(self, row: np.ndarray, actuation: np.ndarray, bounds: np.ndarray, loads: np.ndarray) -> np.ndarray:
-        """Turn a command row into a target; what the row leaves out (NaN) stays as it is in force.
+        """Convert a command row to a target; where the row is NaN, the value in force remains.
 
         Args:
             row: shape (C,).
@@ -240,7 +243,7 @@ class Columns:
             error: the class of the error.
 
         Raises:
-            CrawlerError: of that class, with the sums that do not fit. Nothing would stop the body.
+            CrawlerError: of that class, with the sums that do not fit, if nothing would stop the body.
         """
         if self.slope_load is None or self.patched:
             return
@@ -250,18 +253,33 @@ class Columns:
             check_planar_equilibrium(target[-n:].reshape(-1, 2), friction, self.directions, where, error)
             return
         forward, backward, load = target[-3 * n :].reshape(3, n)
-        near = 1e-12 * float((forward + backward).sum())
         total = float(load.sum())
-        if forward.sum() < -near:
+        ahead, behind = self.lacks_equilibrium(target)
+        if ahead:
             raise error(
                 f"{where}: the loads sum to {total:g} N forward, but friction against sliding forward to "
                 f"{float((forward + load).sum()):g} N: no equilibrium, the body would run away"
             )
-        if backward.sum() < -near:
+        if behind:
             raise error(
                 f"{where}: the loads sum to {-total:g} N backward, but friction against sliding backward to "
                 f"{float((backward - load).sum()):g} N: no equilibrium, the body would run away"
             )
+
+    def lacks_equilibrium(self, targets: np.ndarray) -> np.ndarray:
+        """Find the commands on a line whose loads friction cannot hold.
+
+        Args:
+            targets: L, bounds and loads, shape (..., S + 3 N).
+
+        Returns:
+            Whether it cannot hold them forward, and backward, shape (2, ...).
+        """
+        assert self.slope_load is not None
+        n = self.slope_load.shape[-1]
+        forward, backward = (np.ascontiguousarray(targets[..., -k * n :][..., :n]) for k in (3, 2))
+        near = 1e-12 * (forward + backward).sum(axis=-1)
+        return np.stack((forward.sum(axis=-1) < -near, backward.sum(axis=-1) < -near))
 
     @functools.cached_property
     def _is_plain(self) -> bool:

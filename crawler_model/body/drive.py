@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..arrays import frozen
+from ..arrays import frozen, refuse
 from ..errors import SceneError
 from .columns import Columns
 
@@ -18,6 +20,8 @@ NS = 1_000_000_000
 @dataclass(frozen=True, eq=False)
 class Drive:
     """A piecewise linear path of commands.
+
+    Variations have a leading axis in what varies: times (M, W), period (M, 1), rows (M, W, C).
 
     Attributes:
         times: waypoint times, increasing from 0, shape (W,) [s].
@@ -39,28 +43,30 @@ class Drive:
     @property
     def holds(self) -> bool:
         """Whether the command never changes, because there is a single waypoint."""
-        return self.times.size == 1
+        return self.times.shape[-1] == 1
 
     @property
     def actuation(self) -> np.ndarray:
         """L of each spring, shape (W, S); in the plane x and y of each spring in turn, shape (W, 2 S) [m]."""
-        return self.targets[:, : self._springs]
+        return self.targets[..., : self._springs]
 
     @property
     def forward(self) -> np.ndarray:
         """The forward bound of each contact, mu_plus less the load, shape (W, N) [N]; for bodies on a line."""
-        return self.targets[:, self._springs : self._springs + self._contacts]
+        return self.targets[..., self._springs : self._springs + self._contacts]
 
     @property
     def backward(self) -> np.ndarray:
         """The backward bound of each contact, mu_minus plus the load, shape (W, N) [N]; for bodies on a line."""
-        return self.targets[:, self._springs + self._contacts :][:, : self._contacts]
+        return self.targets[..., self._springs + self._contacts :][..., : self._contacts]
 
     @property
     def loads(self) -> np.ndarray:
         """The load on each contact, the slope's share included, shape (W, N), in the plane (W, 2 N), or (W, 0) [N]."""
-        slope_load = self.columns.slope_load
-        return self.targets[:, self.targets.shape[1] - (0 if slope_load is None else slope_load.size) :]
+        slope_load, size = self.columns.slope_load, 0
+        if slope_load is not None:
+            size = slope_load.shape[-1] if self.columns.planar is None else slope_load.size
+        return self.targets[..., self.targets.shape[-1] - size :]
 
     @functools.cached_property
     def _springs(self) -> int:
@@ -90,11 +96,11 @@ class Drive:
             times_ns: shape (K,), int64, >= 0 and increasing [ns].
 
         Returns:
-            Targets, shape (K, S + 2 N).
+            Targets, shape (K, S + 2 N); of variations with the same times (M, K, S + 2 N).
         """
         targets = self.targets
         if times_ns.size == 0:
-            return targets[:0]
+            return targets[..., :0, :]
         if self.period is None:
             known, rows = self.waypoints_between(-1, int(np.rint(self.times[-1] * NS)))
         else:
@@ -104,8 +110,8 @@ class Drive:
         after = np.minimum(before + 1, known.size - 1)
         gap = np.maximum(known[after] - known[before], 1)
         part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None]
-        start = targets[rows[before]]
-        return start + part * (targets[rows[after]] - start)
+        start = targets[..., rows[before], :]
+        return np.asarray(start + part * (targets[..., rows[after], :] - start))
 
 
 def find_waypoints(
@@ -137,14 +143,21 @@ def find_waypoints(
     return found[inside], rows[inside]
 
 
-def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, columns: Columns) -> Drive:
+def build_waypoints(
+    times: np.ndarray,
+    period: Any,
+    rows: np.ndarray,
+    columns: Columns,
+    doubts: np.ndarray | None = None,
+) -> Drive:
     """Build a drive from waypoints and check them.
 
     Args:
-        times: shape (W,), increasing from 0 [s].
-        period: >= the last time [s], or None.
-        rows: command rows, shape (W, C).
+        times: shape (W,), for variations (M, W), increasing from 0 [s].
+        period: >= the last time, shape (M, 1) for variations [s], or None.
+        rows: command rows, shape (W, C), for variations (M, W, C).
         columns: layout of a row.
+        doubts: of variations, as for `refuse`.
 
     Returns:
         The drive, with read-only arrays.
@@ -152,56 +165,90 @@ def build_waypoints(times: np.ndarray, period: float | None, rows: np.ndarray, c
     Raises:
         SceneError: if a time, row or column is invalid; the message names the first one.
     """
-    if times.size == 0 or times[0] != 0.0:
+    if times.size == 0:
         raise SceneError("drive.times: the first time must be 0")
-    ns = np.rint(times * NS)
-    for i in np.flatnonzero(np.diff(ns) < 1.0):
-        raise SceneError(
-            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s); "
-            "waypoints are at least a nanosecond apart"
-        )
-    if period is not None:
-        if not period * NS >= 1.0:
-            raise SceneError(f"drive.period: {period:g} s; it must be > 0")
-        if period < times[-1]:
-            raise SceneError(f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s")
-        if period > times[-1] and np.rint(period * NS) - ns[-1] < 1.0:
-            raise SceneError(f"drive.period: {period!r} s is less than a nanosecond after the last waypoint")
-    for row, i in np.argwhere(~(rows[:, columns.lengths : columns.lengths + columns.frictions] >= 0.0)):
+    _check_times(times, period, doubts)
+    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
+
+    def negative(row: int, i: int) -> str:
         name, value = columns.names[columns.lengths + i], rows[row, columns.lengths + i]
-        raise SceneError(f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0")
-    if period is not None and period == times[-1]:
-        for i in np.flatnonzero(rows[0] != rows[-1]):
-            field = columns.kind(int(i))
-            raise SceneError(
-                f"drive.{field}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} and the "
-                f"first {rows[0, i]:g}; a drive with a period must end as it begins"
-            )
+        return f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0"
+
+    def open_end(i: int) -> str:
+        return (
+            f"drive.{columns.kind(i)}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} "
+            f"and the first {rows[0, i]:g}; a drive with a period must end as it begins"
+        )
+
+    refuse(~(rows[..., frictions] >= 0.0), 2, negative, doubts)
+    if period is not None:
+        closes = np.atleast_1d(period) == times[..., -1:]
+        refuse(closes & (rows[..., 0, :] != rows[..., -1, :]), 1, open_end, doubts)
     drive = Drive(frozen(times), period, frozen(rows), columns)
-    for row, target in enumerate(drive.targets if columns.loads else ()):
+    if doubts is not None and columns.loads and not columns.patched:
+        doubts |= columns.lacks_equilibrium(drive.targets).any(axis=(0, -1))
+    for row, target in enumerate(drive.targets if columns.loads and doubts is None else ()):
         columns.check_equilibrium(target, f"drive: row {row}", SceneError)
     return drive
 
 
-def wave(mean: float, amplitude: float, wavelength: float, phase: np.ndarray, position: np.ndarray) -> np.ndarray:
+def _check_times(times: np.ndarray, period: Any, doubts: np.ndarray | None) -> None:
+    ns = np.rint(times * NS)
+    refuse(times[..., :1] != 0.0, 1, lambda _: "drive.times: the first time must be 0", doubts)
+
+    def out_of_order(i: int) -> str:
+        return (
+            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s); "
+            "waypoints are at least a nanosecond apart"
+        )
+
+    refuse(np.diff(ns) < 1.0, 1, out_of_order, doubts)
+    if period is None:
+        return
+    end, last = np.atleast_1d(period), times[..., -1:]
+    refuse(~(end * NS >= 1.0), 1, lambda _: f"drive.period: {period:g} s; it must be > 0", doubts)
+    refuse(
+        end < last,
+        1,
+        lambda _: f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s",
+        doubts,
+    )
+    refuse(
+        (end > last) & (np.rint(end * NS) - ns[..., -1:] < 1.0),
+        1,
+        lambda _: f"drive.period: {period!r} s is less than a nanosecond after the last waypoint",
+        doubts,
+    )
+
+
+def wave(
+    mean: ArrayLike, amplitude: ArrayLike, wavelength: ArrayLike, phase: np.ndarray, position: np.ndarray
+) -> np.ndarray:
     """Compute a travelling wave, mean + amplitude sin 2 pi (phase - position / wavelength).
+
+    The first three are numbers, or arrays of shape (M, 1) for variations.
 
     Args:
         mean: mean value [any unit].
         amplitude: amplitude [the same unit].
         wavelength: not 0 [m]; positive for a wave towards +x, negative towards -x.
         phase: time divided by the period, shape (W,).
-        position: shape (M,) [m].
+        position: shape (K,) [m].
 
     Returns:
-        Values, shape (W, M). After whole periods they are bitwise equal to those at phase 0.
+        Values, shape (W, K), for variations (M, W, K). After whole periods they are bitwise equal to those at phase 0.
     """
-    angle = 2.0 * np.pi * (np.mod(phase, 1.0)[:, None] - position[None, :] / wavelength)
-    return mean + amplitude * np.sin(angle)
+    mean, amplitude, wavelength = (np.asarray(value)[..., None] for value in (mean, amplitude, wavelength))
+    angle = 2.0 * np.pi * (np.mod(phase, 1.0)[:, None] - position / wavelength)
+    return np.asarray(mean + amplitude * np.sin(angle))
 
 
-def strategy_waypoints(strategy: str, length: float, friction: float, period: float) -> tuple[np.ndarray, ...]:
+def strategy_waypoints(
+    strategy: str, length: ArrayLike, friction: ArrayLike, period: ArrayLike
+) -> tuple[np.ndarray, ...]:
     """Compute the waypoints of strategies A, B and C.
+
+    The numbers may be arrays of shape (M, 1) for variations; the results then have a leading axis.
 
     Args:
         strategy: "A", "B" or "C".
@@ -217,8 +264,8 @@ def strategy_waypoints(strategy: str, length: float, friction: float, period: fl
     first = {"A": (1.0, 1.5, 1.0, 0.5, 1.0), "B": (0.5, 1.0, 1.5, 1.0, 0.5), "C": (0.5, 1.5, 1.5, 0.5, 0.5)}
     second = {"A": (1.0, 0.5, 1.0, 1.5, 1.0), "B": (1.5, 1.0, 0.5, 1.0, 1.5), "C": (0.5, 0.5, 1.5, 1.5, 0.5)}
     times = np.array([0.0, 0.25, 0.5, 0.75, 1.0]) * period
-    actuation = length * np.array([[0.0], [0.5], [1.0], [0.5], [0.0]])
-    return times, actuation, friction * np.column_stack((first[strategy], second[strategy]))
+    actuation = np.asarray(length)[..., None] * np.array([[0.0], [0.5], [1.0], [0.5], [0.0]])
+    return times, actuation, np.asarray(friction)[..., None] * np.column_stack((first[strategy], second[strategy]))
 
 
 def merge_times(*grids: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..rounding import EPS
 from .directions import unit_directions
+from .places import put_all_on_ground
 
 _NEAR = 16.0 * EPS
 
@@ -47,73 +48,52 @@ class Track:
         near = _NEAR * (np.abs(position) + np.abs(x) + np.abs(border))
         return np.where(np.abs(at - border) <= near, 2 * nearest + 1, 2 * np.searchsorted(self.borders, at))
 
-    def find_limits(self, position: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Find how far each contact can slide before it reaches a border.
+    def find_ground(self, position: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Collect what the ground at given places does to a body.
 
         Args:
             position: reference positions xi, shape (N,) [m].
             place: of each contact, shape (N,).
 
         Returns:
-            Displacements at the next border forward and backward, and their rounding error, shape (3, N) [m].
+            Rows AHEAD_FACTOR .. ROUNDING_OF_PLACE, shape (8, N).
         """
-        return self._limits(position.tobytes(), place.tobytes())
+        return self._ground(position.tobytes(), place.tobytes())
 
     @functools.lru_cache(maxsize=8)  # noqa: B019
-    def _limits(self, positions: bytes, places: bytes) -> np.ndarray:
+    def _ground(self, positions: bytes, places: bytes) -> np.ndarray:
         position, place = np.frombuffer(positions), np.frombuffer(places, np.int64)
         ends = np.concatenate(([-np.inf], self.borders, [np.inf]))
         ahead, behind = ends[place // 2 + 1], ends[(place + 1) // 2]
         sizes = [np.where(np.isfinite(end), np.abs(end), 0.0) for end in (ahead, behind)]
-        return np.stack((ahead - position, behind - position, 0.5 * _NEAR * (np.maximum(*sizes) + np.abs(position))))
+        rounding = 0.5 * _NEAR * (np.maximum(*sizes) + np.abs(position))
+        return np.vstack((self._sides(places), ahead - position, behind - position, rounding))
 
-    def bounds(
-        self, targets: np.ndarray, place: np.ndarray, contacts: np.ndarray | slice = slice(None)
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute the bounds of the spring forces at given places.
+    @functools.lru_cache(maxsize=8)  # noqa: B019
+    def _sides(self, places: bytes) -> np.ndarray:
+        """Find the factors and additional loads of the ground ahead and behind, rows AHEAD_FACTOR .. MEAN_TILT."""
+        place = np.frombuffer(places, np.int64)
+        number, ahead, behind = np.arange(place.size), (place + 1) // 2, place // 2
+        tilts = self.tilt[ahead, number], self.tilt[behind, number]
+        factors = self.factor[0, ahead, number], self.factor[1, behind, number]
+        return np.stack((factors[0], tilts[0], factors[1], tilts[1], 0.5 * (tilts[0] + tilts[1])))
 
-            forward = c_plus mu_plus - f,  backward = c_minus mu_minus + f,  f = load + tilt
+    def bounds(self, targets: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Compute the bounds of the spring forces at given places, see `places.put_on_ground`.
 
         Args:
             targets: for ground without patches: forward and backward bounds and, with loads, loads, shape (..., 2 N)
                 or (..., 3 N) [N].
-            place: of each of these contacts, shape (K,).
-            contacts: some of the contacts, by number; all by default.
+            place: of each contact, shape (N,).
 
         Returns:
-            Forward bounds, backward bounds and loads (on a border the mean of both sides), shape (..., K) [N].
+            Forward bounds, backward bounds and loads (on a border the mean of both sides), shape (..., N) [N].
         """
-        n = self.tilt.shape[1]
-        whole = isinstance(contacts, slice) and contacts == slice(None)
-        number = np.arange(n)[contacts]
-        ahead, behind, mean = (self._whole if whole else self._sides)(place.tobytes(), number.tobytes())
-        if whole:
-            forward, backward, load = targets[..., :n], targets[..., n : 2 * n], targets[..., 2 * n :]
-        else:
-            forward, backward = targets[..., number], targets[..., n + number]
-            load = targets[..., 2 * n + number] if targets.shape[-1] > 2 * n else targets[..., 2 * n :]
-        if load.shape[-1] == 0:
-            load = np.zeros(forward.shape)
-        one = np.where(ahead[0], forward, ahead[1] * (forward + load) - (load + ahead[2]))
-        other = np.where(behind[0], backward, behind[1] * (backward - load) + (load + behind[2]))
-        return one, other, load + mean
-
-    def _sides(
-        self, places: bytes, numbers: bytes
-    ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], np.ndarray]:
-        """Find whether the ground ahead and behind is that of the track, its factors and tilts, and the mean tilt."""
-        place, number = np.frombuffer(places, np.int64), np.frombuffer(numbers, np.int64)
-        sides = []
-        for side, stretch in enumerate(((place + 1) // 2, place // 2)):
-            factor, tilt = self.factor[side, stretch, number], self.tilt[stretch, number]
-            sides.append(((factor == 1.0) & (tilt == 0.0), factor, tilt))
-        return sides[0], sides[1], 0.5 * (sides[0][2] + sides[1][2])
-
-    @functools.lru_cache(maxsize=8)  # noqa: B019
-    def _whole(
-        self, places: bytes, numbers: bytes
-    ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], np.ndarray]:
-        return self._sides(places, numbers)
+        rows = np.array(targets, dtype=np.float64).reshape(-1, targets.shape[-1])
+        out = np.empty((rows.shape[0], 3 * place.size))
+        put_all_on_ground(rows, self._sides(place.tobytes()), out)
+        forward, backward, load = np.moveaxis(out.reshape(*targets.shape[:-1], 3, place.size), -2, 0)
+        return forward, backward, load
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +101,11 @@ class Ground:
     """Weights and slope, from which the ground adds loads and, with coefficients, friction.
 
     Attributes:
-        weight: of each contact, shape (N,) [N].
+        weight: of each contact, shape (N,) [N]; (M, N) for variations.
         by_coefficient: of each contact, whether its friction follows from its weight, and so changes with the slope,
-            shape (N,); not while a drive commands friction.
-        slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`.
+            shape (N,); False while a drive commands friction.
+        slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`; shape (M, 1) for
+            variations.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
         track: patches of other ground; None if the ground is the same everywhere.
     """
@@ -136,7 +117,15 @@ class Ground:
     track: Track | None = None
 
     @property
+    def has_one_slope(self) -> bool:
+        """Whether the slope is the same everywhere."""
+        return self.track is None or not self.track.tilt.any()
+
+    @property
     def slope_load(self) -> np.ndarray:
-        """Load of the slope on each contact: -w sin(theta), shape (N,), in the plane along uphill, shape (N, 2) [N]."""
+        """Load of the slope on each contact: -w sin(theta), shape (N,), in the plane along uphill, shape (N, 2) [N].
+
+        For variations shape (M, N).
+        """
         along = -self.weight * np.sin(self.slope)
         return along if self.direction is None else along[:, None] * unit_directions([self.direction])

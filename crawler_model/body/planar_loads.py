@@ -2,7 +2,7 @@
 
 A load shifts the set of friction forces: spring force plus load has to lie in C_i. A connected body has an equilibrium
 if and only if the sum of its loads lies in the sum of all C_i, a disc of radius sum_i mu_i, or the polygon
-{F : F . d_k <= sum_i mu_ik}. Springs carry what one contact cannot hold to another one that can.
+{F : F . d_k <= sum_i mu_ik}. Springs transmit to other contacts what one contact cannot hold.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def check_planar_equilibrium(
 ) -> None:
     """Check that friction can hold the loads: their sum lies in the sum of the sets of friction forces.
 
-    With isotropic friction the sum has to lie strictly inside: on the circle all friction forces point one way, and
+    With isotropic friction the sum has to lie strictly inside: on the circle all friction forces are parallel, and
     shapes that change in any other direction have no solution.
 
     Args:
@@ -51,7 +51,7 @@ def check_planar_equilibrium(
         error: the class of the error.
 
     Raises:
-        CrawlerError: of that class, with the sum that does not fit. Nothing would stop the body.
+        CrawlerError: of that class, with the sum that does not fit, if nothing would stop the body.
     """
     total, held = load.sum(axis=0), friction.sum(axis=0)
     sums = f"{where}: the loads sum to [{total[0]:g}, {total[1]:g}] N, "
@@ -66,5 +66,6 @@ def check_planar_equilibrium(
     k = int(np.argmax(along - held))
     if along[k] > held[k] + near:
         raise error(
-            f"{sums}{along[k]:g} N along direction {k}, but friction against sliding that way to {held[k]:g} N: {away}"
+            f"{sums}{along[k]:g} N along direction {k}, but friction against sliding in this direction to "
+            f"{held[k]:g} N: {away}"
         )

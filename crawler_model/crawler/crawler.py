@@ -46,6 +46,7 @@ class Crawler:
         self.budget = default_budget(scene.body) if budget is None else budget
         self._motion = build_motion(scene)
         self._state: State = self._motion.start(scene.start_displacement, scene.drive.targets[0])
+        self._row: np.ndarray | None = scene.drive.rows[0]  # as commanded; None if only the target is known
         self._scratch = self._motion.scratch()
         self._no_records = np.empty((0, 2 * self._state.displacement.size + self._state.tension.size))
 
@@ -96,7 +97,7 @@ class Crawler:
 
     @property
     def places(self) -> np.ndarray | None:
-        """Place of each contact on patches of ground, as in `Track`, shape (N,); None if the ground is one."""
+        """Place of each contact on patches of ground, as in `Track`, shape (N,); None on ground without patches."""
         place = getattr(self._state, "place", None)
         return None if place is None else frozen(place, np.int64)
 
@@ -173,7 +174,7 @@ class Crawler:
             The crawler. It differs by rounding from one that moved to this state.
         """
         other = self.copy()
-        other._state = self._motion.start(displacement, target)
+        other._state, other._row = self._motion.start(displacement, target), None
         return other
 
     def __eq__(self, other: object) -> bool:
@@ -201,7 +202,7 @@ class Crawler:
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
-                (N, 2); None keeps what is in force. Only where the scene has loads.
+                (N, 2); None leaves it unchanged. Only for scenes with loads.
 
         Returns:
             L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
@@ -209,14 +210,20 @@ class Crawler:
         Raises:
             CommandError: if a value is invalid; the message names the first one.
         """
+        return self._target(self._commanded(actuation, forward, backward, loads))
+
+    def _commanded(
+        self, actuation: ArrayLike, forward: ArrayLike | None, backward: ArrayLike | None, loads: ArrayLike | None
+    ) -> np.ndarray:
+        """Check a command and write it to a row, with NaN for what it leaves out, unless the row in force is known."""
         columns = self.scene.columns
         planar = columns.planar is not None
-        row = np.full(columns.count, np.nan)
+        row = np.full(columns.count, np.nan) if self._row is None else self._row.copy()
         half = columns.lengths + int(columns.friction_sizes.sum())
         if planar and backward is not None:
             raise CommandError("backward: in the plane `forward` holds the friction of each contact; omit `backward`")
         if loads is not None and not columns.loads:
-            raise CommandError("loads: the scene has none; with `loads: 0` in it they can be commanded")
+            raise CommandError("loads: the scene has no loads; add `loads: 0` to the scene to command loads")
         given = (
             ("actuation", actuation, columns.actuation_sizes, 0),
             ("forward", forward, columns.friction_sizes, columns.lengths),
@@ -237,8 +244,15 @@ class Crawler:
                 except SceneError as error:
                     raise CommandError(f"forward: {error}") from None
             row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
-        state = self._state
-        target = columns.held_target(row, state.actuation.ravel(), state.bounds, state.loads)
+        return row
+
+    def _target(self, row: np.ndarray) -> np.ndarray:
+        """Convert a row to a target; what it leaves out stays as it is in force."""
+        columns, state = self.scene.columns, self._state
+        if np.isnan(row).any():
+            target = columns.held_target(row, state.actuation.ravel(), state.bounds, state.loads)
+        else:
+            target = np.array(columns.target(row))
         columns.check_equilibrium(target, "command", CommandError)
         return target
 
@@ -246,6 +260,8 @@ class Crawler:
     def row(self) -> np.ndarray:
         """The command row in force, as in `Columns`, shape (C,)."""
         state = self._state
+        if self._row is not None:
+            return self._row.copy()
         return self.scene.columns.row(state.actuation.ravel(), state.friction, state.loads)
 
     def advance(
@@ -264,7 +280,7 @@ class Crawler:
                 the plane the friction of each contact.
             backward: mu_minus, likewise; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
-                (N, 2); None keeps what is in force. Only where the scene has loads.
+                (N, 2); None leaves it unchanged. Only for scenes with loads.
 
         Returns:
             The account of the ramp.
@@ -272,7 +288,10 @@ class Crawler:
         Raises:
             CommandError: if the command is invalid; the state does not change.
         """
-        return self.follow(self.target(actuation, forward, backward, loads)[None])
+        row = self._commanded(actuation, forward, backward, loads)
+        step = self.follow(self._target(row)[None])
+        self._row = None if np.isnan(row).any() else row
+        return step
 
     def follow(self, targets: np.ndarray, records: np.ndarray | None = None, before: Step | None = None) -> Step:
         """Ramp to several checked commands in turn.
@@ -305,19 +324,20 @@ class Crawler:
             account,
             self._no_records if records is None else records,
         )
+        self._row = None if targets.shape[0] else self._row
         velocity = self._state.gained.copy()
         velocity.flags.writeable = account.flags.writeable = False
         return Step(velocity, account, self.body.share, jumps or ())
 
 
 def default_budget(body: Body) -> int:
-    """Compute the upper limit of work in one exact ramp, see `Crawler`.
+    """Compute the upper limit of work in one ramp of `exact` unless another one is given, see `Crawler`.
 
     Args:
         body: the body.
 
     Returns:
-        The limit, which no scene is known to reach.
+        The limit.
     """
     return 10_000 * (body.contacts + 1000)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..scene.scene import Scene
+from ..sweep.stack import Stack, shares_mesh, stack
 from ..sweep.vary import Variations, key_steps, vary
 
 _STEP = 2.0**-7
@@ -20,6 +21,8 @@ _SMALLEST = 0.125
 _CENTRAL, _ONE_SIDED = (-3, -2, -1, 0, 1, 2, 3), (0, 1, 2, 3, 4, 5, 6)
 """Places of the differences, in steps: their error is of sixth order."""
 _TRIES = 5
+_TOGETHER = 256
+"""Parameters whose arrays are assembled in one call."""
 _LINEAR = 1e-13
 """Arrays whose second difference is below this part of their size depend on the parameter linearly."""
 
@@ -114,32 +117,68 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
         SceneError: if a key is unknown or its number cannot change.
     """
     names = expand_keys(scene, keys, caller)
-    body, drive = scene.body, scene.drive
-    found = [_differentiate(scene, name, caller) for name in names]
-    stacked = np.stack([derivative for _, derivative in found], axis=-1)
-    shapes = (body.stiffness.shape, drive.targets.shape, body.position.shape, drive.times.shape, (1,))
-    parts, first = [], 0
+    everything = vary(scene, {name: [0.0] for name in names}, grid=False)
+    origin = {name: everything.origin(name) for name in names}
+    changing = {name: _changing(scene, name, path) for name, path in zip(names, everything.paths, strict=True)}
+    together = names if shares_mesh(everything) else [n for n in names if shares_mesh(vary(scene, {n: [0.0]}))]
+    found = _differentiate_together(scene, origin, {name: changing[name] for name in together})
+    for name in names:
+        if name not in found:
+            found[name] = _differentiate_alone(scene, name, origin[name], changing[name], caller)
+    stacked = np.stack([found[name] for name in names], axis=-1)
+    shapes = [np.shape(array) for array in _arrays(scene)]
+    parts: list[np.ndarray] = []
+    first = 0
     for shape in shapes:
         size = int(np.prod(shape))
         parts.append(np.ascontiguousarray(stacked[first : first + size].reshape(*shape, len(names))))
         first += size
-    values = np.array([value for value, _ in found])
-    return Derivatives(names, values, *parts[:4], parts[4][0])
+    values = np.array(list(origin.values()))
+    stiffness, targets, start, times, period = parts
+    return Derivatives(names, values, stiffness, targets, start, times, period[0])
 
 
-def _differentiate(scene: Scene, name: str, caller: str) -> tuple[float, np.ndarray]:
-    """Compute the value of a parameter and the derivative of all arrays, one after another."""
-    variations = vary(scene, {name: [0.0]})
-    path = variations.paths[0]
-    value = variations.origin(name)
-    changing = _twin(scene, path, name, caller)
-    base = _arrays(scene)
-    if changing is None:
-        return value, np.zeros(base.size)
+def _differentiate_together(
+    scene: Scene, origin: dict[str, float], changing: dict[str, tuple[str, ...]]
+) -> dict[str, np.ndarray]:
+    """Compute the derivatives of all arrays, one after another, with respect to parameters that share a mesh."""
+    base = _flat(scene)
+    found = {name: np.zeros(base.size) for name, group in changing.items() if not group}
+    names = [name for name, group in changing.items() if group]
+    if not names:
+        return found
+    keys = [key for name in names for key in changing[name]]
+    owner = np.array([i for i, name in enumerate(names) for _ in changing[name]])
+    value = np.array([origin[name] for name in names])
+    step = _STEP * np.maximum(np.abs(value), _SMALLEST)
+
+    def at(which: np.ndarray, places: Sequence[int]) -> np.ndarray:
+        """Assemble each of some parameters at some places, shape (len(which), len(places), size)."""
+        moved = np.repeat(which, len(places))
+        shift = np.tile(places, which.size) * step[moved]
+        columns = value[owner, None] + np.where(owner[:, None] == moved, shift, 0.0)
+        variations = Variations(scene, dict(zip(keys, columns, strict=True)), (moved.size,))
+        arrays = _arrays_of_stack(stack(variations, check=False))
+        return arrays.reshape(which.size, len(places), -1)
+
+    for first in range(0, len(names), _TOGETHER):
+        which = np.arange(first, min(first + _TOGETHER, len(names)))
+        for i, pair in zip(which, at(which, (-1, 1)), strict=True):
+            size = np.maximum(np.abs(pair).max(axis=0), np.abs(base))
+            if (np.abs(pair[0] + pair[1] - 2.0 * base) <= _LINEAR * size).all():
+                found[names[i]] = (pair[1] - pair[0]) / (2.0 * step[i])
+            else:
+                found[names[i]] = _weights(_CENTRAL) @ (at(np.array([i]), _CENTRAL)[0] - base) / step[i]
+    return found
+
+
+def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[str, ...], caller: str) -> np.ndarray:
+    """Compute the derivative of all arrays, one after another, from scenes that are assembled one by one."""
+    base = _flat(scene)
 
     @functools.cache
     def at(step: float) -> np.ndarray:
-        arrays = _arrays(Variations(scene, dict.fromkeys(changing, np.array([value + step])), (1,))[0])
+        arrays = _flat(Variations(scene, dict.fromkeys(changing, np.array([value + step])), (1,))[0])
         if arrays.size != base.size:
             raise SceneError(f"{caller}: {name} changes the number of waypoints or contacts; it has no derivative")
         return arrays
@@ -149,7 +188,7 @@ def _differentiate(scene: Scene, name: str, caller: str) -> tuple[float, np.ndar
     for _ in range(_TRIES):
         for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
             try:
-                return value, _difference(at, base, places, side * step)
+                return _difference(at, base, places, side * step)
             except SceneError as refused:
                 error = error or refused
         step /= 16.0
@@ -166,33 +205,54 @@ def _difference(at: Callable[[float], np.ndarray], base: np.ndarray, places: Seq
     if (np.abs((first + last) - 2.0 * middle) <= _LINEAR * size).all():
         return (last - first) / width
     rows = [at(place * step) if place else base for place in places]
+    return np.asarray(_weights(places) @ (np.array(rows) - base) / step)
+
+
+@functools.cache
+def _weights(places: tuple[int, ...]) -> np.ndarray:
+    """Compute the weights with which values at some places add up to the derivative at 0."""
     matrix = np.vander(np.array(places, dtype=np.float64), increasing=True).T
     unit = np.zeros(len(places))
     unit[1] = 1.0
-    return np.asarray(np.linalg.solve(matrix, unit) @ (np.array(rows) - base) / step)
+    return np.linalg.solve(matrix, unit)
 
 
-def _arrays(scene: Scene) -> np.ndarray:
+def _arrays(scene: Scene) -> tuple[Any, ...]:
     """Collect all arrays of a scene that a run depends on."""
     drive = scene.drive
     period = 0.0 if drive.period is None else drive.period
-    parts = (scene.body.stiffness, drive.targets, scene.start_displacement, drive.times, [period])
-    return np.concatenate([np.ravel(part) for part in parts])
+    return scene.body.stiffness, drive.targets, scene.start_displacement, drive.times, [period]
 
 
-def _twin(scene: Scene, path: tuple[str | int, ...], name: str, caller: str) -> tuple[str, ...] | None:
-    """Find the keys that change with a number: the last row of a closed drive repeats the first, and is not used."""
+def _flat(scene: Scene) -> np.ndarray:
+    return np.concatenate([np.ravel(array) for array in _arrays(scene)])
+
+
+def _arrays_of_stack(many: Stack) -> np.ndarray:
+    """Collect the same arrays of stacked scenes, shape (M, size)."""
+    count = len(many)
+    period = np.zeros(count) if many.period is None else many.period
+    parts = (many.stiffness, many.targets, many.start, many.times, period)
+    return np.hstack([np.reshape(part, (count, -1)) for part in parts])
+
+
+def _changing(scene: Scene, name: str, path: tuple[str | int, ...]) -> tuple[str, ...]:
+    """Find the keys that change with a number; none if it is fixed or not used.
+
+    The first time of a drive is 0. The last waypoint of a drive that ends with its period repeats the first one, and is
+    not used itself.
+    """
     drive = scene.drive
+    if path == ("drive", "times", 0):
+        return ()
     if path[0] != "drive" or drive.period is None or drive.period > drive.times[-1]:
         return (name,)
     last = drive.times.size - 1
     depth = next((i for i, step in enumerate(path) if isinstance(step, int)), None)
     if depth is None or scene.parts.drive is None or scene.parts.drive.times is None:
         return (name,)
-    if path[1] == "times":
-        if path[depth] == last:
-            raise SceneError(f"{caller}: {name} is the end of the period; name drive.period instead")
-        return (name,)
     if path[depth] == last:
-        return None
+        return ()
+    if path[1] == "times":
+        return (name,)
     return (name, ".".join(map(str, (*path[:depth], last, *path[depth + 1 :])))) if path[depth] == 0 else (name,)

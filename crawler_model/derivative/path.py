@@ -222,10 +222,10 @@ class TangentPath:
             account[VISITED] = math.inf
             budget = default_budget(self._plan.body)
             self._motion.follow(self._state, self._scratch, targets, True, budget, account, records, pieces)
-            if account[OVERSPENT] or account[UNSOLVED]:
+            failed = int(account[OVERSPENT] + account[UNSOLVED])
+            if failed:
                 raise CommandError(
-                    f"{int(account[OVERSPENT] + account[UNSOLVED])} ramp(s) have too many events to be followed exactly; "
-                    "there is no derivative"
+                    f"{failed} ramp(s) have too many events to be followed exactly; no derivative exists"
                 )
             if pieces[0, COUNT] <= room:
                 return pieces

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,7 +16,7 @@ from ..errors import CommandError, SceneError
 from ..run.simulate import default_duration, rational_rate, tick_end_ns
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
-from .parameters import Derivatives, differentiate_arrays
+from .parameters import differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
 
 _CHUNK = 4096
@@ -84,6 +85,10 @@ def sensitivities(
     they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative is that of the
     path with the events in the order in which they are met.
 
+    A waypoint's derivatives are those at the moving waypoint for gains and work, and at the fixed time for
+    displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
+    which repeats the first one, are fixed: their derivatives are 0.
+
     Args:
         scene: a scene on a line, a path or a gallery name.
         keys: dotted keys, as for `vary`; a key that names a table or a list counts once for each number in it.
@@ -104,13 +109,15 @@ def sensitivities(
     seconds = default_duration(scene.drive) if duration is None else float(duration)
     if not 0.0 <= seconds < 9e9:
         raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
-    tick_ns = _tick_ends(seconds, rational_rate(rate))
-    numbers = (tick_ns.size + 1) * scene.body.contacts * len(derivatives.names)
+    ratio = rational_rate(rate)
+    times = seconds * float(ratio) + 1.0
+    numbers = times * scene.body.contacts * len(derivatives.names)
     if numbers > _MOST_NUMBERS:
         raise CommandError(
-            f"sensitivities: {numbers:.1e} derivatives ({tick_ns.size + 1} times, {scene.body.contacts} contacts, "
+            f"sensitivities: {numbers:.1e} derivatives ({times:.0f} times, {scene.body.contacts} contacts, "
             f"{len(derivatives.names)} parameters); at most {_MOST_NUMBERS:.0e}: choose a lower rate or fewer keys"
         )
+    tick_ns = _tick_ends(seconds, ratio)
     path = TangentPath(scene, derivatives)
     dx = [path.dx[None]]
     marks, works, d_works = [(path.dx, 0)], np.zeros(0), [np.zeros((0, len(derivatives.names)))]
@@ -130,7 +137,7 @@ def sensitivities(
     d_work = np.concatenate(d_works)
     share = scene.body.share
     ends_of_periods = np.array([share @ mark for mark, _ in marks])
-    spent = np.array([d_work[a:b].sum(axis=0) for (_, a), (_, b) in zip(marks[:-1], marks[1:], strict=True)])
+    spent = np.array([d_work[a:b].sum(axis=0) for (_, a), (_, b) in itertools.pairwise(marks)])
     columns = len(derivatives.names)
     displacement = np.concatenate(dx)
     return Sensitivities(

@@ -9,9 +9,6 @@ so only contacts that stop remember. At an event, where a free contact reaches i
     Ds* = - D slack / (d slack / ds),
 
 and as x is continuous there, Dx changes by (v before - v after) Ds*. At a vertex of the commands Ds* = 0.
-
-The derivative is one-sided where the order of two events decides who stops, and where a contact is at its bound without
-sliding although a change of the parameters would lift it off or push it over: such a kink is noted.
 """
 
 from __future__ import annotations
@@ -21,34 +18,10 @@ import numpy as np
 from ..compiled import compiled
 from ..motion.pieces import COUNT, FROM, HEADER, RAMP, UNTIL
 from .elimination import eliminate_many
+from .kinks import INSTANT, NO_END, SAME, V_BEFORE, look_at_bounds, mark, pass_end
 
 _STILL = 1e-12
 """A velocity below this part of the largest one is rounding."""
-_AT_BOUND = 1e-10
-"""A force closer to its bound than this, relative to the forces around the contact, is at its bound."""
-_SAME = 1e-8
-"""Derivatives closer than this, relative to the terms whose difference they are, are equal."""
-_SHORTEST = 1e-8
-"""On a shorter part of a ramp a contact that has just left its bound is still close to it."""
-_INSTANT = 1e-11
-"""Events closer together than this part of a ramp are simultaneous."""
-V_BEFORE, ARRIVED = range(2)
-"""Rows of the contacts at the end of the last piece: velocity; 1 if it reached a bound there, 2 if that instant depends
-on the parameters."""
-NO_END, CORNER, EVENT, TIE = range(4)
-"""How the last piece ended: there was none; at a vertex of the commands; at an event; at events whose order depends on
-the parameters."""
-
-
-@compiled
-def _mark(kinks, ramp, place, contact):
-    """Note a kink; row 0 counts."""
-    kinks[0, 0] += 1.0
-    row = int(kinks[0, 0])
-    if row < kinks.shape[0]:
-        kinks[row, 0] = ramp
-        kinks[row, 1] = place
-        kinks[row, 2] = contact
 
 
 @compiled
@@ -65,35 +38,6 @@ def _find_sliding(velocity, target, springs, sliding):
             sliding[i] = 1
         count += sliding[i] != 0
     return count
-
-
-@compiled
-def _pass_end(memory, event, sliding, velocity, ramp, place, dx, kinks, one_sided):
-    """Carry the derivatives over the end of the last piece, and find the kinks there.
-
-    Returns whether contacts begin to slide there at places that depend on the parameters in different ways.
-    """
-    n = velocity.shape[0]
-    columns = one_sided.shape[0]
-    stopped = False
-    arrived = False
-    for i in range(n):
-        stopped |= memory[V_BEFORE, i] != 0.0 and sliding[i] == 0
-        arrived |= memory[ARRIVED, i] > 1.0
-    kind = int(event[0])
-    tied = stopped and (kind == TIE or (kind == CORNER and arrived))
-    flags = (1 if kind == TIE else 2) * columns  # parameters that change the order, or the instant
-    for i in range(n):
-        moved = memory[V_BEFORE, i] != 0.0 and sliding[i] == 0
-        if (memory[ARRIVED, i] > 1.0 and (sliding[i] == 0 or tied)) or (tied and moved):
-            _mark(kinks, ramp, place, i)
-            for c in range(columns):
-                one_sided[c] |= event[1 + flags + columns + c] != 0.0
-        change = memory[V_BEFORE, i] - velocity[i]
-        if kind >= EVENT and change != 0.0:
-            for c in range(dx.shape[1]):
-                dx[i, c] += change * event[1 + c]
-    return arrived and (kind == TIE or kind == CORNER)
 
 
 @compiled
@@ -144,12 +88,12 @@ def _shift_all(velocity, dx, before, elements, share, sliding, d_target, ramp, p
             change = d_target[springs + i, c] if sliding[i] > 0 else -d_target[springs + n + i, c]
             total += change
             size += abs(change)
-        if pair < 0 or abs(total) > _SAME * size:
+        if pair < 0 or abs(total) > SAME * size:
             one_sided[c] = True
             marked = True
     if marked:
         for i in range(n):
-            _mark(kinks, ramp, place, i)
+            mark(kinks, ramp, place, i)
 
 
 @compiled
@@ -160,104 +104,6 @@ def _tensions(ends, stiffness, d_stiffness, tension, d_target, dx, d_tension):
         stretch = tension[s] / stiffness[s]
         for c in range(dx.shape[1]):
             d_tension[s, c] = stiffness[s] * (dx[b, c] - dx[a, c] - d_target[s, c]) + d_stiffness[s, c] * stretch
-
-
-@compiled
-def _look_at_bounds(
-    ends,
-    stiffness,
-    d_stiffness,
-    tension,
-    rate,
-    change,
-    target,
-    d_target,
-    place,
-    length,
-    ramp,
-    arriving,
-    sliding,
-    dx,
-    d_tension,
-    forces,
-    d_slack,
-    d_size,
-    memory,
-    event,
-    kinks,
-    one_sided,
-):
-    """Find at the end of a piece which contacts reach a bound, and the derivative of where on the ramp they do."""
-    n, columns = dx.shape
-    springs = ends.shape[0]
-    force, force_rate, size, rate_size = forces[0], forces[1], forces[2], forces[3]
-    forces[:] = 0.0
-    for s in range(springs):
-        for end in range(2):
-            i = ends[s, end]
-            sign = 1.0 if end == 0 else -1.0
-            force[i] += sign * tension[s]
-            force_rate[i] += sign * rate[s]
-            size[i] += abs(tension[s])
-            rate_size[i] += abs(rate[s])
-    corner = place == 1.0
-    event[:] = 0.0
-    event[0] = CORNER if corner else EVENT
-    best = 0.0
-    for i in range(n):
-        memory[ARRIVED, i] = 0.0
-        forward, backward = target[springs + i], target[springs + n + i]
-        if sliding[i] != 0 or forward + backward == 0.0:
-            continue
-        above, below = forward - force[i], backward + force[i]
-        near = _AT_BOUND * (size[i] + abs(forward) + abs(backward))
-        ahead = arriving[i] == 1.0 if arriving[i] != 0.0 else above < below
-        bound_rate = change[springs + i] if ahead else change[springs + n + i]
-        closing = (force_rate[i] if ahead else -force_rate[i]) - bound_rate
-        slack = above if ahead else below
-        arrives = arriving[i] != 0.0
-        if closing > _AT_BOUND * (rate_size[i] + abs(bound_rate)):
-            arrives |= slack <= closing * _INSTANT + 1e-4 * near
-        if not arrives and (slack > near or length < _SHORTEST):
-            continue
-        for c in range(columns):
-            bound = d_target[springs + i, c] if ahead else d_target[springs + n + i, c]
-            d_slack[c] = bound
-            d_size[c] = abs(bound)
-        for s in range(springs):
-            for end in range(2):
-                if ends[s, end] == i:
-                    sign = 1.0 if (end == 0) == ahead else -1.0
-                    stretch = tension[s] / stiffness[s]
-                    for c in range(columns):
-                        d_slack[c] -= sign * d_tension[s, c]
-                        terms = abs(dx[ends[s, 0], c]) + abs(dx[ends[s, 1], c]) + abs(d_target[s, c])
-                        d_size[c] += stiffness[s] * terms + abs(d_stiffness[s, c] * stretch)
-        depends = False
-        for c in range(columns):
-            if abs(d_slack[c]) > _SAME * d_size[c]:
-                depends = True
-                event[1 + 3 * columns + c] = 1.0
-        if not arrives:
-            if depends:
-                _mark(kinks, ramp, place, i)
-                for c in range(columns):
-                    one_sided[c] |= abs(d_slack[c]) > _SAME * d_size[c]
-            continue
-        memory[ARRIVED, i] = 2.0 if depends else 1.0
-        if corner:
-            continue
-        if best > 0.0:  # another contact arrives at the same place
-            for c in range(columns):
-                other = d_slack[c] / closing
-                if abs(other - event[1 + c]) > _SAME * (d_size[c] / closing + event[1 + columns + c]):
-                    event[0] = TIE
-                    event[1 + 2 * columns + c] = 1.0
-        if closing > best:
-            best = closing
-            for c in range(columns):
-                event[1 + c] = d_slack[c] / closing
-                event[1 + columns + c] = d_size[c] / closing
 
 
 @compiled
@@ -358,6 +204,35 @@ def follow_tangent(
         works[v] = 0.0
         d_works[v] = 0.0
         place = 0.0
+        if int(event[0]) == NO_END:  # the start: a contact at its bound is at a kink unless it stays there
+            rate[:] = 0.0
+            sliding[:] = 0
+            _tensions(ends, stiffness, d_stiffness, tension, d_start, dx, d_after)
+            look_at_bounds(
+                ends,
+                stiffness,
+                d_stiffness,
+                tension,
+                rate,
+                0.0 * change,
+                start,
+                d_start,
+                place,
+                1.0,
+                v,
+                arriving,
+                sliding,
+                dx,
+                d_after,
+                forces,
+                d_slack,
+                d_size,
+                memory,
+                event,
+                kinks,
+                one_sided,
+            )
+            event[:] = 0.0
         while True:
             logged = piece <= count and int(pieces[piece, RAMP]) == v
             if not logged and place > 0.0:
@@ -374,7 +249,7 @@ def follow_tangent(
                     arriving[i] = pieces[piece, HEADER + n + i]
                 place = pieces[piece, FROM]
                 piece += 1
-                if until - place < _INSTANT and until < 1.0:
+                if until - place < INSTANT and until < 1.0:
                     place = until
                     continue
             middle = 0.5 * (place + until)
@@ -384,7 +259,7 @@ def follow_tangent(
             for i in range(n):
                 if abs(velocity[i]) <= _STILL * np.abs(velocity).max():
                     velocity[i] = 0.0
-            mixed = _pass_end(memory, event, sliding, velocity, v, place, dx, kinks, one_sided)
+            mixed = pass_end(memory, event, sliding, velocity, v, place, dx, kinks, one_sided)
             length = until - place
             for f in range(bounds):
                 target[f] = start[f] + until * change[f]
@@ -417,7 +292,7 @@ def follow_tangent(
             for s in range(springs):
                 for c in range(columns):
                     d_works[v, c] -= 0.5 * length * d_after[s, c] * change[s]
-            _look_at_bounds(
+            look_at_bounds(
                 ends,
                 stiffness,
                 d_stiffness,
@@ -442,7 +317,7 @@ def follow_tangent(
                 one_sided,
             )
             for i in range(n):
-                memory[0, i] = velocity[i]
+                memory[V_BEFORE, i] = velocity[i]
             place = until
             if until == 1.0:
                 break

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE
 from ..compiled import compiled
 from ..rounding import EPS, NOISE
 from .state import RELATIVE, X_REST, X, shift
 
-AHEAD, BEHIND, ROUNDING_OF_PLACE = range(3)
-"""Rows of the limits of each contact: displacement at which it reaches the next border forward, infinite where there is
-none; the same backward, -infinite where there is none; rounding error of both [m]."""
-LIMIT_ROWS = 3
+FOLLOWED, PASSED = 0, 2
+"""How the following of ramps ended: at the last target or at a border; or after a ramp that was completed by a step,
+which passes over borders. 1 and -1, from `put_on_ground`: before a ramp at whose end the ground holds nothing."""
 
 _NEAR = 8.0 * EPS
 
@@ -28,17 +28,17 @@ def _is_moving(velocity, i, fastest):
 
 
 @compiled
-def _gap(contacts, velocity, limits, i):
+def _gap(contacts, velocity, ground, i):
     """Compute the distance of contact i from the border ahead of its motion, and the rounding error of it."""
     if velocity[i] > 0.0:
-        gap = (limits[AHEAD, i] - contacts[X, i]) - contacts[X_REST, i]
+        gap = (ground[AHEAD, i] - contacts[X, i]) - contacts[X_REST, i]
     else:
-        gap = (contacts[X, i] - limits[BEHIND, i]) + contacts[X_REST, i]
-    return gap, limits[ROUNDING_OF_PLACE, i] + _NEAR * abs(contacts[X, i])
+        gap = (contacts[X, i] - ground[BEHIND, i]) + contacts[X_REST, i]
+    return gap, ground[ROUNDING_OF_PLACE, i] + _NEAR * abs(contacts[X, i])
 
 
 @compiled
-def find_border(contacts, velocity, since, s, limits):
+def find_border(contacts, velocity, since, s, ground):
     """Find where on the ramp the first sliding contact reaches a border if velocities stay as they are.
 
     A border counts as reached when only rounding separates a contact from it: ties are then met together. If it is
@@ -49,7 +49,7 @@ def find_border(contacts, velocity, since, s, limits):
         velocity: shape (N,) [m per unit of the ramp].
         since: place on the ramp at which the displacement of each contact was last updated, shape (N,).
         s: present place on the ramp.
-        limits: rows AHEAD .. ROUNDING_OF_PLACE, shape (3, N).
+        ground: rows as in `Track.find_ground`, shape (8, N).
 
     Returns:
         The place on the ramp, at least s; infinite if no contact slides towards a border.
@@ -58,7 +58,7 @@ def find_border(contacts, velocity, since, s, limits):
     first = np.inf
     for i in range(velocity.shape[0]):
         if _is_moving(velocity, i, fastest):
-            gap, near = _gap(contacts, velocity, limits, i)
+            gap, near = _gap(contacts, velocity, ground, i)
             if gap < np.inf:
                 when = max(since[i] + (gap - near) / abs(velocity[i]), s)
                 if when < 1.0 <= since[i] + (gap + near) / abs(velocity[i]):
@@ -68,30 +68,39 @@ def find_border(contacts, velocity, since, s, limits):
 
 
 @compiled
-def mark_reached(contacts, velocity, limits, reached):
+def mark_reached(contacts, velocity, ground, reached):
     """Mark the contacts that have reached a border; at least one, the nearest in time.
+
+    If some contacts arrive at a border, those that are about to leave one are not marked: whether they leave depends on
+    what the others do there.
 
     Args:
         contacts: rows X .. LOAD_WORK, shape (9, N), up to date.
         velocity: shape (N,) [m per unit of the ramp].
-        limits: rows AHEAD .. ROUNDING_OF_PLACE, shape (3, N).
+        ground: rows as in `Track.find_ground`, shape (8, N).
         reached: output: 1 for a border reached forward, -1 backward, else 0; int8, shape (N,).
     """
     fastest = np.abs(velocity).max()
     soonest = 0
     side = 0
     least = np.inf
+    arriving = False
     for i in range(velocity.shape[0]):
         reached[i] = 0
         if _is_moving(velocity, i, fastest):
-            gap, near = _gap(contacts, velocity, limits, i)
+            gap, near = _gap(contacts, velocity, ground, i)
             way = 1 if velocity[i] > 0.0 else -1
             if gap <= 2.0 * near:
                 reached[i] = way
+                arriving |= ground[AHEAD, i] != ground[BEHIND, i]
             if (gap - near) / abs(velocity[i]) < least:
                 least = (gap - near) / abs(velocity[i])
                 soonest, side = i, way
     reached[soonest] = side
+    if arriving:
+        for i in range(velocity.shape[0]):
+            if ground[AHEAD, i] == ground[BEHIND, i]:
+                reached[i] = 0
 
 
 @compiled

@@ -15,7 +15,7 @@ class Jump:
         contact: the contact, counted along the body.
         border: position of the border on the track [m].
         distance: from the border to where the contact came to rest or to the next border, towards +x positive [m].
-        loss: energy that neither friction nor loads took, >= 0 [J].
+        loss: energy lost beside that lost to friction, >= 0 [J].
     """
 
     ramp: int

@@ -134,33 +134,34 @@ def build_line_state(body: Body, x: np.ndarray, target: np.ndarray) -> LineState
 
     Args:
         body: the body.
-        x: displacement, shape (N,) [m].
-        target: the command in force, shape (S + 2 N,).
+        x: displacement, shape (..., N) [m].
+        target: the command in force, shape (..., S + 2 N).
 
     Returns:
-        The state. Contacts within rounding of a bound are taken to be at that bound.
+        The state; of variations its arrays have a leading axis. Contacts within rounding of a bound are taken to be at
+        that bound.
     """
     n = body.contacts
-    bounds = target[body.springs : body.springs + 2 * n]
-    loads = target[body.springs + 2 * n :]
-    contacts = np.zeros((LOADED_ROWS if loads.size else CONTACT_ROWS, n))
-    links = np.zeros((LINK_ROWS, body.springs))
-    contacts[X] = contacts[RELATIVE] = x
-    contacts[FORWARD], contacts[BACKWARD] = bounds.reshape(2, -1)
+    lengths, forward, backward, loads = np.split(target, body.springs + n * np.arange(3), axis=-1)
+    contacts = np.zeros((*x.shape[:-1], LOADED_ROWS if loads.size else CONTACT_ROWS, n))
+    links = np.zeros((*x.shape[:-1], LINK_ROWS, body.springs))
+    contacts[..., X, :] = contacts[..., RELATIVE, :] = x
+    contacts[..., FORWARD, :], contacts[..., BACKWARD, :] = forward, backward
     if loads.size:
-        contacts[LOAD] = loads
-    links[ACTUATION] = links[ACTUATION_REF] = target[: body.springs]
-    links[SHAPE] = body.elongation(x)
-    links[TENSION] = links[TENSION_REF] = body.stiffness * (links[SHAPE] - target[: body.springs])
-    return LineState(contacts, links, _status_at_rest(body, links[TENSION], contacts))
+        contacts[..., LOAD, :] = loads
+    links[..., ACTUATION, :] = links[..., ACTUATION_REF, :] = lengths
+    links[..., SHAPE, :] = body.elongation(x)
+    tension = body.stiffness * (links[..., SHAPE, :] - lengths)
+    links[..., TENSION, :] = links[..., TENSION_REF, :] = tension
+    return LineState(contacts, links, _status_at_rest(body, tension, forward, backward))
 
 
-def _status_at_rest(body: Body, tension: np.ndarray, contacts: np.ndarray) -> np.ndarray:
+def _status_at_rest(body: Body, tension: np.ndarray, forward: np.ndarray, backward: np.ndarray) -> np.ndarray:
     """Find the bounds that contacts are at within rounding; both bounds only without friction."""
     g = body.spring_force(tension)
-    friction = contacts[FORWARD] + contacts[BACKWARD]
+    friction = forward + backward
     near = 32.0 * EPS * (body.force_size(tension) + friction)
-    above, below = contacts[FORWARD] - g, g + contacts[BACKWARD]
+    above, below = forward - g, g + backward
     none = friction == 0.0
     at_forward = none | ((above <= near) & (above <= below))
     at_backward = none | ((below <= near) & (below < above))

@@ -50,6 +50,20 @@ PLANAR_TENSION, PLANAR_ACTUATION = range(2)
 others are maxima or counts. DISSIPATION is that of the shifted bounds: friction dissipates DISSIPATION + LOADS_WORK."""
 ACCOUNT_SIZE = 14
 
+
+@compiled
+def dissipated(account):
+    """Compute the energy lost to friction.
+
+    Args:
+        account: shape (14,).
+
+    Returns:
+        The energy [J].
+    """
+    return account[DISSIPATION] + account[LOADS_WORK]
+
+
 _RETURNED = 2.0**-50
 
 AT_FORWARD, AT_BACKWARD = 1, 2
@@ -80,7 +94,7 @@ def shift(contacts, velocity, ds, i, middle):
 
 @compiled
 def begin_loads(contacts, target):
-    """Note at the start of a ramp how the loads change along it.
+    """Compute at the start of a ramp how the loads change along it.
 
     Args:
         contacts: rows X .. LOAD_WORK, shape (9, N), changed in place; without loads nothing is done.
@@ -96,7 +110,7 @@ def begin_loads(contacts, target):
 
 @compiled
 def advance_loads(contacts, part):
-    """Go on from a place on a ramp, where the rest of it is followed otherwise.
+    """Move the loads to a place on a ramp, so that the rest can be followed as a ramp of its own.
 
     Args:
         contacts: as for `begin_loads`.
@@ -110,7 +124,7 @@ def advance_loads(contacts, part):
 
 @compiled
 def end_loads(contacts, target, account):
-    """Put the loads onto the end of a ramp, and add their work to the account.
+    """Set the loads to those at the end of a ramp, and add their work to the account.
 
     Args:
         contacts: as for `begin_loads`.
@@ -178,7 +192,7 @@ def is_in_force(contacts, links, target):
 
 @compiled
 def read_commands(contacts, links, target):
-    """Write the commands in force to a target: within a ramp the end of the part that was followed.
+    """Write the commands in force to a target; within a ramp they are those at the end of the followed part.
 
     Args:
         contacts: rows X .. LOAD_WORK, shape (9, N).

@@ -36,6 +36,24 @@ def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) ->
 
 
 @compiled
+def visited_margins(force, forward, backward):
+    """Compute the visited margin of each of several states, as `visited_margin` does.
+
+    Args:
+        force: spring force g on each contact, shape (M, N) [N].
+        forward: mu_plus, shape (M, N) [N].
+        backward: mu_minus, shape (M, N) [N].
+
+    Returns:
+        Shape (M,) [1].
+    """
+    margins = np.empty(force.shape[0])
+    for m in range(force.shape[0]):
+        margins[m] = nearness(force[m], forward[m], backward[m])
+    return margins
+
+
+@compiled
 def nearness(force, forward, backward):
     """Compute the visited margin of a state without checking the arguments; see `visited_margin`.
 

@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..body.body import Body
-from ..crawler.step import Step
+from ..motion.state import (
+    AMBIGUOUS,
+    DISSIPATION,
+    EVENTS,
+    LOADS_WORK,
+    OVERSPENT,
+    RESIDUAL,
+    UNSOLVED,
+    VIOLATION,
+    VISITED,
+    WORK,
+)
 
 
 @dataclass(frozen=True)
 class Energy:
     """The energy account of a run: stored + dissipation + jump_loss - work - loads_work = residual.
+
+    Of M runs every entry may have shape (M,).
 
     Attributes:
         work: work of the actuators [J].
@@ -33,15 +47,18 @@ class Energy:
     jump_loss: float = 0.0
 
     @property
-    def relative_residual(self) -> float:
+    def relative_residual(self) -> Any:
         """The residual relative to the largest of work, dissipation, stored and peak energy [1]."""
-        size = max(abs(self.work), abs(self.dissipation), abs(self.stored), self.peak)
-        return abs(self.residual) / size if size > 0.0 else 0.0
+        size: Any = self.peak
+        for part in (self.work, self.dissipation, self.stored):
+            size = np.maximum(size, np.abs(part))
+        ratio = np.abs(self.residual) / np.where(size > 0.0, size, np.inf)
+        return ratio if np.ndim(ratio) else float(ratio)
 
 
 @dataclass
 class Total:
-    """The account of all ramps of a run; entries as in `Step`.
+    """The account of all ramps of a run; entries as in `Step`. Of M runs every entry has shape (M,).
 
     Attributes:
         visited: smallest visited margin [1].
@@ -57,49 +74,52 @@ class Total:
         unsolved: number of ramps in which the active set of a graph did not converge.
     """
 
-    visited: float
-    work: float = 0.0
-    dissipation: float = 0.0
-    loads_work: float = 0.0
+    visited: Any
+    work: Any = 0.0
+    dissipation: Any = 0.0
+    loads_work: Any = 0.0
     jump_loss: float = 0.0
-    residual: float = 0.0
-    violation: float = 0.0
-    unique: bool = True
-    events: int = 0
-    overspent: int = 0
-    unsolved: int = 0
+    residual: Any = 0.0
+    violation: Any = 0.0
+    unique: Any = True
+    events: Any = 0.0
+    overspent: Any = 0.0
+    unsolved: Any = 0.0
 
-    def add(self, step: Step) -> None:
+    def add(self, account: np.ndarray, jump_loss: float = 0.0) -> None:
         """Add the account of further ramps.
 
         Args:
-            step: the account of these ramps.
+            account: account of these ramps, shape (14,), of M runs (M, 14).
+            jump_loss: energy lost in jumps on them [J].
         """
-        self.work += step.work
-        self.dissipation += step.dissipation
-        self.loads_work += step.loads_work
-        self.jump_loss += step.jump_loss
-        self.residual += step.certificate.energy_residual
-        self.violation = max(self.violation, step.certificate.violation)
-        self.visited = min(self.visited, step.visited_margin)
-        self.unique = self.unique and step.unique
-        self.events += step.events
-        self.overspent += step.overspent
-        self.unsolved += step.unsolved
+        self.work = self.work + account[..., WORK]
+        self.dissipation = self.dissipation + (account[..., DISSIPATION] + account[..., LOADS_WORK])
+        self.loads_work = self.loads_work + account[..., LOADS_WORK]
+        self.jump_loss += jump_loss
+        self.residual = self.residual + account[..., RESIDUAL]
+        self.violation = np.maximum(self.violation, account[..., VIOLATION])
+        self.visited = np.minimum(self.visited, account[..., VISITED])
+        self.unique = self.unique & (account[..., AMBIGUOUS] == 0.0)
+        self.events = self.events + account[..., EVENTS]
+        self.overspent = self.overspent + account[..., OVERSPENT]
+        self.unsolved = self.unsolved + account[..., UNSOLVED]
 
 
 def stored_energy(body: Body, tension: np.ndarray) -> np.ndarray:
     """Compute the energy of the springs.
 
     Args:
-        body: the body.
-        tension: tensions of its springs, shape (T, S), in the plane (T, S, 2) [N].
+        body: the body; its stiffness has shape (S,), or (M, S) for M variations.
+        tension: tensions of its springs, shape (..., T, S), for variations (M, T, S), in the plane (..., T, S, 2) [N].
 
     Returns:
-        Shape (T,) [J].
+        Shape (..., T) [J].
     """
-    energy = 0.5 * tension**2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
-    return energy.reshape(energy.shape[0], -1).sum(axis=1)
+    if body.dimension == 2:
+        energy = 0.5 * tension**2 / body.stiffness[:, None]
+        return energy.reshape(*energy.shape[:-2], -1).sum(axis=-1)
+    return np.asarray((0.5 * tension**2 / body.stiffness[..., None, :]).sum(axis=-1))
 
 
 def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:

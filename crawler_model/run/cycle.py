@@ -7,6 +7,7 @@ periods, exactly; otherwise their difference shrinks by a ratio a period, from w
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -144,7 +145,7 @@ class _Periods:
         last = self.differences[-1 - _RATIOS :]
         if len(last) <= _RATIOS:
             return 1.0
-        return max(b / a if a > 0.0 else 0.0 for a, b in zip(last[:-1], last[1:], strict=True))
+        return max(b / a if a > 0.0 else 0.0 for a, b in itertools.pairwise(last))
 
     def transient_left(self) -> float:
         """Estimate how far the last gain is from that of the periodic regime [m]."""
@@ -153,7 +154,10 @@ class _Periods:
         ratio = self.ratio()
         if ratio >= 1.0:
             return math.inf
-        change = max(float(np.abs(b - a).max()) for a, b in zip(self.gains[-_RATIOS - 1 : -1], self.gains[-_RATIOS:], strict=True))
+        change = max(
+            float(np.abs(b - a).max())
+            for a, b in zip(self.gains[-_RATIOS - 1 : -1], self.gains[-_RATIOS:], strict=True)
+        )
         return change * ratio / (1.0 - ratio)
 
     def finish(self, tolerance: float) -> LimitCycle:

@@ -2,8 +2,12 @@
 
 Both are judged by the gain of the periodic regime: the loads are applied slowly at the start, then the drive runs until
 the tensions at the end of a period repeat. More load never carries a body further (spring forces are monotone), so
-that the largest tow is found by bisection. A slope also lowers the friction of coefficients, which may help or
+the largest tow is found by bisection. A slope also lowers the friction of coefficients, which may help or
 hinder: slopes are scanned first, from the steepest down, and the end of the highest stretch that gains is bisected.
+
+On patches of ground there is no periodic regime before the last border is passed. The whole way counts there: against a
+load that is not too large, the body still gains behind the last border in its direction, or nothing holds it back
+before the search ends. Less load brings it at least as far, so that the bisection holds on patches, too.
 """
 
 from __future__ import annotations
@@ -68,7 +72,8 @@ class Limit:
 def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[float], None] | None = None) -> Limit:
     """Find the steepest slope, uphill in the direction of travel, on which a period of the drive still gains.
 
-    The direction is that on level ground; the slope of the scene does not matter, its other loads do.
+    The direction is that on level ground; the slope of the scene does not matter, its other loads do. On patches of
+    ground the whole way of the body counts; they are tilted with the track.
 
     Args:
         scene: a body on a line with weights, and a drive with a period.
@@ -79,13 +84,19 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
         The limit; its value is a slope [rad].
 
     Raises:
-        CommandError: if the scene has no weights, no periodic drive, or no equilibrium on level ground.
+        CommandError: if the scene has no weights, no periodic drive, no equilibrium on level ground, or patches with
+            slopes of their own.
         SceneError: if `scene` is not a scene.
     """
     check_plan(scene, "steepest_climb")
     search = _Search(scene, "steepest_climb", budget, progress)
     if not scene.ground.weight.any():
         raise CommandError("steepest_climb: the scene has no body.weights, so that a slope does not load it")
+    if not scene.ground.has_one_slope:
+        raise CommandError(
+            "steepest_climb: patches of the ground have slopes of their own, so that the track has no one slope to "
+            "vary; largest_tow shows against which force the drive carries the body over them"
+        )
     if not search.holds(search.on_slope(0.0)):
         raise CommandError("steepest_climb: the loads of the scene have no equilibrium on level ground")
     return search.find(search.on_slope, search.steepest, _SCANNED, RESOLUTION)
@@ -96,7 +107,8 @@ def largest_tow(
 ) -> Limit:
     """Find the largest constant force on one contact, against the travel, with which a period still gains.
 
-    The direction of travel is that of the scene with its own slope and loads.
+    The direction of travel is that of the scene with its own slope and loads. On patches of ground the whole way of the
+    body counts.
 
     Args:
         scene: a body on a line, and a drive with a period.
@@ -118,10 +130,10 @@ def largest_tow(
         raise CommandError(f"largest_tow: contact {contact}; it must be between {-n} and {n - 1}")
     force = np.zeros(n)
     force[contact] = -1.0
-    reserve = [float(side.sum(axis=1).min()) for side in (scene.drive.backward, scene.drive.forward)]
+    reserve = search.reserve()
 
     def most(direction: int) -> float:
-        return reserve[0] if direction > 0 else reserve[1]
+        return reserve[1] if direction > 0 else reserve[0]
 
     return search.find(lambda tow: search.loaded(tow * force), most, 1, RESOLUTION * max(*reserve, 1e-300))
 
@@ -139,6 +151,8 @@ class _Search:
         self.targets = drive.targets[drive.times < drive.period]
         self.bounds = slice(scene.body.springs, scene.body.springs + 2 * n)
         self.load = drive.loads[: self.targets.shape[0]] if scene.columns.loads else np.zeros((1, n))
+        if scene.ground.track is not None and not scene.columns.loads:  # there friction is multiplied, loads are not
+            self.targets = np.hstack((self.targets, np.zeros((self.targets.shape[0], n))))
         stroke = float(np.ptp(self.targets[:, : scene.body.springs], axis=0).sum())
         self.least_gain = _GAINED * max(stroke, _NO_STROKE * float(np.ptp(scene.body.position)))
         self.most_periods = budget // (self.targets.shape[0] * n)
@@ -154,8 +168,7 @@ class _Search:
             backward += (friction - 1.0) * (backward - self.load)
         forward -= extra
         backward += extra
-        if self.scene.columns.loads:
-            targets[:, -n:] += extra
+        targets[:, self.bounds.stop :] += extra if targets.shape[1] > self.bounds.stop else 0.0
         return targets
 
     def on_slope(self, slope: float) -> np.ndarray:
@@ -170,13 +183,28 @@ class _Search:
         ground, n = self.scene.ground, self.scene.body.contacts
         bounds = self.targets[:, self.bounds]
         held = bounds[:, n:] - self.load if direction > 0 else bounds[:, :n] + self.load
+        if ground.track is not None:
+            held = held * ground.track.factor[1 if direction > 0 else 0].max(axis=0)
         others = direction * (self.load - ground.slope_load)
         return min(
             steepest_held(ground, mu, p) for mu, p in zip(held, np.broadcast_to(others, held.shape), strict=True)
         )
 
+    def reserve(self) -> tuple[float, float]:
+        """Compute the largest forces, forward and backward, with which every waypoint has an equilibrium somewhere."""
+        drive, track, n = self.scene.drive, self.scene.ground.track, self.scene.body.contacts
+        sides = [drive.forward[None], drive.backward[None]]
+        if track is not None:
+            stretches = range(0, 2 * track.borders.size + 1, 2)
+            bounds = [track.bounds(self.targets[:, self.bounds.start :], np.full(n, place)) for place in stretches]
+            sides = [np.array([pair[k] for pair in bounds]) for k in (0, 1)]
+        forward, backward = (float(side.max(axis=0).sum(axis=1).min()) for side in sides)
+        return forward, backward
+
     def holds(self, targets: np.ndarray) -> bool:
-        """Return whether every waypoint has an equilibrium."""
+        """Return whether every waypoint has an equilibrium; on patches only their run can tell."""
+        if self.scene.ground.track is not None:
+            return True
         n = self.scene.body.contacts
         bounds = targets[:, self.bounds]
         near = 1e-12 * np.abs(bounds).sum(axis=1)
@@ -186,11 +214,18 @@ class _Search:
         """Run until periodic; return the gain of the last period [m], None without an equilibrium."""
         if not self.holds(targets):
             return None
-        crawler = Crawler(self.scene)
-        crawler.follow(targets[:1])
+        crawler = Crawler(self.scene).placed(self.scene.start_displacement, self.targets[0])
         period = np.vstack((targets[1:], targets[:1]))
+        try:
+            crawler.follow(targets[:1])
+            return self._settle(crawler, period)
+        except CommandError:  # it reaches ground on which nothing holds it
+            return None
+
+    def _settle(self, crawler: Crawler, period: np.ndarray) -> float:
+        """Follow periods until they repeat; return the gain of the last one [m]."""
         tension, gained = crawler.tension, 0.0
-        near = _SETTLED * float(np.abs(targets[:, self.bounds]).max())
+        near = _SETTLED * float(np.abs(period[:, self.bounds]).max())
         for _ in range(_MOST_PERIODS):
             if self.periods >= self.most_periods:
                 raise _Spent
@@ -198,10 +233,18 @@ class _Search:
             crawler.follow(period)
             before, tension = tension, crawler.tension
             gained = float(average_displacement(self.scene.body, crawler.gained[None])[0])
-            if np.abs(tension - before).max(initial=0.0) <= near:
+            if np.abs(tension - before).max(initial=0.0) <= near and self._ends(crawler, gained):
                 return gained
         self.settled = False
         return gained
+
+    def _ends(self, crawler: Crawler, gained: float) -> bool:
+        """Return whether a body that repeats its period meets no further border."""
+        track = self.scene.ground.track
+        if track is None or abs(gained) <= self.least_gain:
+            return True
+        last = 2 * track.borders.size if gained > 0.0 else 0
+        return bool(np.all(crawler.places == last))
 
     def report(self, part: float) -> None:
         """Report the completed part."""
@@ -239,7 +282,7 @@ class _Search:
             """Try a load and narrow the bracket."""
             gained = self.gain(at(direction * load))
             if gained is None or direction * gained <= self.least_gain:
-                bracket.beyond = load
+                bracket.beyond, bracket.lost = load, gained is None
                 return False
             bracket.value, bracket.gain = load, direction * gained
             return True
@@ -269,16 +312,17 @@ class _Search:
                 break
             gains(middle)
             self.report(0.5 + 0.5 * math.log(width / (bracket.beyond - bracket.value)) / math.log(width / resolution))
-        return "gain"
+        return "equilibrium" if bracket.lost else "gain"
 
 
 @dataclass
 class _Bracket:
-    """A load that gains, one that does not, and the gain at the first."""
+    """A load that gains, one that does not, the gain at the first, and whether the second one has no equilibrium."""
 
     value: float
     beyond: float
     gain: float
+    lost: bool = False
 
 
 class _Spent(Exception):

@@ -33,7 +33,7 @@ class TimedJump:
         contact: the contact, counted along the body.
         border: position of the border on the track [m].
         distance: from the border to where the contact came to rest or to the next border, towards +x positive [m].
-        loss: energy that neither friction nor loads took, >= 0 [J].
+        loss: energy lost beside that lost to friction, >= 0 [J].
     """
 
     time: float
@@ -288,7 +288,7 @@ class _Run:
         width = self.x[0].size
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size))
         step = self.crawler.follow(np.ascontiguousarray(targets), records)
-        self.total.add(step)
+        self.total.add(step.account, step.jump_loss)
         for jump in step.jumps:
             begin = int(vertex_ns[jump.ramp - 1]) if jump.ramp else after_ns
             when = (begin + jump.part * (int(vertex_ns[jump.ramp]) - begin)) / NS
@@ -349,23 +349,23 @@ class _Run:
             rate,
             *arrays,
             energy=Energy(
-                total.work,
-                total.dissipation,
+                float(total.work),
+                float(total.dissipation),
                 float(end - start),
-                total.residual,
+                float(total.residual),
                 self.peak,
-                total.loads_work,
+                float(total.loads_work),
                 total.jump_loss,
             ),
             jumps=tuple(self.jumps),
-            violation=max(total.violation, 0.0),
-            unique=total.unique,
+            violation=float(total.violation),
+            unique=bool(total.unique),
             uniqueness_margin=commanded_margin(body, drive),
-            visited_margin=total.visited,
+            visited_margin=float(total.visited),
             visited_margin_sampled=self.crawler.visited_margin_sampled,
-            events=total.events,
-            overspent=total.overspent,
-            unsolved=total.unsolved,
+            events=int(total.events),
+            overspent=int(total.overspent),
+            unsolved=int(total.unsolved),
             ticks=self.ticks,
             wall_s=time.perf_counter() - began,
         )

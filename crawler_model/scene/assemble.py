@@ -10,10 +10,10 @@ from ..arrays import frozen
 from ..body.directions import check_directions
 from ..errors import SceneError
 from ..run.simulate import simulate
-from .assemble_body import assemble_body, assemble_columns, reuse_columns
+from .assemble_body import assemble_body, assemble_columns, reuse_body, reuse_columns
 from .assemble_drive import assemble_drive
 from .assemble_friction import assemble_friction, assemble_ground, planar_friction
-from .assemble_start import assemble_start, check_start, relax_loaded
+from .assemble_start import assemble_start, check_start, relax_loaded, starts_beyond
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
 from .friction_parts import FrictionRowsPart
@@ -48,14 +48,41 @@ def assemble(parts: SceneParts, like: Assembly | None = None) -> Assembly:
     return assembly
 
 
-def _assemble(parts: SceneParts, elements: Sequence[int], like: Assembly | None = None) -> Assembly:
+def assemble_together(parts: SceneParts, like: Assembly, count: int) -> tuple[Assembly, np.ndarray]:
+    """Build the arrays of variations of a scene on a line with the same mesh, valid or not.
+
+    Args:
+        parts: the parts of the scene, in which a number that varies is an array of shape (M, 1), see `arrays`.
+        like: an assembly with the same mesh and the same kind of drive.
+        count: number of variations M.
+
+    Returns:
+        The assembly, with a leading axis of variations in what varies; and which variations may be invalid, bool, shape
+        (M,): these must be validated one by one.
+    """
+    doubts = np.zeros(count, np.bool_)
+    with np.errstate(all="ignore"):
+        assembly = _assemble(parts, (), like, doubts)
+        doubts |= starts_beyond(assembly)
+        for array, axes in (
+            (assembly.body.stiffness, 1),
+            (assembly.drive.targets, 2),
+            (assembly.start_displacement, 1),
+        ):
+            doubts |= ~np.isfinite(array).all(axis=tuple(range(-axes, 0)))
+    return assembly, doubts
+
+
+def _assemble(
+    parts: SceneParts, elements: Sequence[int], like: Assembly | None = None, doubts: np.ndarray | None = None
+) -> Assembly:
     """Build the arrays of a scene for given numbers of elements; the start is not checked."""
-    body = assemble_body(parts, elements) if like is None else like.body
-    ground = assemble_ground(parts, body)
+    body = assemble_body(parts, elements) if like is None else reuse_body(parts, like.body, doubts)
+    ground = assemble_ground(parts, body, doubts)
     columns = (
         assemble_columns(parts, body, ground) if like is None else reuse_columns(parts, body, ground, like.columns)
     )
-    drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns, ground))
+    drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns, ground, doubts), doubts)
     return relax_loaded(Assembly(parts, body, ground, columns, drive, frozen(assemble_start(parts, body, drive))))
 
 
@@ -71,7 +98,7 @@ def _check_parts(parts: SceneParts) -> None:
         if names.count(name) > 1:
             raise SceneError(f"body.segments: two segments are named {name!r}; names must be unique")
     if parts.body.links is None and (parts.dimension == 2 or len(parts.body.contacts) + len(names) > 1):
-        raise SceneError("body.links: missing; the springs between contacts and segments, {stiffness: ...}")
+        raise SceneError("body.links: missing; give the springs between contacts and segments as {stiffness: ...}")
     if parts.friction is None and parts.body.contacts:
         raise SceneError("friction: missing; isolated contacts need it")
 
@@ -102,9 +129,9 @@ def _check_planar(parts: SceneParts) -> None:
 
 
 def _count(parts: SceneParts, place: int) -> int:
-    """Find the number of elements that a segment needs for its accuracy under the drive of the scene, without patches.
+    """Find the number of elements that a segment needs for its accuracy under the drive of the scene.
 
-    On patches periods differ, and the error with them.
+    Patches are left out: with them the periods differ from each other, and so do their errors.
     """
     if parts.ground is not None and parts.ground.patches:
         parts = parts.model_copy(update={"ground": parts.ground.model_copy(update={"patches": ()})})

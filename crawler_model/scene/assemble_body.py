@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.build import End, Interval, build_body
 from ..body.columns import Columns, build_columns, build_planar_columns
@@ -29,12 +30,18 @@ def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
                 f"segment's {part.start:g} .. {part.stop:g} m"
             )
     nodes = np.linspace(part.start, part.stop, elements + 1)
-    modulus = field_of(part.stiffness)
+    return Interval(part.name, nodes, _element_stiffness(part, nodes), part.shown)
+
+
+def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
+    """Compute the stiffness of the elements of a segment between nodes, shape (..., elements) [N/m]."""
+    elements = nodes.size - 1
     if isinstance(part.stiffness, TablePart):
+        modulus = field_of(part.stiffness)
         compliance = average(lambda x: 1.0 / modulus(x), nodes, breaks_of(part.stiffness))
     else:
-        compliance = np.full(elements, 1.0 / part.stiffness)
-    return Interval(part.name, nodes, 1.0 / (compliance * (part.stop - part.start) / elements), part.shown)
+        compliance = np.repeat(np.atleast_1d(1.0 / part.stiffness), elements, axis=-1)
+    return np.asarray(1.0 / (compliance * (part.stop - part.start) / elements))
 
 
 def _end(value: int | str, link: int) -> End:
@@ -78,6 +85,36 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
     return build_body(contacts, 1.0 if links is None else links.stiffness, between, segments)
 
 
+def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) -> Body:
+    """Build the body of a scene from another one with the same mesh, which differs at most in its stiffness.
+
+    Args:
+        parts: the parts of the scene.
+        like: the other body.
+        doubts: of variations, as for `refuse`.
+
+    Returns:
+        The body; the other one itself if its stiffness is the same.
+
+    Raises:
+        SceneError: if a stiffness is not positive.
+    """
+    links, segments = parts.body.links, zip(parts.body.segments, like.segments, strict=True)
+    for place, part in enumerate(parts.body.segments):
+        if not isinstance(part.stiffness, np.ndarray):
+            check_field(part.stiffness, f"body.segments.{place}.stiffness", "N", "> 0")
+    given = spread(1.0 if links is None else links.stiffness, like.link_springs.size, "body.links.stiffness", "link")
+    together = join((given, *(_element_stiffness(part, like.position[s.contacts]) for part, s in segments)))
+    stiffness = np.empty(together.shape)
+    first = like.link_springs.size
+    stiffness[..., like.link_springs] = together[..., :first]
+    for segment in like.segments:
+        stiffness[..., segment.springs] = together[..., first : first + segment.elements]
+        first += segment.elements
+    refuse(~(stiffness > 0.0), 1, lambda i: f"body: spring {i} has {stiffness[i]:g} N/m; it must be > 0", doubts)
+    return like if np.array_equal(stiffness, like.stiffness) else dataclasses.replace(like, stiffness=frozen(stiffness))
+
+
 def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
     """Build the command layout of the body of a scene.
 
@@ -107,10 +144,10 @@ def loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
         ground: its ground.
 
     Returns:
-        Shape (N,), in the plane (N, 2) [N]; None for a scene on level ground whose loads cannot be commanded.
+        Shape (..., N), in the plane (N, 2) [N]; None for a scene on level ground whose loads cannot be commanded.
     """
     drive = parts.drive
-    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or ground.slope != 0.0
+    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or np.any(ground.slope != 0.0)
     return ground.slope_load if loaded else None
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import frozen, spread
+from ..arrays import frozen, join, read_numbers, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
 from ..body.drive import Drive, build_waypoints, merge_times, strategy_waypoints, wave
@@ -16,14 +16,18 @@ from .friction_parts import FrictionRowsPart
 from .parts import DrivePart, SceneParts, WavePart
 
 
-def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np.ndarray) -> Drive:
+def assemble_drive(
+    parts: SceneParts, body: Body, columns: Columns, friction: np.ndarray, doubts: np.ndarray | None = None
+) -> Drive:
     """Build the waypoints of the drive of a scene.
 
     Args:
         parts: the parts of the scene.
         body: its body.
         columns: layout of its commands.
-        friction: friction and loads of the scene, the last columns of a row, shape (C - lengths,) [N, N/m].
+        friction: friction and loads of the scene, the last columns of a row, shape (C - lengths,), for variations
+            (M, C - lengths) [N, N/m].
+        doubts: of variations, as for `refuse`.
 
     Returns:
         The drive, with the friction of the scene unless it commands friction.
@@ -33,23 +37,26 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
     """
     part = parts.drive
     if part is None:
-        row = np.concatenate((np.zeros(columns.lengths), friction))
-        drive = Drive(frozen([0.0]), None, frozen(row[None]), columns)
+        rows = join((np.zeros(columns.lengths), friction))[..., None, :]
+        if doubts is not None:
+            return build_waypoints(np.zeros(1), None, rows, columns, doubts)
+        drive = Drive(frozen([0.0]), None, frozen(rows), columns)
         columns.check_equilibrium(drive.targets[0], "scene", SceneError)
         return drive
+    friction = friction[..., None, :]
     if part.strategy is not None:
-        return _build_strategy(body, columns, part, friction)
+        return _build_strategy(body, columns, part, friction, doubts)
     if part.times is None:
-        return _build_waves(body, columns, part, friction)
-    times = np.array(part.times)
-    rows = np.zeros((times.size, columns.count))
-    rows[:, columns.lengths :] = friction
+        return _build_waves(body, columns, part, friction, doubts)
+    times = read_numbers(part.times)
+    count = times.shape[-1]
     if parts.dimension == 2:
-        rows[:, : columns.lengths] = _planar_rows(part.actuation, times.size, body.springs)
+        actuation = _planar_rows(part.actuation, count, body.springs)
     else:
         item = "link(s) and segment" if body.segments else "link"
-        given = _rows(part.actuation, times.size, columns.actuation_sizes.size, "drive.actuation", item)
-        rows[:, : columns.lengths] = np.repeat(given, columns.actuation_sizes, axis=1)
+        given = _rows(part.actuation, count, columns.actuation_sizes.size, "drive.actuation", item)
+        actuation = np.repeat(given, columns.actuation_sizes, axis=-1)
+    sides, loads = friction[..., : columns.frictions], friction[..., columns.frictions :]
     if isinstance(part.friction, FrictionRowsPart):
         if columns.planar:
             raise SceneError("drive.friction: direction-dependent friction is constant; remove this key")
@@ -57,27 +64,28 @@ def assemble_drive(parts: SceneParts, body: Body, columns: Columns, friction: np
         names = ("isotropic", "isotropic") if part.friction.isotropic is not None else ("forward", "backward")
         both = [
             np.repeat(
-                _rows(table, times.size, columns.friction_sizes.size, f"drive.friction.{name}", item),
+                _rows(table, count, columns.friction_sizes.size, f"drive.friction.{name}", item),
                 columns.friction_sizes,
-                axis=1,
+                axis=-1,
             )
             for name, table in zip(names, part.friction.sides, strict=True)
         ]
-        rows[:, columns.lengths :][:, : columns.frictions] = np.hstack(both[: columns.sides])
+        sides = join(both[: columns.sides])
     if part.loads is not None:
-        rows[:, columns.count - columns.loads :] = _load_rows(part.loads, times.size, body, columns)
-    return build_waypoints(times, part.period, rows, columns)
+        loads = _load_rows(part.loads, count, body, columns)
+    return build_waypoints(times, part.period, join((actuation, sides, loads)), columns, doubts)
 
 
 def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndarray:
-    if isinstance(table, float):
-        return np.full((rows, columns), table)
+    if not isinstance(table, tuple):
+        return np.repeat(spread(table, columns, field, item)[..., None, :], rows, axis=-2)
     if len(table) != rows:
         raise SceneError(f"{field}: {len(table)} row(s) for {rows} time(s); give one row per time")
     for i, row in enumerate(table):
         if isinstance(row, tuple) and any(isinstance(v, tuple) for v in row):
             raise SceneError(f"{field}: row {i} holds lists; on a line each entry is a number (or dimension: 2)")
-    return np.array([spread(row, columns, f"{field}: row {i}", item) for i, row in enumerate(table)])
+    each = [spread(row, columns, f"{field}: row {i}", item) for i, row in enumerate(table)]
+    return np.stack(np.broadcast_arrays(*each), axis=-2)
 
 
 def _load_rows(table: Any, rows: int, body: Body, columns: Columns) -> np.ndarray:
@@ -106,46 +114,56 @@ def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
     return np.array(table).reshape(rows, 2 * links)
 
 
-def _build_strategy(body: Body, columns: Columns, part: DrivePart, friction: np.ndarray) -> Drive:
+def _build_strategy(
+    body: Body, columns: Columns, part: DrivePart, friction: np.ndarray, doubts: np.ndarray | None
+) -> Drive:
     if (body.isolated.size, body.springs, len(body.segments)) != (2, 1, 0):
         raise SceneError(f"drive.strategy: strategies need 2 contacts and 1 link; this body has {body.describe()}")
     assert part.strategy is not None
     assert part.length is not None
-    assert isinstance(part.friction, float)
+    assert not isinstance(part.friction, FrictionRowsPart)
+    assert part.friction is not None
     period = 1.0 if part.period is None else part.period
     times, actuation, mu = strategy_waypoints(part.strategy, part.length, part.friction, period)
-    loads = np.tile(friction[columns.frictions :], (times.size, 1))
-    return build_waypoints(times, period, np.hstack((actuation, mu, mu, loads)), columns)
+    return build_waypoints(
+        times, period, join((actuation, mu, mu, friction[..., columns.frictions :])), columns, doubts
+    )
 
 
-def _build_waves(body: Body, columns: Columns, part: DrivePart, friction: np.ndarray) -> Drive:
+def _build_waves(
+    body: Body, columns: Columns, part: DrivePart, friction: np.ndarray, doubts: np.ndarray | None
+) -> Drive:
     waves = [w for w in (part.wave, part.friction_wave) if w is not None]
     period = waves[0].period
     if any(w.period != period for w in waves):
         raise SceneError("drive.friction_wave.period: it must equal that of drive.wave")
     times = merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
     times[-1] = period
-    rows = np.zeros((times.size, columns.count))
-    rows[:, columns.lengths :] = friction
+    actuation = np.zeros((times.size, columns.lengths))
+    sides, loads = friction[..., : columns.frictions], friction[..., columns.frictions :]
     if part.wave is not None:
         middle = 0.5 * (body.position[body.ends[:, 0]] + body.position[body.ends[:, 1]])
         places = np.concatenate([middle[body.link_springs], *(middle[s.springs] for s in body.segments)])
-        rows[:, : columns.lengths] = _sampled(part.wave, times, places)
+        actuation = _sampled(part.wave, times, places)
     if part.friction_wave is not None:
         w = part.friction_wave
-        if w.mean < abs(w.amplitude):
-            raise SceneError(
+        refuse(
+            np.atleast_1d(w.mean < abs(w.amplitude)),
+            1,
+            lambda _: (
                 f"drive.friction_wave: mean {w.mean:g} N is less than the amplitude {abs(w.amplitude):g} N; "
                 "friction must be >= 0 at all times"
-            )
+            ),
+            doubts,
+        )
         places = np.concatenate([body.position[body.isolated], *(body.position[s.contacts] for s in body.segments)])
         mu = np.maximum(_sampled(w, times, places), 0.0)
-        rows[:, columns.lengths :][:, : columns.frictions] = np.hstack((mu, mu))
-    return build_waypoints(times, period, rows, columns)
+        sides = join((mu, mu))
+    return build_waypoints(times, period, join((actuation, sides, loads)), columns, doubts)
 
 
 def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Interpolate a wave linearly between its own samples at the waypoints, shape (W, places)."""
+    """Interpolate a wave linearly between its own samples at the waypoints, shape (..., W, places)."""
     phase = np.arange(part.samples + 1) / part.samples
     values = wave(part.mean, part.amplitude, part.wavelength, phase, places)
     at = times / part.period * part.samples
@@ -153,4 +171,5 @@ def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarra
     after = np.minimum(before + 1, part.samples)
     rest = np.clip(at - before, 0.0, 1.0)
     rest[rest < 1e-8] = 0.0  # exactly on a sample
-    return values[before] + rest[:, None] * (values[after] - values[before])
+    first, last = values[..., before, :], values[..., after, :]
+    return np.asarray(first + rest[:, None] * (last - first))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import frozen, spread
+from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
 from ..body.ground import Ground, Track
@@ -15,13 +15,16 @@ from ..errors import SceneError
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts, angles_of
 
+_RADIANS = math.pi / 180.0
 
-def assemble_ground(parts: SceneParts, body: Body) -> Ground:
+
+def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = None) -> Ground:
     """Build the ground of a scene.
 
     Args:
         parts: the parts of the scene.
         body: its body.
+        doubts: of variations, as for `refuse`.
 
     Returns:
         The ground.
@@ -35,16 +38,16 @@ def assemble_ground(parts: SceneParts, body: Body) -> Ground:
         direction = direction or 0.0
     elif direction is not None:
         raise SceneError("ground.direction: only in the plane; on a line a slope is negative if it falls towards +x")
-    if ground.slope != 0.0 and parts.body.weights is None:
+    if np.any(ground.slope != 0.0) and parts.body.weights is None:
         raise SceneError("body.weights: missing; a slope acts on the weight of each contact")
-    weight = frozen(weights_of(parts, body))
+    weight = frozen(weights_of(parts, body, doubts))
     follows = _follow_weights(parts, body)
     track = _assemble_track(parts, weight, follows)
-    return Ground(weight, follows, math.radians(ground.slope), direction, track)
+    return Ground(weight, follows, ground.slope * _RADIANS, direction, track)
 
 
 def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
-    """Determine whose friction follows from its weight, shape (N,): not that of a drive that commands friction."""
+    """Determine where friction follows from weight, shape (N,): on no contact if the drive commands friction."""
     follows = np.zeros(body.contacts, np.bool_)
     drive = parts.drive
     if drive is None or (drive.friction is None and drive.friction_wave is None):
@@ -79,29 +82,29 @@ def _assemble_track(parts: SceneParts, weight: np.ndarray, follows: np.ndarray) 
     return Track(frozen(borders), frozen(np.stack((forward, backward))[:, :, None] * pressed), frozen(tilt))
 
 
-def weights_of(parts: SceneParts, body: Body) -> np.ndarray:
+def weights_of(parts: SceneParts, body: Body, doubts: np.ndarray | None = None) -> np.ndarray:
     """Read the weight of each contact.
 
     Args:
         parts: the parts of the scene.
         body: its body.
+        doubts: of variations, as for `refuse`.
 
     Returns:
-        Shape (N,) [N]; 0 if the scene has none.
+        Shape (N,), for variations (M, N) [N]; 0 if the scene has none.
 
     Raises:
         SceneError: if a weight is negative.
     """
-    weight = np.zeros(body.contacts)
     if parts.body.weights is None:
-        return weight
+        return np.zeros(body.contacts)
     item = "contact(s) and segment" if body.segments else "contact"
     given = spread(parts.body.weights, body.isolated.size + len(body.segments), "body.weights", item)
-    for i in np.flatnonzero(given < 0.0):
-        raise SceneError(f"body.weights: entry {i} is {given[i]:g}; a weight must be >= 0")
-    weight[body.isolated] = given[: body.isolated.size]
-    for segment, value in zip(body.segments, given[body.isolated.size :], strict=True):
-        weight[segment.contacts] = value * body.ground[segment.contacts]
+    refuse(given < 0.0, 1, lambda i: f"body.weights: entry {i} is {given[i]:g}; a weight must be >= 0", doubts)
+    weight = np.zeros((*given.shape[:-1], body.contacts))
+    weight[..., body.isolated] = given[..., : body.isolated.size]
+    for k, segment in enumerate(body.segments, body.isolated.size):
+        weight[..., segment.contacts] = given[..., k : k + 1] * body.ground[segment.contacts]
     return weight
 
 
@@ -168,13 +171,17 @@ def _written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else f"[{', '.join(f'{v:g}' for v in value[:6])}]"
 
 
-def _not_negative(mu: np.ndarray, side: str) -> np.ndarray:
-    for i in np.flatnonzero(~(mu >= 0.0)):
-        raise SceneError(f"friction.{side}: contact {i} has {mu[i]:g} N; friction must be >= 0")
+def _not_negative(mu: np.ndarray, side: str, doubts: np.ndarray | None = None) -> np.ndarray:
+    def negative(i: int) -> str:
+        return f"friction.{side}: contact {i} has {mu[i]:g} N; friction must be >= 0"
+
+    refuse(~(mu >= 0.0), 1, negative, doubts)
     return mu
 
 
-def assemble_friction(parts: SceneParts, body: Body, columns: Columns, ground: Ground) -> np.ndarray:
+def assemble_friction(
+    parts: SceneParts, body: Body, columns: Columns, ground: Ground, doubts: np.ndarray | None = None
+) -> np.ndarray:
     """Build the last columns of a command row from the friction and the loads of a scene.
 
     Args:
@@ -182,9 +189,10 @@ def assemble_friction(parts: SceneParts, body: Body, columns: Columns, ground: G
         body: its body.
         columns: layout of its commands.
         ground: its ground; coefficients of friction multiply its weights.
+        doubts: of variations, as for `refuse`.
 
     Returns:
-        Shape (C - lengths,) [N, N/m].
+        Shape (C - lengths,), for variations (M, C - lengths) [N, N/m].
 
     Raises:
         SceneError: if a friction is negative, an array has a wrong length, or a coefficient has no weight to act on.
@@ -202,28 +210,32 @@ def assemble_friction(parts: SceneParts, body: Body, columns: Columns, ground: G
     sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
     if angles_of(parts):
         raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
-    of_contacts = press[body.isolated] if _has_coefficient(parts.friction) else 1.0
+    of_contacts = press[..., body.isolated] if _has_coefficient(parts.friction) else 1.0
     values = []
     for side, name in enumerate(("forward", "backward")):
-        mu = _not_negative(spread(sides[side], body.isolated.size, f"friction.{name}", "contact"), name)
+        mu = _not_negative(spread(sides[side], body.isolated.size, f"friction.{name}", "contact"), name, doubts)
         values.append(mu * of_contacts)
         for part, segment, (_, _, size) in zip(parts.body.segments, body.segments, columns.segments, strict=True):
             varies = size == segment.elements + 1
             field = part.friction.sides[side]
             if _has_coefficient(part.friction):
-                field *= float(press[segment.first] / body.ground[segment.first])  # weight per length
-            if not varies:
-                values.append(np.array([field]))
-                continue
-            nodes = body.position[segment.contacts]
-            edges = np.concatenate((nodes[:1], 0.5 * (nodes[:-1] + nodes[1:]), nodes[-1:]))
-            values.append(average(field_of(field), edges, breaks_of(field)))
+                field = field * (press[..., segment.first, None] / body.ground[segment.first])  # weight per length
+            values.append(_over_contacts(field, body.position[segment.contacts]) if varies else field)
     if columns.loads:
         item = "contact(s) and segment" if body.segments else "contact"
         if isinstance(parts.loads, tuple) and any(isinstance(load, tuple) for load in parts.loads):
             raise SceneError("loads: pairs; on a line each load is a number (or dimension: 2)")
         values.append(spread(0.0 if parts.loads is None else parts.loads, columns.loads, "loads", item))
-    return np.concatenate(values)
+    return join(values)
+
+
+def _over_contacts(field: Any, nodes: np.ndarray) -> np.ndarray:
+    """Average a field over the ground of each contact of a segment; of a number that varies for each variation."""
+    edges = np.concatenate((nodes[:1], 0.5 * (nodes[:-1] + nodes[1:]), nodes[-1:]))
+    if not isinstance(field, np.ndarray):
+        return average(field_of(field), edges, breaks_of(field))
+    rows = [average(field_of(float(value)), edges, breaks_of(float(value))) for value in field.ravel()]
+    return np.array(rows).reshape(*field.shape[:-1], nodes.size)
 
 
 def _has_coefficient(part: FrictionPart | SegmentFrictionPart | None) -> bool:

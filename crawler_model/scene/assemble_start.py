@@ -29,9 +29,9 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
         drive: its drive; the first row is in force at the start.
 
     Returns:
-        Displacement, shape (N,), in the plane (N, 2) [m]. A scene specifies it for the isolated contacts and both ends
-        of each segment, with linear interpolation between; `relaxed` is a start without spring forces (`relax_loaded`
-        where loads do not allow that).
+        Displacement, shape (..., N), in the plane (N, 2) [m]. A scene specifies it for the isolated contacts and both
+        ends of each segment, with linear interpolation between; `relaxed` is a start without spring forces
+        (`relax_loaded` where loads do not allow that).
 
     Raises:
         SceneError: if the number of values is wrong.
@@ -39,7 +39,7 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
     if parts.start is None:
         return np.zeros(body.position.shape)
     if parts.start == "relaxed":
-        return body.relaxed(drive.actuation[0])
+        return body.relaxed(drive.actuation[..., 0, :])
     given = parts.start.displacement
     if body.dimension == 2:
         rows = given if isinstance(given, tuple) else (given,) * body.contacts
@@ -51,11 +51,12 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
     stations = body.stations
     item = "contact(s) and segment end" if body.segments else "contact"
     values = spread(given, stations.size, "start.displacement", item)
-    x = np.empty(body.contacts)
-    x[stations] = values
+    x = np.empty((*values.shape[:-1], body.contacts))
+    x[..., stations] = values
     for k, segment in enumerate(body.segments):
-        first, last = values[body.isolated.size + 2 * k :][:2]
-        x[segment.contacts] = np.linspace(first, last, segment.elements + 1)
+        ends = values[..., body.isolated.size + 2 * k :][..., :2].reshape(-1, 2)
+        between = [np.linspace(first, last, segment.elements + 1) for first, last in ends]
+        x[..., segment.contacts] = np.array(between).reshape(*values.shape[:-1], -1)
     return x
 
 
@@ -70,13 +71,20 @@ def relax_loaded(assembly: Assembly) -> Assembly:
         assembly: the assembly of a scene with `start: relaxed`.
 
     Returns:
-        The assembly with that start, or itself if no contact needs springs, or in the plane.
+        The assembly with that start, or itself if no contact needs springs, or in the plane. Of variations, those that
+        need it get another start.
     """
     drive = assembly.drive
     if assembly.parts.start != "relaxed" or not assembly.columns.loads or assembly.body.dimension == 2:
         return assembly
-    if (drive.forward[0] >= 0.0).all() and (drive.backward[0] >= 0.0).all():
+    held = ((drive.forward[..., 0, :] < 0.0) | (drive.backward[..., 0, :] < 0.0)).any(axis=-1)
+    if not held.any():
         return assembly
+    if held.ndim:
+        start = np.broadcast_to(assembly.start_displacement, (held.size, assembly.body.contacts)).copy()
+        for at in np.flatnonzero(held):
+            start[at] = relax_loaded(assembly.variation(int(at))).start_displacement
+        return dataclasses.replace(assembly, start_displacement=frozen(start))
     load = drive.loads[0]
     free = np.concatenate((drive.actuation[0], drive.forward[0] + load, drive.backward[0] - load, 0.0 * load))
     crawler = Crawler(assembly, "catch_up").placed(assembly.start_displacement, free)
@@ -97,11 +105,8 @@ def check_start(assembly: Assembly) -> None:
     if body.dimension == 2:
         _check_planar_start(assembly)
         return
-    tension = body.stiffness * (body.elongation(x) - drive.actuation[0])
-    force = body.spring_force(tension)
+    force, margins, excess = _forces_at_start(assembly)
     forward, backward = _bounds_at_start(assembly)
-    margins = bound_distances(force, forward, backward)
-    excess = margins + _ROUNDING * (body.force_size(tension) + forward + backward)
     worst = int(np.argmin(excess))
     if excess[worst] >= 0.0:
         return
@@ -130,11 +135,33 @@ def check_start(assembly: Assembly) -> None:
     )
 
 
+def starts_beyond(assembly: Assembly) -> np.ndarray:
+    """Find the variations of a body on a line whose spring forces at the start are not within the friction.
+
+    Args:
+        assembly: the assembly, with a leading axis of variations in what varies.
+
+    Returns:
+        Whether a force exceeds its bound, shape (...).
+    """
+    return np.asarray((_forces_at_start(assembly)[2] < 0.0).any(axis=-1))
+
+
+def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute the spring forces at the start, their distances from the bounds, and these less rounding, (..., N)."""
+    body, x = assembly.body, assembly.start_displacement
+    tension = body.stiffness * (body.elongation(x) - assembly.drive.actuation[..., 0, :])
+    force = body.spring_force(tension)
+    forward, backward = _bounds_at_start(assembly)
+    margins = bound_distances(force, forward, backward)
+    return force, margins, margins + _ROUNDING * (body.force_size(tension) + forward + backward)
+
+
 def _bounds_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the forward and backward bounds at the start, those of the patches where there are any."""
+    """Compute the bounds at the start, forward and backward, shape (..., N), of the patches where there are any."""
     body, drive, track = assembly.body, assembly.drive, assembly.ground.track
     if track is None:
-        return drive.forward[0], drive.backward[0]
+        return drive.forward[..., 0, :], drive.backward[..., 0, :]
     place = track.find_places(body.position, assembly.start_displacement)
     forward, backward, _ = track.bounds(drive.targets[0, body.springs :], place)
     return forward, backward

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -27,6 +28,8 @@ class Assembly:
         columns: layout of the commands.
         drive: the drive; without one, L = 0 and the constant friction of the scene.
         start_displacement: x at the start, shape (N,), in the plane (N, 2) [m].
+
+    The assembly of variations on a line has a leading axis in what varies.
     """
 
     parts: SceneParts
@@ -55,6 +58,39 @@ class Assembly:
     def angles(self) -> np.ndarray:
         """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
         return np.array(angles_of(self.parts), dtype=np.float64)
+
+    def variation(self, at: int) -> Assembly:
+        """Select one of several variations that were assembled together.
+
+        Args:
+            at: its index.
+
+        Returns:
+            Its assembly; the parts are those of all.
+        """
+
+        def one(array: np.ndarray, axes: int) -> np.ndarray:
+            return frozen(array[at]) if array.ndim > axes else array
+
+        slope_load, drive, slope, period = self.columns.slope_load, self.drive, self.ground.slope, self.drive.period
+        columns = dataclasses.replace(self.columns, slope_load=None if slope_load is None else one(slope_load, 1))
+        return dataclasses.replace(
+            self,
+            body=dataclasses.replace(self.body, stiffness=one(self.body.stiffness, 1)),
+            ground=dataclasses.replace(
+                self.ground,
+                weight=one(self.ground.weight, 1),
+                slope=float(slope[at, 0]) if isinstance(slope, np.ndarray) else slope,
+            ),
+            columns=columns,
+            drive=Drive(
+                one(drive.times, 1),
+                float(period[at, 0]) if isinstance(period, np.ndarray) else period,
+                one(drive.rows, 2),
+                columns,
+            ),
+            start_displacement=one(self.start_displacement, 1),
+        )
 
     @functools.cached_property
     def directions(self) -> np.ndarray:

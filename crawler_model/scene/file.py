@@ -110,7 +110,7 @@ def _check_aliases(root: yaml.Node, most: int = _MOST_VALUES) -> None:
             continue
         sizes[id(node)] = 1 + sum(sizes[id(child)] for child in children)
         if sizes[id(node)] > most:
-            text = f"with its aliases written out it holds more than {most} values"
+            text = f"with its aliases expanded it holds more than {most} values"
             raise yaml.constructor.ConstructorError(None, None, text, node.start_mark)
 
 
@@ -223,7 +223,7 @@ def load_scene(path_or_name: str | Path) -> Scene:
 
 
 def coerce_scene(scene: Scene | str | Path, call: str) -> Scene:
-    """Return a scene as it is, or load it by path or name.
+    """Return a scene unchanged, or load it by path or name.
 
     Args:
         scene: a scene, a path, or a name listed by `gallery`.

@@ -150,12 +150,14 @@ class CoefficientPart(Part):
     )
     backward: Annotated[Numbers | None, key("Against sliding towards -x, likewise.", "1", minimum=0)] = None
     isotropic: Annotated[
-        Numbers | None, key("Both in one, likewise; in the plane in every direction.", "1", minimum=0)
+        Numbers | None, key("The same in both directions; in the plane in every direction.", "1", minimum=0)
     ] = None
     directions: Annotated[
         tuple[Number, ...] | None, key("In the plane: angles, as for friction given as forces.", "rad")
     ] = None
-    value: Annotated[Table | None, key("In each direction: one row, or one per contact.", "1", minimum=0)] = None
+    value: Annotated[
+        Table | None, key("Coefficient in each direction: one row, or one per contact.", "1", minimum=0)
+    ] = None
 
     @model_validator(mode="after")
     def _one_way(self) -> CoefficientPart:

@@ -64,9 +64,9 @@ class SegmentPart(Part):
     @model_validator(mode="after")
     def _sane(self) -> SegmentPart:
         if not re.fullmatch(r"[A-Za-z_]\w*", self.name) or re.fullmatch(r"(contact|link)(_\d+)?|world", self.name):
-            raise ValueError(f"name: {self.name!r}; it must be a word, and not that of a contact or link")
+            raise ValueError(f"name: {self.name!r}; it must be a single word that is not the name of a contact or link")
         if not self.stop > self.start:
-            raise ValueError(f"to: {self.stop:g} m; it must lie beyond from, {self.start:g} m")
+            raise ValueError(f"to: {self.stop:g} m; it must be greater than `from`, {self.start:g} m")
         if self.accuracy is None and self.elements is None:
             raise ValueError("give `accuracy` (of the net translation per period, relative) or `elements`")
         if self.accuracy is not None and not 1e-6 <= self.accuracy <= 0.5:
@@ -74,7 +74,7 @@ class SegmentPart(Part):
         if self.elements is not None and not 1 <= self.elements <= 1_000_000:
             raise ValueError(f"elements: {self.elements}; it must be between 1 and 1000000")
         if self.shown is not None and not self.shown >= 2:
-            raise ValueError(f"shown: {self.shown}; at least the 2 ends are shown")
+            raise ValueError(f"shown: {self.shown}; it must be at least 2, as both ends are shown")
         return self
 
 
@@ -109,7 +109,8 @@ class StartPart(Part):
     displacement: Annotated[
         Table,
         key(
-            "Of the isolated contacts, then of both ends of each segment, linear between; in the plane [x, y] each.",
+            "Displacements of the isolated contacts, then of both ends of each segment, linear in between; in the "
+            "plane [x, y] each.",
             "m",
         ),
     ]
@@ -121,13 +122,17 @@ class WavePart(Part):
     amplitude: Annotated[
         Number,
         key(
-            "Of the links' lengths (m) and the segments' strain; of a `friction_wave` N, along segments N/m.",
+            "Amplitude of the lengths of links (m) and of the strain of segments; of a `friction_wave` in N, along "
+            "segments in N/m.",
             "m, 1; N, N/m",
         ),
     ]
     wavelength: Annotated[
         Number,
-        key("In the reference shape, not 0; a positive one travels towards +x, a negative one towards -x.", "m"),
+        key(
+            "Wavelength in the reference shape, not 0; positive for a wave towards +x, negative for one towards -x.",
+            "m",
+        ),
     ]
     period: Annotated[Number, key("Period of the wave.", "s", exclusiveMinimum=0)]
     mean: Annotated[Number, key("Mean value; of a `friction_wave` at least the amplitude.", "m, 1; N, N/m")] = 0.0
@@ -148,7 +153,7 @@ class DrivePart(Part):
     """Open-loop commands: times, or wave and friction_wave, or strategy."""
 
     times: Annotated[
-        tuple[Number, ...] | None, key("Times of the waypoints: from 0, strictly increasing; linear between.", "s")
+        tuple[Number, ...] | None, key("Times of the waypoints: from 0, strictly increasing; linear in between.", "s")
     ] = None
     period: Annotated[
         Number | None,
@@ -236,13 +241,14 @@ class PatchPart(Part):
         Number | None, key("Factor on the friction of contacts there, commanded or not. Default: 1.", "1", minimum=0)
     ] = None
     forward: Annotated[
-        Number | None, key("Instead: factor against sliding towards +x. Default: 1.", "1", minimum=0)
+        Number | None,
+        key("Instead of `friction`: factor on the friction against sliding towards +x. Default: 1.", "1", minimum=0),
     ] = None
-    backward: Annotated[Number | None, key("And towards -x. Default: 1.", "1", minimum=0)] = None
+    backward: Annotated[Number | None, key("Likewise, against sliding towards -x. Default: 1.", "1", minimum=0)] = None
     slope: Annotated[
         Number | None,
         key(
-            "Slope there, uphill towards +x positive. Default: that of the track.",
+            "Slope of the patch, positive uphill towards +x. Default: that of the track.",
             "degrees",
             exclusiveMinimum=-90,
             exclusiveMaximum=90,
@@ -252,7 +258,7 @@ class PatchPart(Part):
     @model_validator(mode="after")
     def _sane(self) -> PatchPart:
         if not self.stop > self.start:
-            raise ValueError(f"to: {self.stop:g} m; it must lie beyond from, {self.start:g} m")
+            raise ValueError(f"to: {self.stop:g} m; it must be greater than `from`, {self.start:g} m")
         sides = {"friction": self.friction, "forward": self.forward, "backward": self.backward}
         for name, factor in sides.items():
             if factor is not None and factor < 0.0:
@@ -262,7 +268,9 @@ class PatchPart(Part):
         if self.slope is not None:
             check_slope(self.slope)
         elif all(factor is None for factor in sides.values()):
-            raise ValueError("give `friction`, `forward`, `backward` or `slope`: what is different there")
+            raise ValueError(
+                "give `friction`, `forward`, `backward` or `slope`; without any of them the patch changes nothing"
+            )
         return self
 
     @property
@@ -293,7 +301,7 @@ class GroundPart(Part):
     slope: Annotated[
         Number,
         key(
-            "Slope of the ground, uphill towards +x positive; in the plane uphill towards `direction`.",
+            "Slope of the ground, positive uphill towards +x; in the plane uphill towards `direction`.",
             "degrees",
             exclusiveMinimum=-90,
             exclusiveMaximum=90,
@@ -360,7 +368,7 @@ class SceneParts(Part):
     ] = None
     drive: Annotated[
         DrivePart | None,
-        key("Drive for `crawler simulate` and the gait player. Default: none, the crawler waits for commands."),
+        key("Drive for `crawler simulate` and the gait player. Default: none; the crawler then waits for commands."),
     ] = None
 
 

@@ -25,7 +25,7 @@ from ..scene.validate import known_keys, propose_key
 MOST_VARIATIONS = 10_000_000
 """Upper limit of variations; their results take about a gigabyte."""
 _BODY_UNCHANGED = ("friction", "start", "drive", "tolerance", "loads", "ground")
-"""Parts of a scene that do not affect its body; neither do the weights in it."""
+"""Parts of a scene that do not affect its body; see `keeps_mesh`."""
 _OPTIONAL = ("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic", "slope")
 """Numbers that a document may omit."""
 _ZERO = (("loads",), ("body", "weights"))
@@ -59,7 +59,10 @@ class Variations(Sequence[Scene]):
         """Build one variation, or select several."""
         if isinstance(at, slice):
             values = {key: column[at] for key, column in self.values.items()}
-            return Variations(self.base, values, (len(next(iter(values.values()))),))
+            part = Variations(self.base, values, (len(next(iter(values.values()))),))
+            known = ("paths", "pinned", "_template", "_changed")
+            part.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
+            return part
         return self._scene(at)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -106,11 +109,6 @@ class Variations(Sequence[Scene]):
         return float(node)
 
     @functools.cached_property
-    def paths(self) -> tuple[_Path, ...]:
-        """The steps to each key in a document."""
-        return tuple(_path(self.base, key) for key in self.values)
-
-    @functools.cached_property
     def _template(self) -> dict[str, Any]:
         """The document of the base scene, extended so that every varied key exists."""
         document = self.base.document()
@@ -119,9 +117,14 @@ class Variations(Sequence[Scene]):
         return document
 
     @functools.cached_property
-    def _pinned(self) -> Scene:
-        """The base scene with fixed numbers of elements."""
-        return Scene.model_validate(self._template) if self.base.parts.body.segments else self.base
+    def paths(self) -> tuple[_Path, ...]:
+        """The keys as paths into the document."""
+        return tuple(_path(self.base, key) for key in self.values)
+
+    @functools.cached_property
+    def pinned(self) -> Scene:
+        """The base scene with fixed numbers of elements, and with a place for every varied number."""
+        return Scene.model_validate(self._template)
 
     @functools.cached_property
     def _changed(self) -> tuple[str, ...]:
@@ -129,7 +132,7 @@ class Variations(Sequence[Scene]):
 
     def _scene(self, at: int) -> Scene:
         document = self.document(at)
-        if all(path[0] in _BODY_UNCHANGED or path[:2] == ("body", "weights") for path in self.paths):
+        if all(keeps_mesh(path) for path in self.paths):
             with contextlib.suppress(ValueError):  # validated again as a whole for a message that names the field
                 return self._scene_with_same_body(document)
         return Scene.model_validate(document)
@@ -137,7 +140,22 @@ class Variations(Sequence[Scene]):
     def _scene_with_same_body(self, document: dict[str, Any]) -> Scene:
         """Build a scene with the body of the base, which saves half of the work."""
         changed = {name: _part(name).validate_python(document[name]) for name in self._changed}
-        return Scene.from_parts(self._pinned.parts.model_copy(update=changed), like=self._pinned)
+        return Scene.from_parts(self.pinned.parts.model_copy(update=changed), like=self.pinned)
+
+
+def keeps_mesh(path: _Path) -> bool:
+    """Return whether a number affects neither the contacts and springs of a body nor the length of its springs.
+
+    Args:
+        path: its key as a path into the document.
+
+    Returns:
+        True if variations of it share the mesh.
+    """
+    if path[0] != "body":
+        return path[0] in _BODY_UNCHANGED
+    inner = path[3:4] if path[1] == "segments" else path[1:3] if path[1] == "links" else path[1:2]
+    return inner in (("stiffness",), ("friction",), ("links", "stiffness"), ("weights",))
 
 
 def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool = True) -> Variations:
@@ -169,7 +187,7 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         axes = np.meshgrid(*columns.values(), indexing="ij")
         columns = dict(zip(columns, (frozen(column.ravel()) for column in axes), strict=True))
     elif len(set(sizes)) > 1:
-        raise SceneError(f"vary: {sizes} values; without a grid every key needs as many")
+        raise SceneError(f"vary: {sizes} values; without a grid all keys need the same number of values")
     variations = Variations(scene, columns, tuple(sizes) if grid else (sizes[0],))
     paths = variations.paths
     for path, key in zip(paths, columns, strict=True):

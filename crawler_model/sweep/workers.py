@@ -1,8 +1,9 @@
 """Distribution of runs over cores: threads if kernels dominate the time, additional processes if Python does.
 
-The kernels run without the interpreter's lock, so threads scale well for large bodies. For small bodies most of the
-time is spent building the scenes, under the lock: then each thread except the first delegates to a Python process of
-its own. These are plain subprocesses: the program of the caller is neither imported nor forked.
+The kernels run without the interpreter's lock, so threads scale well as long as scenes are assembled together. Where
+each scene is built alone, under the lock, most of the time goes there for small bodies: then each thread except the
+first delegates to a Python process of its own. These are plain subprocesses: the program of the caller is neither
+imported nor forked.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ Chunk = tuple[np.ndarray, dict[int, str]]
 """Rows of results, and reasons for invalid rows by index."""
 Run = Callable[..., Chunk]
 
-_PROBE, _PROBE_S = 64, 0.2
-"""Number of runs, and duration, that are timed before the others are distributed."""
+_PROBE, _PROBE_S = 1024, 0.2
+"""Upper limits of the number of runs, and of the duration, that are timed before the others are distributed."""
 _THREADS_SCALE = 0.8
 """Part of the time spent in kernels above which threads scale; below it they wait for the interpreter's lock."""
 _WORTH_A_PROCESS_S = 4.0
 """Remaining work that justifies starting Python processes and loading kernels, which takes a second or two."""
-_CHUNK_S, _MOST_IN_A_CHUNK = 0.25, 2048
+_CHUNK_S, _MOST_IN_A_CHUNK = 0.25, 8192
 _SERVE = "from crawler_model.sweep.workers import serve; serve()"
 
 
@@ -111,23 +112,24 @@ class _Pool:
         self.lock = threading.Lock()
 
     def probe(self) -> tuple[float, float]:
-        """Run and time the first few scenes in this thread.
+        """Run and time the first scenes in this thread, in chunks that double.
 
         Returns:
-            Time per run [s], and the part of it spent in the kernels.
+            Time per run [s], and the part of it spent in the kernels, of the last chunk.
         """
-        began, inside = 0.0, 0.0
-        while self.next < min(len(self.scenes), _PROBE):
-            if self.next <= 1:  # the first run fills caches
-                began, inside = time.perf_counter(), 0.0
-            elif time.perf_counter() - began > _PROBE_S:
-                break
-            self.next += 1
-            chunk = self.run(self.scenes[self.next - 1 : self.next], stop=self.stop.is_set)
-            inside += float(chunk[0]["kernel_s"].sum())
-            self._store(self.next - 1, chunk)
-        spent = time.perf_counter() - began
-        return spent / max(self.next - 1, 1), inside / max(spent, 1e-9)
+        each, inside, began = 0.0, 0.0, time.perf_counter()
+        most = min(len(self.scenes), _PROBE)
+        while self.next < most and (self.next <= 1 or time.perf_counter() - began < _PROBE_S):
+            first, last = self.next, min(max(2 * self.next, self.next + 1), most)
+            self.next = last
+            since = time.perf_counter()
+            chunk = self.run(self.scenes[first:last], stop=self.stop.is_set)
+            spent = time.perf_counter() - since
+            each, inside = spent / (last - first), float(chunk[0]["kernel_s"].sum()) / max(spent, 1e-9)
+            self._store(first, chunk)
+            if first == 0:  # the first run fills caches
+                began = time.perf_counter()
+        return each, inside
 
     def spread(self, workers: int, processes: bool) -> None:
         """Run the other scenes on several threads, and wait for them.

@@ -1,8 +1,8 @@
 """The limits of a body at rest: the steepest slope and the largest tow before it runs away.
 
-A connected body has an equilibrium under loads f if and only if -sum mu_minus <= sum f <= sum mu_plus: springs carry
-what one contact cannot hold to another one that can. Before that, single contacts give way: each as soon as its own
-load and the force of its springs exceed its own friction.
+A connected body has an equilibrium under loads f if and only if -sum mu_minus <= sum f <= sum mu_plus: springs
+transmit to other contacts what one contact cannot hold. Below this limit single contacts give way, each as soon as its
+load and the force of its springs together exceed its friction.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..body.ground import Ground
 
 @dataclass(frozen=True)
 class Tilt:
-    """What a body at rest holds when the track is tilted, uphill or downhill.
+    """The limits of a body at rest when the track is tilted, uphill or downhill.
 
     Attributes:
         steepest: slope beyond which no equilibrium exists and the body runs away, a positive angle [rad].
@@ -36,13 +36,14 @@ class Holding:
     """The limits of rest.
 
     Attributes:
-        tow_forward: largest force towards +x, on any contact, beside the loads that there are [N].
+        tow_forward: largest force towards +x, on any contact, in addition to the loads of the scene [N].
         tow_backward: largest force towards -x, likewise [N].
-        slip_forward: force towards +x on each contact alone with which that contact, the first one, gives way, shape
-            (N,) [N].
+        slip_forward: least force towards +x that, applied to a contact alone, makes this contact slide, shape (N,)
+            [N].
         slip_backward: force towards -x, likewise, shape (N,) [N].
-        uphill: tilted until it slides back, towards -x; None without weights.
-        downhill: tilted until it slides forward; None without weights.
+        uphill: tilted until it slides back, towards -x; None without weights, and where patches have slopes of their
+            own.
+        downhill: tilted until it slides forward; None likewise.
     """
 
     tow_forward: float
@@ -61,14 +62,14 @@ def compute_holding(
     backward: np.ndarray,
     load: np.ndarray,
 ) -> Holding:
-    """Compute what a body at rest holds.
+    """Compute the limits of a body at rest.
 
     Args:
         body: a body on a line.
         ground: its ground.
         tension: T, shape (S,) [N].
-        forward: mu_plus, shape (N,) [N].
-        backward: mu_minus, shape (N,) [N].
+        forward: mu_plus, on patches of ground that of the place, shape (N,) [N].
+        backward: mu_minus, likewise, shape (N,) [N].
         load: f, the slope's share included, shape (N,) [N].
 
     Returns:
@@ -78,7 +79,7 @@ def compute_holding(
     plus, minus = forward - load, backward + load
     others = load - ground.slope_load
     uphill = downhill = None
-    if ground.weight.any():
+    if ground.weight.any() and ground.has_one_slope:
         uphill = _tilt(ground, backward, others, g)
         downhill = _tilt(ground, forward, -others, -g)
     return Holding(float(plus.sum()), float(minus.sum()), plus - g, minus + g, uphill, downhill)
@@ -116,7 +117,7 @@ def steepest_held(ground: Ground, friction: np.ndarray, others: np.ndarray) -> f
 
 
 def _balance(ground: Ground, friction: np.ndarray, helping: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Divide what holds a contact on a slope into its weight, constant forces, and friction that goes with cos."""
+    """Compute the terms of the balance on a slope: weight, constant forces, friction proportional to cos(theta)."""
     follows = ground.by_coefficient
     sliding = np.where(follows, friction, 0.0) / math.cos(ground.slope)
     return ground.weight, helping + np.where(follows, 0.0, friction), sliding

@@ -6,8 +6,8 @@ backward friction of J balances the forward friction of the others (condition (*
     sum_{i in J} mu_minus_i - sum_{i not in J} mu_plus_i = 0.
 
 With loads f the bounds mu_plus - f and mu_minus + f take the place of mu_plus and mu_minus in all of this file, and the
-condition reads sum_{i in J} mu_minus_i + sum_i f_i = sum_{i not in J} mu_plus_i: only the sum of the loads counts. With
-J empty or with all contacts it says that the body is about to run away.
+condition reads sum_{i in J} mu_minus_i + sum_i f_i = sum_{i not in J} mu_plus_i: only the sum of the loads counts. If
+J is empty or contains all contacts, it means that the body is about to run away.
 
 Then the translation rates v that minimise the dissipation R(chi(w, v)) fill an interval. Everywhere in this package
 the rate whose net translation is nearest to zero is then chosen. (An interval that exists only because a segment is

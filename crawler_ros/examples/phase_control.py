@@ -1,6 +1,6 @@
 """An example controller: a search for the phase between shape and friction that moves two contacts furthest.
 
-The link lengthens and shortens once a period; the friction of one contact rises while that of the other falls, later
+The link lengthens and shortens once a period; the friction of one contact rises while that of the other falls, delayed
 by a phase. Each trial plays two periods, the first to settle, and measures the distance of the second. A coarse scan of
 all phases finds the neighbourhood of the best one, and steps halved repeatedly refine it.
 """

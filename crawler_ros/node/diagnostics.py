@@ -90,7 +90,10 @@ def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
     """Count jumps and refused ticks where the ground changes with place."""
     if node.scene.ground.track is None:
         return []
-    counts = {"jumps on patches of ground": node.jumps, "ticks refused, as no ground would hold": node.unheld}
+    counts = {
+        "jumps on patches of ground": node.jumps,
+        "ticks refused because nothing would hold the body": node.unheld,
+    }
     return [(key, str(count)) for key, count in counts.items()]
 
 
@@ -101,13 +104,13 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
     finite, inaccurate = node.certificates.judge()
     if late > before[3]:
         level = WARN
-        message = f"{late - before[3]} late tick(s): this machine cannot keep the rate; simulated time slows"
+        message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time slows"
     if node.ambiguous > before[0]:
-        level, message = WARN, "translation not determined now; the one nearest to zero is taken"
+        level, message = WARN, "the translation was not determined in some ticks; the one nearest to zero was taken"
     if node.overspent > before[1]:
-        level, message = WARN, "the budget of work is spent in some ticks now; a catch-up step does the rest"
+        level, message = WARN, "some ticks exceeded the budget of work; catch-up steps completed them"
     if node.unsolved > before[2]:
-        level, message = WARN, "some ticks are not solved now: the active set gave up, see the violation"
+        level, message = WARN, "some ticks were not solved: the active set failed; see the largest violation"
     if inaccurate:
         level, message = WARN if finite else ERROR, inaccurate
     if rival:
@@ -158,7 +161,7 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         message,
         [
             ("refused", str(refused)),
-            ("refused because too much waits", str(node.commands.full)),
+            ("refused because the queue was full", str(node.commands.full)),
             ("dropped because no equilibrium holds their loads", str(node.commands.unheld)),
             ("lost", str(intake.lost)),
             ("rows waiting", f"{node.commands.waiting} of {node.commands.most_waiting}"),

@@ -1,6 +1,6 @@
 """The times of ticks: simulated time in integer nanoseconds, playing, paused or stepping. It reads no clock itself.
 
-In lock-step messages make the ticks and the wall clock plays no part: see `CommandQueue`.
+In lock-step, messages trigger the ticks and the wall clock has no effect: see `CommandQueue`.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class Recorder:
         self._name = name
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self.error: str | None = None
-        """Why recording has stopped."""
+        """The reason why recording has stopped."""
         self.trouble = ""
         """A problem during which the recording continues."""
         self.waiting = 0
@@ -154,7 +154,7 @@ class Recorder:
 
     @property
     def problem(self) -> str:
-        """What is wrong with the recording, whether it has stopped or continues; "" when nothing is."""
+        """The problem of the recording, whether it has stopped or continues; "" when nothing is."""
         return self.error or self.trouble
 
     def _read_reports(self) -> None:

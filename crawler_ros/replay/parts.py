@@ -1,7 +1,7 @@
-"""Slip of the parts of a body: isolated contacts, and segments as a whole, independent of their body.
+"""Slip of the parts of a body: isolated contacts, and segments as a whole, whatever their number of elements.
 
-A segment stands on as many contacts as it has elements, so a sum over them grows with the body. Its slip forward is the
-mean distance by which its material slid forward,
+The number of contacts of a segment grows with that of its elements, and so does a sum over them. Its slip forward is
+the mean distance by which its material slid forward,
 
     (1 / l) int max(dx, 0) ds
 

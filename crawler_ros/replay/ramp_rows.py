@@ -178,7 +178,7 @@ class RampRows:
         )
 
     def _local_targets(self) -> np.ndarray:
-        """Return the targets, with bounds and loads as the ground makes them where each contact is."""
+        """Return the targets, with the bounds and loads of the ground under each contact."""
         target, track = np.array(self._targets), self._scene.ground.track
         if track is None:
             return target

@@ -66,7 +66,7 @@ def read_frames(source: BinaryIO, body: Body) -> Iterator[Frame]:
     """Read the frames that `Frame.pack` wrote one after another; an incomplete one at the end is left out.
 
     Args:
-        source: stream that waits for all bytes asked for.
+        source: stream that waits for all bytes requested.
         body: the body.
 
     Yields:

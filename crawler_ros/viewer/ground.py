@@ -126,7 +126,7 @@ class JumpMarks:
             self._draw(origin)
 
     def age(self, now_ns: int, origin: float) -> None:
-        """Take away marks that were shown long enough, and keep the others in their places when the page turns.
+        """Remove marks that were shown long enough; when the page turns, draw the others in their places on it.
 
         Args:
             now_ns: time of the frame [ns].

@@ -18,6 +18,7 @@ from crawler_model.body.drive import NS
 from crawler_model.theory.stasis import stasis_bounds
 from crawler_pictures.colors import BACK, FORWARD, STICK, TENSION
 from crawler_pictures.domain import draw_domain as draw_domain
+from crawler_pictures.ground import draw_jumps
 
 from ..wire.states import station_names
 from .frames import has_stasis_bounds
@@ -38,7 +39,7 @@ class PictureError(CrawlerError):
 
 
 def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
-    """Draw positions, tensions in their bounds, stick and slip, and net translation over time, on one page.
+    """Draw positions and jumps, tensions in their bounds, stick and slip, and net translation over time, on one page.
 
     Args:
         scene: the scene that ran.
@@ -78,6 +79,9 @@ def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
     axes[0].plot(time_s, place, color="#9a9a9a", linewidth=0.8)
     for sign, color in ((1, FORWARD), (-1, BACK)):
         axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
+    draw_jumps(axes[0], [jump for frame in frames for jump in frame.jumps])
+    if axes[0].get_legend_handles_labels()[0]:
+        axes[0].legend(fontsize=8, loc="upper left", frameon=False)
     axes[0].set_ylabel("contacts [m]")
     for i in range(contacts if contacts <= _MOST_NAMED else 0):
         axes[0].annotate(names[i], (time_s[0], place[0, i]), (4, 3), textcoords="offset points", fontsize=8)

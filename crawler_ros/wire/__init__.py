@@ -1,1 +1,1 @@
-"""What goes over the wire: topics and types, bytes, names."""
+"""The wire format: topics and types, bytes, names."""

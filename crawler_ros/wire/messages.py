@@ -1,7 +1,8 @@
 """Encoding of arrays as CDR bytes: the published bytes are the recorded bytes.
 
 A message whose names never change has a fixed layout: it is encoded once, and each tick overwrites the stamp and the
-numbers in place. Plain XCDR1, little-endian, gaps zeroed, so that equal states give equal bytes.
+numbers in place. The encoding is plain XCDR1, little-endian, with zeroed gaps, so that equal
+states have equal bytes.
 """
 
 from __future__ import annotations

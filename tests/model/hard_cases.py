@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -54,12 +55,14 @@ class Case:
 class Line:
     """A crawler whose contacts lie on a line, in any of the bodies of LINE, driven by the same commands."""
 
-    def __init__(self, body: str, method: str, stiffness: Any, forward: Any, backward: Any, start: Any = None) -> None:
+    def __init__(
+        self, body: str, method: str, stiffness: Any, forward: Any, backward: Any, start: Any = None, **more: Any
+    ) -> None:
         forward = np.atleast_1d(np.asarray(forward, float))
         self.body, n = body, forward.size
         stiffness = np.broadcast_to(np.asarray(stiffness, float), n - 1)
         backward = np.broadcast_to(np.asarray(backward, float), n)
-        data: dict[str, Any] = {"name": "hard"}
+        data: dict[str, Any] = {"name": "hard", **more}
         if body == PLANE:
             pairs = [[i, i + 1] for i in range(n - 1)]
             data |= {"dimension": 2, "tolerance": 1e-9}
@@ -85,13 +88,13 @@ class Line:
     def _rectangles(forward: np.ndarray, backward: np.ndarray) -> list[list[float]]:
         return [[f, 1.0, b, 1.0] for f, b in zip(forward.tolist(), backward.tolist(), strict=True)]
 
-    def go(self, actuation: Any, forward: Any = None, backward: Any = None) -> Any:
+    def go(self, actuation: Any, forward: Any = None, backward: Any = None, **more: Any) -> Any:
         row = np.atleast_1d(np.asarray(actuation, float))
         if self.body == PLANE:
             mu = None if forward is None else self._rectangles(np.asarray(forward, float), np.asarray(backward, float))
             step = self.crawler.advance(np.column_stack((row, np.zeros(row.size))), mu)
         else:
-            step = self.crawler.advance(np.repeat(row, 2) if self.body == GRAPH else row, forward, backward)
+            step = self.crawler.advance(np.repeat(row, 2) if self.body == GRAPH else row, forward, backward, **more)
         self.said |= diagnoses(step)
         return step
 
@@ -729,6 +732,132 @@ def two_dimensions(tolerance: float, directional: bool) -> Callable[[str, str], 
     return play
 
 
+# -- patches of ground ---------------------------------------------------------------------------------------------
+
+SIZES = (1.0, 0.1, 1.0 / 3.0)
+"""Lengths and forces: in the first one all numbers are exact in binary, in the others rounding decides ties."""
+
+
+def patched(body: str, size: float, forward: Any, backward: Any, *patches: tuple[float, float, float]) -> Line:
+    """Build contacts at 0, 1, ... on springs of 1 N/m, with patches (border, other border, factor on friction)."""
+    ground = {"patches": [dict(zip(("from", "to", "friction"), patch, strict=True)) for patch in patches]}
+    sides = (size * np.asarray(side) for side in (forward, backward))
+    return Line(body, "exact", 1.0, *sides, ground=ground)
+
+
+HITS = {
+    0.5: ((0.25, 0.0), (0.5, 0.375), (0.75, 0.625), (1.0, 0.875), (-0.25, 0.25), (-1.0, 0.0)),
+    2.0: ((0.25, 0.0), (0.5, 0.25), (0.75, 0.25), (1.0, 0.5), (-1.5, 0.5), (-1.75, -0.75)),
+}
+"""By the factor on friction behind a border: rest lengths, and where the front contact is then."""
+
+
+def border_hit_exactly(factor: float) -> Callable[[str, str], Found]:
+    """Ramps that end where the front contact reaches a border, forward and backward, or a bound on it."""
+
+    def play(body: str, method: str) -> Found:
+        wrong, said = [], set()
+        for size in SIZES:
+            line = patched(body, size, [9.0, 0.25], [9.0, 1.0], (1.0 + 0.25 * size, 3.0, factor))
+            for length, slid in HITS[factor]:
+                line.go(length * size)
+                wrong.append(line.x / size - (0.0, slid))
+            said |= line.said
+        return Found(largest(*wrong), frozenset(said))
+
+    return play
+
+
+def two_borders_at_once(left: float, right: float) -> Callable[[str, str], Found]:
+    """Both outer contacts reach borders together, whatever each finds there."""
+
+    def play(body: str, method: str) -> Found:
+        wrong, said = [], set()
+        for size in SIZES:
+            patches = (-3.0, -0.25 * size, left), (2.0 + 0.25 * size, 5.0, right)
+            line = patched(body, size, [0.25, 9.0, 0.25], [0.25, 9.0, 0.25], *patches)
+            for length in (0.375, 0.5, 2.0):
+                line.go([length * size, length * size])
+                slid = [max(0.25, length - 0.25 * f) if length >= 0.5 else length - 0.25 for f in (left, right)]
+                wrong.append(line.x / size - (-slid[0], 0.0, slid[1]))
+            said |= line.said
+        return Found(largest(*wrong), frozenset(said))
+
+    return play
+
+
+def arrives_as_another_would_leave(body: str, method: str) -> Found:
+    """Contact 1 stops at a border at the instant at which the last contact, on a border, reaches its backward bound.
+
+    The last contact does not move, so that it remains on its border, where the ground ahead is softer. That it reaches its
+    bound before by no more than rounding makes no difference.
+    """
+    wrong, said = [], set()
+    for size, early in itertools.product(SIZES, (0.0, 7.5e-15)):
+        for parts in (1, 2, 3, 7):
+            patches = (1.0 - 9.0 * size, 1.0 - 0.5 * size, 40.0), (2.0, 9.0, 0.5)
+            line = patched(body, size, [9.0, 0.25, 0.5], [9.0, 0.25, 0.5 - early], *patches)
+            for part in np.arange(1, parts + 1) / parts:
+                line.go([-2.0 * part * size, 0.0])
+            wrong.append(line.x / size - (0.0, -0.5, 0.0))
+            line.go([-2.0 * size, 0.9 * size])
+            wrong.append(line.x / size - (0.0, -0.5, 0.15))
+            said |= line.said
+    return Found(largest(*wrong), frozenset(said))
+
+
+def jump_across_three(body: str, method: str) -> Found:
+    wrong, said = [], set()
+    for size in SIZES:
+        cuts = [1.0 + part * size for part in (0.25, 0.35, 0.55, 2.0)]
+        patches = [(a, b, f) for a, b, f in zip(cuts[:-1], cuts[1:], (0.5, 0.25, 0.125), strict=True)]
+        line = patched(body, size, [9.0, 0.4], [9.0, 1.0], *patches)
+        for length, slid in ((0.5, 0.1), (0.65, 0.6), (0.7, 0.65)):
+            step = line.go(length * size)
+            wrong.append(line.x / size - (0.0, slid))
+            if length == 0.65:  # what the spring gives up less what friction takes on each patch
+                loss = 0.5 * (0.4**2 - 0.05**2) - 0.2 * 0.1 - 0.1 * 0.2 - 0.05 * 0.05
+                wrong += [len(step.jumps) - 3.0, step.jump_loss / size**2 - loss]
+        said |= line.said
+    return Found(largest(*wrong), frozenset(said))
+
+
+def rests_on_a_border(periods: int) -> Callable[[str, str], Found]:
+    """The force on the front contact goes from bound to bound of its border, exactly, and never moves it."""
+
+    def play(body: str, method: str) -> Found:
+        line = patched(body, 1.0, [9.0, 0.25], [9.0, 1.0], (1.25, 3.0, 2.0))
+        line.go(0.5)
+        crawler = line.crawler
+        springs = crawler.actuation.size
+        period = [crawler.target(np.full(springs, length)) for length in (0.75, -0.75)]
+        step = crawler.follow(np.tile(period, (periods, 1)))
+        line.said |= diagnoses(step)
+        line.go(1.0)
+        return line.found(crawler.gained[1] - 0.25, line.x - (0.0, 0.5), step.velocity, step.dissipation)
+
+    return play
+
+
+def load_at_the_limit(body: str, method: str) -> Found:
+    """A load on one contact grows to what both can hold together, and ice takes the body to that limit."""
+    wrong, said = [], set()
+    for size in SIZES:
+        line = Line(body, method, 1.0, [0.25 * size] * 2, [size] * 2, loads=0.0)
+        for load, slid in ((0.25, 0.0), (0.5, 0.25), (0.0, 0.25), (0.5, 0.25)):
+            line.go(0.0, loads=[load * size, 0.0])
+            wrong.append(line.x / size - (slid, 0.0))
+        said |= line.said
+        if method == "exact":
+            ice = {"patches": [{"from": 1.0 + 0.25 * size, "to": 3.0, "friction": 0.5}]}
+            more: dict[str, Any] = {"loads": [0.375 * size, 0.0], "ground": ice, "start": [0.125 * size, 0.0]}
+            line = Line(body, method, 1.0, [0.25 * size] * 2, [size] * 2, **more)
+            line.go(0.375 * size)
+            wrong.append(line.x / size - (0.125, 0.375))
+            said |= line.said
+    return Found(largest(*wrong), frozenset(said))
+
+
 # -- the accuracy of segments ----------------------------------------------------------------------------------------
 
 
@@ -849,12 +978,26 @@ def _cases() -> list[Case]:
         Case("The same input twice", twice, "all bits", 0.0, EVERY),
         Case("A budget of no work", spent, "commands in force, bounds", 1e-12, EVERY, ("exact",), frozenset({SPENT})),
     ]
+    kept: dict[str, Any] = {"bodies": (CHAIN, GRAPH), "methods": ("exact",)}
+    for factor, ground in ((0.5, "softer"), (2.0, "harder")):
+        name = f"A border hit exactly, {ground} ground behind it"
+        cases.append(Case(name, border_hit_exactly(factor), "closed form", 1e-12, **kept))
+    for left, right in ((0.5, 0.5), (2.0, 2.0), (2.0, 0.5)):
+        name = f"Two borders at once, factors {left:g} and {right:g} on friction"
+        cases.append(Case(name, two_borders_at_once(left, right), "closed form", 1e-12, **kept))
+    name = "A contact stops at a border as another one would leave its own"
+    cases += [
+        Case(name, arrives_as_another_would_leave, "closed form", 1e-12, **kept),
+        Case("A jump across three patches", jump_across_three, "closed form", 1e-12, **kept),
+        Case("1e5 periods of rest on a border", rests_on_a_border(100_000), "rest", 0.0, **kept),
+        Case("A load at the limit", load_at_the_limit, "closed form", 1e-12, (CHAIN, GRAPH)),
+    ]
     for parts in (2, 10, 1000):
         cases.append(Case(f"A ramp split in {parts}", splitting(parts), "one ramp", 1e-10, EVERY, ("exact",)))
     for length, force in ((1e-9, 1e9), (1e9, 1e-9), (1e-9, 1e-9), (1e9, 1e9), (1e-3, 7.0)):
         name = f"Lengths by {length:g}, forces by {force:g}"
         cases.append(Case(name, units(length, force), "scaling law", 1e-10, EVERY))
-    kept: dict[str, Any] = {"bodies": (PLANE,), "methods": ("catch_up",), "verdict": "within the tolerance"}
+    kept = {"bodies": (PLANE,), "methods": ("catch_up",), "verdict": "within the tolerance"}
     for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
         line, path, on = "the line, in tolerances", "event by event, in tolerances", f"tolerance {tolerance:g}"
         cases.append(Case(f"Contacts exchange roles on a ramp, {on}", roles(tolerance), line, 1.0, **kept))

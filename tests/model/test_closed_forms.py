@@ -115,6 +115,26 @@ def test_the_gallery_moves_as_its_comments_say(name):
     assert run.per_period[1:] == pytest.approx(GALLERY[name], abs=1e-12)
 
 
+UP, DOWN = (0.1 - (0.2 * math.cos(t) + math.sin(t)) / 10.0 for t in (math.radians(10.0), math.radians(-10.0)))
+ON_PATCHES = {
+    "ice": ({0.08, 0.0}, 0.0, 1),
+    "friction_step": ({0.08, 0.09}, 0.09, 2),
+    "hill_top": ({UP, DOWN, 0.08}, 0.08, 2),
+}
+"""Gains per period while both contacts are on the same ground, the last gain, and the number of jumps."""
+
+
+@pytest.mark.parametrize("name", ON_PATCHES)
+def test_the_gallery_crosses_patches_as_its_comments_say(name):
+    gains, last, jumps = ON_PATCHES[name]
+    run = simulate(load_scene(name), 16.0)
+    assert all(np.abs(run.per_period - gain).min() < 1e-12 for gain in gains)
+    assert run.per_period[-1] == pytest.approx(last, abs=1e-12)
+    assert len(run.jumps) == jumps
+    assert run.unique
+    assert run.energy.relative_residual < 1e-13
+
+
 @pytest.mark.parametrize(("degrees", "accuracy"), [(0.0, 4e-3), (6.0, 4e-3), (6.0, 4e-4), (10.0, 4e-3)])
 def test_a_segment_climbs_by_the_bounds_of_its_friction(degrees, accuracy):
     """l (Deps - a l/k) (b - a)/(b + a), accurate relative to the stroke of 0.4 m."""

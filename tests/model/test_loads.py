@@ -233,7 +233,7 @@ def test_commands_that_no_equilibrium_holds_change_nothing():
     with pytest.raises(CommandError, match="the loads sum to 3 N forward"):
         crawler.advance([0.0], loads=[3.0, 0.0])
     assert crawler == before
-    with pytest.raises(CommandError, match="the scene has none"):
+    with pytest.raises(CommandError, match="the scene has no loads; add `loads: 0`"):
         Crawler(two()).advance([0.0], loads=[0.0, 0.0])
 
 

@@ -7,8 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
+from crawler_model import (
+    CommandError,
+    Crawler,
+    Scene,
+    SceneError,
+    largest_tow,
+    load_scene,
+    simulate,
+    steepest_climb,
+)
 
+from .bodies import Drawn
 from .patches_reference import Reference
 
 CHAIN, GRAPH = None, [[0, 1], [0, 1]]
@@ -252,7 +262,7 @@ def test_random_bodies_against_the_reference(seed):
 
 
 REFUSED = [
-    ({"from": 1.0, "to": 1.0, "friction": 2.0}, "to: 1 m; it must lie beyond from, 1 m"),
+    ({"from": 1.0, "to": 1.0, "friction": 2.0}, "to: 1 m; it must be greater than `from`, 1 m"),
     ({"from": 1.0, "to": 2.0}, "give `friction`, `forward`, `backward` or `slope`"),
     ({"from": 1.0, "to": 2.0, "friction": -1.0}, "friction: -1; a factor on friction must be >= 0"),
     ({"from": 1.0, "to": 2.0, "friction": 1.0, "forward": 1.0}, "not both"),
@@ -297,3 +307,68 @@ def test_patches_in_the_plane_are_refused_with_the_reason():
 def test_a_scene_with_patches_survives_a_round_trip():
     scene = two(ice(slope=5.0), slope=2.0, body={"weights": 0.1})
     assert Scene.model_validate(scene.document()) == scene
+
+
+@pytest.mark.parametrize("parts", [2, 3, 4, 5, 7])
+def test_a_contact_stays_on_its_border_if_another_one_stops_as_it_would_leave(parts):
+    """In the fourth ramp contact 3 stops at the border at which contact 4 reaches its backward bound, within rounding."""
+    driven = Drawn("chain on patches", 1127, ties=True, bare=True).driven()
+    whole, _ = driven.run("exact")
+    cut, steps = driven.run("exact", parts)
+    assert cut == pytest.approx(whole, abs=1e-13)
+    assert all(step.unique for step in steps)
+
+
+def test_held_friction_is_kept_to_the_bit_while_loads_change():
+    crawler = Crawler(two(ice(), friction={"forward": [0.4, 0.1 + 0.2], "backward": 0.7}, loads=0.1))
+    row = crawler.row
+    for load in (0.1 / 3.0, 0.17, 0.3 / 7.0, 0.1):
+        go(crawler, 0.3, loads=[load, load])
+    assert crawler.row[1:].tolist() == row[1:].tolist()
+    assert crawler.target([0.3]).tolist() == crawler.scene.columns.target(crawler.row).tolist()
+
+
+def far_from(name: str, **more) -> Scene:
+    return Scene.model_validate(load_scene(name).document() | more)
+
+
+def test_the_largest_tow_is_that_of_the_worst_place_on_the_way():
+    """On the border the front holds 0.25 - F, and the rear takes 0.2 N; on level ground 0.3 N would be too much."""
+    limit = largest_tow(load_scene("friction_step"))
+    assert (limit.cause, limit.direction) == ("gain", 1)
+    assert limit.value <= 0.05 <= limit.beyond <= limit.value + 1e-8
+    assert largest_tow(load_scene("ice")).cause == "no travel"
+
+
+def test_patches_of_friction_tilt_with_the_track():
+    """At the border c_minus / 2 cos - sin = c_plus cos + sin: tan(theta) = (0.4 - 0.2) / 2."""
+    patches = [{"from": 0.5, "to": 0.9, "friction": 0.5}]
+    limit = steepest_climb(far_from("slope_climber", ground={"patches": patches, "slope": 3.0}))
+    assert limit.value <= math.atan(0.1) <= limit.beyond <= limit.value + 1e-8
+    with pytest.raises(CommandError, match="patches of the ground have slopes of their own"):
+        steepest_climb(load_scene("hill_top"))
+
+
+def test_a_tow_that_pulls_the_body_onto_ground_that_does_not_hold_it_is_too_large():
+    """Two contacts gain up to 0.3 N on level ground; behind them lies ice, which holds 0.1 N in all."""
+    ice_behind = [{"from": -5.0, "to": -0.05, "friction": 0.1}]
+    limit = largest_tow(far_from("friction_step", ground={"patches": ice_behind}))
+    assert limit.value <= 0.3 <= limit.beyond <= limit.value + 1e-8
+
+
+@BODIES
+def test_a_step_that_completes_a_ramp_finds_the_ground_that_it_leads_to(between):
+    """Without a budget each ramp is one step over the border; ramps that follow start on the ground behind it."""
+    scene = two(ice(), between=between)
+    lengths = (0.2, 2.0, 2.5, 1.5)
+    one, other = Crawler(scene, budget=0), Crawler(scene, budget=0)
+    step = one.follow(np.array([one.target([length] * scene.columns.links) for length in lengths]))
+    for length in lengths:
+        go(other, length)
+    assert step.overspent > 0
+    assert one.places.tolist() == other.places.tolist() == [0, 2]
+    exact = Crawler(scene)
+    for length in lengths:
+        go(exact, length)
+    assert one.displacement == pytest.approx(exact.displacement, abs=1e-12)
+    assert other.displacement == pytest.approx(exact.displacement, abs=1e-12)

@@ -261,7 +261,7 @@ def test_loads_that_do_not_fit_change_nothing(values, text):
 
 
 def test_a_scene_without_loads_takes_none():
-    with pytest.raises(CommandError, match="the scene has no loads; with `loads: 0` in it"):
+    with pytest.raises(CommandError, match="the scene has no loads; add `loads: 0` to the scene"):
         queue().accept_loads([0.0])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from crawler_ros.replay import analyse
 from crawler_ros.replay.analysis import find_jumps
 from crawler_ros.viewer.feed import ViewerFeed
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_sequence, read_frames, thin
-from crawler_ros.viewer.page import screenshot
+from crawler_ros.viewer.page import draw_page, screenshot
 from crawler_ros.viewer.visualizer import draw_recording
 
 from ..recordings import attachments, messages, play, record, write
@@ -186,3 +187,15 @@ def test_the_view_shows_bands_and_the_contact_that_jumps(tmp_path):
     marks = [count(picture, JUMP, 24) for picture in pictures]
     assert marks[1] > 500
     assert marks[0] == marks[2] == 0
+
+
+def test_the_page_of_the_viewer_marks_jumps(tmp_path):
+    scene = icy()
+    every = frames(scene)
+    for name, shown in (("jumps", every), ("none", [dataclasses.replace(f, jumps=()) for f in every])):
+        draw_page(scene, shown, tmp_path / f"{name}.png")
+    with_jumps, without = (
+        np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int) for name in ("jumps", "none")
+    )
+    assert count(with_jumps, JUMP) > 50
+    assert count(without, JUMP) == 0

@@ -186,3 +186,13 @@ def test_the_page_marks_jumps(found, tmp_path):
     kept, samples.jumps = samples.jumps, []
     assert count_marks(replay, samples, tmp_path / "none.png") == 0
     samples.jumps = kept
+
+
+@pytest.mark.parametrize("name", ["slope_climber", "hill_top"])
+def test_a_drive_on_slopes_is_recorded_as_it_is_simulated(name, tmp_path):
+    periods = 3
+    replay = analyse(record(tmp_path / "bag", name, periods, wait=0.0))
+    assert replay.comparison.identical
+    scene = load_scene(name)
+    run = simulate(scene, periods * scene.drive.period)
+    assert [cycle.translation for cycle in replay.cycles] == pytest.approx(run.per_period.tolist(), abs=1e-12)

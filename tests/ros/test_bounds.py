@@ -149,7 +149,7 @@ def test_a_paused_simulator_takes_so_many_and_says_so(ros):
     for _ in range(15):
         sender.send(TRAJECTORY, rows)
         sender.wait()
-    full = "refused because too much waits"
+    full = "refused because the queue was full"
     wait_until(lambda: status(ros, "commands") and int(value(ros, "commands", full)) > 4, what="a full queue")
     assert any(s.level == b"\x01" and "may wait" in s.message for m in ros.heard["/diagnostics"] for s in m.status)
     assert memory_mb(process.process.pid) - before < 256

@@ -457,7 +457,7 @@ def test_late_ticks_are_counted_and_none_is_skipped(ros):
         wait_for_more(ros, 20)
         wait_until(lambda k=k: int(value(ros, "simulation", "late ticks")) >= before + k, what="a late tick")
     warned = wait_until(
-        lambda: [s for m in ros.heard["/diagnostics"] for s in m.status if "cannot keep the rate" in s.message],
+        lambda: [s for m in ros.heard["/diagnostics"] for s in m.status if "cannot maintain the rate" in s.message],
         what="a warning",
     )
     assert all(s.level == b"\x01" for s in warned)

@@ -108,4 +108,4 @@ def test_loads_that_nothing_holds_are_refused_whole(ros, scene):
 def test_a_scene_without_loads_says_how_to_have_them(ros):
     simulator = ros.simulator("lock_step:=true", hear=("joint_states",))
     ros.publish(LOADS, Float64MultiArray(data=[0.1]))
-    wait_until(lambda: "the scene has no loads; with `loads: 0` in it they can be commanded" in simulator.said)
+    wait_until(lambda: "the scene has no loads; add `loads: 0` to the scene to command loads" in simulator.said)

@@ -1,4 +1,4 @@
-"""Lock-step: messages make the ticks, and nothing else does."""
+"""Lock-step: messages trigger the ticks, and nothing else does."""
 
 from __future__ import annotations
 

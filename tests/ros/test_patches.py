@@ -34,7 +34,7 @@ friction: {forward: 0.4, backward: 1.0}
 ground: {slope: -80.0, patches: [{from: -9.0, to: 1.25, slope: 0.0}]}
 """
 LENGTHS = "actuation_controller/commands"
-JUMPS, REFUSED = "jumps on patches of ground", "ticks refused, as no ground would hold"
+JUMPS, REFUSED = "jumps on patches of ground", "ticks refused because nothing would hold the body"
 
 
 @pytest.fixture

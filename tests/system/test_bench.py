@@ -16,6 +16,7 @@ from crawler_bench.entrants import ours
 from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
+from crawler_bench.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
 
 from ..model.chains import from_rows
@@ -235,3 +236,12 @@ def test_without_matplotlib_one_line(tmp_path):
 
 def test_scenes_of_cases_are_scenes():
     assert Scene.model_validate(CASES["planar_turning"]().scene.document()).dimension == 2
+
+
+def test_runs_of_many_variations_are_measured():
+    rows = measure_sweep(20, lambda part: None)
+    assert {row["workers"] for row in rows} == {1, 2}
+    assert {row["n"] for row in rows} >= {2, 3, 10}
+    for row in rows:
+        assert row["runs_per_s"] > 0.0
+        assert 0.0 < row["in_kernels"] <= 1.0

@@ -167,6 +167,7 @@ drive: {times: [0.0, 0.5, 1.0], period: 1.0, actuation: [[0.0], [0.2], [0.0]]}
 
 CLIMB = "steepest slope at which a period still gains: "
 TOW = "largest tow on contact 1 at which a period still gains: "
+FRONT = {"from": 0.1, "to": 0.9, "friction": 0.5}
 LIMITS = [
     ("slope_climber", {}, CLIMB + "16.699244 degrees uphill, where it still gains 0.0521087 m, none beyond"),
     ("slope_climber", {}, TOW + "0.2435883 N backward, where it still gains 0.0507596 m, none beyond"),
@@ -176,6 +177,17 @@ LIMITS = [
     ("two_contacts_anisotropic", {"friction": {"forward": 0.5, "backward": 0.2}}, TOW + "0.3 N forward, where"),
     ("two_contacts_critical", {}, TOW + "none, as the drive does not carry the body without it"),
     ("slope_climber", {}, "uphill: 38.6598 degrees; contact 0 gives way first, at 38.6598 degrees"),
+    ("friction_step", {}, TOW + "0.05 N backward, where it still gains 0.0775 m, none beyond"),
+    ("ice", {}, TOW + "none, as the drive does not carry the body without it"),
+    ("hill_top", {}, TOW + "0.2435883 N backward, where"),
+    ("hill_top", {}, "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of"),
+    ("hill_top", {}, "steepest_climb: patches of the ground have slopes of their own"),
+    ("ice", {"ground": {"patches": [FRONT]}}, "at rest, on any contact: 0.3 N forward, 0.75 N backward"),
+    (
+        "slope_climber",
+        {"ground": {"patches": [FRONT]}},
+        "uphill: 30.9638 degrees; contact 1 gives way first, at 21.8014",
+    ),
 ]
 
 
@@ -190,6 +202,35 @@ def test_check_says_what_slope_and_tow_a_body_holds_and_climbs(name, change, sai
     assert "a tow on contact 1 alone moves it first" in out
 
 
+PLANAR = {
+    "name": "planar",
+    "dimension": 2,
+    "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1.0}, "weights": [1.0, 3.0]},
+    "friction": {"coefficient": {"isotropic": 0.5}},
+    "ground": {"slope": 10.0, "direction": 0.5},
+}
+HOLDS = "steepest slope that it holds at rest: "
+PLANAR_LIMITS = [
+    ({}, HOLDS + "26.5651 degrees uphill in every direction"),
+    ({}, "largest tow that it holds at rest, on any contact: 1.27502 N in every direction"),
+    ({"loads": 0.0, "friction": {"isotropic": 1.0}}, HOLDS + "30 degrees uphill in every direction"),
+    ({"loads": [[0.1, 0.0], [0.0, 0.0]]}, HOLDS + "not computed in the plane beside other loads"),
+    (
+        {"friction": {"directions": [0.0, 2.0, 4.0], "value": 1.0}},
+        "not computed in the plane for friction that depends on the direction",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), PLANAR_LIMITS)
+def test_check_says_what_a_body_in_the_plane_holds(change, said, tmp_path, capsys):
+    (tmp_path / "p.json").write_text(json.dumps(PLANAR | change))
+    with pytest.raises(SystemExit) as left:
+        main(["check", str(tmp_path / "p.json")])
+    assert not left.value.code
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
 def test_check_says_that_a_search_was_cut_short(monkeypatch, capsys):
     monkeypatch.setattr("crawler_command.loads_report._BUDGET", 100)
     with pytest.raises(SystemExit):
@@ -199,7 +240,7 @@ def test_check_says_that_a_search_was_cut_short(monkeypatch, capsys):
     monkeypatch.setattr("crawler_command.loads_report._BUDGET", 1)
     with pytest.raises(SystemExit):
         main(["check", "slope_climber"])
-    assert "not searched, a period takes too long here" in " ".join(capsys.readouterr().out.split())
+    assert "not searched for, because a period takes too long here" in " ".join(capsys.readouterr().out.split())
 
 
 def test_check_of_a_scene_with_loads_shows_them_and_the_bounds_that_they_leave(tmp_path):

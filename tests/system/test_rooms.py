@@ -26,6 +26,7 @@ ROOMS = {
         "examples",
     ),
     "crawler_model": (
+        "derivative",
         "sweep",
         "scene",
         "run",

@@ -194,7 +194,7 @@ MISTAKES = [
     (["--vary", "drive.length=1,inf"], "'inf' is not finite"),
     (["--vary", "drive.length=0:6:0"], "N is 0; it must be between 1"),
     (["--vary", "drive.length=0:6:2.5"], "N is '2.5'; it must be a whole number"),
-    (["--vary", "drive.length=log:0:6:5"], "log: goes from one number > 0"),
+    (["--vary", "drive.length=log:0:6:5"], "with `log:` both ends must be > 0"),
     (["--vary", "drive.length=0:6:9999", "--vary", "drive.friction=1:2:9999"], "at most 10000000"),
     (["--vary", "drive.friction=-2,-1"], "no variation is valid; the reason of the first: drive: friction: -2 N"),
     ([*LENGTHS, "--out", "x.csv"], "must end in .parquet"),

@@ -198,12 +198,12 @@ def project_balanced(
     """Continue the forward pass of `projection.project` from a given link, with the breakpoints in trees.
 
     Args:
-        target: as in `project`, like the next five.
-        compliance: 1 / k.
-        backward: the lower bounds.
-        forward: the upper bounds.
-        magnitude: magnitude of the numbers whose rounding affects the bounds.
-        tension: output, zeros of the links from `start` on.
+        target: trial tensions a, shape (n,) [N].
+        compliance: 1 / k, shape (n,) [m/N].
+        backward: bounds of T_{i-1} - T_i, shape (n + 1,) [N].
+        forward: bounds of T_i - T_{i-1}, shape (n + 1,) [N].
+        magnitude: magnitude of the numbers whose rounding affects the bounds, shape (n + 1,) [N].
+        tension: output, zeros of the links from `start` on, shape (n,) [N].
         stacks: present breakpoints; REACH of the links from `start` on is written.
         start: first link to process.
         n_left: number of breakpoints on the left stack.

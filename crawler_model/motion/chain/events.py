@@ -158,7 +158,7 @@ def follow_events(
     elements,
     share,
     wide,
-    limits,
+    ground,
     reached,
     pieces_met,
 ):
@@ -170,7 +170,7 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, like the next three.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next three.
         bytes_: statuses within the ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
@@ -179,7 +179,7 @@ def follow_events(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         wide: True to use the projection in double-double arithmetic.
-        limits: rows of `borders`, shape (3, N); None on ground that is the same everywhere.
+        ground: rows as in `Track.find_ground`, shape (8, N); None on ground that is the same everywhere.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
         pieces_met: output, from `room_for_pieces`, or without rows.
 
@@ -241,8 +241,8 @@ def follow_events(
                 floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
             shifted = True
-        if limits is not None:
-            meeting = find_border(contacts, floats[ROW_V], floats[ROW_SINCE], s, limits)
+        if ground is not None:
+            meeting = find_border(contacts, floats[ROW_V], floats[ROW_SINCE], s, ground)
             if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 at_border = True
@@ -333,7 +333,7 @@ def follow_events(
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
         advance_loads(contacts, s)
-        if limits is not None and at_border:
-            mark_reached(contacts, floats[ROW_V], limits, reached)
+        if ground is not None and at_border:
+            mark_reached(contacts, floats[ROW_V], ground, reached)
     account[EVENTS] += pieces
     return done, end

@@ -10,7 +10,7 @@ import numpy as np
 from ...body.body import Body
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
-from . import memory, ramp
+from . import many, memory, ramp
 from .events import FEW_CONTACTS
 
 
@@ -19,7 +19,7 @@ class ChainMotion:
     """A chain followed from event to event, or by catch-up steps.
 
     Attributes:
-        body: the chain.
+        body: the chain, or variations of it that differ in their stiffness, for `start` and `follow_many`.
     """
 
     methods: ClassVar[tuple[str, ...]] = ("exact", "catch_up")
@@ -46,11 +46,11 @@ class ChainMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray,
+        ground: np.ndarray,
         reached: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached, NO_PIECES)
+        return self._follow(state, scratch, targets, True, budget, account, records, ground, reached, NO_PIECES)
 
     def follow(
         self,
@@ -66,6 +66,38 @@ class ChainMotion:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
         self._follow(state, scratch, targets, exact, budget, account, records, None, None, pieces)
 
+    def follow_many(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        rows: np.ndarray,
+        legs: np.ndarray,
+        budget: int,
+        accounts: np.ndarray,
+        spent: np.ndarray,
+        records: np.ndarray,
+    ) -> None:
+        """Follow straight ramps exactly, for each variation of the body, see `many.follow_many`."""
+        body = self.body
+        many.follow_many(
+            body.elasticity,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            rows,
+            legs,
+            True,
+            budget,
+            body.element_ends,
+            body.share,
+            *scratch,
+            accounts,
+            spent,
+            records,
+        )
+
     def _follow(
         self,
         state: LineState,
@@ -75,12 +107,12 @@ class ChainMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray | None,
+        ground: np.ndarray | None,
         reached: np.ndarray | None,
         pieces: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         body = self.body
-        found: tuple[int, float] = ramp.follow(
+        found: tuple[int, float, int] = ramp.follow(
             body.elasticity,
             state.contacts,
             state.links,
@@ -93,7 +125,7 @@ class ChainMotion:
             *scratch,
             account,
             records,
-            limits,
+            ground,
             reached,
             pieces,
         )

@@ -6,13 +6,13 @@
 for n links and n + 1 contacts. It is a catch-up step if the bounds are frictions, and the rate problem inside an exact
 ramp if the bounds are rates of friction, infinite where a contact is free.
 
-Dynamic programming from the first link to the last. The derivative of the cost-to-come is a non-decreasing,
-piecewise-linear function of T_i. A link adds the line (T - a_i) / k_i. A contact splits the curve at its zero,
-moves the left part by -backward, the right part by forward and leaves a plateau of zero between. Only the
-breakpoints are stored, on two stacks that meet at the zero, each with a shift common to all its members; a
-breakpoint stores by how much the slope grows outwards, and how high the curve jumps there (the ends of the
-domain are infinite jumps). The same family as Johnson's algorithm for the fused lasso. Where the zero passes many of
-them at every link, `breakpoints` stores them in trees: O(N log N) for any load.
+The method is dynamic programming from the first link to the last. The derivative of the cost-to-come is a
+non-decreasing, piecewise-linear function of T_i. A link adds the line (T - a_i) / k_i. A contact splits the curve at
+its zero, moves the left part by -backward, the right part by forward and leaves a plateau of zero between. Only the
+breakpoints are stored, on two stacks that meet at the zero, each with a shift common to all its members; a breakpoint
+stores by how much the slope grows outwards, and how high the curve jumps there (the ends of the domain are infinite
+jumps). Johnson's algorithm for the fused lasso is of the same family. Where the zero passes many of them at every link,
+`breakpoints` stores them in trees: O(N log N) for any load.
 """
 
 from __future__ import annotations

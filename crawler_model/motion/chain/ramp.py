@@ -15,8 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...body.places import put_on_ground
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS
+from ..borders import FOLLOWED, PASSED
 from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
@@ -40,6 +42,7 @@ from ..state import (
     STIFFNESS,
     TENSION,
     TENSION_REF,
+    UNSOLVED,
     VIOLATION,
     VISITED,
     WORK,
@@ -245,7 +248,7 @@ def follow(
     stacks,
     account,
     records,
-    limits,
+    ground,
     reached,
     pieces,
 ):
@@ -261,31 +264,37 @@ def follow(
         budget: upper limit of work in one ramp, see `follow_events`; beyond it a catch-up step completes the ramp.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        floats: memory from `scratch(N)`, like the next three.
+        floats: memory from `scratch(N)`, which also allocates the next three.
         bytes_: statuses within a ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 3 N - 1), or no rows.
-        limits: rows of `borders`, shape (3, N), with loads in rows and targets; None on ground that is the same
-            everywhere, where the gained displacement starts at zero.
+        ground: from `Track.find_ground`, shape (8, N), for contacts with rows of loads; None on ground that is the
+            same everywhere, where the gained displacement starts at zero.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
         pieces: output, from `room_for_pieces`, or without rows.
 
     Returns:
-        The number of targets reached, and the part of the next ramp that was followed.
+        The number of targets reached; the part of the next ramp that was followed; and how it ended, see `borders`.
     """
     n = contacts.shape[1]
     ramp = np.zeros(account.shape[0])
-    if limits is None:
-        for i in range(n):
-            contacts[GAINED, i] = 0.0
+    if ground is None:
+        contacts[GAINED, :] = 0.0
+    else:
+        here = np.empty(4 * n - 1)
     wide = spans_decades(elasticity[COMPLIANCE])
     energy = 0.0
     for i in range(n - 1):
         energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
     for v in range(targets.shape[0]):
         target = targets[v]
+        if ground is not None:
+            unheld = put_on_ground(targets[v], n - 1, ground, here)
+            if unheld != 0:
+                return v, 0.0, unheld
+            target = here
         if not is_in_force(contacts, links, target):
             bytes_[ROW_MOVED] = 0
             ramp[:] = 0.0
@@ -309,11 +318,11 @@ def follow(
                     elements,
                     share,
                     wide,
-                    limits,
+                    ground,
                     reached,
                     pieces,
                 )
-            if limits is not None and not finished and reached.any():
+            if ground is not None and not finished and reached.any():
                 middle = np.empty(target.shape[0])
                 read_commands(contacts, links, middle)
                 if part == 1.0:
@@ -321,7 +330,7 @@ def follow(
                 _finish(elasticity, contacts, links, status, middle, bytes_, ramp, energy, wide)
                 end_loads(contacts, middle, ramp)
                 add_ramp(account, ramp)
-                return v, part
+                return v, part, FOLLOWED
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
@@ -335,9 +344,11 @@ def follow(
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             record(contacts, links, records[v])
+        if ground is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
+            return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         force = floats[ROW_TRIAL]
         for i in range(n):
             force[i] = (links[TENSION, i] if i < n - 1 else 0.0) - (links[TENSION, i - 1] if i > 0 else 0.0)
         account[VISITED] = nearness(force, contacts[FORWARD], contacts[BACKWARD])
-    return targets.shape[0], 0.0
+    return targets.shape[0], 0.0, FOLLOWED

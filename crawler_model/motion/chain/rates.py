@@ -48,7 +48,7 @@ def slack(contacts, links, floats, s, i):
     """Compute the distances of a contact's force from its bounds.
 
     Args:
-        contacts: as in `follow_events`, like the next two.
+        contacts: rows of the contacts, as in `follow_events`.
         links: elongations and tensions at their last change.
         floats: rates, and the places since which they hold.
         s: place on the ramp, 0 .. 1.
@@ -73,7 +73,7 @@ def update(contacts, links, floats, account, s, first, last):
     """Update contacts first..last and the links between and beside them from their last change to s.
 
     Args:
-        contacts: as in `follow_events`, like the next three; changed in place.
+        contacts: rows of the contacts, as in `follow_events`, changed in place.
         links: elongations and tensions.
         floats: rates, and the places since which they hold.
         account: account of the ramp, added to.
@@ -161,7 +161,7 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
     """Solve for the rates of the block of contacts first..last at s, and find the next event of each contact.
 
     Args:
-        elasticity: as in `follow_events`, like the next seven.
+        elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
         contacts: updated in place to s.
         links: likewise.
         status: bounds at which contacts are.

@@ -137,13 +137,13 @@ def project_wide(target, compliance, backward, forward, magnitude, tension, side
     """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
 
     Args:
-        target: as in `projection.project`, like the next six.
-        compliance: 1 / k.
-        backward: the lower bounds.
-        forward: the upper bounds.
-        magnitude: magnitude of the numbers whose rounding affects the bounds.
-        tension: output.
-        side: output.
+        target: trial tensions a, shape (n,) [N].
+        compliance: 1 / k > 0, shape (n,) [m/N].
+        backward: bounds of T_{i-1} - T_i, shape (n + 1,) [N], inf where there is no bound.
+        forward: bounds of T_i - T_{i-1}, likewise.
+        magnitude: magnitude of the numbers whose rounding affects the bounds, shape (n + 1,) [N].
+        tension: output, shape (n,) [N].
+        side: output, int8, shape (n + 1,), as in `projection.project`.
 
     Returns:
         The number of breakpoints passed by the zero of the curve, times ten for the cost of the arithmetic.

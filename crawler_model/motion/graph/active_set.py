@@ -36,7 +36,8 @@ class Network(NamedTuple):
 
     Attributes:
         order: contact at each position in the band, int, shape (N,).
-        band: stiffness between the contacts at positions p and p + 1 + d, shape (N, width) [N/m].
+        band: stiffness between the contacts at positions p and p + 1 + d, shape (N, width), of variations
+            (M, N, width) [N/m].
     """
 
     order: np.ndarray
@@ -47,7 +48,7 @@ def build_network(body: Body) -> Network:
     """Order the contacts of a body so that its stiffness matrix is a narrow band.
 
     Args:
-        body: any body on a line.
+        body: any body on a line, or variations of it that differ in their stiffness.
 
     Returns:
         Its springs as a band matrix.
@@ -69,9 +70,9 @@ def build_network(body: Body) -> Network:
             f"body.links.between: the links of {n} contacts need a band matrix with {n * width:.1e} entries; "
             f"at most {_MOST_NUMBERS:.0e} are allowed"
         )
-    band = np.zeros((n, width))
+    band = np.zeros((*body.stiffness.shape[:-1], n, width))
     low, high = ends.min(axis=1), ends.max(axis=1)
-    np.add.at(band, (low, high - low - 1), body.stiffness)
+    np.add.at(band, (..., low, high - low - 1), body.stiffness)  # type: ignore[arg-type]
     return Network(order, band)
 
 
@@ -96,7 +97,7 @@ def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     Returns:
         A working copy of the band, floats of shape (5, N) and flags of shape (N,).
     """
-    n, width = network.band.shape
+    n, width = network.band.shape[-2:]
     return np.empty((n, width)), np.empty((5, n)), np.zeros(n, np.int8)
 
 
@@ -196,7 +197,7 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
         upper: largest force at rest, shape (N,) [N], inf where there is none; lower <= upper.
         magnitude: magnitude of the numbers whose differences load and bounds are, shape (N,) [N].
         most_rounds: upper limit of rounds.
-        work: memory from `workspace`, like the next two.
+        work: memory from `workspace`, which also allocates the next two.
         floats: forces, magnitudes, loads and trial velocities.
         sliding: 1 for sliding contacts.
         velocity: output, shape (N,). On entry a guess, of which only the signs matter.

@@ -72,7 +72,7 @@ def follow_events(
     rounds,
     elements,
     share,
-    limits,
+    ground,
     reached,
     pieces_met,
 ):
@@ -87,7 +87,7 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (S + 2 N,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, like the next two.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next two.
         changes: changes of the rest lengths and tensions.
         bytes_: sides of the contacts.
         account: account of the ramp, shape (14,), added to.
@@ -95,7 +95,7 @@ def follow_events(
         rounds: upper limit of rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        limits: rows of `borders`, shape (3, N); None on ground that is the same everywhere.
+        ground: rows as in `Track.find_ground`, shape (8, N); None on ground that is the same everywhere.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
         pieces_met: output, from `room_for_pieces`, or without rows.
 
@@ -178,15 +178,15 @@ def follow_events(
                 floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
                 floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
-            if limits is not None:
-                ds = min(ds, find_border(contacts, v, np.full(n, at), at, limits) - at)
+            if ground is not None:
+                ds = min(ds, find_border(contacts, v, np.full(n, at), at, ground) - at)
             if ds > SHORTEST_STRETCH and is_wide(least, most, v):
                 account[AMBIGUOUS] = 1.0
                 account[GAIN_LEAST] += least * ds
                 account[GAIN_MOST] += most * ds
         at_border = False
-        if limits is not None:
-            meeting = find_border(contacts, v, np.full(n, at), at, limits)
+        if ground is not None:
+            meeting = find_border(contacts, v, np.full(n, at), at, ground)
             if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 ending = False
@@ -221,8 +221,8 @@ def follow_events(
                     contacts[RELATIVE, i] += v[i] * ds
                 status[i] &= bytes_[ROW_HELD, i]
         at = until
-        if limits is not None and at_border:
-            mark_reached(contacts, v, limits, reached)
+        if ground is not None and at_border:
+            mark_reached(contacts, v, ground, reached)
             return at, True
         if ending:
             return 1.0, True

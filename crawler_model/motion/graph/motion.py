@@ -11,7 +11,7 @@ import numpy as np
 from ...body.body import Body
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
-from . import active_set, memory, ramp
+from . import active_set, many, memory, ramp
 from .active_set import Network
 
 
@@ -33,7 +33,7 @@ class GraphMotion:
     """A graph of springs followed from event to event, or by catch-up steps.
 
     Attributes:
-        body: the body.
+        body: the body, or variations of it that differ in their stiffness, for `start` and `follow_many`.
         network: its springs as a band matrix.
     """
 
@@ -58,11 +58,11 @@ class GraphMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray,
+        ground: np.ndarray,
         reached: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, limits, reached, NO_PIECES)
+        return self._follow(state, scratch, targets, True, budget, account, records, ground, reached, NO_PIECES)
 
     def follow(
         self,
@@ -78,6 +78,43 @@ class GraphMotion:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
         self._follow(state, scratch, targets, exact, budget, account, records, None, None, pieces)
 
+    def follow_many(
+        self,
+        state: LineState,
+        scratch: tuple[Any, ...],
+        targets: np.ndarray,
+        rows: np.ndarray,
+        legs: np.ndarray,
+        budget: int,
+        accounts: np.ndarray,
+        spent: np.ndarray,
+        records: np.ndarray,
+    ) -> None:
+        """Follow straight ramps exactly, for each variation of the body, see `many.follow_many`."""
+        body = self.body
+        work, ramp_memory = scratch
+        many.follow_many(
+            body.ends,
+            body.stiffness,
+            (self.network.order, self.network.band),
+            work,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            rows,
+            legs,
+            True,
+            budget,
+            body.element_ends,
+            body.share,
+            active_set.most_rounds(body.contacts),
+            *ramp_memory,
+            accounts,
+            spent,
+            records,
+        )
+
     def _follow(
         self,
         state: LineState,
@@ -87,13 +124,13 @@ class GraphMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray | None,
+        ground: np.ndarray | None,
         reached: np.ndarray | None,
         pieces: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         body = self.body
         work, ramp_memory = scratch
-        found: tuple[int, float] = ramp.follow(
+        found: tuple[int, float, int] = ramp.follow(
             body.ends,
             body.stiffness,
             (self.network.order, self.network.band),
@@ -110,7 +147,7 @@ class GraphMotion:
             *ramp_memory,
             account,
             records,
-            limits,
+            ground,
             reached,
             pieces,
         )

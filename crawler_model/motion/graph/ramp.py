@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...body.places import put_on_ground
 from ...compiled import compiled
 from ...rounding import EPS
+from ..borders import FOLLOWED, PASSED
 from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
@@ -188,7 +190,7 @@ def _catch_up(
 
 @compiled
 def _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, account, energy):
-    """Set the state to the end of the ramp, contacts that slid exactly on their bounds, and complete the account."""
+    """Set the state to the end of the ramp, with sliding contacts exactly on their bounds; complete the account."""
     n = contacts.shape[1]
     springs = ends.shape[0]
     for s in range(springs):
@@ -250,7 +252,7 @@ def follow(
     bytes_,
     account,
     records,
-    limits,
+    ground,
     reached,
     pieces,
 ):
@@ -271,29 +273,35 @@ def follow(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         rounds: upper limit of rounds of the active set.
-        floats: memory from `scratch(N, S)`, like the next two.
+        floats: memory from `scratch(N, S)`, which also allocates the next two.
         changes: floats of the springs.
         bytes_: flags of the contacts.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
-        limits: rows of `borders`, shape (3, N), with loads in rows and targets; None on ground that is the same
-            everywhere, where the gained displacement starts at zero.
+        ground: from `Track.find_ground`, shape (8, N), for contacts with rows of loads; None on ground that is the
+            same everywhere, where the gained displacement starts at zero.
         reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
         pieces: output, from `room_for_pieces`, or without rows.
 
     Returns:
-        The number of targets reached, and the part of the next ramp that was followed.
+        The number of targets reached; the part of the next ramp that was followed; and how it ended, see `borders`.
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
     ramp = np.zeros(account.shape[0])
     before = np.empty(n)
     moved = np.zeros(n, np.int8)
-    if limits is None:
-        for i in range(n):
-            contacts[GAINED, i] = 0.0
+    if ground is None:
+        contacts[GAINED, :] = 0.0
+    else:
+        here = np.empty(springs + 3 * n)
     for v in range(targets.shape[0]):
         target = targets[v]
+        if ground is not None:
+            unheld = put_on_ground(targets[v], springs, ground, here)
+            if unheld != 0:
+                return v, 0.0, unheld
+            target = here
         if not is_in_force(contacts, links, target):
             energy = _stored_energy(stiffness, links)
             for i in range(n):
@@ -323,13 +331,13 @@ def follow(
                     rounds,
                     elements,
                     share,
-                    limits,
+                    ground,
                     reached,
                     pieces,
                 )
                 if done < 1.0:
                     at_border = False
-                    if limits is not None:
+                    if ground is not None:
                         at_border = reached.any()
                     if done < 1.0 - INSTANT and not at_border:
                         ramp[OVERSPENT if solved else UNSOLVED] = 1.0
@@ -339,7 +347,7 @@ def follow(
                         contacts[FORWARD, i] += done * (target[springs + i] - contacts[FORWARD, i])
                         contacts[BACKWARD, i] += done * (target[springs + n + i] - contacts[BACKWARD, i])
                     advance_loads(contacts, done)
-                if limits is not None and reached.any():
+                if ground is not None and reached.any():
                     middle = np.empty(target.shape[0])
                     read_commands(contacts, links, middle)
                     for i in range(n):
@@ -351,12 +359,12 @@ def follow(
                     )
                     end_loads(contacts, middle, ramp)
                     add_ramp(account, ramp)
-                    return v, done
+                    return v, done, FOLLOWED
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
                 ambiguous, least, most = ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST]
-                found = _catch_up(
+                if not _catch_up(
                     ends,
                     stiffness,
                     network,
@@ -372,8 +380,7 @@ def follow(
                     rounds,
                     elements,
                     share,
-                )
-                if not found:
+                ):
                     ramp[UNSOLVED] = 1.0
                 if done >= 1.0 - INSTANT:  # an instant without friction is not a stretch
                     ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = ambiguous, least, most
@@ -384,7 +391,9 @@ def follow(
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             record(contacts, links, records[v])
+        if ground is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
+            return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         account[VISITED] = _margin_at_rest(status, floats, contacts, moved)
-    return targets.shape[0], 0.0
+    return targets.shape[0], 0.0, FOLLOWED

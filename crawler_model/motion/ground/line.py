@@ -11,7 +11,7 @@ from ..line_state import LineState
 
 
 class LineMotion(Protocol):
-    """What this motion needs of a chain or a graph."""
+    """The motion of a chain or a graph, resumed at every border."""
 
     @property
     def body(self) -> Body:
@@ -35,22 +35,23 @@ class LineMotion(Protocol):
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        limits: np.ndarray,
+        ground: np.ndarray,
         reached: np.ndarray,
-    ) -> tuple[int, float]:
+    ) -> tuple[int, float, int]:
         """Follow straight ramps exactly, until a contact reaches a border.
 
         Args:
             state: changed in place.
             scratch: memory from `scratch`.
-            targets: L, bounds and loads at the places of the contacts, shape (V, S + 3 N).
+            targets: for ground without patches, shape (V, S + 2 N), with loads (V, S + 3 N).
             budget: upper limit of work in one ramp.
             account: entries as in `motion.state`, shape (14,), added to.
             records: output, as for `Motion.follow`.
-            limits: from `Track.find_limits`, shape (3, N).
+            ground: from `Track.find_ground`, shape (8, N).
             reached: output: 1 for a border reached forward, -1 backward, else 0; int8, shape (N,), zero before.
 
         Returns:
-            The number of targets reached, and the part of the next ramp that was followed.
+            The number of targets reached; the part of the next ramp that was followed; and how it ended: FOLLOWED or
+            PASSED, or 1 or -1 before a ramp at whose end the ground holds nothing, forward or backward.
         """
         ...

@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...body.ground import Track
+from ..borders import FOLLOWED
 from ..jump import Jump
 from ..line_state import build_line_state
 from .line import LineMotion
-from .state import GroundState
+from .state import GroundState, build_ground_state
 from .walk import Walk
 
 
@@ -39,11 +40,11 @@ class GroundMotion:
         place = self.track.find_places(body.position, x)
         here = np.concatenate((target[: body.springs], *self.track.bounds(target[body.springs :], place)))
         state = build_line_state(body, x, here)
-        return GroundState(state.contacts, state.links, state.status, place, np.array(target))
+        return build_ground_state(state, place, target)
 
     def scratch(self) -> tuple[Any, ...]:
         """Allocate the working memory of a ramp, see `Motion`."""
-        return self.line.scratch()
+        return self.line.scratch(), np.zeros(self.line.body.contacts, np.int8)
 
     def follow(
         self,
@@ -56,10 +57,22 @@ class GroundMotion:
         records: np.ndarray,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        before = state.copy()
-        walk = Walk(self.line, self.track, state, scratch, budget, account)
+        line_scratch, reached = scratch
+        kept = state.memory.copy()
+        state.gained.fill(0.0)
+        if state.ground is None:
+            state.ground = self.track.find_ground(self.line.body.position, state.place)
+        found = self.line.follow_to_border(
+            state, line_scratch, targets, budget, account, records, state.ground, reached
+        )
+        if found == (targets.shape[0], 0.0, FOLLOWED):
+            if targets.shape[0]:
+                state.command[:] = targets[-1]
+            return ()
         try:
-            return walk.follow(targets, records)
+            walk = Walk(self.line, self.track, state, line_scratch, budget, account, reached)
+            return walk.follow(targets, records, found)
         except BaseException:
-            state.restore(before)
+            state.restore(kept)
+            reached.fill(0)
             raise

@@ -7,21 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..line_state import LineState
+from ..state import LINK_ROWS, LOADED_ROWS
 
 
 @dataclass(eq=False)
 class GroundState(LineState):
-    """The state of a body on a line, the command in force and the places of the contacts.
+    """The state of a body on patches of ground, the command in force and the places of the contacts.
 
-    The rows FORWARD, BACKWARD and LOAD hold what the ground at each place makes of the command.
+    The rows FORWARD, BACKWARD and LOAD hold the bounds and loads that the command has on the ground at each place.
 
     Attributes:
-        place: as in `Track`, int64, shape (N,).
         command: the target in force, for ground without patches, shape (S + 2 N,), with loads (S + 3 N,).
+        place: as in `Track`, int64, shape (N,).
+        memory: the bytes of all these arrays, one piece, which every tick keeps in case that it is refused.
+        ground: from `Track.find_ground`, for these places; None until it is needed.
     """
 
-    place: np.ndarray
     command: np.ndarray
+    place: np.ndarray
+    memory: np.ndarray
+    ground: np.ndarray | None = None
 
     @property
     def friction(self) -> np.ndarray:
@@ -46,17 +51,16 @@ class GroundState(LineState):
         Returns:
             An independent state with the same numbers.
         """
-        arrays = (self.contacts, self.links, self.status, self.place, self.command)
-        return GroundState(*(array.copy() for array in arrays))
+        return _divide(self.memory.copy(), self.status.size, self.links.shape[1], self.command.size)
 
-    def restore(self, other: GroundState) -> None:
-        """Take over the numbers of another state of the same body.
+    def restore(self, memory: np.ndarray) -> None:
+        """Return to former numbers.
 
         Args:
-            other: the other state.
+            memory: a copy of `memory`.
         """
-        for name in ("contacts", "links", "status", "place", "command"):
-            getattr(self, name)[:] = getattr(other, name)
+        self.memory[:] = memory
+        self.ground = None
 
     def bits(self) -> bytes:
         """Return all numbers as bytes, for comparison.
@@ -64,4 +68,34 @@ class GroundState(LineState):
         Returns:
             The bytes of all arrays, one after another.
         """
-        return super().bits() + self.place.tobytes() + self.command.tobytes()
+        return self.memory.tobytes()
+
+
+def build_ground_state(state: LineState, place: np.ndarray, command: np.ndarray) -> GroundState:
+    """Build the state of a body on patches of ground.
+
+    Args:
+        state: at these places, with loads.
+        place: as in `Track`, shape (N,).
+        command: the target in force, for ground without patches.
+
+    Returns:
+        The state.
+    """
+    parts = (state.contacts, state.links, np.array(command), place, state.status)
+    memory = np.concatenate([np.frombuffer(part.tobytes(), np.uint8) for part in parts])
+    return _divide(memory, state.status.size, state.links.shape[1], command.size)
+
+
+def _divide(memory: np.ndarray, n: int, springs: int, command: int) -> GroundState:
+    """Divide a piece of memory into the arrays of a state."""
+    ends = np.cumsum([8 * LOADED_ROWS * n, 8 * LINK_ROWS * springs, 8 * command, 8 * n])
+    contacts, links, target, place, status = np.split(memory, ends)
+    return GroundState(
+        contacts.view(np.float64).reshape(LOADED_ROWS, n),
+        links.view(np.float64).reshape(LINK_ROWS, springs),
+        status.view(np.int8),
+        target.view(np.float64),
+        place.view(np.int64),
+        memory,
+    )

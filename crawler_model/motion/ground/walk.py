@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 
 from ...body.ground import Track
+from ...body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE, keep_borders, put_on_ground
 from ...errors import CommandError
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
-from ..borders import move_all
+from ..borders import FOLLOWED, PASSED, move_all
 from ..jump import Jump
 from ..state import (
     ACTUATION,
@@ -36,13 +37,11 @@ from ..state import (
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
-    GAINED,
     LOAD,
     LOAD_WORK,
     LOADS_WORK,
     OVERSPENT,
     RESIDUAL,
-    UNSOLVED,
     VISITED,
     X_REST,
     X,
@@ -50,8 +49,6 @@ from ..state import (
 from .line import LineMotion
 from .state import GroundState
 
-_BLOCK = 64
-"""Ramps that are followed in one call. After a border the bounds of those that are left are computed again."""
 _SAME = 16.0 * EPS
 """Bounds closer than this, relative to their size, are equal."""
 _MOST_STOPS = 1000
@@ -80,8 +77,9 @@ class Walk:
         scratch: tuple[Any, ...],
         budget: int,
         account: np.ndarray,
+        reached: np.ndarray,
     ) -> None:
-        """Begin at a state.
+        """Begin where ramps have been followed to a first border.
 
         Args:
             line: the motion between borders.
@@ -90,11 +88,12 @@ class Walk:
             scratch: memory of `line`.
             budget: upper limit of work between two borders.
             account: shape (14,), added to.
+            reached: the contacts that are at that border, as in `LineMotion.follow_to_border`.
         """
         self._line, self._track, self._state, self._scratch = line, track, state, scratch
         self._budget, self._account = budget, account
         self._springs, self._n = state.links.shape[1], state.status.size
-        self._reached = np.zeros(self._n, np.int8)
+        self._reached = reached
         self._falls: dict[int, _Fall] = {}
         self._jumps: list[Jump] = []
         self._no_records = np.empty((0, 2 * self._n + self._springs))
@@ -102,12 +101,13 @@ class Walk:
         self._at = (0, 0.0)
         self._stops = 0
 
-    def follow(self, targets: np.ndarray, records: np.ndarray) -> tuple[Jump, ...]:
+    def follow(self, targets: np.ndarray, records: np.ndarray, found: tuple[int, float, int]) -> tuple[Jump, ...]:
         """Follow ramps to each of the targets in turn.
 
         Args:
             targets: for ground without patches, shape (V, S + 2 N), with loads (V, S + 3 N).
             records: output, as for `Motion.follow`.
+            found: how far they have been followed, as returned by `LineMotion.follow_to_border`.
 
         Returns:
             The jumps.
@@ -116,13 +116,11 @@ class Walk:
             CommandError: if the body reaches ground on which no equilibrium is left; the state has to be restored.
         """
         state, account = self._state, self._account
-        state.contacts[GAINED] = 0.0
-        begin = state.command.copy()
+        begin, doubts = state.command.copy(), account[_DOUBTS]
         ramp, done = 0, 0.0
-        while ramp < targets.shape[0]:
-            rows = targets[ramp : ramp + (_BLOCK if done == 0.0 else 1)]
-            doubts = account[_DOUBTS]
-            count, part = self._advance(self._here(rows), records[ramp : ramp + len(rows)])
+        rows = targets
+        while True:
+            count, part = self._settle_end(rows[0], self._ground(), found)
             if 1.0 - done <= SHORTEST_STRETCH:  # what is left of a ramp is an instant
                 account[_DOUBTS] = doubts
             if count:
@@ -136,63 +134,83 @@ class Walk:
             self._meet_borders()
             if self._falls:
                 self._jump()
-        if account[VISITED] == np.inf:
-            self._follow(self._here(state.command[None])[:0], self._no_records)
-        return tuple(self._jumps)
+            if ramp == targets.shape[0]:
+                return tuple(self._jumps)
+            rows = targets[ramp:] if done == 0.0 else targets[ramp : ramp + 1]
+            doubts = account[_DOUBTS]
+            found = self._follow(rows, records[ramp:][: len(rows)], self._ground())
 
-    def _here(self, targets: np.ndarray) -> np.ndarray:
-        """Turn targets for ground without patches into those for the places of the contacts."""
-        bounds = self._track.bounds(targets[:, self._springs :], self._state.place)
-        return np.hstack((targets[:, : self._springs], *bounds))
+    def _ground(self) -> np.ndarray:
+        """Find the ground at the places of the contacts."""
+        state = self._state
+        if state.ground is None:
+            state.ground = self._track.find_ground(self._line.body.position, state.place)
+        return state.ground
 
-    def _advance(self, targets: np.ndarray, records: np.ndarray) -> tuple[int, float]:
-        """Follow ramps to the first border, which `_reached` then marks, or to where no equilibrium is left."""
-        state, springs, n = self._state, self._springs, self._n
+    def _here(self, target: np.ndarray) -> np.ndarray:
+        """Turn a target for ground without patches into that for the places of the contacts."""
+        here = np.empty(self._springs + 3 * self._n)
+        put_on_ground(target, self._springs, self._ground(), here)
+        return here
+
+    def _settle_end(self, target: np.ndarray, ground: np.ndarray, found: tuple[int, float, int]) -> tuple[int, float]:
+        """Complete what the compiled loops leave: places after a step, and ramps to where nothing holds the body.
+
+        Args:
+            target: the target of the first of the ramps that were followed.
+            ground: on which they were.
+            found: how far they were.
+
+        Returns:
+            The number of targets reached, and the part of the next ramp that was followed.
+        """
+        count, part, ending = found
         self._slid = 0.0
-        forward = targets[:, springs : springs + n]
-        backward = targets[:, springs + n : springs + 2 * n]
-        least = -1e-12 * (np.abs(forward) + np.abs(backward)).sum(axis=1)
-        lost = np.flatnonzero((forward.sum(axis=1) < least) | (backward.sum(axis=1) < least))
-        if not lost.size:
-            return self._follow(targets, records)
-        if lost[0] > 0:
-            return self._follow(targets[: lost[0]], records[: lost[0]])
-        way = 1 if forward[0].sum() < least[0] else -1
-        goal = float((forward if way > 0 else backward)[0].sum())
-        now = max(float(state.contacts[FORWARD if way > 0 else BACKWARD].sum()), 0.0)
+        if ending == PASSED:
+            self._place_anew()
+        if ending in (FOLLOWED, PASSED) or count > 0:
+            return count, part
+        return 0, self._follow_while_held(target, ground, ending)
+
+    def _follow_while_held(self, target: np.ndarray, ground: np.ndarray, way: int) -> float:
+        """Follow a ramp to where nothing holds the body in a direction, and slide on; return the part followed."""
+        state, springs, n = self._state, self._springs, self._n
+        end = np.empty(springs + 3 * n)
+        put_on_ground(target, springs, ground, end)
+        row, first = (FORWARD, springs) if way > 0 else (BACKWARD, springs + n)
+        goal = float(end[first : first + n].sum())
+        now = max(float(state.contacts[row].sum()), 0.0)
         share = now / (now - goal)
         begin = np.concatenate((state.links[ACTUATION], *state.contacts[[FORWARD, BACKWARD, LOAD]]))
-        _, part = self._follow((begin + share * (targets[0] - begin))[None], self._no_records)
+        _, part, _ = self._follow((begin + share * (end - begin))[None], self._no_records, keep_borders(ground))
         if self._reached.any():
-            return 0, share * part
-        self._slide(way, targets[0])
-        return 0, share
+            return share * part
+        self._slide(way, end)
+        return share
 
-    def _follow(self, targets: np.ndarray, records: np.ndarray) -> tuple[int, float]:
+    def _follow(self, targets: np.ndarray, records: np.ndarray, ground: np.ndarray) -> tuple[int, float, int]:
         """Follow ramps to the first border."""
         state, account = self._state, self._account
         self._reached[:] = 0
         state.contacts[LOAD_WORK] = 0.0
-        limits = self._track.find_limits(self._line.body.position, state.place)
         self._stops += 1
-        failed = account[OVERSPENT] + account[UNSOLVED]
-        if self._stops > _MOST_STOPS * (self._n + 1):
-            limits = np.array([[np.inf], [-np.inf], [0.0]]) + np.zeros(self._n)
+        spent = self._stops > _MOST_STOPS * (self._n + 1)
+        if spent:
+            ground = ground.copy()
+            ground[AHEAD], ground[BEHIND], ground[ROUNDING_OF_PLACE] = np.inf, -np.inf, 0.0
             targets = targets[:1]
             account[OVERSPENT] += 1
-        count, part = self._line.follow_to_border(
-            state, self._scratch, targets, self._budget, account, records, limits, self._reached
+        count, part, ending = self._line.follow_to_border(
+            state, self._scratch, targets, self._budget, account, records, ground, self._reached
         )
-        if account[OVERSPENT] + account[UNSOLVED] > failed:
-            self._place_anew()
-        return count, part
+        return count, part, PASSED if spent and ending == FOLLOWED else ending
 
     def _slide(self, way: int, target: np.ndarray) -> None:
         """Slide the whole body, with all contacts at their bounds, to the next border of one of them."""
         state, account = self._state, self._account
-        limits = self._track.find_limits(self._line.body.position, state.place)
+        ground = self._ground()
         x = state.contacts[X]
-        gaps = (limits[0] - x if way > 0 else x - limits[1]) - way * state.contacts[X_REST]
+        gaps = (ground[AHEAD] - x if way > 0 else x - ground[BEHIND]) - way * state.contacts[X_REST]
         distance = float(gaps.min())
         if distance == np.inf:
             raise CommandError(self._runaway(way, target))
@@ -207,7 +225,7 @@ class Walk:
         self._slid = distance
         none = state.contacts[FORWARD] + state.contacts[BACKWARD] == 0.0
         state.status[:] = np.where(none, AT_FORWARD | AT_BACKWARD, AT_FORWARD if way > 0 else AT_BACKWARD)
-        near = limits[2] + 16.0 * EPS * np.abs(x)
+        near = ground[ROUNDING_OF_PLACE] + 16.0 * EPS * np.abs(x)
         self._reached[:] = np.where(gaps <= abs(distance) + near, way, 0)
         if not self._falls and distance != 0.0:
             first = int(np.flatnonzero(self._reached)[0])
@@ -277,13 +295,15 @@ class Walk:
 
     def _bounds_of(self, i: int, place: int) -> tuple[float, float, float]:
         """Compute the bounds and the load of contact i at a place."""
-        found = self._track.bounds(self._state.command[self._springs :], np.array([place]), np.array([i]))
-        return float(found[0][0]), float(found[1][0]), float(found[2][0])
+        places = self._state.place.copy()
+        places[i] = place
+        forward, backward, load = self._track.bounds(self._state.command[self._springs :], places)
+        return float(forward[i]), float(backward[i]), float(load[i])
 
     def _enter(self, i: int, place: int, bit: int) -> None:
         """Put contact i onto a place, at the bound of its motion unless `bit` is 0."""
         state = self._state
-        state.place[i] = place
+        state.place[i], state.ground = place, None
         forward, backward, load = self._bounds_of(i, place)
         state.contacts[FORWARD, i], state.contacts[BACKWARD, i], state.contacts[LOAD, i] = forward, backward, load
         if bit:
@@ -293,13 +313,13 @@ class Walk:
         """Find the places of contacts again after a step that passed over borders; those that are not held jump."""
         state, body = self._state, self._line.body
         x = state.contacts[X]
-        limits = self._track.find_limits(body.position, state.place)
-        near = 2.0 * limits[2] + 16.0 * EPS * np.abs(x)
-        beyond = np.flatnonzero((x > limits[0] + near) | (x < limits[1] - near))
+        ground = self._ground()
+        near = 2.0 * ground[ROUNDING_OF_PLACE] + 16.0 * EPS * np.abs(x)
+        beyond = np.flatnonzero((x > ground[AHEAD] + near) | (x < ground[BEHIND] - near))
         places = self._track.find_places(body.position, x)
         force = body.spring_force(state.tension)
         for i in beyond.tolist():
-            way = 1 if x[i] > limits[0, i] else -1
+            way = 1 if x[i] > ground[AHEAD, i] else -1
             self._falls.pop(i, None)
             self._enter(i, int(places[i]), 0)
             row, bit = (FORWARD, AT_FORWARD) if way > 0 else (BACKWARD, AT_BACKWARD)
@@ -307,7 +327,7 @@ class Walk:
             if way * force[i] > state.contacts[row, i]:
                 state.contacts[row, i] = way * force[i]
                 state.status[i] = bit
-                border = limits[0 if way > 0 else 1, i] + body.position[i]
+                border = ground[AHEAD if way > 0 else BEHIND, i] + body.position[i]
                 self._falls[i] = _Fall(way, float(border), float(x[i]))
         if beyond.size:
             self._reached[:] = 0
@@ -320,11 +340,12 @@ class Walk:
         before = account[[*_DOUBTS, VISITED]]
         while self._falls:
             target = self._falling()
-            loads = self._here(state.command[None])[0, -self._n :]
+            loads = self._here(state.command)[-self._n :]
             x, rest = state.contacts[X].copy(), state.contacts[X_REST].copy()
             worked = account[LOADS_WORK]
             falls = dict(self._falls)
-            count, _ = self._advance(target[None], self._no_records)
+            ground = keep_borders(self._ground())
+            count, _ = self._settle_end(target, ground, self._follow(target[None], self._no_records, ground))
             work = state.contacts[LOAD_WORK] + state.contacts[LOAD] * self._slid
             for i, fall in falls.items():
                 loss = max(-float(work[i]), 0.0)
@@ -341,7 +362,7 @@ class Walk:
     def _falling(self) -> np.ndarray:
         """Set the extra loads of the jumps in progress, what the ground does not give of their bounds; end at 0."""
         state, springs, n = self._state, self._springs, self._n
-        target = self._here(state.command[None])[0]
+        target = self._here(state.command)
         target[:springs] = state.links[ACTUATION]
         target[-n:] = 0.0
         state.contacts[LOAD] = 0.0

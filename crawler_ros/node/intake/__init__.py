@@ -1,1 +1,1 @@
-"""How commands come in: received, checked, bounded, queued, or refused."""
+"""The intake of commands: they are received, checked, bounded and queued, or refused."""

@@ -157,7 +157,7 @@ def spread_loads(columns: Columns, values: Sequence[float] | np.ndarray) -> np.n
     array = np.array(values, dtype=np.float64)
     check_finite("load command", array)
     if not columns.loads:
-        raise CommandError("load command: the scene has no loads; with `loads: 0` in it they can be commanded")
+        raise CommandError("load command: the scene has no loads; add `loads: 0` to the scene to command loads")
     each = 1 if columns.planar is None else 2
     if array.size == each:
         return np.tile(array, columns.loads // each)

@@ -49,9 +49,9 @@ class Vertex:
 class CommandQueue:
     """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread.
 
-    In lock-step, messages make the ticks, one after another: an actuation array makes one tick, with the friction
-    arrays then pending; a trajectory makes as many as it lasts. No message replaces another, so that the ticks depend
-    only on the order of the messages and never on when they arrive.
+    In lock-step, messages trigger the ticks, one after another: an actuation array triggers one tick, which follows the
+    pending friction arrays as well; a trajectory triggers ticks for its whole duration. No message replaces another, so
+    that the ticks depend only on the order of the messages and never on when they arrive.
     """
 
     def __init__(
@@ -62,16 +62,16 @@ class CommandQueue:
         Args:
             columns: the columns that can be commanded.
             in_force: the command row in force, shape (C,).
-            lock_step: whether messages make the ticks.
+            lock_step: whether messages trigger the ticks.
             limits: the largest sizes accepted; None to accept all that doubles can hold.
         """
         self._columns = columns
         self._lock_step = lock_step
         self._limits = Limits.none(columns) if limits is None else limits
         self.arrived = threading.Event()
-        """Set when a message that makes a tick in lock-step has arrived."""
+        """Set when a message that triggers a tick in lock-step has arrived."""
         self.full = 0
-        """Messages refused because too much was waiting."""
+        """Messages refused because the queue was full."""
         self.unheld = 0
         """Rows dropped because no equilibrium holds their loads."""
         self._lengths = columns.lengths
@@ -101,7 +101,8 @@ class CommandQueue:
     def resume(self, in_force: np.ndarray) -> None:
         """Continue from an earlier row after the rows of a tick were refused.
 
-        A running trajectory ends; messages that wait for later ticks remain, each for a tick of its own in lock-step.
+        A running trajectory ends. Messages that wait for later ticks remain; in lock-step each of them still triggers a
+        tick.
 
         Args:
             in_force: the command row in force, shape (C,).
@@ -174,7 +175,7 @@ class CommandQueue:
         self._accept_beside("friction command", self._lengths, row)
 
     def accept_loads(self, values: Sequence[float] | np.ndarray) -> None:
-        """Take a command for all loads.
+        """Accept a command for all loads.
 
         Args:
             values: one, or one per isolated contact [N] then segment [N/m]; in the plane x and y, for all or of each.
@@ -246,7 +247,7 @@ class CommandQueue:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no message is left that makes a tick in lock-step."""
+        """Whether there is no message left that would trigger a tick in lock-step."""
         return not (self._path or self._turns)
 
     def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
@@ -365,7 +366,7 @@ class CommandQueue:
         path, those due by its end stay. Times never decrease along the path.
 
         Returns:
-            How many vertices of the path belong to trajectories that arrived in this tick.
+            The number of vertices of the path that belong to trajectories that arrived in this tick.
         """
         start = now_ns if trajectory.start_ns is None else trajectory.start_ns
         cut = max(start, now_ns)

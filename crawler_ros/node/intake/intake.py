@@ -1,4 +1,4 @@
-"""The way of a command message from its bytes to the queue of commands, including refusals."""
+"""The path of a command message from its bytes to the queue of commands, including refusals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _OVERHEAD_BYTES = 1 << 16  # header, labels of dimensions
 _LARGEST_BYTES = 1 << 26
 LENGTH_TOPICS = ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory")
-"""Topics whose commands replace each other's."""
+"""Topics whose commands replace each other."""
 
 
 class Intake:

@@ -1,4 +1,4 @@
-"""How large a command may be: one of a thousand times the body is a mistake and would cost precision everywhere."""
+"""Limits of commands: one a thousand times as large as the body is a mistake and would cost precision everywhere."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Limits:
 
     Attributes:
         largest: shape (C,) [m, 1, N, N/m].
-        lengths: how many of these are lengths and strains.
-        frictions: how many of the others are frictions; loads follow.
+        lengths: number of columns that hold lengths and strains.
+        frictions: number of columns after them that hold friction; loads follow.
     """
 
     largest: np.ndarray

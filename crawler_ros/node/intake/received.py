@@ -1,7 +1,7 @@
 """Decoding of received bytes to arrays: every length is checked before data of that length is read.
 
-The middleware's own decoder writes a line to standard error for each damaged message and makes an object of each point
-of a trajectory. Here numpy reads the points of a trajectory, all of equal layout at once.
+The middleware's own decoder writes a line to standard error for each damaged message and creates an object for each
+point of a trajectory. Here numpy reads the points of a trajectory, all of equal layout at once.
 """
 
 from __future__ import annotations

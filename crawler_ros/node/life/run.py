@@ -21,7 +21,7 @@ _REPEAT_S = 1.0
 
 
 def stay_on_loopback() -> None:
-    """Restrict ROS to 127.0.0.1 unless the environment asks otherwise; call it before rclpy is initialised.
+    """Restrict ROS to 127.0.0.1 unless the environment specifies otherwise; call it before rclpy is initialised.
 
     A discovery range determines which nodes are looked for, not which can reach this one: with LOCALHOST or OFF, Fast
     DDS still listens on every interface. A Fast DDS profile opens sockets on loopback only, but rmw adds others to them
@@ -61,7 +61,7 @@ def end_on_signals(stop: Callable[[], Any], stuck: Callable[[], bool]) -> None:
 
     Args:
         stop: function that asks the node to end.
-        stuck: whether it was asked before.
+        stuck: whether it has been asked before.
     """
     first = 0.0
 

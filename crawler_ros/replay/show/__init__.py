@@ -1,1 +1,1 @@
-"""How a replay is shown: text, tables, pages, comparisons."""
+"""Presentation of a replay: text, tables, pages, comparisons."""

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crawler_model.body.drive import NS
-from crawler_pictures.colors import BACK, FORWARD, GREY, JUMP, STICK, TENSION
+from crawler_pictures.colors import BACK, FORWARD, GREY, STICK, TENSION
+from crawler_pictures.ground import draw_jumps
 
 from ...viewer.page import PictureError
 
@@ -51,7 +52,7 @@ def draw_replay(replay: Replay, samples: Samples, png: Path) -> None:
     verdict = "as recorded, not simulated" if replay.comparison is None else replay.explanation
     figure.suptitle(f"{name}, {replay.path.name}", fontsize=11)
     axes[0].set_title(_short(verdict), fontsize=8, color=GREY, loc="left")
-    _draw_jumps(axes[0], samples)
+    draw_jumps(axes[0], samples.jumps)
     _draw_positions(axes[0], time, samples.get("position"), state, replay.contacts)
     for i in range(links):
         _draw_tension(axes[1 + i], time, tension[:, i], samples.get("least")[:, i], samples.get("most")[:, i], i)
@@ -103,17 +104,6 @@ def _draw_positions(axis: Axes, time: np.ndarray, place: np.ndarray, state: np.n
         for i, name in enumerate(names):
             text = name.removeprefix("contact_")
             axis.annotate(text, (time[-1], place[-1, i]), (4, 0), textcoords="offset points", fontsize=8, va="center")
-
-
-def _draw_jumps(axis: Axes, samples: Samples) -> None:
-    """Draw each jump as an arrow from the border to where it ended, over a line along the border."""
-    for border in sorted({jump.border for jump in samples.jumps}):
-        axis.axhline(border, color=JUMP, linewidth=0.6, linestyle=":", zorder=0)
-    if samples.jumps:
-        time, start = [jump.time for jump in samples.jumps], [jump.border for jump in samples.jumps]
-        axis.plot(time, start, "D", color=JUMP, markersize=4.5, zorder=4, label="jumps over a border (dotted)")
-        ends = [jump.border + jump.distance for jump in samples.jumps]
-        axis.vlines(time, start, ends, color=JUMP, linewidth=2.2, zorder=4)
 
 
 def _draw_tension(

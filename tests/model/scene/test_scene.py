@@ -73,7 +73,7 @@ WRONG = [
     ("friction/isotropic", 1, "friction: give both `forward` and `backward`, or `isotropic` alone"),
     ("friction", None, "friction: missing"),
     ("friction", 0.3, "friction: write {isotropic: 0.3}, or give `forward` and `backward`"),
-    ("body/links", None, "body.links: missing; the springs between contacts and segments"),
+    ("body/links", None, "body.links: missing; give the springs between contacts and segments"),
     ("body/links", 3, "body.links: 3; it must be a mapping with stiffness, between"),
     ("body/links/between", [], "body.links.between: no links lead from contact 0 to contact 1"),
     ("body/links/stiffness", 10**400, "too large; at most 1e+100"),
@@ -171,7 +171,7 @@ def aliases(deep: int) -> str:
 
 def test_aliases_may_not_stand_for_more_than_a_scene_can_hold():
     assert "unknown key" in refusal(aliases(5))
-    assert "not plain YAML in line 1: with its aliases written out it holds more than" in refusal(aliases(6))
+    assert "not plain YAML in line 1: with its aliases expanded it holds more than" in refusal(aliases(6))
 
 
 def test_an_alias_is_what_it_stands_for():
@@ -466,9 +466,9 @@ WRONG_BODIES = [
         "body.segments.0: the table of stiffness covers 2 .. 3 m, outside the segment's 0 .. 1 m",
     ),
     (with_segments({"friction": 0.3}), "body.segments.0.friction: write {isotropic: 0.3}"),
-    (with_segments({"to": -1}), "to: -1 m; it must lie beyond from, 0 m"),
-    (with_segments({"name": "link_0"}), "name: 'link_0'; it must be a word"),
-    (with_segments({"shown": 1}), "shown: 1; at least the 2 ends are shown"),
+    (with_segments({"to": -1}), "to: -1 m; it must be greater than `from`, 0 m"),
+    (with_segments({"name": "link_0"}), "name: 'link_0'; it must be a single word"),
+    (with_segments({"shown": 1}), "shown: 1; it must be at least 2, as both ends are shown"),
     (
         with_segments({}, {"name": "b", "from": 0.5, "to": 2}),
         "segment b from 0.5 m meets segment trunk, which reaches to 1",

@@ -6,6 +6,7 @@ import copy
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from types import SimpleNamespace
@@ -14,9 +15,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Scene, SceneError, gallery, load_scene, simulate, simulate_many, vary
+from crawler_model import (
+    CommandError,
+    CrawlerError,
+    Scene,
+    SceneError,
+    gallery,
+    load_scene,
+    simulate,
+    simulate_many,
+    vary,
+)
 from crawler_model.run.account import average_displacement
-from crawler_model.sweep import workers
+from crawler_model.sweep import batch, workers
 from crawler_model.sweep.many import Settings, run_chunk
 
 from ..chains import coarse, scene
@@ -221,20 +232,24 @@ def test_ctrl_c_is_no_error(monkeypatch, when):
     assert runs.interrupted
 
 
-def test_a_chunk_that_is_stopped_leaves_the_rest():
+@pytest.mark.parametrize(("method", "asked_before"), [("exact", 4), ("catch_up", 1)])
+def test_a_chunk_that_is_stopped_leaves_the_rest(monkeypatch, method, asked_before):
+    """It is asked before each scene is built, and before each compiled call."""
+    monkeypatch.setattr(batch, "_STEPS", 1)
     asked = []
 
     def stop() -> bool:
         asked.append(len(asked))
-        return len(asked) > 3
+        return len(asked) > asked_before + 1
 
     some = [load_scene("two_anchor_a")] * 4
-    rows, reasons = run_chunk(some, Settings(duration=1.0), stop)  # asked before each run and on its way
+    rows, reasons = run_chunk(some, Settings(duration=1.0, method=method), stop)
     assert rows["status"].tolist() == [1, 0, 0, 0]
     assert reasons == {}
     asked.clear()
-    rows, _ = run_chunk(some, Settings(duration=1.0), lambda: bool(asked) or asked.append(0))
-    assert rows["status"].tolist() == [0, 0, 0, 0]
+    variations = vary(load_scene("two_anchor_a"), {"body.links.stiffness": np.ones(4)})
+    rows, _ = run_chunk(variations, Settings(duration=1.0), lambda: len(asked) > 2 or asked.append(0))
+    assert rows["status"].tolist() == [1, 1, 0, 0]
 
 
 def test_scenes_that_are_none_are_passed_over():
@@ -419,7 +434,7 @@ def test_a_mistake_in_a_key_is_one_clear_line(name, keys, said):
         vary(name if isinstance(name, Scene) else load_scene(name), keys)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
-    with pytest.raises(SceneError, match="as many"):
+    with pytest.raises(SceneError, match="all keys need the same number of values"):
         vary(load_scene("two_anchor_a"), {"drive.length": [1, 2], "drive.friction": [1]}, grid=False)
 
 
@@ -569,3 +584,86 @@ def test_in_the_plane_the_distance_counts_and_the_mean_friction_of_all_direction
     force = runs.period_work[0] / (runs.cost_of_transport[0] * distance)
     assert force == pytest.approx(one.drive.targets[0, 2 * one.body.springs :].sum(), rel=1e-12)
     assert runs.body_lengths[0] == pytest.approx(distance / np.linalg.norm(np.ptp(one.body.position, axis=0)))
+
+
+# Batches, rows and tables
+
+
+@pytest.mark.parametrize("name", ["two_anchor_b", "three_springs", "slope_climber", "friction_wave_segment"])
+@pytest.mark.parametrize("seconds", [None, 2.3])
+def test_runs_together_are_the_runs_alone_to_the_bit(monkeypatch, name, seconds):
+    base = coarse(name) if name.endswith("segment") else resting(name)
+    key = "body.segments.foot.stiffness" if name.endswith("segment") else "body.links.stiffness"
+    variations = vary(base, {key: [1.0, 1e-3, -1.0, 2.0, 5.0, 20.0]})
+    together = simulate_many(variations, seconds)
+    assert together.status.tolist() == ["done", "done", "invalid", "done", "done", "done"]
+    alone = [simulate_many([scene], seconds) for scene in (variations[i] for i in (0, 1, 3, 4, 5))]
+    for field in FIELDS:
+        expected = [getattr(run, field)[0] for run in alone]
+        found = [getattr(together, field)[i] for i in (0, 1, 3, 4, 5)]
+        np.testing.assert_array_equal(found, expected, err_msg=field)
+    monkeypatch.setattr(batch, "_STEPS", 1)
+    same(simulate_many(variations, seconds), together)
+    one = variations[4]
+    end = (10.0 * one.drive.period) if seconds is None else seconds
+    run = simulate(one, end, rate=1.0 / end)
+    assert together.net_translation[4] == run.net_translation[-1]
+    assert (together.work[4], together.stored[4]) == (run.energy.work, run.energy.stored)
+
+
+def test_variations_of_the_times_run_together_where_their_ramps_are_alike():
+    base = resting("two_contacts_anisotropic")
+    for keys in ({"drive.period": [1.0, 1.2, 1.5]}, {"drive.times.1": [0.2, 0.3, 0.5]}):
+        variations = vary(base, keys)
+        for seconds in (None, 2.45):
+            together = simulate_many(variations, seconds)
+            for i, one in enumerate(variations):
+                end = 10.0 * one.drive.period if seconds is None else seconds
+                assert together.net_translation[i] == simulate(one, end, rate=1.0 / end).net_translation[-1]
+
+
+def test_runs_are_a_sequence_of_rows():
+    runs = simulate_many(vary(resting("two_anchor_a"), {"body.links.stiffness": [1.0, -1.0, 3.0]}))
+    assert [row.status for row in runs] == ["done", "invalid", "done"]
+    assert runs[-1].per_period == runs.per_period[2]
+    assert runs[0].period_work == runs.period_work[0]
+    assert runs[0].events == runs.events[0]
+    assert "must be > 0" in runs[1].reason
+    assert len(runs[1:]) == 2
+    assert runs[1:].net_translation[1] == runs.net_translation[2]
+    assert runs[::-1].reason == runs.reason[::-1]
+    with pytest.raises(IndexError):
+        runs[3]
+    planar = simulate_many([load_scene("planar_rectilinear")], duration=1.0, rate=4.0)
+    assert planar[0].per_period.shape == (2,)
+
+
+def test_the_energy_of_a_period_and_what_it_gains():
+    """In the periodic regime friction loses what the actuators do."""
+    runs = simulate_many([resting("two_anchor_a")])
+    assert runs.period_dissipation == pytest.approx(runs.period_work, abs=1e-12)
+    assert runs.period_efficiency == pytest.approx(runs.per_period / runs.period_dissipation)
+    assert runs.efficiency == pytest.approx(runs.gained / runs.dissipation)
+    longer, shorter = (simulate(resting("two_anchor_a"), s, rate=1.0 / s).energy for s in (10.0, 9.0))
+    assert runs.period_dissipation[0] == pytest.approx(longer.dissipation - shorter.dissipation, abs=1e-12)
+    assert np.isnan(simulate_many([scene(3)], duration=1.0).period_efficiency).all()
+    assert np.isnan(simulate_many([scene(3)], duration=1.0).efficiency).all()
+
+
+def test_runs_convert_to_a_table():
+    pytest.importorskip("pyarrow")
+    runs = simulate_many(vary(load_scene("two_anchor_a"), {"body.links.stiffness": [1.0, -1.0]}))
+    table = runs.to_table()
+    assert table["per_period"].to_pylist() == [runs.per_period[0], None]
+    assert table["status"].to_pylist() == ["done", "invalid"]
+    assert table["reason"].to_pylist() == list(runs.reason)
+    assert table["events"].to_pylist() == [runs.events[0], None]
+    assert table.schema.field("period_work").metadata == {b"unit": b"J"}
+    planar = simulate_many([load_scene("planar_rectilinear")], duration=1.0, rate=4.0).to_table()
+    assert {"per_period_x", "efficiency_y"} <= set(planar.column_names)
+
+
+def test_without_pyarrow_a_table_is_one_clear_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(CrawlerError, match=r"to_table: pyarrow is not installed; pip install 'crawler-ros\[sweep\]'"):
+        simulate_many([load_scene("two_anchor_a")]).to_table()

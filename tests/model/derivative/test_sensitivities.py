@@ -1,0 +1,217 @@
+"""Derivatives of runs against central differences, closed forms and constructed kinks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_model import CommandError, Scene, SceneError, load_scene, sensitivities, simulate
+
+from .drawn import KEYS, SEGMENT_KEYS, differences, draw, draw_segment
+
+DURATION, RATE = 3.0, 7.0
+
+
+def compare(document: dict[str, Any], keys: tuple[str, ...]) -> int:
+    """Compare all derivatives of a run with differences; return how many were compared."""
+    found = sensitivities(Scene.model_validate(document), keys, DURATION, RATE)
+    assert found.differentiable
+    compared = 0
+    for p, name in enumerate(found.parameters):
+        expected = differences(document, name, DURATION, RATE)
+        if expected is None:
+            continue
+        ours = np.concatenate((found.displacement[..., p].ravel(), found.per_period[:, p], [found.work[p]]))
+        assert np.abs(ours - expected).max() <= 1e-8 * (1.0 + np.abs(ours).max()), name
+        compared += 1
+    return compared
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_crawlers_agree_with_differences(seed: int) -> None:
+    document = draw(seed)
+    assert compare(document, KEYS) >= 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(0, 1000, 100))
+def test_a_thousand_random_crawlers_agree_with_differences(first: int) -> None:
+    assert sum(compare(draw(seed), KEYS) for seed in range(first, first + 100)) >= 1000
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_segments_agree_with_differences(seed: int) -> None:
+    assert compare(draw_segment(seed), SEGMENT_KEYS) >= 5
+
+
+@pytest.mark.parametrize("key", ["drive.wave.amplitude", "drive.wave.wavelength", "friction.forward"])
+def test_waves_agree_with_differences(key: str) -> None:
+    document = load_scene("ten_contact_wave").document()
+    assert compare(document, (key,)) == 1
+
+
+def test_the_instants_of_waypoints_passed_in_a_straight_line_do_not_matter() -> None:
+    document = draw(3)
+    drive = document["drive"]
+    a, b = np.array(drive["actuation"][0]), np.array(drive["actuation"][1])
+    drive["actuation"].insert(1, (a + 0.3 * (b - a)).tolist())
+    drive["times"].insert(1, 0.3 * drive["times"][1])
+    found = sensitivities(
+        Scene.model_validate(document), ["drive.times[1]", "drive.times[2]", "drive.period"], 3.0, 1.0
+    )
+    size = np.abs(simulate(Scene.model_validate(document), 3.0, 1.0).per_period).max()
+    assert np.abs(found.per_period).max() <= 1e-12 * size
+
+
+def test_two_contacts_gain_as_the_closed_form_says() -> None:
+    scene = load_scene("two_contacts_anisotropic")  # the gain is D - 2 mu_plus / k, the less for a softer link
+    run = simulate(scene, 5.0, 1.0)
+    stiffness = scene.body.stiffness[0]
+    forward = scene.drive.forward[0, 0]
+    found = sensitivities(scene, ["body.links.stiffness", "friction.forward"], 5.0, 1.0)
+    assert run.per_period[-1] == pytest.approx(np.ptp(scene.drive.actuation) - 2.0 * forward / stiffness, abs=1e-15)
+    assert found.per_period[-1] == pytest.approx([2.0 * forward / stiffness**2, -2.0 / stiffness], rel=1e-12)
+
+
+def test_a_key_that_names_a_table_counts_for_each_number() -> None:
+    scene = load_scene("three_contacts_two_ways")
+    waypoints, links = len(scene.drive.times), 2
+    found = sensitivities(scene, ["drive.actuation", "body.links.stiffness"], 2.0, 1.0)
+    assert found.parameters[: waypoints * links] == tuple(
+        f"drive.actuation[{row}][{link}]" for row in range(waypoints) for link in range(links)
+    )
+    assert found.displacement.shape == (3, 3, len(found.parameters))
+    assert found.per_period.shape == (2, len(found.parameters))
+    assert found.values[0] == scene.drive.actuation[0, 0]
+
+
+def test_the_last_row_of_a_closed_drive_follows_the_first() -> None:
+    document = load_scene("three_contacts_two_ways").document()
+    assert document["drive"]["times"][-1] == document["drive"]["period"]
+    closed = sensitivities(Scene.model_validate(document), ["drive.actuation"], 3.0, 3.0)
+    for part in ("times", "actuation"):
+        document["drive"][part] = document["drive"][part][:-1]
+    opened = sensitivities(Scene.model_validate(document), ["drive.actuation"], 3.0, 3.0)
+    count = len(opened.parameters)
+    assert np.array_equal(closed.displacement[..., :count], opened.displacement)
+    assert not closed.displacement[..., count:].any()
+
+
+def test_results_do_not_depend_on_the_ticks() -> None:
+    scene = Scene.model_validate(draw(8))
+    coarse = sensitivities(scene, KEYS, 4.0, 1.0)
+    fine = sensitivities(scene, KEYS, 4.0, 50.0)
+    size = np.abs(coarse.displacement).max()
+    assert np.abs(fine.displacement[::50] - coarse.displacement).max() <= 1e-12 * size
+    assert np.abs(fine.work - coarse.work).max() <= 1e-12 * np.abs(coarse.work).max()
+
+
+# -- kinks ----------------------------------------------------------------------------------------------------------
+
+
+def pull(times: list[float], rows: list[list[float]], **more: Any) -> dict[str, Any]:
+    """Two contacts, a link of 1 N/m, friction 1 N both ways."""
+    return {
+        "name": "kinks",
+        "body": {"contacts": [0.0, 5.0], "links": {"stiffness": 1.0}},
+        "friction": {"forward": [1.0, 1.0], "backward": [1.5, 1.5]},
+        "drive": {"times": times, "actuation": rows},
+    } | more
+
+
+def test_a_waypoint_on_a_plateau_is_a_kink() -> None:
+    scene = Scene.model_validate(pull([0.0, 1.0, 2.0, 3.0], [[0.0], [3.0], [3.0], [0.0]]))
+    found = sensitivities(scene, ["drive.actuation"], 3.0, 10.0)
+    assert not found.differentiable
+    assert found.one_sided.tolist() == [False, False, True, False] or found.one_sided[2]
+    assert any(kink.time == pytest.approx(2.0) and kink.contacts for kink in found.kinks)
+
+
+def test_a_contact_that_starts_at_its_bound_is_a_kink() -> None:
+    scene = Scene.model_validate(
+        pull([0.0, 1.0], [[0.0], [2.0]]) | {"start": {"displacement": [0.0, 1.0]}}
+    )  # the left contact is pulled by its forward friction
+    found = sensitivities(scene, ["friction.forward[0]", "body.links.stiffness"], 1.0, 10.0)
+    assert found.one_sided.all()
+    assert "contact 0" in {name for kink in found.kinks for name in kink.contacts}
+
+
+def test_a_waypoint_where_a_contact_just_reaches_its_bound_is_a_kink() -> None:
+    scene = Scene.model_validate(pull([0.0, 1.0, 2.0], [[0.0], [-1.0], [0.0]]))  # |T| = 1 N at the waypoint
+    found = sensitivities(scene, ["drive.actuation[1][0]"], 2.0, 10.0)
+    assert not found.differentiable
+    for step, slope in ((1e-3, None), (-1e-3, None)):
+        scene = Scene.model_validate(pull([0.0, 1.0, 2.0], [[0.0], [-1.0 + step], [0.0]]))
+        assert sensitivities(scene, ["drive.actuation[1][0]"], 2.0, 10.0).differentiable, slope
+
+
+def test_two_events_at_once_are_a_kink_only_if_a_contact_stops() -> None:
+    # three contacts pulled alike from both sides: the outer ones begin to slide together, and nobody stops
+    document = {
+        "name": "tie",
+        "body": {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": [1.0, 1.0]}},
+        "friction": {"forward": [0.5, 1.0, 1.0], "backward": [1.0, 1.0, 0.5]},
+        "drive": {"times": [0.0, 1.0], "actuation": [[0.0, 0.0], [-2.0, -2.0]]},
+    }
+    found = sensitivities(Scene.model_validate(document), ["friction.forward[0]", "body.links.stiffness"], 1.0, 10.0)
+    assert found.differentiable
+
+
+def test_friction_that_leaves_the_translation_open_is_a_kink() -> None:
+    scene = load_scene("continuous_segment")
+    keys = ["drive.actuation[1][0]", "body.segments.0.stiffness", "body.segments.0.friction.forward"]
+    found = sensitivities(scene, keys, 2.0, 2.0)
+    assert found.one_sided.tolist() == [False, False, True]
+
+
+# -- bad input ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "message"),
+    [
+        ("two_anchor_a", ["drive.strategy"], "drive.strategy: 'A' is not a number"),
+        ("two_anchor_a", ["friction.up"], "friction.up: unknown key"),
+        ("two_anchor_a", [], "at least one key"),
+        ("two_anchor_a", "drive.length", "must be a list"),
+        ("two_anchor_a", ["drive.length", "drive.length"], "named twice"),
+        ("planar_three_points", ["friction.isotropic"], "in the plane"),
+        ("three_contacts_two_ways", ["drive.times[9]"], "unknown key"),
+    ],
+)
+def test_keys_without_a_derivative_are_refused(name: str, keys: Any, message: str) -> None:
+    with pytest.raises(SceneError, match=r"^(sensitivities|vary): ") as refused:
+        sensitivities(load_scene(name), keys)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_fixed_times_have_no_derivative() -> None:
+    scene = load_scene("three_contacts_two_ways")
+    found = sensitivities(scene, ["drive.times"], 2.0, 4.0)
+    assert len(found.parameters) == scene.drive.times.size
+    assert not found.displacement[..., [0, -1]].any()
+    assert found.displacement[..., 1:-1].any()
+    assert np.abs(found.per_period).max() <= 1e-15
+
+
+def test_a_scene_without_a_drive_is_refused() -> None:
+    document = draw(0)
+    del document["drive"]
+    with pytest.raises(SceneError, match="has no drive"):
+        sensitivities(Scene.model_validate(document), ["friction.forward"])
+
+
+def test_patches_are_refused() -> None:
+    document = draw(0) | {"ground": {"slope": 0.0, "patches": [{"from": 1.0, "to": 2.0, "friction": 0.5}]}}
+    with pytest.raises(SceneError, match=r"ground\.patches"):
+        sensitivities(Scene.model_validate(document), ["friction.forward"])
+
+
+def test_a_duration_out_of_range_is_refused() -> None:
+    with pytest.raises(CommandError, match="duration"):
+        sensitivities(load_scene("two_anchor_a"), ["drive.length"], duration=-1.0)
+    with pytest.raises(CommandError, match="lower rate"):
+        sensitivities(load_scene("ten_contact_wave"), ["friction.forward"], duration=1e5, rate=1e4)

@@ -1,0 +1,64 @@
+"""The periodic regime of a drive, and the transient before it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crawler_model import CommandError, Scene, limit_cycle, load_scene, simulate
+
+
+@pytest.mark.parametrize("name", ["three_contacts_two_ways", "continuous_segment", "slope_climber", "three_springs"])
+def test_a_gait_whose_tensions_repeat_settles_exactly(name: str) -> None:
+    scene = load_scene(name)
+    found = limit_cycle(scene)
+    later = simulate(scene, 20.0 * (scene.drive.period or 1.0), 1.0).per_period[-1]
+    assert found.settled
+    assert found.ratio == 0.0
+    assert abs(found.gain - later) <= found.transient_left
+    assert found.gains.size == found.periods
+
+
+def test_a_long_transient_is_estimated() -> None:
+    scene = load_scene("ten_contact_wave")
+    exact = limit_cycle(scene, tolerance=1e-15, most_periods=200).gain
+    for tolerance in (1e-2, 1e-4, 1e-6):
+        found = limit_cycle(scene, tolerance)
+        assert found.settled
+        assert abs(found.gain - exact) <= 2.0 * found.transient_left + 1e-15
+
+
+def test_a_regime_that_has_not_settled_is_reported() -> None:
+    found = limit_cycle(load_scene("ten_contact_wave"), tolerance=1e-14, most_periods=5)
+    assert not found.settled
+    assert found.periods == 5
+    assert 0.0 < found.ratio < 1.0
+    assert "not settled after 5 periods" in repr(found)
+    assert "does not shrink yet" in repr(limit_cycle(load_scene("ten_contact_wave"), most_periods=2))
+
+
+def test_progress_is_reported() -> None:
+    parts: list[float] = []
+    limit_cycle(load_scene("ten_contact_wave"), tolerance=1e-14, most_periods=5, progress=parts.append)
+    assert parts == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+
+
+def test_the_plane_has_a_periodic_regime() -> None:
+    found = limit_cycle(load_scene("planar_three_points"))
+    assert found.settled
+    assert np.shape(found.gain) == (2,)
+
+
+def test_what_has_no_periodic_regime_is_refused() -> None:
+    scene = load_scene("two_contacts_critical")
+    document = scene.document()
+    once = {**document, "drive": {"times": [0.0, 1.0], "actuation": [[0.0], [0.1]]}}
+    with pytest.raises(CommandError, match="no drive with a period"):
+        limit_cycle(Scene.model_validate(once))
+    patched = {**document, "ground": {"patches": [{"from": 1.0, "to": 2.0, "friction": 0.5}]}}
+    with pytest.raises(CommandError, match=r"ground\.patches"):
+        limit_cycle(Scene.model_validate(patched))
+    with pytest.raises(CommandError, match="tolerance 0"):
+        limit_cycle(scene, tolerance=0.0)
+    with pytest.raises(CommandError, match="most_periods 0"):
+        limit_cycle(scene, most_periods=0)
