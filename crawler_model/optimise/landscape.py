@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from .optimise import worst_value
+from .goal import measure
 from .optimum import Optimum
 
 _MOST_RUNS = 2000
+_TOGETHER = 64
 
 
 def profile(optimum: Optimum) -> tuple[np.ndarray, np.ndarray]:
@@ -22,11 +25,10 @@ def profile(optimum: Optimum) -> tuple[np.ndarray, np.ndarray]:
     """
     count = optimum.point.size
     part = np.linspace(0.0, 1.0, int(np.clip(_MOST_RUNS // count, 5, 41)))
-    values = np.empty((count, part.size))
+    points = np.tile(optimum.point, (count, part.size, 1))
     for i in range(count):
-        for j, place in enumerate(part):
-            values[i, j] = _value(optimum, {i: float(place)})
-    return part, values
+        points[i, :, i] = part
+    return part, _values(optimum, points.reshape(-1, count)).reshape(count, part.size)
 
 
 def map_plane(optimum: Optimum) -> tuple[tuple[int, int], np.ndarray, np.ndarray, np.ndarray]:
@@ -42,17 +44,20 @@ def map_plane(optimum: Optimum) -> tuple[tuple[int, int], np.ndarray, np.ndarray
     order = np.argsort(-np.ptp(np.nan_to_num(values), axis=1), kind="stable")
     pair = int(order[0]), int(order[1])
     part = np.linspace(0.0, 1.0, 41)
-    table = np.array([[_value(optimum, {pair[0]: float(x), pair[1]: float(y)}) for x in part] for y in part])
+    points = np.tile(optimum.point, (part.size, part.size, 1))
+    points[:, :, pair[0]], points[:, :, pair[1]] = part, part[:, None]
+    table = _values(optimum, points.reshape(-1, optimum.point.size)).reshape(part.size, part.size)
     x, y = (optimum.low[i] + part * (optimum.high[i] - optimum.low[i]) for i in pair)
     return pair, x, y, table
 
 
-def _value(optimum: Optimum, places: dict[int, float]) -> float:
-    point = optimum.point.copy()
-    for i, place in places.items():
-        point[i] = place
-    space = optimum.space
-    regimes = space.regimes(point)
-    if any(regime is None or space.goal.excess(regime) > 0.0 for regime in regimes):
-        return float("nan")
-    return worst_value(space, point)
+def _values(optimum: Optimum, points: np.ndarray) -> np.ndarray:
+    """Compute the objective of candidates, on the scene where it is worst; NaN outside of the limits."""
+    goal, values = optimum.space.goal, []
+    for first in range(0, points.shape[0], _TOGETHER):
+        for regimes in optimum.space.regimes(points[first : first + _TOGETHER]):
+            inside = [regime for regime in regimes if regime is not None and goal.excess(regime) == 0.0]
+            worst = min(inside, key=lambda regime: min(goal.scores(regime)), default=None)
+            lost = worst is None or len(inside) < len(regimes)
+            values.append(math.nan if lost or worst is None else measure(goal.objective, worst))
+    return np.array(values)

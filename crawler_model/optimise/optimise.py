@@ -170,7 +170,7 @@ def check_found(space: Space, found: Found) -> None:
     """
     if found.score == -math.inf:
         raise CommandError("optimise: stopped before the first gait was run")
-    regimes = space.regimes(found.point)
+    regimes = space.regimes(found.point[None])[0]
     for unknowns, regime in zip(space.scenes, regimes, strict=True):
         if regime is None:
             unknowns.cycle(space.values(found.point))
@@ -207,7 +207,7 @@ def finish(
     goal, point = space.goal, space.canonical(found.point)
     values = space.values(point)
     cycle = unknowns.cycle(values)
-    regime = find_regime(cycle, with_peak=True)
+    regime = find_regime(cycle)
     assert regime is not None
     scene = Scene.model_validate(unknowns.document(values))
     value = worst_value(space, point)
@@ -259,7 +259,7 @@ def worst_value(space: Space, point: np.ndarray) -> float:
     Returns:
         The value; NaN where it has none.
     """
-    regimes = [regime for regime in space.regimes(point) if regime is not None]
+    regimes = [regime for regime in space.regimes(point[None])[0] if regime is not None]
     if not regimes:
         return math.nan
     return measure(space.goal.objective, min(regimes, key=lambda regime: min(space.goal.scores(regime))))
@@ -307,16 +307,15 @@ def _gradient_norm(space: Space, point: np.ndarray, value: float) -> float:
 
 def _find_flat(space: Space, point: np.ndarray) -> list[bool]:
     """Find the unknowns that change nothing near a point."""
-    score, flat = space.score(point), []
-    for i in range(point.size):
-        changed = []
-        for step in (_FLAT_STEP, -_FLAT_STEP):
-            other = point.copy()
-            other[i] = np.clip(other[i] + step, 0.0, 1.0)
-            if other[i] != point[i]:
-                changed.append(abs(space.score(other) - score) > _FLAT * abs(score))
-        flat.append(not all(changed))
-    return flat
+    moves = [(i, np.clip(point[i] + step, 0.0, 1.0)) for i in range(point.size) for step in (_FLAT_STEP, -_FLAT_STEP)]
+    moves = [(i, place) for i, place in moves if place != point[i]]
+    others = np.repeat(point[None], len(moves), axis=0)
+    for other, (i, place) in zip(others, moves, strict=True):
+        other[i] = place
+    score, *scores = space.scores([point, *others])
+    same = [abs(other - score) <= _FLAT * abs(score) for other in scores]
+    flat = {i for (i, _), is_same in zip(moves, same, strict=True) if is_same}
+    return [i in flat for i in range(point.size)]
 
 
 def _active_bounds(unknowns: Unknowns, space: Space, point: np.ndarray, regime: Regime) -> tuple[ActiveBound, ...]:

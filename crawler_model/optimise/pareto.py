@@ -158,7 +158,7 @@ def pareto(
 
 def _scores(space: Space, point: np.ndarray) -> tuple[float, float]:
     """Compute the scores for translation and for the cost of transport, each the worst of all scenes."""
-    regimes = [regime for regime in space.regimes(point) if regime is not None]
+    regimes = [regime for regime in space.regimes(point[None])[0] if regime is not None]
     return (
         min(score("translation", regime) for regime in regimes),
         min(score("cost-of-transport", regime) for regime in regimes),
@@ -166,7 +166,7 @@ def _scores(space: Space, point: np.ndarray) -> tuple[float, float]:
 
 
 def _compromise(space: Space, point: np.ndarray) -> Compromise:
-    regimes = [regime for regime in space.regimes(point) if regime is not None]
+    regimes = [regime for regime in space.regimes(point[None])[0] if regime is not None]
     unknowns, values = space.scenes[0], space.values(space.canonical(point))
     gain = min(regime.gain for regime in regimes)
     cost = max(measure("cost-of-transport", regime) for regime in regimes)

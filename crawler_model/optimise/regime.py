@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..body.drive import Drive
 from ..crawler.crawler import default_budget
 from ..derivative.parameters import Derivatives
 from ..derivative.path import TangentPath, Vertices
+from ..motion.follow import build_motion
 from ..motion.pieces import COUNT, FROM, HEADER, RAMP, UNTIL, room_for_pieces
-from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED, WORK
+from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
+from ..scene.assembly import Assembly
 from .unknowns import Cycle
 
 _REPEATS = 1e-10
 """Tensions at the ends of periods that differ by less than this part of the largest are taken to repeat."""
-_FIRST_PERIODS, _MOST_PERIODS = 3, 48
+_PERIODS = (3, 10, 32)
+"""Periods after which candidates are measured, if their tensions repeat; the others are run again, for longer."""
+_MOST_PERIODS = _PERIODS[-1]
 _DERIVATIVE_REPEATS = 1e-9
 
 
@@ -44,91 +50,138 @@ class Regime:
     settled: bool
 
 
-def find_regime(cycle: Cycle, with_peak: bool = False) -> Regime | None:
-    """Run a candidate until its tensions repeat, and measure the next period.
+def find_regime(cycle: Cycle) -> Regime | None:
+    """Compute the periodic regime of a candidate.
 
     Args:
         cycle: the candidate.
-        with_peak: whether to find the largest tension, which is at the end of a linear piece.
 
     Returns:
-        The regime; None if a ramp has too many events to be followed exactly.
+        The regime, with its peak; None if a ramp has too many events to be followed exactly.
     """
     plan = cycle.plan
-    body, targets = plan.body, plan.drive.targets
-    motion, rest = cycle.rest
-    state, scratch = rest.copy(), motion.scratch()
-    budget, n, count = default_budget(body), body.contacts, targets.shape[0] - 1
-    period = np.vstack((targets[2:], targets[1:2]))
-    periods, done, settled = _FIRST_PERIODS, 0, False
-    chunk = np.vstack((targets[1:2], np.tile(period, (periods, 1))))
+    body = dataclasses.replace(plan.body, stiffness=np.array(plan.body.stiffness)[None])
+    ground = dataclasses.replace(plan.ground, weight=np.array(plan.ground.weight)[None])
+    drive = Drive(plan.drive.times, None, np.array(plan.drive.rows)[None], plan.columns)
+    one = Assembly(plan.parts, body, ground, plan.columns, drive, np.array(plan.start_displacement)[None])
+    found = find_regimes(Cycle(one, cycle.seconds))[0]
+    return None if found is None else dataclasses.replace(found, peak=find_peak(cycle))
+
+
+def find_regimes(cycles: Cycle) -> list[Regime | None]:
+    """Run candidates until their tensions repeat, and measure the next period.
+
+    Args:
+        cycles: M candidates built together.
+
+    Returns:
+        Their regimes, with NaN for the peak; None where a ramp has too many events to be followed exactly.
+    """
+    plan = cycles.plan
+    targets, count = plan.drive.targets, plan.drive.targets.shape[0]
+    found: list[Regime | None] = [None] * count
+    travel, speed, force = _travel(cycles)
+    left = np.arange(count)
+    for periods in _PERIODS:
+        if not left.size:
+            break
+        gain, work, settled, lost = _run(plan, targets, left, periods)
+        for k, m in enumerate(left):
+            if not lost[k]:
+                found[m] = Regime(
+                    float(gain[k]),
+                    float(work[k]),
+                    float(travel[m]),
+                    float(force[m]),
+                    math.nan,
+                    float(speed[m]),
+                    bool(settled[k]),
+                )
+        left = left[~(settled | lost)]
+    return found
+
+
+def _run(
+    plan: Assembly, targets: np.ndarray, lanes: np.ndarray, periods: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Run candidates for some periods and one more: its gain and work, whether it settled, whether it was lost."""
+    body = dataclasses.replace(plan.body, stiffness=np.ascontiguousarray(plan.body.stiffness[lanes]))
+    targets = np.ascontiguousarray(targets[lanes])
+    motion: Any = build_motion(dataclasses.replace(plan, body=body))
+    state = motion.start(np.ascontiguousarray(plan.start_displacement[lanes]), targets[:, 0])
+    count, n = targets.shape[1] - 1, body.contacts
+    rows = np.concatenate(([1], np.tile(np.append(np.arange(2, count + 1), 1), periods + 1)))
+    legs = np.array([0, rows.size - count, rows.size])
+    accounts = np.zeros((lanes.size, ACCOUNT_SIZE))
+    accounts[:, VISITED] = math.inf
+    spent = np.empty((lanes.size, 2, 2))
+    records = np.empty((lanes.size, rows.size, 2 * n + body.springs))
+    motion.follow_many(state, motion.scratch(), targets, rows, legs, default_budget(body), accounts, spent, records)
+    end, begin = records[:, -1], records[:, -1 - count]
+    tension, before = end[:, 2 * n :], begin[:, 2 * n :]
+    settled = np.abs(tension - before).max(axis=1) <= _REPEATS * np.maximum(np.abs(tension).max(axis=1), 1e-300)
+    gain = ((end[:, :n] - begin[:, :n]) + (end[:, n : 2 * n] - begin[:, n : 2 * n])) @ body.share
+    stored = 0.5 * ((tension**2 - before**2) / body.stiffness).sum(axis=1)
+    lost = (accounts[:, OVERSPENT] + accounts[:, UNSOLVED]) > 0.0
+    return gain, spent[:, 1, 0] - spent[:, 0, 0] - stored, settled, lost
+
+
+def _travel(cycles: Cycle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute the travel, the fastest change of a rest length, and the force of candidates."""
+    plan = cycles.plan
+    body, n = plan.body, plan.body.contacts
+    lengths = plan.drive.targets[:, 1:, : body.springs]
+    change = np.abs(np.diff(lengths, axis=1, append=lengths[:, :1]))
+    joints = np.moveaxis(body.joint_sum(np.moveaxis(change, -1, 0)), 0, -1)
+    speed = (joints / np.roll(cycles.seconds, -1)[:, None]).max(axis=(1, 2), initial=0.0)
+    weight = plan.ground.weight.sum(axis=-1)
+    friction = plan.drive.targets[:, 1:, body.springs : body.springs + 2 * n].sum(axis=2)
+    force = np.where(weight > 0.0, weight, 0.5 * friction @ cycles.share)
+    return change.sum(axis=(1, 2)), speed, force
+
+
+def find_peak(cycle: Cycle) -> float:
+    """Find the largest tension in a period, which is at the end of a linear piece.
+
+    Args:
+        cycle: the candidate.
+
+    Returns:
+        The tension [N], of the period after the last one of a run as long as the longest.
+    """
+    plan = cycle.plan
+    body, targets, n = plan.body, plan.drive.targets, plan.body.contacts
+    motion: Any = build_motion(plan)
+    scratch, budget = motion.scratch(), default_budget(body)
+    state = motion.start(plan.start_displacement, targets[0])
     account = np.zeros(ACCOUNT_SIZE)
     account[VISITED] = math.inf
-    while True:
-        records = np.empty((chunk.shape[0], 2 * n + body.springs))
-        motion.follow(state, scratch, chunk, True, budget, account, records)
-        done += periods
-        last, before = records[-1, 2 * n :], records[-1 - count, 2 * n :]
-        settled = bool(np.abs(last - before).max(initial=0.0) <= _REPEATS * np.abs(last).max(initial=1e-300))
-        if settled or done >= _MOST_PERIODS:
+    period = np.ascontiguousarray(np.vstack((targets[2:], targets[1:2])))
+    ends = np.empty((period.shape[0], 2 * n + body.springs))
+    motion.follow(state, scratch, targets[1:2].copy(), True, budget, account, ends[:1])
+    last = np.full(body.springs, math.inf)
+    for _ in range(_MOST_PERIODS):
+        tension = np.array(state.tension)
+        if np.abs(tension - last).max(initial=0.0) <= _REPEATS * np.abs(tension).max(initial=1e-300):
             break
-        periods = done
-        chunk = np.tile(period, (periods, 1))
-    account[WORK] = 0.0
-    ends = np.empty((count, 2 * n + body.springs))
-    begin = records[-1].copy()
-    if with_peak:
-        peak = _find_peak(motion, state, scratch, period, budget, account, ends, body)
-    else:
+        last = tension
         motion.follow(state, scratch, period, True, budget, account, ends)
-        peak = math.nan
-    if account[OVERSPENT] or account[UNSOLVED]:
-        return None
-    moved = (ends[-1, :n] - begin[:n]) + (ends[-1, n : 2 * n] - begin[n : 2 * n])
-    change = np.abs(np.diff(targets[1:, : body.springs], axis=0, append=targets[1:2, : body.springs]))
-    lengths = body.joint_sum(change.T).T if body.segments else change
-    speed = float((lengths / np.roll(cycle.seconds, -1)[:, None]).max(initial=0.0))
-    gain = float(body.share @ moved)
-    stored = 0.5 * float(((ends[-1, 2 * n :] ** 2 - begin[2 * n :] ** 2) / body.stiffness).sum())
-    return Regime(gain, float(account[WORK]) - stored, float(change.sum()), _force(cycle)[0], peak, speed, settled)
-
-
-def _find_peak(
-    motion: Any,
-    state: Any,
-    scratch: Any,
-    period: np.ndarray,
-    budget: int,
-    account: np.ndarray,
-    ends: np.ndarray,
-    body: Any,
-) -> float:
-    """Follow a period and find the largest tension at the ends of its linear pieces."""
-    before, spent = state.copy(), account.copy()
-    n, room = body.contacts, 16 * period.shape[0] + 64
-    tension, actuation = np.array(state.tension), np.array(state.actuation)
+    room, begin = 16 * period.shape[0] + 64, state.copy()
     while True:
-        pieces = room_for_pieces(room, n)
+        state, pieces = begin.copy(), room_for_pieces(room, n)
         motion.follow(state, scratch, period, True, budget, account, ends, pieces)
         if pieces[0, COUNT] <= room:
             break
         room = int(pieces[0, COUNT])
-        for array, old in ((state.contacts, before.contacts), (state.links, before.links)):
-            array[:] = old
-        state.status[:] = before.status
-        account[:] = spent
     met = pieces[1 : 1 + int(pieces[0, COUNT])]
     ramps = met[:, RAMP].astype(np.int64)
-    steps = np.diff(np.vstack((actuation, period[:, : body.springs])), axis=0)
+    steps = np.diff(np.vstack((begin.actuation, period[:, : body.springs])), axis=0)
     velocity = met[:, HEADER : HEADER + n]
     rate = body.stiffness * (velocity[:, body.ends[:, 1]] - velocity[:, body.ends[:, 0]] - steps[ramps])
-    at_starts = np.vstack((tension, ends[:-1, 2 * n :]))
-    peak = max(float(np.abs(at_starts).max(initial=0.0)), float(np.abs(ends[:, 2 * n :]).max(initial=0.0)))
+    starts = np.vstack((begin.tension, ends[:, 2 * n :]))
     inside = rate * (met[:, UNTIL] - met[:, FROM])[:, None]
-    for ramp in np.unique(ramps):
-        path = at_starts[ramp] + np.cumsum(inside[ramps == ramp], axis=0)
-        peak = max(peak, float(np.abs(path).max(initial=0.0)))
-    return peak
+    paths = [starts[ramp] + np.cumsum(inside[ramps == ramp], axis=0) for ramp in np.unique(ramps)]
+    return max(float(np.abs(path).max(initial=0.0)) for path in (starts, *paths))
 
 
 def _force(cycle: Cycle) -> tuple[float, np.ndarray | None]:

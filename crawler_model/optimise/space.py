@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -12,10 +12,11 @@ import numpy as np
 from ..errors import CrawlerError
 from ..sweep.workers import available_cores
 from .goal import Goal
-from .regime import Regime, differentiate_regime, find_regime
+from .regime import Regime, differentiate_regime, find_peak, find_regimes
 from .unknowns import Unknowns
 
-_CHUNK = 16
+_CHUNK = 64
+"""Candidates that are run in one compiled call."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,33 +124,43 @@ class Space:
                 bounds += [most[j], most[j]]
         return np.array(rows).reshape(-1, self.size), np.array(bounds)
 
-    def regimes(self, unit: np.ndarray) -> list[Regime | None]:
-        """Compute the periodic regime of a candidate on each scene.
+    def regimes(self, points: np.ndarray) -> list[list[Regime | None]]:
+        """Compute the periodic regimes of candidates on each scene.
 
         Args:
-            unit: shape (P,).
+            points: shape (M, P).
 
         Returns:
-            The regimes; None where it cannot be followed or numbers do not fit together.
+            For each candidate the regimes; None where it cannot be followed or numbers do not fit together.
         """
-        values, found = self.values(unit), []
-        for unknowns in self.scenes:
-            try:
-                found.append(find_regime(unknowns.cycle(values), bool(np.isfinite(self.goal.tension))))
-            except CrawlerError:
-                found.append(None)
+        values = np.array([self.values(point) for point in points])
+        each = [self._regimes(unknowns, values) for unknowns in self.scenes]
+        return [list(of_one) for of_one in zip(*each, strict=True)]
+
+    def _regimes(self, unknowns: Unknowns, values: np.ndarray) -> list[Regime | None]:
+        try:
+            found = find_regimes(unknowns.cycles(values))
+            if np.isfinite(self.goal.tension):
+                for m, regime in enumerate(found):
+                    if regime is not None:
+                        found[m] = dataclasses.replace(regime, peak=find_peak(unknowns.cycle(values[m])))
+        except CrawlerError:
+            if values.shape[0] == 1:
+                return [None]
+            return [self._regimes(unknowns, row[None])[0] for row in values]
         return found
 
-    def score(self, unit: np.ndarray) -> float:
-        """Compute the score of a candidate, the worst one of all scenes.
+    def scores(self, points: Sequence[np.ndarray]) -> list[float]:
+        """Compute the scores of candidates, the worst one of all scenes.
 
         Args:
-            unit: shape (P,).
+            points: each of shape (P,).
 
         Returns:
-            The score.
+            The scores.
         """
-        return min(min(self.goal.scores(regime)) for regime in self.regimes(unit))
+        found = self.regimes(np.array(points))
+        return [min(min(self.goal.scores(regime)) for regime in regimes) for regimes in found]
 
     def slopes(self, unit: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Differentiate all scores of a candidate.
@@ -207,13 +218,13 @@ class Evaluator:
             Shape (M,).
         """
         self.evaluations += len(points)
-        return self._spread(points, self.space.score)
-
-    def _spread(self, points: Sequence[np.ndarray], function: Callable[[np.ndarray], float]) -> np.ndarray:
-        if self._pool is None or len(points) < 2 * _CHUNK:
-            return np.array([function(point) for point in points])
+        if not points:
+            return np.zeros(0)
         parts = [points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK)]
-        found = self._pool.map(lambda part: [function(point) for point in part], parts)
+        if self._pool is None or len(parts) == 1:
+            found = map(self.space.scores, parts)
+        else:
+            found = self._pool.map(self.space.scores, parts)  # type: ignore[assignment]
         return np.array([value for part in found for value in part])
 
     def slopes(self, point: np.ndarray) -> list[tuple[float, np.ndarray]]:

@@ -13,9 +13,9 @@ import numpy as np
 from ..body.drive import Drive
 from ..derivative.parameters import Derivatives, differentiate_arrays
 from ..errors import CrawlerError, SceneError
-from ..motion.follow import build_motion
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
+from ..sweep.stack import stack, stack_scenes
 from ..sweep.vary import Variations
 
 
@@ -68,12 +68,10 @@ class Cycle:
     Attributes:
         plan: body, start and drive; the first waypoint is in force at the start, the others are those of the period.
         seconds: duration of the ramp to each waypoint of the period, shape (K,) [s].
-        rest: the motion of the body, and its state at the start.
     """
 
     plan: Assembly
     seconds: np.ndarray
-    rest: tuple[Any, Any]
 
     @functools.cached_property
     def share(self) -> np.ndarray:
@@ -151,24 +149,46 @@ class Unknowns:
         numbers, waypoints = self.split(values)
         return self._cycle(self._scene(numbers), waypoints)
 
-    def _cycle(self, scene: Scene, waypoints: np.ndarray | None) -> Cycle:
-        drive = scene.drive
+    def cycles(self, values: np.ndarray) -> Cycle:
+        """Build many candidates together.
+
+        Args:
+            values: the unknowns, shape (M, P).
+
+        Returns:
+            Their arrays: those of the plan have a leading axis of candidates, as in a stack of variations.
+
+        Raises:
+            SceneError: if numbers of the scene do not fit together, or change its mesh; then build them one by one.
+        """
+        count, first = values.shape[0], len(self.keys)
+        columns = {key: np.ascontiguousarray(values[:, i]) for i, key in enumerate(self.keys)}
+        whole = stack(Variations(self.base, columns, (count,))) if columns else stack_scenes([self.base] * count)
+        for reason in whole.reasons.values():
+            raise SceneError(reason)
+        part = whole.assembly
+        waypoints = None if self.table is None else values[:, first:].reshape(count, self.table.waypoints, -1)
+        rows, seconds = self._rows(self.base.drive, part.drive.rows, waypoints)
+        path = Drive(np.arange(rows.shape[1], dtype=np.float64), None, rows, part.columns)
+        plan = Assembly(part.parts, part.body, part.ground, part.columns, path, part.start_displacement)
+        return Cycle(plan, seconds)
+
+    def _rows(self, drive: Drive, given: np.ndarray, waypoints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
         if self.table is None or waypoints is None:
             _, seconds, order = _period_of(drive)
-            rows = drive.rows[order]
-        else:
-            rows = np.tile(drive.rows[0], (self.table.waypoints, 1))
-            shown = self.table.column_of >= 0
-            rows[:, shown] = waypoints[:, self.table.column_of[shown]]
-            seconds = np.full(rows.shape[0], self.table.period / rows.shape[0])
-        rows = np.vstack((drive.rows[:1], rows))
+            return np.concatenate((given[..., :1, :], given[..., order, :]), axis=-2), seconds
+        rows = np.repeat(given[..., :1, :], 1 + self.table.waypoints, axis=-2)
+        shown = self.table.column_of >= 0
+        rows[..., 1:, shown] = waypoints[..., self.table.column_of[shown]]
+        return rows, np.full(self.table.waypoints, self.table.period / self.table.waypoints)
+
+    def _cycle(self, scene: Scene, waypoints: np.ndarray | None) -> Cycle:
+        drive = scene.drive
+        rows, seconds = self._rows(drive, drive.rows, waypoints)
         path = Drive(np.arange(rows.shape[0], dtype=np.float64), None, rows, drive.columns)
         plan = Assembly(scene.parts, scene.body, scene.ground, scene.columns, path, scene.start_displacement)
-        return Cycle(plan, seconds, _put_down(plan) if self.keys else self._rest)
-
-    @functools.cached_property
-    def _rest(self) -> tuple[Any, Any]:
-        return _put_down(self.base)
+        return Cycle(plan, seconds)
 
     def differentiate(self, values: np.ndarray) -> tuple[Cycle, Derivatives]:
         """Build a candidate, and differentiate its arrays.
@@ -269,11 +289,6 @@ class Unknowns:
         except CrawlerError:
             return False
         return True
-
-
-def _put_down(plan: Assembly) -> tuple[Any, Any]:
-    motion = build_motion(plan)
-    return motion, motion.start(plan.start_displacement, plan.drive.targets[0])
 
 
 def _period_of(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
