@@ -80,8 +80,8 @@ def optimise_command(
         list[str] | None,
         typer.Option(
             metavar="KEY=A:B",
-            help="A further unknown and its bounds: a number of the scene by its dotted key, or `friction`, that of each "
-            "contact at each waypoint. Repeat the option for several.",
+            help="A further unknown and its bounds: a number of the scene by its dotted key, or `friction`, that of "
+            "each contact at each waypoint. Repeat the option for several.",
         ),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s.")] = None,
@@ -90,8 +90,8 @@ def optimise_command(
         list[str] | None,
         typer.Option(
             metavar="KEY=A:B",
-            help="A number of the scene that is uncertain, and the factors between which it lies; the gait is best where "
-            "it is worst. Repeat the option for several.",
+            help="A number of the scene that is uncertain, and the factors between which it lies; the gait is best "
+            "where it is worst. Repeat the option for several.",
         ),
     ] = None,
     compromises: Annotated[
@@ -103,7 +103,9 @@ def optimise_command(
     seconds: Annotated[
         float | None, typer.Option(help="Time limit, s; the result then depends on the machine.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     out: Annotated[Path | None, typer.Option(help="The scene to write, which plays the gait; .yaml.")] = None,
     png: Annotated[
@@ -144,10 +146,13 @@ def optimise_command(
             document = found.scene.document()
             part.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None), encoding="utf-8")
     if png is not None:
-        from crawler_pictures import optimum as pictures
+        from crawler_pictures.optimum import draw_front, draw_optimum
 
         with whole_file(png) as part:
-            (pictures.draw_front if isinstance(found, Front) else pictures.draw_optimum)(found, part)  # type: ignore[operator]
+            if isinstance(found, Front):
+                draw_front(found, part)
+            else:
+                draw_optimum(found, part)
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
     else:
@@ -185,8 +190,9 @@ def describe_optimum(found: Optimum) -> list[str]:
     if found.gain <= 0.0:
         lines.append("no gait within these bounds was found that moves forward")
     lines.append(
-        f"gain {found.gain:.6g} m a period, cost of transport {found.cost_of_transport:.4g}, travel {found.travel:.4g} m, "
-        f"largest tension {found.peak_tension:.4g} N; transient left {found.transient_left:.1e} m"
+        f"gain {found.gain:.6g} m a period, cost of transport {found.cost_of_transport:.4g}, "
+        f"travel {found.travel:.4g} m, largest tension {found.peak_tension:.4g} N; "
+        f"transient left {found.transient_left:.1e} m"
     )
     shown = list(zip(found.names, found.values, strict=True))
     lines += [f"  {name} = {value:.6g}" for name, value in shown[:_SHOWN_ROWS]]
@@ -198,7 +204,8 @@ def describe_optimum(found: Optimum) -> list[str]:
         f"{'unique' if found.unique else 'not unique'} as far as the search has seen"
     )
     if found.flat:
-        lines.append(f"{len(found.flat)} unknowns change nothing near it: {', '.join(found.flat[:4])}" + " ..."[: 4 * (len(found.flat) > 4)])
+        more = " ..." if len(found.flat) > 4 else ""
+        lines.append(f"{len(found.flat)} unknowns change nothing near it: {', '.join(found.flat[:4])}{more}")
     if found.alternatives:
         lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
     for weakness in found.weaknesses:

@@ -24,6 +24,8 @@ _LABELS = {
 _PERIODS = 2
 _SETTLING = 8
 _MOST_LINES = 40
+_DASHES = ("-", "--", "-.", ":")
+"""Links that move alike lie on one line: each shows through the gaps of the next."""
 
 
 def draw_optimum(optimum: Optimum, png: Path) -> None:
@@ -73,9 +75,9 @@ def _draw_commands(axis: Axes, optimum: Optimum) -> None:
     times = np.concatenate([times + k * drive.period for k in range(_PERIODS)])
     rows = np.tile(rows, (_PERIODS, 1))
     lengths = rows[:, : columns.lengths][:, :_MOST_LINES]
-    for column, color, name in zip(lengths.T, _colors(lengths.shape[1]), columns.names, strict=False):
-        label = name.replace("_", " ") if lengths.shape[1] <= 8 else None
-        axis.plot(times, column, color=color, linewidth=1.6, label=label)
+    for i, (column, color) in enumerate(zip(lengths.T, _colors(lengths.shape[1]), strict=True)):
+        label = columns.names[i].replace("_", " ") if lengths.shape[1] <= 8 else None
+        axis.plot(times, column, color=color, linewidth=1.6, linestyle=_DASHES[i % 4], label=label)
     segments, links = bool(scene.body.segments), columns.links > 0
     axis.set(xlabel="time [s]", ylabel=" and ".join(["rest length [m]"] * links + ["strain"] * segments), title="gait")
     friction = rows[:, columns.lengths :][:, : columns.frictions // 2]
@@ -85,7 +87,7 @@ def _draw_commands(axis: Axes, optimum: Optimum) -> None:
             other.plot(times, column, color=color, linewidth=1.1, linestyle=":")
         other.set_ylabel("friction [N], dotted" if not segments else "friction [N, N/m], dotted")
     if lengths.shape[1] <= 8:
-        axis.legend(fontsize=8, loc="upper right")
+        axis.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=lengths.shape[1])
     axis.grid(alpha=0.25)
 
 
@@ -120,7 +122,9 @@ def _draw_profiles(axis: Axes, optimum: Optimum) -> None:
     for rank, i in reversed(list(enumerate(order))):
         named = rank < 4
         color = (TENSION, ACTUATION, FORWARD, BACK)[rank] if named else STICK
-        axis.plot(part, values[i], color=color, linewidth=1.6 if named else 0.8, label=optimum.names[i] if named else None)
+        axis.plot(
+            part, values[i], color=color, linewidth=1.6 if named else 0.8, label=optimum.names[i] if named else None
+        )
     width = optimum.high - optimum.low
     axis.plot(((optimum.values - optimum.low) / width)[order], [optimum.value] * order.size, "o", color="black", ms=4)
     axis.legend(fontsize=7)

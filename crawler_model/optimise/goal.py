@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .regime import Regime, RegimeDerivatives
 
@@ -139,7 +139,7 @@ def measure(objective: str, regime: Regime) -> float:
     return regime.work / useful if _moves(regime) and useful > 0.0 else math.nan
 
 
-def best_first(values: Sequence[float]) -> np.ndarray:
+def best_first(values: ArrayLike) -> np.ndarray:
     """Sort scores; equal ones keep their order.
 
     Args:

@@ -19,8 +19,9 @@ from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
 from ..scene.assembly import Assembly
 from .unknowns import Cycle
 
-_REPEATS = 1e-10
-"""Tensions at the ends of periods that differ by less than this part of the largest are taken to repeat."""
+_REPEATS, _REPEATS_EXACTLY = 1e-8, 1e-10
+"""Tensions at the ends of periods that differ by less than this part of the largest are taken to repeat; for
+derivatives and peaks the second number counts."""
 _PERIODS = (3, 10, 32)
 """Periods after which candidates are measured, if their tensions repeat; the others are run again, for longer."""
 _MOST_PERIODS = _PERIODS[-1]
@@ -162,7 +163,7 @@ def find_peak(cycle: Cycle) -> float:
     last = np.full(body.springs, math.inf)
     for _ in range(_MOST_PERIODS):
         tension = np.array(state.tension)
-        if np.abs(tension - last).max(initial=0.0) <= _REPEATS * np.abs(tension).max(initial=1e-300):
+        if np.abs(tension - last).max(initial=0.0) <= _REPEATS_EXACTLY * np.abs(tension).max(initial=1e-300):
             break
         last = tension
         motion.follow(state, scratch, period, True, budget, account, ends)
@@ -246,7 +247,9 @@ def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDeriva
     previous: tuple[np.ndarray, np.ndarray] | None = None
     begin_dx, begin = path.dx, None
     settled = False
-    for periods in range(_MOST_PERIODS):
+    periods = -1
+    while periods < _MOST_PERIODS and not settled:
+        periods += 1
         tension = path.state
         path.one_sided[:] = False
         path.kinks.clear()
@@ -254,15 +257,15 @@ def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDeriva
         d_gain, d_work = share @ (stretch.dx[-1] - begin_dx), stretch.d_work.sum(axis=0)
         begin_dx, last = stretch.dx[-1], (stretch.x[-1], stretch.rest[-1])
         gain = 0.0 if begin is None else float(share @ ((last[0] - begin[0]) + (last[1] - begin[1])))
-        repeats = np.abs(path.state - tension).max(initial=0.0) <= _REPEATS * np.abs(tension).max(initial=1e-300)
+        repeats = np.abs(path.state - tension).max(initial=0.0) <= _REPEATS_EXACTLY * np.abs(tension).max(
+            initial=1e-300
+        )
         if previous is not None and repeats:
             size = np.abs(d_gain).max(initial=1e-300), np.abs(d_work).max(initial=1e-300)
             settled = bool(
                 np.abs(d_gain - previous[0]).max(initial=0.0) <= _DERIVATIVE_REPEATS * size[0]
                 and np.abs(d_work - previous[1]).max(initial=0.0) <= _DERIVATIVE_REPEATS * size[1]
             )
-            if settled:
-                break
         previous, begin = (d_gain, d_work), last
     springs = body.springs
     steps = np.diff(targets[1:, :springs], axis=0, append=targets[1:2, :springs])

@@ -93,7 +93,7 @@ class _Search:
         rounds: int,
         threads: int | None,
     ) -> None:
-        self.space, self.seconds, self.rounds = space, seconds, rounds
+        self.space, self.seconds, self.rounds = space, seconds, min(rounds, 3 + space.size)
         self.random = np.random.default_rng(seed)
         self.evaluator = Evaluator(space, threads)
         self.began = time.perf_counter()
@@ -140,7 +140,7 @@ class _Search:
             points = [self.space.repair(point) for point in (*begin, *self.random_points(), *self.waves())]
             scores = self.evaluator.scores(points)
             flipped = []
-            for k in best_first(scores)[: _FLIPPED]:
+            for k in best_first(scores)[:_FLIPPED]:
                 point, score = flip(self.evaluator, points[int(k)], float(scores[k]), self.over)
                 self.note(point, score)
                 flipped.append((point, score))

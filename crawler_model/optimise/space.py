@@ -103,7 +103,7 @@ class Space:
             return unit
         rows = unit[first:].reshape(table.waypoints, -1)
         turned = [np.roll(rows, -k, axis=0).ravel() for k in range(table.waypoints)]
-        return np.concatenate((unit[:first], max(turned, key=lambda row: tuple(np.round(row, 4)))))
+        return np.concatenate((unit[:first], max(turned, key=lambda row: np.round(row, 4).tolist())))
 
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Write the rates as linear inequalities, A u <= b.
