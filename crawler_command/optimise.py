@@ -13,8 +13,7 @@ import yaml
 
 from crawler_model import CrawlerError, Front, Optimum, load_scene, optimise, pareto, prepare
 
-from .screen import SceneArgument, check_picture, progress_bar, screen
-from .sweep import whole_file
+from .screen import SceneArgument, check_picture, progress_bar, screen, whole_file
 
 _SHOWN_ROWS = 12
 
@@ -25,6 +24,55 @@ class Objective(str, Enum):
     translation = "translation"
     cost_of_transport = "cost-of-transport"
     travel = "travel"
+
+
+_Objective = Annotated[
+    Objective,
+    typer.Option("--for", help="What is best: the largest gain per period, cost of transport, or gain / travel."),
+]
+_Waypoints = Annotated[
+    int | None, typer.Option(help="Number of evenly spaced waypoints, all unknown; 6 where it is needed.")
+]
+_Stroke = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[NAME=]A:B",
+        help="Bounds of rest lengths (m) and strains, for all or for each link and segment by name; by default the "
+        "range of the scene's drive.",
+    ),
+]
+_Free = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=A:B",
+        help="A further unknown and its bounds: a number of the scene by its dotted key, or `friction`, that of "
+        "each contact at each waypoint. Repeat the option for several.",
+    ),
+]
+_Rate = Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s.")]
+_Tension = Annotated[float | None, typer.Option(help="Largest tension of a spring, N.")]
+_Robust = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=A:B",
+        help="A number of the scene that is uncertain, and the factors between which it lies; the gait is best "
+        "where it is worst. Repeat the option for several.",
+    ),
+]
+_Compromises = Annotated[
+    bool, typer.Option("--pareto", help="Print the curve of gain against cost of transport instead of one gait.")
+]
+_Period = Annotated[
+    float | None, typer.Option(help="Period of the waypoints, s; by default that of the scene's drive, or 1.")
+]
+_Seconds = Annotated[float | None, typer.Option(help="Time limit, s; the result then depends on the machine.")]
+_Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)]
+_AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+_Out = Annotated[Path | None, typer.Option(help="The scene to write, which plays the gait; .yaml.")]
+_Png = Annotated[
+    Path | None, typer.Option(help="The picture to write: gait, motion, and the objective around the optimum.")
+]
+_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing scene and picture.")]
 
 
 def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -61,57 +109,21 @@ def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, fl
 
 def optimise_command(
     scene: SceneArgument,
-    objective: Annotated[
-        Objective,
-        typer.Option("--for", help="What is best: the largest gain per period, cost of transport, or gain / travel."),
-    ],
-    waypoints: Annotated[
-        int | None, typer.Option(help="Number of evenly spaced waypoints, all unknown; 6 where it is needed.")
-    ] = None,
-    stroke: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[NAME=]A:B",
-            help="Bounds of rest lengths (m) and strains, for all or for each link and segment by name; by default the "
-            "range of the scene's drive.",
-        ),
-    ] = None,
-    free: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=A:B",
-            help="A further unknown and its bounds: a number of the scene by its dotted key, or `friction`, that of "
-            "each contact at each waypoint. Repeat the option for several.",
-        ),
-    ] = None,
-    rate: Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s.")] = None,
-    tension: Annotated[float | None, typer.Option(help="Largest tension of a spring, N.")] = None,
-    robust: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=A:B",
-            help="A number of the scene that is uncertain, and the factors between which it lies; the gait is best "
-            "where it is worst. Repeat the option for several.",
-        ),
-    ] = None,
-    compromises: Annotated[
-        bool, typer.Option("--pareto", help="Print the curve of gain against cost of transport instead of one gait.")
-    ] = False,
-    period: Annotated[
-        float | None, typer.Option(help="Period of the waypoints, s; by default that of the scene's drive, or 1.")
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(help="Time limit, s; the result then depends on the machine.")
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)
-    ] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
-    out: Annotated[Path | None, typer.Option(help="The scene to write, which plays the gait; .yaml.")] = None,
-    png: Annotated[
-        Path | None, typer.Option(help="The picture to write: gait, motion, and the objective around the optimum.")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing scene and picture.")] = False,
+    objective: _Objective,
+    waypoints: _Waypoints = None,
+    stroke: _Stroke = None,
+    free: _Free = None,
+    rate: _Rate = None,
+    tension: _Tension = None,
+    robust: _Robust = None,
+    compromises: _Compromises = False,
+    period: _Period = None,
+    seconds: _Seconds = None,
+    seed: _Seed = 0,
+    as_json: _AsJson = False,
+    out: _Out = None,
+    png: _Png = None,
+    overwrite: _Overwrite = False,
 ) -> None:
     """Find the best gait of a scene within bounds: waypoints, friction, or numbers of its drive.
 

@@ -59,7 +59,7 @@ class Goal:
             regime: its periodic regime.
 
         Returns:
-            The larger of both excesses, relative to its limit; 0 within rounding of them.
+            The larger of both excesses, relative to its limit [1]; 0 within rounding of them.
         """
         peak = regime.peak / self.tension - 1.0 if math.isfinite(self.tension) else 0.0
         speed = regime.speed / self.rate - 1.0 if math.isfinite(self.rate) else 0.0

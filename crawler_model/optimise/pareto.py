@@ -114,6 +114,7 @@ def pareto(
     Raises:
         SceneError: as for `optimise`.
         CommandError: likewise.
+        TypeError: if another argument is given.
     """
     began = time.perf_counter()
     scene = coerce_scene(scene, "pareto")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import linprog
 
 from .goal import best_first
 from .space import Evaluator, Space
@@ -28,7 +27,7 @@ def improves(new: float, old: float) -> bool:
     Returns:
         True if it is.
     """
-    return new > old + _GAIN * max(abs(old), 1e-9)
+    return new > old + _GAIN * max(abs(old), 1e-3)
 
 
 def flip(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
@@ -173,6 +172,8 @@ def best_step(
     if len(planes) == 1 and not bound.size:
         slope = planes[0][2]
         return np.asarray(point + np.where(slope > 0.0, high, np.where(slope < 0.0, low, 0.0)))
+    from scipy.optimize import linprog  # takes a while to load, and few searches need it
+
     rows = [np.append(-slope, 1.0) for _, _, slope in planes]
     most = [value + slope @ (point - place) for place, value, slope in planes]
     if bound.size:

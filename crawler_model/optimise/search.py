@@ -18,6 +18,7 @@ _STALE_ROUNDS = 12
 _BETTER = 1e-4
 """Improvements by a smaller part do not count as better for this."""
 _MOST_ROUNDS = 100
+_MOST_EVALUATIONS = 30_000
 _KEPT = 32
 _FLIPPED, _CLIMBED = 12, 3
 """How many of the best random points are improved by flips, and how many of these by derivatives."""
@@ -108,16 +109,16 @@ class _Search:
             self.round(number, begin if number == 0 else [])
             stale = 0 if self.found.score > before + _BETTER * abs(before) or number == 0 else stale + 1
             if self.seconds is None:
-                self.report(max(stale / self.rounds, number / _MOST_ROUNDS))
+                self.report(max(stale / self.rounds, self.evaluator.evaluations / _MOST_EVALUATIONS))
                 if stale >= self.rounds:
                     return
             if self.over():
                 return
 
     def over(self) -> bool:
-        """Determine whether the time limit is reached."""
+        """Determine whether the time limit is reached, or without one that of the evaluations."""
         if self.seconds is None:
-            return False
+            return self.evaluator.evaluations >= _MOST_EVALUATIONS
         passed = time.perf_counter() - self.began
         self.report(passed / self.seconds)
         return passed >= self.seconds
@@ -170,7 +171,7 @@ class _Search:
 
     def random_points(self) -> list[np.ndarray]:
         """Draw points, half of them at corners of the box."""
-        size, count = self.space.size, 16 + 4 * self.space.size
+        size, count = self.space.size, 32 + 4 * self.space.size
         corners = self.random.integers(0, 2, (count // 2, size)).astype(np.float64)
         points = [*corners, *self.random.random((count // 2, size)), *self.repeated_points(count // 2)]
         if np.isfinite(self.space.goal.tension):  # gaits of full stroke often exceed it

@@ -170,8 +170,18 @@ class Unknowns:
         waypoints = None if self.table is None else values[:, first:].reshape(count, self.table.waypoints, -1)
         rows, seconds = self._rows(self.base.drive, part.drive.rows, waypoints)
         path = Drive(np.arange(rows.shape[1], dtype=np.float64), None, rows, part.columns)
-        plan = Assembly(part.parts, part.body, part.ground, part.columns, path, part.start_displacement)
-        return Cycle(plan, seconds)
+        start = self._start(path, part)
+        return Cycle(Assembly(part.parts, part.body, part.ground, part.columns, path, start), seconds)
+
+    @property
+    def _starts_relaxed(self) -> bool:
+        """Whether candidates start without tension at their first waypoint, which loads do not allow."""
+        return self.table is not None and self.base.columns.slope_load is None
+
+    def _start(self, path: Drive, part: Assembly) -> np.ndarray:
+        if not self._starts_relaxed:
+            return part.start_displacement
+        return part.body.relaxed(path.targets[..., 0, : part.body.springs])
 
     def _rows(self, drive: Drive, given: np.ndarray, waypoints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
@@ -181,13 +191,16 @@ class Unknowns:
         rows = np.repeat(given[..., :1, :], 1 + self.table.waypoints, axis=-2)
         shown = self.table.column_of >= 0
         rows[..., 1:, shown] = waypoints[..., self.table.column_of[shown]]
+        if self._starts_relaxed:
+            rows[..., 0, :] = rows[..., 1, :]
         return rows, np.full(self.table.waypoints, self.table.period / self.table.waypoints)
 
     def _cycle(self, scene: Scene, waypoints: np.ndarray | None) -> Cycle:
         drive = scene.drive
         rows, seconds = self._rows(drive, drive.rows, waypoints)
         path = Drive(np.arange(rows.shape[0], dtype=np.float64), None, rows, drive.columns)
-        plan = Assembly(scene.parts, scene.body, scene.ground, scene.columns, path, scene.start_displacement)
+        start = self._start(path, scene)
+        plan = Assembly(scene.parts, scene.body, scene.ground, scene.columns, path, start)
         return Cycle(plan, seconds)
 
     def differentiate(self, values: np.ndarray) -> tuple[Cycle, Derivatives]:
@@ -222,6 +235,9 @@ class Unknowns:
             targets[1:, :, first:] = self._table_targets
             replaced = (self._table_targets != 0.0).any(axis=(0, 2))
             targets[1:, replaced, :first] = 0.0
+        if self._starts_relaxed:
+            targets[0] = targets[1]
+            start = np.ascontiguousarray(body.relaxed(targets[0, : body.springs].T).T)
         none = np.zeros((rows, count))
         return cycle, Derivatives(self.names, values, stiffness, targets, start, none, np.zeros(count))
 

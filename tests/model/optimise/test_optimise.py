@@ -74,23 +74,36 @@ def shifted(name: str, phase: float) -> Scene:
     return Scene.model_validate(document)
 
 
-def test_strategy_a_is_best_with_friction_a_fifth_of_a_period_from_the_shape():
+def test_strategy_a_is_best_with_friction_a_fifth_of_a_period_from_that_of_the_paper():
     phases = np.arange(80) / 80
     gains = np.array([limit_cycle(shifted("two_anchor_a", phase)).gain for phase in phases])
     assert gains[0] == pytest.approx(2.0, abs=1e-9)
     assert gains.max() == pytest.approx(2.8, abs=1e-9)
     best = phases[int(gains.argmax())]
-    assert min((0.25 + best) % 1.0, 1.0 - (0.25 + best) % 1.0) == pytest.approx(0.2, abs=1e-9)
+    assert min(best, 1.0 - best) == pytest.approx(0.2, abs=1e-9)
 
 
-def test_a_peristaltic_wave_is_better_than_a_standing_one():
-    wave = {"amplitude": 0.05, "wavelength": 50.0, "period": 1.0, "samples": 16}
-    scene = chain(8, drive={"wave": wave}, friction={"isotropic": 0.1}, start="relaxed")
-    standing = limit_cycle(scene).gain
-    found = optimise(scene, free={"drive.wave.wavelength": (0.2, 50.0)})
-    assert found.names == ("drive.wave.wavelength",)
-    assert found.value > 5.0 * abs(standing) + 0.01
-    assert found.values[0] < 2.0  # about the length of the body
+@pytest.mark.parametrize("contacts", [4, 12, 30])
+def test_a_peristaltic_wave_moves_a_long_chain_where_standing_waves_do_not(contacts):
+    """With the same friction in both directions, one shortened link that travels along the body carries it along."""
+    links = contacts - 1
+    pulse = 0.1 * (1.0 - np.eye(links))
+    standing = 0.1 * np.outer(np.arange(links) % 2, np.ones(links))
+    gains = []
+    for rows in (pulse, standing):
+        times = (np.arange(links + 1) / links).tolist()
+        table = {"times": times, "period": 1.0, "actuation": np.vstack((rows, rows[:1])).tolist()}
+        gains.append(limit_cycle(chain(contacts, drive=table, friction={"isotropic": 0.1}, start="relaxed")).gain)
+    assert abs(gains[0]) > 0.01
+    assert gains[1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_search_finds_a_better_gait_than_a_travelling_pulse():
+    found = optimise(chain(4, friction={"isotropic": 0.1}), waypoints=3, stroke=(0.0, 0.1), seconds=5.0)
+    rows = 0.1 * (1.0 - np.eye(3))
+    table = {"times": [0, 1 / 3, 2 / 3, 1.0], "period": 1.0, "actuation": np.vstack((rows, rows[:1])).tolist()}
+    pulse = limit_cycle(chain(4, drive=table, friction={"isotropic": 0.1}, start="relaxed")).gain
+    assert found.value >= abs(pulse) - 1e-9
 
 
 def test_a_rate_limits_the_stroke():
@@ -205,6 +218,7 @@ def test_a_time_limit_ends_the_search():
     assert found.value > 0.0
 
 
+@pytest.mark.slow
 def test_a_compromise_is_beaten_in_neither_gain_nor_cost():
     front = pareto("two_anchor_a", waypoints=2, stroke=(0.0, 4.0), free={"friction": (0.5, 1.5)})
     for further, cheaper in itertools.pairwise(front.points):
@@ -267,7 +281,11 @@ def test_a_mistake_is_one_line(given, message):
         ("ice", {"stroke": (0, 1)}, "ground.patches, on which no two periods are the same"),
         ("ten_contact_wave", {"free": {"drive.wave.samples": (4, 8)}}, "it is a whole number"),
         ("ten_contact_wave", {"free": {"drive.wave.period": (1, 2)}}, "does not depend on how fast the drive is"),
-        ("ten_contact_wave", {"free": {"drive.wave.amplitude": (0, 1)}, "period": 2.0}, "period: 2 s; without waypoints"),
+        (
+            "ten_contact_wave",
+            {"free": {"drive.wave.amplitude": (0, 1)}, "period": 2.0},
+            "period: 2 s; without waypoints",
+        ),
     ],
 )
 def test_a_scene_that_has_no_best_gait_is_one_line(name, given, message):
