@@ -61,7 +61,7 @@ def _pyplot() -> Any:
 def _colors(count: int) -> Any:
     from matplotlib import colormaps
 
-    return colormaps["viridis"](np.linspace(0.0, 0.88, max(count, 2)))
+    return colormaps["viridis"](np.linspace(0.0, 0.88, max(count, 2)))[:count]
 
 
 def _draw_commands(axis: Axes, optimum: Optimum) -> None:

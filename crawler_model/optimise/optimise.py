@@ -108,11 +108,11 @@ def build_space(
         waypoints: likewise.
         stroke: likewise.
         free: likewise.
-        rate: likewise.
-        tension: likewise.
+        rate: likewise [m/s].
+        tension: likewise [N].
         robust: likewise.
-        period: likewise.
-        seconds: likewise.
+        period: likewise [s].
+        seconds: likewise [s].
         seed: likewise.
 
     Returns:
@@ -257,7 +257,7 @@ def worst_value(space: Space, point: np.ndarray) -> float:
         point: in the unit box, shape (P,).
 
     Returns:
-        The value; NaN where it has none.
+        The value [m or 1]; NaN where it has none.
     """
     regimes = [regime for regime in space.regimes(point[None])[0] if regime is not None]
     if not regimes:

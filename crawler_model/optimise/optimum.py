@@ -20,7 +20,7 @@ class ActiveBound:
     Attributes:
         name: the unknown, or `rate` or `tension`.
         side: "lower" or "upper".
-        value: the bound.
+        value: the bound [unit of the unknown, m/s, N].
     """
 
     name: str
@@ -33,7 +33,7 @@ class Alternative:
     """Another local optimum.
 
     Attributes:
-        value: of the objective.
+        value: of the objective [m or 1].
         values: the unknowns, shape (P,).
         drive: the part `drive` of its scene.
     """
@@ -49,8 +49,8 @@ class Weakness:
 
     Attributes:
         key: the number.
-        below: the factor at which the gain is no longer positive when it becomes smaller; None if that was not found.
-        above: likewise when it becomes larger.
+        below: the factor [1] at which the gain is no longer positive when it becomes smaller; None if that was not found.
+        above: likewise when it becomes larger [1].
     """
 
     key: str
@@ -79,7 +79,7 @@ class Optimum:
         found_after_s: when the best gait was found [s].
         evaluations: how many candidates were run.
         gradient_norm: by how much the objective would improve to first order if all unknowns moved within their bounds
-            and limits, per width of the bounds.
+            and limits, per width of the bounds [m or 1].
         differentiable: whether the objective is differentiable at the optimum.
         kinks: when and where it is not, times in a period.
         active_bounds: bounds and limits that the gait reaches.

@@ -21,8 +21,8 @@ def improves(new: float, old: float) -> bool:
     """Determine whether a score is better by more than rounding.
 
     Args:
-        new: a score.
-        old: the score to compare with.
+        new: a score [m or 1].
+        old: the score to compare with, likewise [m or 1].
 
     Returns:
         True if it is.
@@ -38,7 +38,7 @@ def flip(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> t
     Args:
         evaluator: computes the scores.
         point: where to begin, shape (P,).
-        score: its score.
+        score: its score [m or 1].
         stop: called between batches; True ends the search.
 
     Returns:
@@ -120,7 +120,7 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
     Args:
         evaluator: computes scores and derivatives.
         point: where to begin, shape (P,).
-        score: its score.
+        score: its score [m or 1].
         stop: called between batches; True ends the search.
 
     Returns:
@@ -162,7 +162,7 @@ def best_step(
         evaluator: holds the space.
         point: the middle of the trust region, shape (P,).
         planes: the point at which each was found, its score there, and its derivatives.
-        size: largest change of an unknown.
+        size: largest change of an unknown, in the unit box [1].
 
     Returns:
         The maximum, shape (P,).

@@ -32,7 +32,7 @@ class Found:
 
     Attributes:
         point: the best point, shape (P,).
-        score: its score.
+        score: its score [m or 1].
         optima: local optima, best first: score and point.
         evaluations: how many candidates were run, with derivatives or without.
         found_after_s: when the best one was found [s].
