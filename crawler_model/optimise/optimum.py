@@ -49,7 +49,7 @@ class Weakness:
 
     Attributes:
         key: the number.
-        below: the factor [1] at which the gain is no longer positive when it becomes smaller; None if that was not found.
+        below: the factor [1] at which the gain is no longer positive when it becomes smaller; None if none was found.
         above: likewise when it becomes larger [1].
     """
 
