@@ -43,7 +43,7 @@ class Goal:
         """
         count = 1 if self.weights is None else 2
         if regime is None:
-            return [-2.0 * _WORST] * count
+            return [-1e6 * _WORST] * count
         excess = self.excess(regime)
         if excess > 0.0:
             return [-_WORST * (1.0 + excess)] * count
