@@ -16,6 +16,7 @@ from crawler_ros.node.life.leave import STOPPED
 from .bench import bench
 from .check import check
 from .executables import describe_missing
+from .optimise import optimise_command
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar
 from .simulate import simulate_command
@@ -99,6 +100,7 @@ def sweep(
         raise typer.Exit(130)
 
 
+app.command("optimise")(optimise_command)
 app.command()(view)
 app.command("replay")(replay)
 app.command("compare")(compare)

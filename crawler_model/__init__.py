@@ -9,6 +9,9 @@ from .crawler.crawler import Crawler, prepare
 from .crawler.step import Certificate, Step
 from .derivative.sensitivities import Kink, Sensitivities, sensitivities
 from .errors import CommandError, CrawlerError, SceneError
+from .optimise.optimise import optimise
+from .optimise.optimum import Optimum
+from .optimise.pareto import Front, pareto
 from .run.account import Energy
 from .run.cycle import LimitCycle, limit_cycle
 from .run.limits import Limit, largest_tow, steepest_climb
@@ -25,10 +28,12 @@ __all__ = [
     "Crawler",
     "CrawlerError",
     "Energy",
+    "Front",
     "Kink",
     "Limit",
     "LimitCycle",
     "ManyRuns",
+    "Optimum",
     "Scene",
     "SceneError",
     "Sensitivities",
@@ -39,6 +44,8 @@ __all__ = [
     "largest_tow",
     "limit_cycle",
     "load_scene",
+    "optimise",
+    "pareto",
     "parse_scene",
     "prepare",
     "sensitivities",

@@ -26,6 +26,7 @@ ROOMS = {
         "examples",
     ),
     "crawler_model": (
+        "optimise",
         "derivative",
         "sweep",
         "scene",
