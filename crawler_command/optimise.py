@@ -127,7 +127,7 @@ def optimise_command(
 ) -> None:
     """Find the best gait of a scene within bounds: waypoints, friction, or numbers of its drive.
 
-    crawler optimise two_contacts_anisotropic --for translation --stroke 0:0.1 --waypoints 2 --out best.yaml --png best.png
+    crawler optimise two_contacts_anisotropic --for translation --stroke 0:0.1 --waypoints 2 --out best.yaml
 
     The objective is that of the periodic regime. The search ends when several rounds have found nothing better; after
     Ctrl-C or --seconds the best gait so far is the result.
