@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..derivative.sensitivities import Kink
+from ..derivative.sensitivities import Kink, group_kinks
 from ..errors import CommandError, CrawlerError, SceneError
 from ..run.cycle import limit_cycle
 from ..scene.file import coerce_scene
@@ -283,14 +283,10 @@ def _find_kinks(unknowns: Unknowns, values: np.ndarray, goal: Goal) -> tuple[boo
         one_sided |= bool(found.travel_one_sided.any())
     ends = np.cumsum(cycle.seconds)
     shift = cycle.seconds[0] if unknowns.table is not None else 0.0
-    grouped: dict[float, list[str]] = {}
-    for ramp, place, contact in found.kinks:
-        when = (ends[ramp] - (1.0 - place) * cycle.seconds[ramp] - shift) % ends[-1]
-        names = grouped.setdefault(float(when), [])
-        name = cycle.plan.body.name_of(contact)
-        if name not in names:
-            names.append(name)
-    return one_sided, tuple(Kink(when, tuple(names)) for when, names in sorted(grouped.items()))
+    times = [
+        float((ends[ramp] - (1.0 - place) * cycle.seconds[ramp] - shift) % ends[-1]) for ramp, place, _ in found.kinks
+    ]
+    return one_sided, group_kinks(cycle.plan.body, times, [contact for _, _, contact in found.kinks])
 
 
 def _gradient_norm(space: Space, point: np.ndarray, value: float) -> float:

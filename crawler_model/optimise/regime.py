@@ -14,7 +14,7 @@ from ..crawler.crawler import default_budget
 from ..derivative.parameters import Derivatives
 from ..derivative.path import TangentPath, Vertices
 from ..motion.follow import build_motion
-from ..motion.pieces import COUNT, FROM, HEADER, RAMP, UNTIL, room_for_pieces
+from ..motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
 from ..scene.assembly import Assembly
 from .unknowns import Cycle
@@ -167,14 +167,8 @@ def find_peak(cycle: Cycle) -> float:
             break
         last = tension
         motion.follow(state, scratch, period, True, budget, account, ends)
-    room, begin = 16 * period.shape[0] + 64, state.copy()
-    while True:
-        state, pieces = begin.copy(), room_for_pieces(room, n)
-        motion.follow(state, scratch, period, True, budget, account, ends, pieces)
-        if pieces[0, COUNT] <= room:
-            break
-        room = int(pieces[0, COUNT])
-    met = pieces[1 : 1 + int(pieces[0, COUNT])]
+    begin = state.copy()
+    met = follow_pieces(motion, state, scratch, period, budget, account, ends)
     ramps = met[:, RAMP].astype(np.int64)
     steps = np.diff(np.vstack((begin.actuation, period[:, : body.springs])), axis=0)
     velocity = met[:, HEADER : HEADER + n]
