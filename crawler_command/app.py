@@ -17,6 +17,7 @@ from .bench import bench
 from .check import check
 from .executables import describe_missing
 from .identify.command import identify_command
+from .optimise import optimise_command
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar
 from .simulate import simulate_command
@@ -100,6 +101,7 @@ def sweep(
         raise typer.Exit(130)
 
 
+app.command("optimise")(optimise_command)
 app.command()(view)
 app.command("identify")(identify_command)
 app.command("replay")(replay)

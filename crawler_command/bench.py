@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
@@ -36,21 +37,22 @@ def bench(
     gradients: Annotated[
         bool, typer.Option("--gradients", help="Measure exact derivatives instead: cost and error beside differences.")
     ] = False,
+    search: Annotated[
+        bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    instead = (("node", node), ("replay", replay), ("sweep", sweep), ("gradients", gradients))
+    instead = (("node", node), ("replay", replay), ("sweep", sweep), ("gradients", gradients), ("search", search))
     chosen = [name for name, is_chosen in instead if is_chosen]
     if chosen:
         if case:
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
         if len(chosen) > 1:
             raise CrawlerError(f"--{chosen[0]} and --{chosen[1]} cannot be combined; run one after the other")
-        if sweep:
-            _bench_sweep(quick, as_json, out)
-        elif gradients:
-            _bench_gradients(quick, as_json, out)
-        else:
+        if chosen[0] in ("node", "replay"):
             _bench_processes(chosen[0], quick, as_json, out)
+        else:
+            _bench_model(chosen[0], quick, as_json, out)
         return
     import matplotlib as _required_later  # noqa: F401
 
@@ -77,22 +79,25 @@ def bench(
     screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
 
 
-def _bench_sweep(quick: bool, as_json: bool, out: Path) -> None:
-    """Measure runs of many variations."""
-    from crawler_bench.sweep import QUICK, VARIATIONS, measure_sweep
+def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
+    """Measure what runs many times in this process: variations, derivatives, or the search for a gait."""
+    measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
+    size: Any
+    if name == "sweep":
+        from crawler_bench import sweep
 
+        measure, size = sweep.measure_sweep, sweep.QUICK if quick else sweep.VARIATIONS
+    elif name == "gradients":
+        from crawler_bench import gradients
+
+        measure, size = gradients.measure_gradients, gradients.QUICK if quick else gradients.CONTACTS
+    else:
+        from crawler_bench import search
+
+        measure, size = search.measure_search, search.QUICK if quick else search.SECONDS
     with progress_bar("measuring") as progress:
-        rows = measure_sweep(QUICK if quick else VARIATIONS, progress)
-    _write_rows("sweep", rows, quick, as_json, out)
-
-
-def _bench_gradients(quick: bool, as_json: bool, out: Path) -> None:
-    """Measure exact derivatives beside differences."""
-    from crawler_bench.gradients import CONTACTS, QUICK, measure_gradients
-
-    with progress_bar("measuring") as progress:
-        rows = measure_gradients(QUICK if quick else CONTACTS, progress)
-    _write_rows("gradients", rows, quick, as_json, out)
+        rows = measure(size, progress)
+    _write_rows(name, rows, quick, as_json, out)
 
 
 def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:

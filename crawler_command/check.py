@@ -1,17 +1,31 @@
-"""The verb `check`: validation of a scene and of its motion."""
+"""The verb `check`: validation of a scene, its stasis domain, possible directions of motion, and warnings."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
-from crawler_model import load_scene
+from crawler_model import Trajectory, load_scene
+from crawler_model.body.body import Body
+from crawler_model.body.plan import Plan
+from crawler_model.body.planar_loads import split_target
+from crawler_model.theory.regularity import check_regularity
+from crawler_model.theory.stasis import directions_of, domain_evolution
+from crawler_pictures.numbers import write_length
 
-from .scene_report import print_report
+from .loads_report import print_holding, print_limits
 from .screen import SceneArgument, check_picture, screen
 from .simulate import run_scene
+
+_MOST_ROWS = 20
+_TOO_STIFF = 1e9
+_TOO_LONG = 10.0  # lengths of the body
 
 
 def check(
@@ -29,3 +43,199 @@ def check(
 
         draw_domain(run.scene, png)
         screen.print(f"drawn: {png}")
+
+
+def print_report(run: Trajectory, screen: Console) -> None:
+    """Print the report.
+
+    Args:
+        run: the run of the scene along its drive.
+        screen: the console to print to.
+    """
+    scene, body = run.scene, run.scene.body
+    screen.print(f"{scene.name}: {body.describe()}; valid")
+    screen.print(_contacts(run))
+    if scene.ground.track is not None:
+        screen.print("stasis domain, directions and uniqueness margin are those of the ground outside the patches")
+    if body.dimension == 1:
+        screen.print(_direction(run))
+    _print_conditions(run, screen)
+    _print_units(run.scene, screen)
+    print_holding(run, screen)
+    if scene.drive.holds:
+        screen.print("no drive: the crawler waits for commands")
+    else:
+        _print_motion(run, screen)
+        print_limits(scene, screen)
+
+
+def _contacts(run: Trajectory) -> Table:
+    """Build the table of contacts, their friction and their motion."""
+    scene, body = run.scene, run.scene.body
+    planar = body.dimension == 2
+    table = Table(
+        title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
+    )
+    loaded = scene.columns.loads > 0
+    friction = ["friction [N]"] if planar else ["-backward [N]", "forward [N]"]
+    if loaded:
+        friction = ["load [N]", "-backward - load [N]", "forward - load [N]"]
+    for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
+        table.add_column(escape(column), justify="right")
+    force = body.spring_force(run.tension[0])
+    drive = scene.drive
+    if planar and scene.columns.loads:
+        force = force + drive.loads[0].reshape(-1, 2)
+    size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))
+    last = -1
+    for i in _shown(body):
+        if i != last + 1:
+            table.add_row(f"({i - last - 1} more)", *[""] * (len(table.columns) - 1))
+        last = i
+        slides = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
+        if planar:
+            _, per_contact, _ = split_target(body, scene.directions, drive.targets)
+            bounds = [_span(per_contact[:, i])]
+            slides = ["yes"] if slides else []
+        else:
+            bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
+            bounds = [_span(drive.loads[:, i]), *bounds] if loaded else bounds
+        name = body.name_of(i).removeprefix("contact ")
+        table.add_row(
+            name, _numbers(body.position[i]), *bounds, write_length(force[i], size), " and ".join(slides) or "never"
+        )
+    return table
+
+
+def _shown(body: Body) -> list[int]:
+    """Choose the contacts that have a row: isolated ones and a few of each segment, both ends among them."""
+    if body.contacts <= _MOST_ROWS:
+        return list(range(body.contacts))
+    isolated = body.isolated.tolist()
+    if len(isolated) > _MOST_ROWS:
+        isolated = isolated[: _MOST_ROWS // 2] + isolated[-_MOST_ROWS // 2 :]
+    inner = [np.linspace(s.first, s.last, 5).round().astype(int).tolist() for s in body.segments]
+    return sorted({*isolated, *(i for part in inner for i in part)})
+
+
+def _direction(run: Trajectory) -> str:
+    """Describe the directions of motion that the stasis domain allows."""
+    _, domains = domain_evolution(run.scene.drive)
+    directions = directions_of(domains)
+    names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "in both directions"}
+    if not directions:
+        return "no side of the stasis domain moves a single contact: the directions of motion are not determined"
+    text = names[frozenset(directions)]
+    same = all(np.array_equal(d.forward, domains[0].forward) for d in domains)
+    same = same and all(np.array_equal(d.backward, domains[0].backward) for d in domains)
+    when = "" if same else ", at different times"
+    return f"the stasis domain allows motion {text}{when}"
+
+
+def _print_conditions(run: Trajectory, screen: Console) -> None:
+    """Print the conditions of the theory: regular friction, a determined translation, stiffnesses of one order."""
+    scene = run.scene
+    regularity = check_regularity(scene.drive)
+    if not regularity.is_regular:
+        screen.print(
+            f"friction: {regularity.where} falls to 0; existence and uniqueness are proved only for positive bounds"
+        )
+    elif regularity.rate > 0.0:
+        screen.print(
+            f"friction: between {regularity.least:g} and {regularity.greatest:g}, changing by at most "
+            f"{regularity.rate:g} per second; regular"
+        )
+    margin = run.uniqueness_margin
+    if scene.body.dimension == 2:
+        screen.print("uniqueness margin: not decided in the plane; see below whether the run was unique")
+    elif margin is None:
+        screen.print(
+            "uniqueness margin: not decided (too many unequal contacts, or a segment with a bound that is not positive)"
+        )
+    elif margin == 0.0:
+        screen.print(
+            "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
+            f"backward friction of the others{' and the loads' if scene.columns.loads else ''} (it matters only while "
+            "all of them slide)"
+        )
+    else:
+        screen.print(f"uniqueness margin: {margin:.4g} of the sum of all friction (0 would be critical)")
+    k = scene.body.stiffness
+    if k.max() > _TOO_STIFF * k.min():
+        screen.print(
+            f"too stiff: spring {int(k.argmax())} is {k.max() / k.min():.1e} times stiffer than spring "
+            f"{int(k.argmin())}"
+            + ("" if scene.body.is_chain else "; its tension has few correct digits, while a chain would lose none")
+        )
+
+
+def _print_units(scene: Plan, screen: Console) -> None:
+    """Warn about lengths far beyond that of the body, most of which are due to wrong units of length or force."""
+    body, drive = scene.body, scene.drive
+    length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
+    commanded = body.joint_sum(np.abs(drive.actuation).T.reshape(body.springs, -1)).max(axis=1)
+    longest = int(commanded.argmax())
+    if commanded[longest] >= _TOO_LONG * length:
+        names = [f"link {i}" for i in range(body.link_springs.size)] + [f"segment {s.name}" for s in body.segments]
+        screen.print(
+            f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
+            f"{commanded[longest]:g} m, but the body is {length:g} m long; lengths are in metres, strains are ratios"
+        )
+    if body.dimension == 2:
+        bounds = drive.targets[:, drive.actuation.shape[1] :]
+        friction = bounds[:, : bounds.shape[1] - drive.loads.shape[1]].max(axis=0)
+        most = friction.reshape(body.contacts, -1).max(axis=1)
+    else:
+        most = np.maximum(drive.forward, drive.backward).max(axis=0)
+    stiffest = np.zeros(body.contacts)
+    np.maximum.at(stiffest, body.ends, body.stiffness[:, None])
+    reach = most / stiffest
+    stickiest = int(reach.argmax())
+    if reach[stickiest] >= _TOO_LONG * length:
+        screen.print(
+            f"[yellow]too soft or too rough:[/] a spring must change by {reach[stickiest]:g} m before "
+            f"{body.name_of(stickiest)} slides, but the body is {length:g} m long; stiffness is in N/m, friction in N"
+        )
+
+
+def _print_motion(run: Trajectory, screen: Console) -> None:
+    """Print the motion along the drive."""
+    scene, body = run.scene, run.scene.body
+    of = " (of the elements; that of the segment as a whole is larger)" if body.segments else ""
+    unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 only at instants)"
+    screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
+    _print_crossings(run, screen)
+    still = [i for i in range(body.contacts) if not run.contact_state[:, i].any()]
+    if len(still) == body.contacts:
+        screen.print("too weak: the drive never leaves the stasis domain, so nothing moves")
+    elif still:
+        names = ", ".join(body.name_of(i).removeprefix("contact ") for i in still[:10])
+        screen.print(f"contacts that never slide: {names}{' ...' if len(still) > 10 else ''}")
+    if run.per_period.shape[0]:
+        size = float(abs(run.displacement).max()) + float(abs(scene.drive.actuation).max())
+        gained = write_length(run.per_period[-1], size)
+        travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
+        screen.print(f"net translation in the last period: {gained} m{'' if travels else ' (it does not travel)'}")
+
+
+def _print_crossings(run: Trajectory, screen: Console) -> None:
+    """Warn when contacts pass through each other, which the model does not forbid."""
+    body = run.scene.body
+    if body.dimension == 2:
+        return
+    gaps = np.diff(body.position + run.displacement, axis=1).min(axis=0)
+    nearest = int(gaps.argmin())
+    if gaps[nearest] <= 0.0:
+        screen.print(
+            f"[yellow]impossible in silicone:[/] {body.name_of(nearest + 1)} gets {-gaps[nearest]:.3g} m past "
+            f"{body.name_of(nearest)}; the model lets contacts pass through each other"
+        )
+
+
+def _numbers(value: Any) -> str:
+    return ", ".join(f"{v:g}" for v in np.atleast_1d(value))
+
+
+def _span(values: np.ndarray) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f"{low:g}" if low == high else f"{low:g} .. {high:g}"

@@ -24,6 +24,7 @@ _EXTRA_OF = {
     "pyarrow": "sweep",
     "distributed": "sweep",
     "dask": "sweep",
+    "cma": "optimise",
     "osqp": "bench",
     "mujoco": "bench",
 }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import Enum
@@ -68,3 +70,26 @@ def check_picture(png: Path | None) -> None:
         raise CrawlerError(f"--png: {png} must end in .png")
     if png is not None and not png.absolute().parent.is_dir():
         raise CrawlerError(f"--png: the folder {png.absolute().parent} does not exist")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Write a file completely or not at all.
+
+    Args:
+        path: final path of the file.
+
+    Yields:
+        The temporary path to write to.
+    """
+    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}_", dir=path.absolute().parent)
+    os.close(handle)
+    part = Path(name)
+    try:
+        yield part
+        mask = os.umask(0)
+        os.umask(mask)
+        part.chmod(0o666 & ~mask)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

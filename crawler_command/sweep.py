@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import platform
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +18,8 @@ from crawler_model.sweep.many import Settings
 from crawler_model.sweep.vary import MOST_VARIATIONS, key_steps
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.versions import installed_version
+
+from .screen import whole_file
 
 _UNITS = {
     "forward": "N",
@@ -190,29 +189,6 @@ def run_sweep(
                 logarithmic = [key for key, spec in sweep.specs.items() if spec.startswith("log:")]
                 draw_sweep(sweep.variations, units, logarithmic, runs, part)
     return runs
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Write a file completely or not at all.
-
-    Args:
-        path: final path of the file.
-
-    Yields:
-        The temporary path to write to.
-    """
-    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}_", dir=path.absolute().parent)
-    os.close(handle)
-    part = Path(name)
-    try:
-        yield part
-        mask = os.umask(0)
-        os.umask(mask)
-        part.chmod(0o666 & ~mask)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:

@@ -11,6 +11,9 @@ from .derivative.sensitivities import Kink, Sensitivities, sensitivities
 from .errors import CommandError, CrawlerError, SceneError
 from .identify.identify import Identification, identify
 from .identify.measurements import MeasurementError, Measurements
+from .optimise.optimise import optimise
+from .optimise.optimum import Optimum
+from .optimise.pareto import Front, pareto
 from .run.account import Energy
 from .run.cycle import LimitCycle, limit_cycle
 from .run.limits import Limit, largest_tow, steepest_climb
@@ -27,6 +30,7 @@ __all__ = [
     "Crawler",
     "CrawlerError",
     "Energy",
+    "Front",
     "Identification",
     "Kink",
     "Limit",
@@ -34,6 +38,7 @@ __all__ = [
     "ManyRuns",
     "MeasurementError",
     "Measurements",
+    "Optimum",
     "Scene",
     "SceneError",
     "Sensitivities",
@@ -45,6 +50,8 @@ __all__ = [
     "largest_tow",
     "limit_cycle",
     "load_scene",
+    "optimise",
+    "pareto",
     "parse_scene",
     "prepare",
     "sensitivities",

@@ -16,6 +16,8 @@ import numba
 from numba.core import event
 
 _DAY = 86_400.0
+_SOURCES = ("*.py", "body/**/*.py", "crawler/**/*.py", "derivative/**/*.py", "motion/**/*.py")
+"""The files of this package that hold kernels, or that files with kernels import; a test keeps the list complete."""
 _KEPT = 8
 """Number of source versions whose kernels stay in the cache; older ones are deleted when unused for a day."""
 
@@ -50,10 +52,10 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @functools.cache
 def _sources_hash() -> str:
-    """Hash the names and contents of all files of this package."""
+    """Hash the names and contents of the files that kernels are built from."""
     root = Path(__file__).parent
     digest = hashlib.sha256()
-    for file in sorted(root.rglob("*.py")):
+    for file in sorted({file for pattern in _SOURCES for file in root.glob(pattern)}):
         content = file.read_bytes()
         digest.update(f"{file.relative_to(root)} {len(content)}\n".encode())
         digest.update(content)

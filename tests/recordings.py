@@ -11,7 +11,7 @@ import numpy as np
 from crawler_model import Crawler, Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
-from crawler_model.run.simulate import rational_rate, tick_end_ns
+from crawler_model.run.ticks import rational_rate, tick_end_ns
 from crawler_ros.recording.bag import read
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.versions import versions

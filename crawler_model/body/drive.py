@@ -101,6 +101,21 @@ class Drive:
         targets = self.targets
         if times_ns.size == 0:
             return targets[..., :0, :]
+        _, rows, before, after, part = self.locate(times_ns)
+        start = targets[..., rows[before], :]
+        return np.asarray(start + part[:, None] * (targets[..., rows[after], :] - start))
+
+    def locate(self, times_ns: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Find the waypoints around given times.
+
+        Args:
+            times_ns: shape (K,), int64, >= 0 and increasing, at least one [ns].
+
+        Returns:
+            The times [ns] and rows of the waypoints concerned, each of shape (J,); and for each time the waypoint
+            before or at it and the one after it, as indices into these, and its place between them, 0 .. 1, each of
+            shape (K,).
+        """
         if self.period is None:
             known, rows = self.waypoints_between(-1, int(np.rint(self.times[-1] * NS)))
         else:
@@ -109,9 +124,28 @@ class Drive:
         before = np.clip(np.searchsorted(known, times_ns, side="right") - 1, 0, known.size - 1)
         after = np.minimum(before + 1, known.size - 1)
         gap = np.maximum(known[after] - known[before], 1)
-        part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)[:, None]
-        start = targets[..., rows[before], :]
-        return np.asarray(start + part * (targets[..., rows[after], :] - start))
+        part = np.where(after > before, np.maximum(times_ns - known[before], 0) / gap, 0.0)
+        return known, rows, before, after, part
+
+    def ramps_between(
+        self, after_ns: int, tick_ns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Divide ticks into straight ramps at the waypoints within them.
+
+        Args:
+            after_ns: start of the first tick [ns].
+            tick_ns: ends of the ticks, increasing, at least one, shape (T,) [ns].
+
+        Returns:
+            The ends of the ramps, shape (V,) [ns]; the targets there, shape (V, S + 2 N), exact at waypoints; and which
+            of them are waypoints, with their rows, each of shape (K,).
+        """
+        way_ns, way_rows = self.waypoints_between(after_ns, int(tick_ns[-1]))
+        vertex_ns = np.union1d(tick_ns, way_ns)
+        targets = self.sample(vertex_ns)
+        at = np.searchsorted(vertex_ns, way_ns)
+        targets[at] = self.targets[way_rows]
+        return vertex_ns, np.ascontiguousarray(targets), at, way_rows
 
 
 def find_waypoints(

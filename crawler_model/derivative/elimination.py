@@ -24,9 +24,9 @@ def build_band(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """
     if body.is_chain:
         return np.arange(body.contacts), np.append(body.stiffness, 0.0)[:, None]
-    from ..motion.graph.active_set import build_network
+    from ..motion.graph.motion import build_network_of
 
-    network = build_network(body)
+    network = build_network_of(body)
     return network.order, network.band
 
 

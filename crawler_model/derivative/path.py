@@ -13,7 +13,7 @@ from ..body.plan import Plan
 from ..crawler.crawler import default_budget
 from ..errors import CommandError
 from ..motion.follow import build_motion
-from ..motion.pieces import COUNT, HEADER, RAMP, room_for_pieces
+from ..motion.pieces import HEADER, PIECES_A_RAMP, RAMP, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
 from .elimination import build_band
 from .parameters import Derivatives
@@ -22,7 +22,6 @@ from .tangent import follow_tangent
 _MOST_NUMBERS = 4_000_000
 _KINKS = 4096
 """Kinks that are listed for one call; more are counted only."""
-_PIECES_A_RAMP = 16
 
 
 @dataclass(frozen=True)
@@ -60,29 +59,21 @@ def build_vertices(drive: Drive, derivatives: Derivatives, after_ns: int, tick_n
     Returns:
         The vertices, in order.
     """
-    until = int(tick_ns[-1])
-    margin = 0 if drive.period is None else int(drive.period * NS) + 2
-    last = int(np.rint(drive.times[-1] * NS)) if drive.period is None else until + margin
-    known, rows = drive.waypoints_between(max(after_ns - margin, -1) if margin else -1, last)
-    way_ns, _ = drive.waypoints_between(after_ns, until)
-    time_ns = np.union1d(tick_ns, way_ns)
-    at = np.clip(np.searchsorted(known, time_ns, side="right") - 1, 0, known.size - 1)
-    to = np.minimum(at + 1, known.size - 1)
-    on = np.isin(time_ns, way_ns) | (to == at)
-    to = np.where(on, at, to)
+    time_ns, targets, waypoints, _ = drive.ramps_between(after_ns, tick_ns)
+    known, rows, at, to, part = drive.locate(time_ns)
+    on = to == at
+    on[waypoints] = True
+    to, part = np.where(on, at, to), np.where(on, 0.0, part)
     gap = np.maximum(known[to] - known[at], 1)
-    part = np.where(on, 0.0, np.maximum(time_ns - known[at], 0) / gap)
     d_known = derivatives.times[rows]
     if drive.period is not None:
         number = np.rint((known / NS - drive.times[rows]) / drive.period)
         d_known = d_known + number[:, None] * derivatives.period
     d_gap = d_known[to] - d_known[at]
     d_part = -np.where(on[:, None], 0.0, (d_known[at] + part[:, None] * d_gap) * (NS / gap)[:, None])
-    d_time = np.where(np.isin(time_ns, way_ns)[:, None], d_known[at], 0.0)
-    targets = drive.sample(time_ns)
-    is_waypoint = np.isin(time_ns, way_ns)
-    targets[is_waypoint] = drive.targets[rows[at[is_waypoint]]]
-    return Vertices(time_ns, rows[at], rows[to], part, d_part, d_time, np.ascontiguousarray(targets))
+    d_time = np.zeros(d_part.shape)
+    d_time[waypoints] = d_known[at[waypoints]]
+    return Vertices(time_ns, rows[at], rows[to], part, d_part, d_time, targets)
 
 
 @dataclass(frozen=True)
@@ -117,12 +108,23 @@ class TangentPath:
             derivatives: of its arrays.
         """
         body, drive = plan.body, plan.drive
-        self._plan, self._derivatives = plan, derivatives
+        self._plan = plan
         self._motion: Any = build_motion(plan)
         x = plan.start_displacement
         self._state = self._motion.start(x, drive.targets[0])
         self._scratch = self._motion.scratch()
-        self._order, self._band = build_band(body)
+        order, band = build_band(body)
+        self._arrays = (
+            body.ends,
+            np.array(body.stiffness),  # copies, as kernels take writable arrays
+            derivatives.stiffness,
+            order,
+            band,
+            body.element_ends,
+            np.array(body.share),
+            np.array(drive.targets),
+            derivatives.targets,
+        )
         columns = len(derivatives.names)
         self._target = drive.targets[0].copy()
         self._d_target = derivatives.targets[0].copy()
@@ -156,7 +158,7 @@ class TangentPath:
             CommandError: if a ramp has too many events to be followed.
         """
         n = self._plan.body.contacts
-        most = max(1, _MOST_NUMBERS // (_PIECES_A_RAMP * (HEADER + 2 * n)))
+        most = max(1, _MOST_NUMBERS // (PIECES_A_RAMP * (HEADER + 2 * n)))
         most = min(most, max(1, _MOST_NUMBERS // max(self._dx.size, 1)))
         found = [self._follow(vertices, slice(i, i + most)) for i in range(0, vertices.time_ns.size, most)]
         if len(found) == 1:
@@ -165,27 +167,18 @@ class TangentPath:
         return Stretch(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
     def _follow(self, vertices: Vertices, rows: slice) -> Stretch:
-        body, derivatives = self._plan.body, self._derivatives
-        n, springs = body.contacts, body.springs
+        n, springs = self._plan.body.contacts, self._plan.body.springs
         targets = vertices.targets[rows]
         count = targets.shape[0]
         records = np.empty((count, 2 * n + springs))
         begin_tension = np.array(self._state.tension)
         pieces = self._find_pieces(targets, records)
         tensions = np.vstack((begin_tension[None], records[:-1, 2 * n :]))
-        columns = len(derivatives.names)
+        columns = self._dx.shape[1]
         dx, work, d_work = np.empty((count, n, columns)), np.empty(count), np.empty((count, columns))
         kinks = np.zeros((_KINKS, 3))
         follow_tangent(
-            body.ends,
-            np.array(body.stiffness),
-            derivatives.stiffness,
-            self._order,
-            self._band,
-            body.element_ends,
-            np.array(body.share),
-            np.array(self._plan.drive.targets),
-            derivatives.targets,
+            *self._arrays,
             vertices.before[rows],
             vertices.after[rows],
             vertices.part[rows],
@@ -208,26 +201,16 @@ class TangentPath:
             self.kinks.append((self._ramps + int(ramp), float(place), int(contact)))
         self._ramps += count
         speed = np.zeros((count, n))
-        met = pieces[1 : 1 + int(pieces[0, COUNT])]
-        speed[met[:, RAMP].astype(np.int64)] = met[:, HEADER : HEADER + n]  # the last piece of a ramp remains
+        speed[pieces[:, RAMP].astype(np.int64)] = pieces[:, HEADER : HEADER + n]  # the last piece of a ramp remains
         return Stretch(records[:, :n], records[:, n : 2 * n], work, dx, d_work, speed)
 
     def _find_pieces(self, targets: np.ndarray, records: np.ndarray) -> np.ndarray:
-        """Follow ramps and note their pieces; again with more room if there are more pieces than expected."""
-        before = self._state.copy()
-        room = _PIECES_A_RAMP * targets.shape[0] + 64
-        while True:
-            pieces = room_for_pieces(room, self._plan.body.contacts)
-            account = np.zeros(ACCOUNT_SIZE)
-            account[VISITED] = math.inf
-            budget = default_budget(self._plan.body)
-            self._motion.follow(self._state, self._scratch, targets, True, budget, account, records, pieces)
-            failed = int(account[OVERSPENT] + account[UNSOLVED])
-            if failed:
-                raise CommandError(
-                    f"{failed} ramp(s) have too many events to be followed exactly; no derivative exists"
-                )
-            if pieces[0, COUNT] <= room:
-                return pieces
-            room = int(pieces[0, COUNT])
-            self._state = before.copy()
+        """Follow ramps and note their pieces."""
+        account = np.zeros(ACCOUNT_SIZE)
+        account[VISITED] = math.inf
+        budget = default_budget(self._plan.body)
+        pieces = follow_pieces(self._motion, self._state, self._scratch, targets, budget, account, records)
+        failed = int(account[OVERSPENT] + account[UNSOLVED])
+        if failed:
+            raise CommandError(f"{failed} ramp(s) have too many events to be followed exactly; no derivative exists")
+        return pieces

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 
 from ..arrays import frozen
+from ..body.body import Body
 from ..body.drive import NS
 from ..errors import CommandError, SceneError
-from ..run.simulate import default_duration, rational_rate, tick_end_ns
+from ..run.simulate import default_duration
+from ..run.ticks import check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .parameters import differentiate_arrays
@@ -117,8 +118,7 @@ def sensitivities(
         return _in_plane(differentiate_in_plane(scene, keys, duration, rate, "sensitivities"))
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     seconds = default_duration(scene.drive) if duration is None else float(duration)
-    if not 0.0 <= seconds < 9e9:
-        raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
+    check_duration(seconds)
     ratio = rational_rate(rate)
     times = seconds * float(ratio) + 1.0
     numbers = times * scene.body.contacts * len(derivatives.names)
@@ -127,7 +127,8 @@ def sensitivities(
             f"sensitivities: {numbers:.1e} derivatives ({times:.0f} times, {scene.body.contacts} contacts, "
             f"{len(derivatives.names)} parameters); at most {_MOST_NUMBERS:.0e}: choose a lower rate or fewer keys"
         )
-    tick_ns = _tick_ends(seconds, ratio)
+    end_ns = round(seconds * NS)
+    tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
     path = TangentPath(scene, derivatives)
     dx = [path.dx[None]]
     marks, works, d_works = [(path.dx, 0)], np.zeros(0), [np.zeros((0, len(derivatives.names)))]
@@ -199,13 +200,6 @@ def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None
         raise SceneError(f"{caller}: {scene.name} has ground.patches; derivatives across jumps are not implemented")
 
 
-def _tick_ends(seconds: float, rate: Fraction) -> np.ndarray:
-    """Compute the ends of all ticks [ns]; the last one may be cut short."""
-    end_ns = round(seconds * NS)
-    ticks = -(-end_ns * rate.numerator // (NS * rate.denominator))
-    return np.array([min(tick_end_ns(k, rate), end_ns) for k in range(1, ticks + 1)], dtype=np.int64)
-
-
 def _at_fixed_times(path: TangentPath, vertices: Vertices, stretch: Stretch, at: np.ndarray) -> np.ndarray:
     """Select the derivatives at ticks; where a waypoint moves past a tick, those of the path at the fixed time."""
     dx = stretch.dx[at]
@@ -219,12 +213,29 @@ def _at_fixed_times(path: TangentPath, vertices: Vertices, stretch: Stretch, at:
 
 
 def _kinks(scene: Scene, path: TangentPath, vertex_ns: np.ndarray) -> tuple[Kink, ...]:
-    """Group kinks by time."""
+    """Find the times of kinks."""
+    times = [
+        (int(vertex_ns[ramp]) + place * (int(vertex_ns[ramp + 1]) - int(vertex_ns[ramp]))) / NS
+        for ramp, place, _ in path.kinks
+    ]
+    return group_kinks(scene.body, times, [contact for _, _, contact in path.kinks])
+
+
+def group_kinks(body: Body, times: Iterable[float], contacts: Iterable[int]) -> tuple[Kink, ...]:
+    """Group kinks by time.
+
+    Args:
+        body: the body.
+        times: of the kinks [s].
+        contacts: the contact of each.
+
+    Returns:
+        A kink for each time, in order, each contact named once.
+    """
     grouped: dict[float, list[str]] = {}
-    for ramp, place, contact in path.kinks:
-        begin, end = int(vertex_ns[ramp]), int(vertex_ns[ramp + 1])
-        names = grouped.setdefault((begin + place * (end - begin)) / NS, [])
-        name = scene.body.name_of(contact)
+    for time, contact in zip(times, contacts, strict=True):
+        names = grouped.setdefault(time, [])
+        name = body.name_of(contact)
         if name not in names:
             names.append(name)
     return tuple(Kink(time, tuple(names)) for time, names in sorted(grouped.items()))

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import compiled
-from ..motion.pieces import COUNT, FROM, HEADER, RAMP, UNTIL
+from ..motion.pieces import FROM, HEADER, RAMP, UNTIL
 from .elimination import eliminate_many
 from .kinks import INSTANT, NO_END, SAME, V_BEFORE, look_at_bounds, mark, pass_end
 
@@ -164,7 +164,7 @@ def follow_tangent(
         targets: at the end of each ramp, shape (V, F).
         start: the target in force before, shape (F,), changed in place.
         tensions: at the start of each ramp, shape (V, S) [N].
-        pieces: from the motion, see `motion.pieces`.
+        pieces: from `follow_pieces`, shape (K, 3 + 2 N).
         dx: derivatives of the displacements, shape (N, P), changed in place.
         d_start: derivatives of the target in force, shape (F, P), changed in place.
         memory: rows V_BEFORE and ARRIVED, shape (2, N), changed in place; zero at first.
@@ -193,8 +193,7 @@ def follow_tangent(
     d_before, d_after = np.empty((springs, columns)), np.empty((springs, columns))
     d_slack, d_size = np.empty(columns), np.empty(columns)
     bounds = springs + 2 * n
-    count = int(pieces[0, COUNT])
-    piece = 1
+    piece = 0
     for v in range(targets.shape[0]):
         _command_derivative(rows, d_rows, before[v], after[v], part[v], d_part[v], d_end)
         for f in range(bounds):
@@ -234,7 +233,7 @@ def follow_tangent(
             )
             event[:] = 0.0
         while True:
-            logged = piece <= count and int(pieces[piece, RAMP]) == v
+            logged = piece < pieces.shape[0] and int(pieces[piece, RAMP]) == v
             if not logged and place > 0.0:
                 break
             until = 1.0

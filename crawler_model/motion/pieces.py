@@ -5,6 +5,8 @@ Without rows nothing is noted, and nothing is spent.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..compiled import compiled
@@ -15,6 +17,8 @@ RAMP, FROM, UNTIL = range(3)
 COUNT, PRESENT_RAMP = range(2)
 """Columns of the first row: the number of pieces met, which may exceed the rows there are, and the ramp in progress."""
 HEADER = 3
+PIECES_A_RAMP = 16
+"""Pieces of a ramp for which there is room at first."""
 
 NO_PIECES = np.zeros((0, 0))
 """For those who do not ask."""
@@ -31,6 +35,37 @@ def room_for_pieces(pieces: int, contacts: int) -> np.ndarray:
         Shape (pieces + 1, 3 + 2 N).
     """
     return np.zeros((pieces + 1, HEADER + 2 * contacts))
+
+
+def follow_pieces(
+    motion: Any, state: Any, scratch: Any, targets: np.ndarray, budget: int, account: np.ndarray, records: np.ndarray
+) -> np.ndarray:
+    """Follow straight ramps exactly and note their pieces; again with more room if there are more than expected.
+
+    Args:
+        motion: of a chain or a graph.
+        state: changed in place.
+        scratch: memory from the motion.
+        targets: as for `Motion.follow`, shape (V, F).
+        budget: upper limit of work in one ramp.
+        account: entries as in `motion.state`, shape (14,), added to.
+        records: output, as for `Motion.follow`.
+
+    Returns:
+        The pieces, shape (K, 3 + 2 N), with the columns RAMP, FROM, UNTIL, velocities and bounds that are reached.
+    """
+    before, spent = state.copy(), account.copy()
+    room = PIECES_A_RAMP * targets.shape[0] + 64
+    while True:
+        pieces = room_for_pieces(room, state.status.size)
+        motion.follow(state, scratch, targets, True, budget, account, records, pieces)
+        met = int(pieces[0, COUNT])
+        if met <= room:
+            return pieces[1 : 1 + met]
+        room = met
+        for name in ("contacts", "links", "status"):
+            getattr(state, name)[:] = getattr(before, name)
+        account[:] = spent
 
 
 @compiled

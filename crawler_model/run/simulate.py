@@ -6,7 +6,6 @@ import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from ..crawler.crawler import Crawler, Method, choose_method
 from ..errors import CommandError
 from ..theory.uniqueness import commanded_margin
 from .account import Energy, Total, average_displacement, stored_energy
+from .ticks import check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 
 _CHUNK = 4096
 _MOST_SAMPLES = 100_000_000
@@ -146,38 +146,6 @@ class Trajectory:
         }
 
 
-def tick_end_ns(tick: int, rate: Fraction) -> int:
-    """Compute the end of a tick, floor(k 10^9 / rate), without drift.
-
-    Args:
-        tick: k, 0 for the start.
-        rate: ticks per second [Hz].
-
-    Returns:
-        Simulated time [ns].
-    """
-    return tick * NS * rate.denominator // rate.numerator
-
-
-def rational_rate(rate: float) -> Fraction:
-    """Convert a rate to the rational number that was probably intended.
-
-    Args:
-        rate: ticks per second [Hz], between 1e-9 and 1e9.
-
-    Returns:
-        The nearest fraction with a denominator of at most 10^6, or the exact value for low rates.
-
-    Raises:
-        CommandError: if it is out of range.
-    """
-    if not isinstance(rate, (int, float)) or not 1e-9 <= rate <= 1e9:
-        given = f"{rate:g}" if isinstance(rate, (int, float)) else repr(rate)
-        raise CommandError(f"rate: {given} Hz; it must be a number between 1e-9 and 1e9")
-    near = Fraction(rate).limit_denominator(10**6)
-    return near if abs(near - Fraction(rate)) <= Fraction(rate) / 10**12 else Fraction(rate)
-
-
 def default_duration(drive: Drive) -> float:
     """Compute the default duration of a run: ten periods, or up to the last waypoint.
 
@@ -221,11 +189,10 @@ def simulate(
     method = choose_method(scene, method)
     drive = scene.drive
     seconds = default_duration(drive) if duration is None else float(duration)
-    if not 0.0 <= seconds < 9e9:
-        raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
+    check_duration(seconds)
     ratio = rational_rate(rate)
     end_ns = round(seconds * NS)
-    ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))  # the last one may be cut short
+    ticks = count_ticks(end_ns, ratio)
     n = scene.body.contacts * scene.body.dimension
     for name, count in (("ticks", ticks), ("waypoints", _waypoints(drive, seconds))):
         if count * n > _MOST_SAMPLES:
@@ -237,8 +204,7 @@ def simulate(
     run = _Run(crawler, ticks)
     for first in range(0, ticks, _CHUNK):
         last = min(first + _CHUNK, ticks)
-        ends = np.array([min(tick_end_ns(k, ratio), end_ns) for k in range(first + 1, last + 1)], dtype=np.int64)
-        run.follow(drive, min(tick_end_ns(first, ratio), end_ns), ends, first)
+        run.follow(drive, min(tick_end_ns(first, ratio), end_ns), tick_ends(first + 1, last, ratio, end_ns), first)
         if progress is not None:
             progress(last / ticks)
     return run.finish(rate, began)
@@ -279,15 +245,10 @@ class _Run:
 
     def follow(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`; the first one, number `first`, starts at `after_ns`."""
-        until = int(tick_ns[-1])
-        way_ns, way_rows = drive.waypoints_between(after_ns, until)
-        vertex_ns = np.union1d(tick_ns, way_ns)
-        targets = drive.sample(vertex_ns)
-        at = np.searchsorted(vertex_ns, way_ns)
-        targets[at] = drive.targets[way_rows]
+        vertex_ns, targets, at, way_rows = drive.ramps_between(after_ns, tick_ns)
         width = self.x[0].size
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size))
-        step = self.crawler.follow(np.ascontiguousarray(targets), records)
+        step = self.crawler.follow(targets, records)
         self.total.add(step.account, step.jump_loss)
         for jump in step.jumps:
             begin = int(vertex_ns[jump.ramp - 1]) if jump.ramp else after_ns
@@ -306,7 +267,7 @@ class _Run:
         moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
         self.state[rows] = _directions(moved, np.concatenate(([0], ends[:-1] + 1)))
         self.last = (x[-1].copy(), rest[-1].copy())
-        for i, ns, row in zip(at, way_ns, way_rows, strict=True):
+        for i, ns, row in zip(at, vertex_ns[at], way_rows, strict=True):
             if ns > 0 and (drive.period is None or row == 0):
                 self.waypoint_ns.append(int(ns))
                 self.waypoint_row.append(int(row))

@@ -18,7 +18,8 @@ import numpy as np
 from ..body.drive import NS
 from ..crawler.crawler import METHODS, Crawler, Method
 from ..errors import CommandError, CrawlerError, SceneError
-from ..run.simulate import default_duration, rational_rate, tick_end_ns
+from ..run.simulate import default_duration
+from ..run.ticks import check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from ..run.transport import length_of
 from ..scene.scene import Scene
 from .batch import run_stack
@@ -54,8 +55,8 @@ class Settings:
             CommandError: if duration, rate or method is out of range.
         """
         rational_rate(self.rate)
-        if self.duration is not None and not 0.0 <= self.duration < 9e9:
-            raise CommandError(f"duration: {self.duration:g} s; it must be between 0 and 9e9")
+        if self.duration is not None:
+            check_duration(self.duration)
         if self.method is not None and self.method not in METHODS:
             raise CommandError(f"method: {self.method!r}; it must be one of {', '.join(METHODS)}")
 
@@ -226,11 +227,8 @@ def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, n
         if tick_ns.size == 1 and way_ns.size and way_ns[-1] == until:
             yield np.ascontiguousarray(drive.targets[way_rows]), np.flatnonzero(period_ends)
             continue
-        vertex_ns = np.union1d(tick_ns, way_ns)
-        targets = drive.sample(vertex_ns)
-        at = np.searchsorted(vertex_ns, way_ns)
-        targets[at] = drive.targets[way_rows]
-        yield np.ascontiguousarray(targets), at[period_ends]
+        _, targets, at, _ = drive.ramps_between(after_ns, tick_ns)
+        yield targets, at[period_ends]
 
 
 def _blocks(crawler: Crawler, end_ns: int, rate: float) -> Iterator[tuple[int, np.ndarray]]:
@@ -245,8 +243,6 @@ def _blocks(crawler: Crawler, end_ns: int, rate: float) -> Iterator[tuple[int, n
             yield after, np.array([end])
         return
     ratio = rational_rate(rate)
-    ticks = -(-end_ns * ratio.numerator // (NS * ratio.denominator))
+    ticks = count_ticks(end_ns, ratio)
     for first in range(0, ticks, most):
-        last = range(first + 1, min(first + most, ticks) + 1)
-        tick_ns = np.array([min(tick_end_ns(k, ratio), end_ns) for k in last], dtype=np.int64)
-        yield min(tick_end_ns(first, ratio), end_ns), tick_ns
+        yield min(tick_end_ns(first, ratio), end_ns), tick_ends(first + 1, min(first + most, ticks), ratio, end_ns)

@@ -94,7 +94,7 @@ class Variations(Sequence[Scene]):
             key: one of the keys of `values`.
 
         Returns:
-            The value, in the unit of the key; 0 where a document may omit the number because it is 0.
+            The value [unit of the key]; 0 where a document may omit the number because it is 0.
 
         Raises:
             SceneError: if the scene does not have the number.

@@ -16,7 +16,8 @@ from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
-from crawler_model.run.simulate import TimedJump, rational_rate
+from crawler_model.run.simulate import TimedJump
+from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 

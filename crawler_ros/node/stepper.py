@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from crawler_model.run.simulate import tick_end_ns
+from crawler_model.run.ticks import tick_end_ns
 
 
 class Stepper:

@@ -13,7 +13,7 @@ import numpy as np
 
 from crawler_model import CommandError
 from crawler_model.body.drive import NS
-from crawler_model.run.simulate import rational_rate
+from crawler_model.run.ticks import rational_rate
 
 from ..recording import bag
 from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY

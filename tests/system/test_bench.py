@@ -17,6 +17,7 @@ from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
 from crawler_bench.gradients import measure_gradients
+from crawler_bench.search import measure_search
 from crawler_bench.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
 
@@ -256,3 +257,12 @@ def test_exact_derivatives_are_measured_beside_differences():
     for row in rows:
         assert row["ms"] > 0.0
         assert row["error"] < (1e-9 if row["method"] == "exact" else 1e-3)
+
+
+def test_the_search_is_measured_beside_general_optimisers():
+    pytest.importorskip("cma")
+    rows = {row["method"]: row for row in measure_search(0.5, lambda part: None)}
+    assert {"crawler optimise", "cma", "slsqp"} <= set(rows)
+    assert max(row["within_1_percent"] for row in rows.values()) >= 1
+    for row in rows.values():
+        assert 0.0 < row["median"] <= row["best"] <= 0.22 + 1e-9

@@ -27,6 +27,7 @@ ROOMS = {
     ),
     "crawler_model": (
         "identify",
+        "optimise",
         "derivative",
         "sweep",
         "scene",

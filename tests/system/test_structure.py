@@ -29,6 +29,7 @@ import crawler_model
 import crawler_pictures
 import crawler_ros
 import crawler_ros.replay
+from crawler_model import compiled
 
 ROOT = Path(crawler_model.__file__).parent.parent
 PACKAGES = ("crawler_model", "crawler_pictures", "crawler_ros", "crawler_bench", "crawler_command")
@@ -297,7 +298,7 @@ def run_probe(folder, cache):
     ["from .compiled import compiled\n\n@compiled\ndef inner():\n    return {}\n", "ROW = {}\n"],
     ids=["kernel of another file", "constant of a file without kernels"],
 )
-def test_kernels_are_compiled_anew_when_any_file_of_the_model_changed(tmp_path, inner):
+def test_kernels_are_compiled_anew_when_a_file_changed_that_they_are_built_from(tmp_path, inner):
     """A kernel or a constant compiled into another kernel lives in the other's cache, too."""
     package = tmp_path / "crawler_model"
     shutil.copytree(ROOT / "crawler_model", package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -313,6 +314,33 @@ def test_kernels_are_compiled_anew_when_any_file_of_the_model_changed(tmp_path, 
         os.utime(package / "_probe_inner.py", (1e9, 1e9))  # as old and as long as before: contents count
         seen.append(run_probe(tmp_path, tmp_path / "cache"))
     assert seen == ["1", "2"]
+
+
+def test_the_kernels_cache_covers_all_files_that_kernels_import():
+    """Imports that are for types alone leave no trace in a kernel."""
+    model = ROOT / "crawler_model"
+    covered = {file for pattern in compiled._SOURCES for file in model.glob(pattern)}
+    waiting = [file for file in model.rglob("*.py") if "\n@compiled\n" in file.read_text(encoding="utf-8")]
+    assert len(waiting) > 20
+    reached: set[Path] = set()
+    while waiting:
+        file = waiting.pop()
+        if file not in reached:
+            reached.add(file)
+            waiting += imported_at_run_time(file)
+    assert sorted(reached - covered) == []
+
+
+def imported_at_run_time(file: Path) -> Iterator[Path]:
+    """The modules that a module of the model imports from its package."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
+    for_types = {node for block in blocks for node in ast.walk(block)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level and node not in for_types:
+            base = file.parents[node.level - 1].joinpath(*(node.module.split(".") if node.module else []))
+            for name in node.names:
+                yield from (f for f in (base.with_suffix(".py"), base / f"{name.name}.py") if f.is_file())
 
 
 def test_equal_copies_of_the_model_share_their_compiled_kernels(tmp_path):

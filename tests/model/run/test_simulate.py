@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, load_scene, simulate, simulate_many
-from crawler_model.run.simulate import rational_rate, tick_end_ns
+from crawler_model.run.ticks import rational_rate, tick_end_ns
 from crawler_model.run.transport import supporting_force
 
 from ..chains import scene

@@ -1,0 +1,263 @@
+"""The verb `optimise`: the best periodic drive of a scene within bounds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+
+from crawler_model import CrawlerError, Front, Optimum, load_scene, optimise, pareto, prepare
+
+from .screen import SceneArgument, check_picture, progress_bar, screen, whole_file
+
+_SHOWN_ROWS = 12
+
+
+class Objective(str, Enum):
+    """The objective of an optimisation."""
+
+    translation = "translation"
+    cost_of_transport = "cost-of-transport"
+    travel = "travel"
+
+
+_Objective = Annotated[
+    Objective,
+    typer.Option("--for", help="What is best: the largest gain per period, cost of transport, or gain / travel."),
+]
+_Waypoints = Annotated[
+    int | None, typer.Option(help="Number of evenly spaced waypoints, all unknown; 6 where it is needed.")
+]
+_Stroke = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[NAME=]A:B",
+        help="Bounds of rest lengths (m) and strains, for all or for each link and segment by name; by default the "
+        "range of the scene's drive.",
+    ),
+]
+_Free = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=A:B",
+        help="A further unknown and its bounds: a number of the scene by its dotted key, or `friction`, that of "
+        "each contact at each waypoint. Repeat the option for several.",
+    ),
+]
+_Rate = Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s.")]
+_Tension = Annotated[float | None, typer.Option(help="Largest tension of a spring, N.")]
+_Robust = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=A:B",
+        help="A number of the scene that is uncertain, and the factors between which it lies; the gait is best "
+        "where it is worst. Repeat the option for several.",
+    ),
+]
+_Compromises = Annotated[
+    bool, typer.Option("--pareto", help="Print the curve of gain against cost of transport instead of one gait.")
+]
+_Period = Annotated[
+    float | None, typer.Option(help="Period of the waypoints, s; by default that of the scene's drive, or 1.")
+]
+_Seconds = Annotated[float | None, typer.Option(help="Time limit, s; the result then depends on the machine.")]
+_Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)]
+_AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+_Out = Annotated[Path | None, typer.Option(help="The scene to write, which plays the gait; .yaml.")]
+_Png = Annotated[
+    Path | None, typer.Option(help="The picture to write: gait, motion, and the objective around the optimum.")
+]
+_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing scene and picture.")]
+
+
+def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Parse options of the form KEY=A:B; A:B alone has the key "".
+
+    Args:
+        option: name of the option, for error messages.
+        texts: its values.
+
+    Returns:
+        The two numbers of each key.
+
+    Raises:
+        CrawlerError: with one line that describes the correct form.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        key, equals, spec = text.rpartition("=")
+        form = "A:B or NAME=A:B" if option == "--stroke" else "KEY=A:B"
+        if not equals and option != "--stroke":
+            raise CrawlerError(f"{option} {text}: write {form}")
+        parts = spec.split(":")
+        try:
+            numbers = [float(part) for part in parts]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 2:
+            raise CrawlerError(f"{option} {text}: write {form}, with two numbers")
+        if key.strip() in found:
+            raise CrawlerError(f"{option} {text}: {key.strip() or 'the stroke'} is repeated")
+        found[key.strip()] = numbers[0], numbers[1]
+    return found
+
+
+def optimise_command(
+    scene: SceneArgument,
+    objective: _Objective,
+    waypoints: _Waypoints = None,
+    stroke: _Stroke = None,
+    free: _Free = None,
+    rate: _Rate = None,
+    tension: _Tension = None,
+    robust: _Robust = None,
+    compromises: _Compromises = False,
+    period: _Period = None,
+    seconds: _Seconds = None,
+    seed: _Seed = 0,
+    as_json: _AsJson = False,
+    out: _Out = None,
+    png: _Png = None,
+    overwrite: _Overwrite = False,
+) -> None:
+    """Find the best gait of a scene within bounds: waypoints, friction, or numbers of its drive.
+
+    crawler optimise two_contacts_anisotropic --for translation --stroke 0:0.1 --waypoints 2 --out best.yaml
+
+    The objective is that of the periodic regime. The search ends when several rounds have found nothing better; after
+    Ctrl-C or --seconds the best gait so far is the result.
+    """
+    _check_files(out, png, overwrite, compromises)
+    strokes = parse_bounds("--stroke", stroke or ())
+    limits: dict[str, Any] = {
+        "waypoints": waypoints,
+        "stroke": strokes.get("") if set(strokes) == {""} else strokes or None,
+        "free": parse_bounds("--free", free or ()),
+        "rate": rate,
+        "tension": tension,
+        "robust": parse_bounds("--robust", robust or ()),
+        "period": period,
+        "seconds": seconds,
+        "seed": seed,
+    }
+    loaded = load_scene(scene)
+    prepare(loaded)
+    with progress_bar("optimising") as progress:
+        found: Front | Optimum
+        if compromises:
+            found = pareto(loaded, progress=progress, **limits)
+        else:
+            found = optimise(loaded, objective.value, progress=progress, **limits)
+    if isinstance(found, Optimum) and out is not None:
+        with whole_file(out) as part:
+            document = found.scene.document()
+            part.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    if png is not None:
+        from crawler_pictures.optimum import draw_front, draw_optimum
+
+        with whole_file(png) as part:
+            if isinstance(found, Front):
+                draw_front(found, part)
+            else:
+                draw_optimum(found, part)
+    if as_json:
+        print(json.dumps(found.summary(), allow_nan=False))
+    else:
+        lines = describe_front(found) if isinstance(found, Front) else describe_optimum(found)
+        lines += [f"{what}: {file}" for what, file in (("scene", out), ("picture", png)) if file is not None]
+        screen.print("\n".join(lines), markup=False)
+
+
+def _check_files(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
+    if compromises and out is not None:
+        raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
+    if out is not None and out.suffix != ".yaml":
+        raise CrawlerError(f"--out: {out} must end in .yaml")
+    if out is not None and not out.absolute().parent.is_dir():
+        raise CrawlerError(f"--out: the folder {out.absolute().parent} does not exist")
+    check_picture(png)
+    for option, file in (("--out", out), ("--png", png)):
+        if file is not None and file.exists() and not overwrite:
+            raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
+
+
+def describe_optimum(found: Optimum) -> list[str]:
+    """Describe an optimum in a few lines.
+
+    Args:
+        found: the optimum.
+
+    Returns:
+        The lines.
+    """
+    words = {"translation": "gain per period", "cost-of-transport": "cost of transport", "travel": "gain / travel"}
+    unit = "" if found.unit == "1" else f" {found.unit}"
+    worst = ", the worst over the box" if found.weaknesses else ""
+    lines = [f"{found.scene.name}: {words[found.objective]} {found.value:.6g}{unit}{worst}"]
+    if found.gain <= 0.0:
+        lines.append("no gait within these bounds was found that moves forward")
+    lines.append(
+        f"gain {found.gain:.6g} m a period, cost of transport {found.cost_of_transport:.4g}, "
+        f"travel {found.travel:.4g} m, largest tension {found.peak_tension:.4g} N; "
+        f"transient left {found.transient_left:.1e} m"
+    )
+    shown = list(zip(found.names, found.values, strict=True))
+    lines += [f"  {name} = {value:.6g}" for name, value in shown[:_SHOWN_ROWS]]
+    if len(shown) > _SHOWN_ROWS:
+        lines.append(f"  ... and {len(shown) - _SHOWN_ROWS} more unknowns")
+    slope = "one-sided derivatives" if not found.differentiable else "differentiable"
+    lines.append(
+        f"{slope}, projected gradient {found.gradient_norm:.1e}; {len(found.active_bounds)} active bounds; "
+        f"{'unique' if found.unique else 'not unique'} as far as the search has seen"
+    )
+    if found.flat:
+        more = " ..." if len(found.flat) > 4 else ""
+        lines.append(f"{len(found.flat)} unknowns change nothing near it: {', '.join(found.flat[:4])}{more}")
+    if found.alternatives:
+        lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
+    for weakness in found.weaknesses:
+        lines.append(f"robust: {describe_weakness(weakness.key, weakness.below, weakness.above)}")
+    ending = "" if found.complete else "; stopped before the end, the result depends on the machine"
+    lines.append(
+        f"found after {found.found_after_s:.3g} s, {found.evaluations} evaluations in {found.wall_s:.3g} s, "
+        f"seed {found.seed}{ending}"
+    )
+    return lines
+
+
+def describe_weakness(key: str, below: float | None, above: float | None) -> str:
+    """Describe at which change of a number a gait fails.
+
+    Args:
+        key: the number.
+        below: the factor below which it does, or None.
+        above: the factor above which it does, or None.
+
+    Returns:
+        A clause.
+    """
+    edges = [f"{factor:.4g}" for factor in (below, above) if factor is not None]
+    if not edges:
+        return f"no change of {key} by a factor of up to 100 stops the gait"
+    return f"the gait no longer moves forward when {key} changes by the factor {' or '.join(edges)}"
+
+
+def describe_front(found: Front) -> list[str]:
+    """Describe the curve of gain against cost of transport.
+
+    Args:
+        found: the curve.
+
+    Returns:
+        The lines.
+    """
+    lines = [f"{found.points[0].scene.name}: gain per period [m], cost of transport [1]"]
+    lines += [f"  {point.gain:.6g}  {point.cost_of_transport:.6g}" for point in found.points]
+    ending = "" if found.complete else "; stopped before the end, the result depends on the machine"
+    lines.append(f"{found.evaluations} evaluations in {found.wall_s:.3g} s, seed {found.seed}{ending}")
+    return lines

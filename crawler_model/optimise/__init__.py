@@ -1,0 +1,1 @@
+"""The best periodic drive of a crawler within bounds."""

@@ -1,0 +1,151 @@
+"""What a gait is judged by: a number that is larger for better gaits, with its derivatives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .regime import Regime, RegimeDerivatives
+
+OBJECTIVES = {"translation": "m", "cost-of-transport": "1", "travel": "1"}
+"""Objectives and their units: gain per period, work / (distance * force), gain / travel of the actuators."""
+_WORST = 1e6
+
+
+@dataclass(frozen=True)
+class Goal:
+    """An objective and the limits of a gait.
+
+    Attributes:
+        objective: a key of `OBJECTIVES`.
+        tension: largest tension allowed [N], or infinite.
+        rate: fastest change of a rest length allowed [m/s], or infinite.
+        weights: for a compromise, an origin and a factor for the score for translation, and both for the cost of
+            transport: the smaller of (score - origin) * factor counts. None for a single objective.
+    """
+
+    objective: str
+    tension: float = math.inf
+    rate: float = math.inf
+    weights: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+    def scores(self, regime: Regime | None) -> list[float]:
+        """Compute the scores of a candidate, the larger the better; the least of them counts.
+
+        Args:
+            regime: its periodic regime; None if it cannot be followed.
+
+        Returns:
+            One score, two for a compromise. That of a candidate outside of the limits is below all others.
+        """
+        count = 1 if self.weights is None else 2
+        if regime is None:
+            return [-1e6 * _WORST] * count
+        excess = self.excess(regime)
+        if excess > 0.0:
+            return [-_WORST * (1.0 + excess)] * count
+        if self.weights is None:
+            return [score(self.objective, regime)]
+        pair = score("translation", regime), score("cost-of-transport", regime)
+        return [(value - origin) * factor for (origin, factor), value in zip(self.weights, pair, strict=True)]
+
+    def excess(self, regime: Regime) -> float:
+        """Compute how far a candidate is outside of the limits.
+
+        Args:
+            regime: its periodic regime.
+
+        Returns:
+            The larger of both excesses, relative to its limit [1]; 0 within rounding of them.
+        """
+        peak = regime.peak / self.tension - 1.0 if math.isfinite(self.tension) else 0.0
+        speed = regime.speed / self.rate - 1.0 if math.isfinite(self.rate) else 0.0
+        return max(peak, speed) if max(peak, speed) > 1e-9 else 0.0
+
+    def derivatives(self, found: RegimeDerivatives) -> list[tuple[float, np.ndarray]]:
+        """Differentiate the scores.
+
+        Args:
+            found: a regime with derivatives.
+
+        Returns:
+            Each score and its derivatives, shape (P,).
+        """
+        if self.weights is None:
+            return [_derivative(self.objective, found)]
+        pair = _derivative("translation", found), _derivative("cost-of-transport", found)
+        return [
+            ((value - origin) * factor, factor * slope)
+            for (origin, factor), (value, slope) in zip(self.weights, pair, strict=True)
+        ]
+
+
+def score(objective: str, regime: Regime) -> float:
+    """Compute the score of a regime for one objective.
+
+    Args:
+        objective: a key of `OBJECTIVES`.
+        regime: the regime.
+
+    Returns:
+        The gain [m]; gain / travel [1]; or for the cost of transport the angle between 0 and pi of which it is the
+        cotangent, which is continuous where the gain or the work passes through zero; negative for negative gains.
+    """
+    if objective == "translation":
+        return regime.gain
+    if objective == "travel":
+        return regime.gain / regime.travel if regime.travel > 0.0 else 0.0
+    return math.atan2(regime.gain * regime.force, regime.work) if _moves(regime) else 0.0
+
+
+def _moves(regime: Regime) -> bool:
+    """Determine whether a gain is more than rounding: a body at rest has no cost of transport."""
+    return abs(regime.gain) > 1e-9 * max(regime.travel, 1e-300)
+
+
+def _derivative(objective: str, found: RegimeDerivatives) -> tuple[float, np.ndarray]:
+    regime = found.regime
+    value = score(objective, regime)
+    if objective == "translation":
+        return value, found.gain
+    if objective == "travel":
+        if regime.travel == 0.0:
+            return value, np.zeros(found.gain.size)
+        return value, (found.gain - value * found.travel) / regime.travel
+    useful = regime.gain * regime.force
+    size = useful**2 + regime.work**2
+    if not _moves(regime) or size == 0.0:
+        return value, np.zeros(found.gain.size)
+    slope = regime.work * (found.gain * regime.force + regime.gain * found.force) - useful * found.work
+    return value, slope / size
+
+
+def measure(objective: str, regime: Regime) -> float:
+    """Compute what an objective is named after.
+
+    Args:
+        objective: a key of `OBJECTIVES`.
+        regime: the regime.
+
+    Returns:
+        Gain [m], cost of transport [1] or gain / travel [1]; NaN for the cost of a body that does not travel.
+    """
+    if objective != "cost-of-transport":
+        return score(objective, regime)
+    useful = abs(regime.gain) * regime.force
+    return regime.work / useful if _moves(regime) and useful > 0.0 else math.nan
+
+
+def best_first(values: ArrayLike) -> np.ndarray:
+    """Sort scores; equal ones keep their order.
+
+    Args:
+        values: the scores.
+
+    Returns:
+        Indices, best first.
+    """
+    return np.argsort(-np.asarray(values), kind="stable")

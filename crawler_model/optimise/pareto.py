@@ -1,0 +1,184 @@
+"""The compromises between going far and going cheaply."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..scene.file import coerce_scene
+from ..scene.scene import Scene
+from .goal import measure, score
+from .optimise import build_space, check_found
+from .request import given_points
+from .search import Found, search
+from .space import Space
+
+_POINTS = 7
+_ROUNDS = 2
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compromise:
+    """A gait that no other gait found beats both in gain and in cost of transport.
+
+    Attributes:
+        gain: gain per period [m].
+        cost_of_transport: work / (distance * force) [1].
+        values: the unknowns, shape (P,).
+        scene: a scene that plays it.
+    """
+
+    gain: float
+    cost_of_transport: float
+    values: np.ndarray
+    scene: Scene
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Front:
+    """The curve of translation against cost of transport.
+
+    Attributes:
+        points: the compromises, by falling gain.
+        names: names of the unknowns, shape (P,).
+        evaluations: how many candidates were run.
+        seed: of the random numbers.
+        complete: False after Ctrl-C or a time limit, when the result depends on the machine.
+        wall_s: wall-clock time [s].
+    """
+
+    points: tuple[Compromise, ...]
+    names: tuple[str, ...]
+    evaluations: int
+    seed: int
+    complete: bool
+    wall_s: float
+
+    def __repr__(self) -> str:
+        """Describe the curve in one line."""
+        return f"Front({len(self.points)} gaits, gain {self.points[-1].gain:.6g} to {self.points[0].gain:.6g} m)"
+
+    def summary(self) -> dict[str, Any]:
+        """Build the summary that `crawler optimise --pareto --json` prints.
+
+        Returns:
+            Plain numbers, lists and strings; schema 1.
+        """
+        return {
+            "schema": 1,
+            "scene": self.points[0].scene.name,
+            "front": [
+                {
+                    "gain": point.gain,
+                    "cost_of_transport": point.cost_of_transport,
+                    "drive": point.scene.document()["drive"],
+                }
+                for point in self.points
+            ],
+            "evaluations": self.evaluations,
+            "seed": self.seed,
+            "complete": self.complete,
+            "wall_s": self.wall_s,
+        }
+
+
+def pareto(
+    scene: Scene | str | Path,
+    seconds: float | None = None,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+    **limits: Any,
+) -> Front:
+    """Find the best compromises between gain per period and cost of transport.
+
+    Both ends of the curve are optima of a single objective; a point between them is best for the smaller of two scores,
+    each the part of the way from one end to the other, with several weights.
+
+    Args:
+        scene: a scene on a line, a path or a gallery name.
+        seconds: time limit [s], on which the result then depends; None for none.
+        seed: of the random numbers.
+        progress: called with the completed part, in [0, 1].
+        limits: waypoints, stroke, free, rate, tension, robust and period, as for `optimise`.
+
+    Returns:
+        The curve.
+
+    Raises:
+        SceneError: as for `optimise`.
+        CommandError: likewise.
+        TypeError: if another argument is given.
+    """
+    began = time.perf_counter()
+    scene = coerce_scene(scene, "pareto")
+    names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period")
+    given = {name: limits.pop(name, None) for name in names}
+    if limits:
+        raise TypeError(f"pareto: unknown argument {next(iter(limits))}")
+    unknowns, space = build_space(scene, "translation", **given, seconds=seconds, seed=seed)
+    begin = [*given_points(unknowns), np.full(space.size, 0.5)]
+    each = None if seconds is None else seconds / (_POINTS + 2)
+    runs: list[Found] = []
+
+    def go(space: Space, points: list[np.ndarray], rounds: int | None) -> Found:
+        def report(part: float) -> None:
+            if progress is not None:
+                progress((len(runs) + part) / (_POINTS + 2))
+
+        more = {} if rounds is None else {"rounds": rounds}
+        runs.append(search(space, seed + len(runs), each, points, report, **more))
+        return runs[-1]
+
+    far = go(space, begin, None)
+    check_found(space, far)
+    found = [far.point]
+    if not far.interrupted:
+        goal = dataclasses.replace(space.goal, objective="cost-of-transport")
+        cheap = go(space.with_goal(goal), [far.point, *begin], None)
+        found.append(cheap.point)
+        ends = [_scores(space, far.point), _scores(space, cheap.point)]
+        widths = ends[0][0] - ends[1][0], ends[1][1] - ends[0][1]
+        for part in np.arange(1, _POINTS + 1) / (_POINTS + 1) if min(widths) > 0.0 else ():
+            if runs[-1].interrupted:
+                break
+            weights = (ends[1][0], 1.0 / (part * widths[0])), (ends[0][1], 1.0 / ((1.0 - part) * widths[1]))
+            other = space.with_goal(dataclasses.replace(goal, weights=weights))
+            found.append(go(other, found, _ROUNDS).point)
+    points = _undominated([_compromise(space, point) for point in found])
+    complete = seconds is None and not any(run.interrupted for run in runs)
+    evaluations = sum(run.evaluations for run in runs)
+    return Front(points, unknowns.names, evaluations, seed, complete, time.perf_counter() - began)
+
+
+def _scores(space: Space, point: np.ndarray) -> tuple[float, float]:
+    """Compute the scores for translation and for the cost of transport, each the worst of all scenes."""
+    regimes = [regime for regime in space.regimes(point[None])[0] if regime is not None]
+    return (
+        min(score("translation", regime) for regime in regimes),
+        min(score("cost-of-transport", regime) for regime in regimes),
+    )
+
+
+def _compromise(space: Space, point: np.ndarray) -> Compromise:
+    regimes = [regime for regime in space.regimes(point[None])[0] if regime is not None]
+    unknowns, values = space.scenes[0], space.values(space.canonical(point))
+    gain = min(regime.gain for regime in regimes)
+    cost = max(measure("cost-of-transport", regime) for regime in regimes)
+    return Compromise(gain, cost, values, Scene.model_validate(unknowns.document(values)))
+
+
+def _undominated(points: list[Compromise]) -> tuple[Compromise, ...]:
+    """Leave out the gaits that another one beats in gain and cost, and those that are as good as another one."""
+    kept: list[Compromise] = []
+    for point in sorted(points, key=lambda one: (-one.gain, one.cost_of_transport)):
+        cost = kept[-1].cost_of_transport if kept else math.inf
+        if not kept or point.cost_of_transport < cost * (1.0 - 1e-6):
+            kept.append(point)
+    return tuple(kept)

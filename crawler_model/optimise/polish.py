@@ -1,0 +1,187 @@
+"""Local search: flips to bounds, and trust-region steps along exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .goal import best_first
+from .space import Evaluator, Space
+
+_GAIN = 1e-9
+"""Improvements below this part of the score are rounding."""
+_LARGEST_STEP, _SMALLEST_STEP = 0.5, 1e-7
+_BUNDLE = 6
+"""Planes that are collected at a kink before the steps become smaller."""
+Stop = Callable[[], bool]
+
+
+def improves(new: float, old: float) -> bool:
+    """Determine whether a score is better by more than rounding.
+
+    Args:
+        new: a score [m or 1].
+        old: the score to compare with, likewise [m or 1].
+
+    Returns:
+        True if it is.
+    """
+    return new > old + _GAIN * max(abs(old), 1e-3)
+
+
+def flip(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+    """Move single unknowns to their bounds, and waypoints as a whole, for as long as that is better.
+
+    All moves are scored together; then the best ones of single unknowns are also tried together.
+
+    Args:
+        evaluator: computes the scores.
+        point: where to begin, shape (P,).
+        score: its score [m or 1].
+        stop: called between batches; True ends the search.
+
+    Returns:
+        The best point, and its score.
+    """
+    space = evaluator.space
+    while not stop():
+        point, score = _flip_single(evaluator, point, score, stop)
+        moved = [space.repair(other) for other in block_moves(space, point)]
+        if not moved:
+            break
+        scores = evaluator.scores(moved)
+        best = int(best_first(scores)[0])
+        if not improves(float(scores[best]), score):
+            break
+        point, score = moved[best], float(scores[best])
+    return point, score
+
+
+def block_moves(space: Space, point: np.ndarray) -> list[np.ndarray]:
+    """Change several waypoints at once: one link earlier or later, or a waypoint like another one or opposite to it.
+
+    Args:
+        space: the candidates.
+        point: shape (P,).
+
+    Returns:
+        The changed points; none without a table.
+    """
+    table, first = space.scenes[0].table, len(space.scenes[0].keys)
+    if table is None:
+        return []
+    rows = point[first:].reshape(table.waypoints, -1)
+    found = []
+    for j in range(table.width):
+        for by in (-1, 1):
+            changed = rows.copy()
+            changed[:, j] = np.roll(rows[:, j], by)
+            found.append(changed)
+    for k in range(table.waypoints):
+        for other in (1.0 - rows[k], np.roll(rows, 1, axis=0)[k], np.roll(rows, 2, axis=0)[k]):
+            changed = rows.copy()
+            changed[k] = other
+            found.append(changed)
+    return [np.concatenate((point[:first], changed.ravel())) for changed in found]
+
+
+def _flip_single(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+    space = evaluator.space
+    while not stop():
+        moves = [(i, bound) for i in range(space.size) for bound in (0.0, 1.0) if point[i] != bound]
+        scores = evaluator.scores([_moved(evaluator, point, [move]) for move in moves])
+        order = [k for k in best_first(scores) if improves(scores[k], score)]
+        if not order:
+            break
+        counts = [1]
+        while counts[-1] < len(order):
+            counts.append(min(2 * counts[-1], len(order)))
+        groups = [_moved(evaluator, point, [moves[k] for k in order[:count]]) for count in counts]
+        together = np.append(scores[order[0]], evaluator.scores(groups[1:]))
+        best = int(best_first(together)[0])
+        point, score = groups[best], float(together[best])
+    return point, score
+
+
+def _moved(evaluator: Evaluator, point: np.ndarray, moves: list[tuple[int, float]]) -> np.ndarray:
+    moved = point.copy()
+    for i, bound in moves:
+        moved[i] = bound
+    return evaluator.space.repair(moved)
+
+
+def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+    """Follow the exact derivatives within trust regions of several sizes.
+
+    The score is piecewise smooth. Each step maximises the least of several planes: those of all scores and, where no
+    step along them is better, those of points on the other side of the kink, too.
+
+    Args:
+        evaluator: computes scores and derivatives.
+        point: where to begin, shape (P,).
+        score: its score [m or 1].
+        stop: called between batches; True ends the search.
+
+    Returns:
+        The best point, and its score.
+    """
+    space = evaluator.space
+    radius = _LARGEST_STEP
+    planes: list[tuple[np.ndarray, float, np.ndarray]] = []
+    while radius > _SMALLEST_STEP and not stop():
+        if not planes:
+            planes = [(point, value, slope) for value, slope in evaluator.slopes(point)]
+            if not planes:
+                break
+            corner = len(planes)
+        sizes = radius * 0.25 ** np.arange(4)
+        steps = [space.repair(best_step(evaluator, point, planes, size)) for size in sizes]
+        scores = evaluator.scores(steps)
+        best = int(best_first(scores)[0])
+        if improves(float(scores[best]), score):
+            point, score = steps[best], float(scores[best])
+            radius, planes = min(_LARGEST_STEP, 2.0 * sizes[best]), []
+        elif len(planes) < corner + _BUNDLE:
+            beyond = [(steps[best], value, slope) for value, slope in evaluator.slopes(steps[best])]
+            if not beyond or not np.any(steps[best] != point):
+                radius *= 0.25**4
+                planes = planes[:corner]
+            planes += beyond
+        else:
+            radius, planes = radius * 0.25**3, planes[:corner]
+    return point, score
+
+
+def best_step(
+    evaluator: Evaluator, point: np.ndarray, planes: list[tuple[np.ndarray, float, np.ndarray]], size: float
+) -> np.ndarray:
+    """Maximise the least of several planes within a trust region, the box and the rates.
+
+    Args:
+        evaluator: holds the space.
+        point: the middle of the trust region, shape (P,).
+        planes: the point at which each was found, its score there, and its derivatives.
+        size: largest change of an unknown, in the unit box [1].
+
+    Returns:
+        The maximum, shape (P,).
+    """
+    matrix, bound = evaluator.space.limits()
+    low, high = np.maximum(-size, -point), np.minimum(size, 1.0 - point)
+    if len(planes) == 1 and not bound.size:
+        slope = planes[0][2]
+        return np.asarray(point + np.where(slope > 0.0, high, np.where(slope < 0.0, low, 0.0)))
+    from scipy.optimize import linprog  # takes a while to load, and few searches need it
+
+    rows = [np.append(-slope, 1.0) for _, _, slope in planes]
+    most = [value + slope @ (point - place) for place, value, slope in planes]
+    if bound.size:
+        rows += list(np.hstack((matrix, np.zeros((bound.size, 1)))))
+        most += list(bound - matrix @ point)
+    worst = np.array(most).min() - 1e3 * (1.0 + max(np.abs(slope).sum() for _, _, slope in planes))
+    bounds = [*zip(low, high, strict=True), (worst, None)]
+    found = linprog(np.append(np.zeros(point.size), -1.0), np.array(rows), most, bounds=bounds, method="highs")
+    if found.x is None:
+        return point
+    return np.asarray(point + np.clip(found.x[:-1], low, high))

@@ -1,0 +1,226 @@
+"""The unknowns of a request: strokes, friction and numbers of a scene within bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..derivative.parameters import expand_keys
+from ..errors import LARGEST, SceneError
+from ..scene.scene import Scene
+from ..sweep.vary import Variations, key_steps
+from .unknowns import Table, Unknowns
+
+DEFAULT_WAYPOINTS = 6
+_MOST_UNKNOWNS = 2000
+_COUNTS = ("samples", "elements", "shown")
+_TIMES = ("times", "period")
+Bounds = tuple[float, float]
+
+
+def build_unknowns(
+    scene: Scene,
+    waypoints: int | None,
+    stroke: Bounds | Mapping[str, Bounds] | None,
+    free: Mapping[str, Bounds],
+    period: float | None,
+) -> Unknowns:
+    """Build the unknowns of a request.
+
+    Args:
+        scene: the scene.
+        waypoints: number of evenly spaced waypoints; None for the default where waypoints are unknown.
+        stroke: bounds of all links [m] and segments (strain), or of each by name; None for those of the scene's drive.
+        free: bounds of numbers of the scene by dotted key; `friction` stands for the friction of each contact and
+            segment at each waypoint [N, N/m].
+        period: of the waypoints [s]; None for that of the scene's drive, or 1 s.
+
+    Returns:
+        The unknowns.
+
+    Raises:
+        SceneError: with one line about the first mistake.
+    """
+    _check_scene(scene)
+    given = {key: check_bounds(f"free: {key}", bounds) for key, bounds in free.items()}
+    friction = given.pop("friction", None)
+    plays = scene.parts.drive is not None and scene.drive.period is not None
+    with_table = waypoints is not None or stroke is not None or friction is not None or not given or not plays
+    if not with_table:
+        if period is not None:
+            raise SceneError(f"period: {period:g} s; without waypoints the period is that of the scene's drive")
+        base = Scene.model_validate(scene.document() | {"start": "relaxed"})
+        keys, low, high = _expand(base, given)
+        return Unknowns(base, keys, None, low, high, scene)
+    for key in given:
+        if key_steps(key)[0] == "drive":
+            raise SceneError(f"free: {key}: no effect, as the waypoints replace the drive")
+    document = scene.document()
+    document.pop("drive", None)
+    document["start"] = "relaxed"
+    base = Scene.model_validate(document)
+    table = _build_table(scene, base, waypoints, stroke, friction, period)
+    if friction is not None:
+        for key in given:
+            if "friction" in key_steps(key):
+                raise SceneError(f"free: {key}: no effect, as the waypoints command friction")
+    keys, low, high = _expand(base, given)
+    if len(keys) + table.width * table.waypoints > _MOST_UNKNOWNS:
+        count = len(keys) + table.width * table.waypoints
+        raise SceneError(f"waypoints: {count} unknowns; at most {_MOST_UNKNOWNS}: choose fewer waypoints")
+    return Unknowns(base, keys, table, low, high, scene)
+
+
+def _check_scene(scene: Scene) -> None:
+    if scene.dimension == 2:
+        raise SceneError(f"optimise: {scene.name} is in the plane; gaits are sought for bodies on a line")
+    if scene.ground.track is not None:
+        raise SceneError(f"optimise: {scene.name} has ground.patches, on which no two periods are the same")
+    if scene.body.springs == 0:
+        raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
+
+
+def check_bounds(name: str, given: Any) -> Bounds:
+    """Check bounds.
+
+    Args:
+        name: what they bound, for the error message.
+        given: two numbers.
+
+    Returns:
+        The lower and the upper one.
+
+    Raises:
+        SceneError: if they are not two finite numbers, the lower one first.
+    """
+    try:
+        low, high = (float(value) for value in given)
+    except (TypeError, ValueError):
+        raise SceneError(f"{name}: {given!r}; bounds are two numbers, the lower one first") from None
+    if not (math.isfinite(low) and math.isfinite(high)) or max(abs(low), abs(high)) > LARGEST:
+        raise SceneError(f"{name}: {low:g} to {high:g}; bounds must be finite")
+    if not low < high:
+        raise SceneError(f"{name}: {low:g} to {high:g}; the lower bound must be less than the upper one")
+    return low, high
+
+
+def _expand(scene: Scene, given: Mapping[str, Bounds]) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """List the numbers that keys name, with their bounds."""
+    keys: list[str] = []
+    bounds: list[Bounds] = []
+    for key, both in given.items():
+        steps = key_steps(key)
+        if steps[0] == "drive" and steps[1:2] and (steps[1] in _TIMES or steps[-1] == "period"):
+            raise SceneError(f"free: {key}: no effect, as the motion does not depend on how fast the drive is")
+        if steps[-1] in _COUNTS:
+            raise SceneError(f"free: {key}: it is a whole number; only numbers that change continuously can be free")
+        try:
+            names = expand_keys(scene, [key], "free")
+            for name in names:
+                Variations(scene, {name: np.zeros(1)}, (1,)).origin(name)
+        except SceneError as error:
+            raise SceneError(str(error).replace("vary: ", "free: ").replace("; vary ", "; free ")) from None
+        for name in names:
+            if name in keys:
+                raise SceneError(f"free: {name} is named twice")
+            keys.append(name)
+            bounds.append(both)
+    low, high = np.array(bounds).reshape(-1, 2).T
+    return tuple(keys), low.copy(), high.copy()
+
+
+def _build_table(
+    scene: Scene,
+    base: Scene,
+    waypoints: int | None,
+    stroke: Bounds | Mapping[str, Bounds] | None,
+    friction: Bounds | None,
+    period: float | None,
+) -> Table:
+    count = DEFAULT_WAYPOINTS if waypoints is None else waypoints
+    if not isinstance(count, int) or not 2 <= count <= _MOST_UNKNOWNS:
+        raise SceneError(f"waypoints: {count!r}; it must be a whole number between 2 and {_MOST_UNKNOWNS}")
+    if period is None:
+        period = 1.0 if scene.drive.period is None else scene.drive.period
+    if not 1e-6 <= period <= 1e6:
+        raise SceneError(f"period: {period:g} s; it must be between 1e-6 and 1e6")
+    columns, body = base.columns, base.body
+    names = [*(f"link_{i}" for i in range(columns.links)), *(segment.name for segment in body.segments)]
+    strokes = _strokes(scene, names, stroke)
+    span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])
+    column_of = np.full(columns.count, -1)
+    column_of[: columns.lengths] = np.repeat(np.arange(len(names)), columns.actuation_sizes)
+    bounds = list(strokes)
+    if friction is not None:
+        if friction[0] < 0.0:
+            raise SceneError(f"free: friction: {friction[0]:g} to {friction[1]:g}; friction must be >= 0")
+        one_side = np.repeat(len(names) + np.arange(columns.friction_sizes.size), columns.friction_sizes)
+        column_of[columns.lengths :][: columns.frictions] = np.tile(one_side, 2)
+        bounds += [friction] * columns.friction_sizes.size
+        row = base.drive.rows[0].copy()
+        row[columns.lengths :][: columns.frictions] = friction[0]
+        columns.check_equilibrium(columns.target(row), f"free: friction: {friction[0]:g}", SceneError)
+    low, high = np.array(bounds).T
+    return Table(count, float(period), len(names), friction is not None, column_of, low.copy(), high.copy(), span)
+
+
+def _strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[str, Bounds] | None) -> list[Bounds]:
+    """Find the bounds of each link and segment."""
+    if isinstance(stroke, Mapping):
+        for name in stroke:
+            if name not in names:
+                raise SceneError(f"stroke: {name!r}; the links and segments are {', '.join(names)}")
+        missing = [name for name in names if name not in stroke]
+        if missing:
+            raise SceneError(f"stroke: {missing[0]} has none; give one stroke for all, or one for each")
+        return [check_bounds(f"stroke: {name}", stroke[name]) for name in names]
+    if stroke is not None:
+        return [check_bounds("stroke", stroke)] * len(names)
+    if scene.parts.drive is None:
+        raise SceneError("stroke: missing; give the bounds of the rest lengths, for example 0 to 0.1 m")
+    columns, rows = scene.columns, scene.drive.rows
+    found = []
+    for i, (first, size) in enumerate(
+        zip(np.cumsum(columns.actuation_sizes) - columns.actuation_sizes, columns.actuation_sizes, strict=True)
+    ):
+        part = rows[:, first : first + size]
+        if not part.min() < part.max():
+            raise SceneError(f"stroke: missing, and the drive of the scene does not move {names[i]}")
+        found.append((float(part.min()), float(part.max())))
+    return found
+
+
+def given_points(unknowns: Unknowns) -> list[np.ndarray]:
+    """Find the point of the scene as it is, to begin with.
+
+    Args:
+        unknowns: the unknowns.
+
+    Returns:
+        The unit point, its waypoints those of the scene's drive at these times; nothing for a scene without a drive.
+    """
+    scene, table = unknowns.original, unknowns.table
+    base = unknowns.base
+    numbers = np.array([Variations(base, {key: np.zeros(1)}, (1,)).origin(key) for key in unknowns.keys])
+    values = numbers
+    if table is not None:
+        if scene.parts.drive is None or scene.drive.period is None:
+            return []
+        drive = scene.drive
+        assert drive.period is not None
+        times = np.arange(table.waypoints) / table.waypoints * drive.period
+        closed = np.append(drive.times, drive.period) if drive.period > drive.times[-1] else drive.times
+        rows = drive.rows[np.arange(closed.size) % drive.times.size]
+        columns = base.columns
+        first = np.cumsum(columns.actuation_sizes) - columns.actuation_sizes
+        places = [int(i) for i in first]
+        if table.friction:
+            sizes = scene.columns.friction_sizes
+            places += [int(i) for i in scene.columns.lengths + np.cumsum(sizes) - sizes]
+        waypoints = np.column_stack([np.interp(times, closed, rows[:, i]) for i in places])
+        values = np.concatenate((numbers, waypoints.ravel()))
+    unit = (values - unknowns.low) / (unknowns.high - unknowns.low)
+    return [np.clip(unit, 0.0, 1.0)]

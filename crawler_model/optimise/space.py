@@ -1,0 +1,245 @@
+"""The unit box of the unknowns, in which gaits are searched, and the rates that waypoints have to keep."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import CrawlerError
+from ..sweep.workers import available_cores
+from .goal import Goal
+from .regime import Regime, differentiate_regime, find_peak, find_regimes
+from .unknowns import Unknowns
+
+_CHUNK = 64
+"""Candidates that are run in one compiled call."""
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """The candidates: unknowns scaled to [0, 1], judged by a goal on one scene or on several.
+
+    Attributes:
+        scenes: the same unknowns for each scene; a candidate is as good as on the scene where it is worst.
+        goal: the goal.
+    """
+
+    scenes: tuple[Unknowns, ...]
+    goal: Goal
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns P."""
+        return int(self.scenes[0].low.size)
+
+    def values(self, unit: np.ndarray) -> np.ndarray:
+        """Convert a point of the unit box to values of the unknowns.
+
+        Args:
+            unit: shape (P,).
+
+        Returns:
+            Shape (P,); exactly the bounds at 0 and 1.
+        """
+        low, high = self.scenes[0].low, self.scenes[0].high
+        return np.asarray(np.where(unit >= 1.0, high, low + np.maximum(unit, 0.0) * (high - low)))
+
+    def steps(self) -> np.ndarray | None:
+        """Compute by how much an unknown may change from one waypoint to the next.
+
+        Returns:
+            In units of the box, shape (width,), infinite for friction; None without a rate or a table.
+        """
+        table = self.scenes[0].table
+        if table is None or not np.isfinite(self.goal.rate):
+            return None
+        most = np.full(table.width, np.inf)
+        ramp = table.period / table.waypoints
+        lengths = (table.high - table.low)[: table.links] * table.span
+        most[: table.links] = self.goal.rate * ramp / np.maximum(lengths, 1e-300)
+        return most
+
+    def repair(self, unit: np.ndarray) -> np.ndarray:
+        """Move a point into the box, and waypoints so close together that they keep the rate.
+
+        The mean of the largest sequence below and the smallest above that keep it is unchanged where it keeps it, and
+        stays in the box.
+
+        Args:
+            unit: shape (P,).
+
+        Returns:
+            Shape (P,).
+        """
+        unit = np.clip(unit, 0.0, 1.0)
+        most = self.steps()
+        if most is None:
+            return unit
+        table, first = self.scenes[0].table, len(self.scenes[0].keys)
+        assert table is not None
+        rows = unit[first:].reshape(table.waypoints, -1)
+        apart = np.abs(np.arange(table.waypoints)[:, None] - np.arange(table.waypoints))
+        apart = np.minimum(apart, table.waypoints - apart)[:, :, None]
+        reach = np.where(apart > 0, apart * np.where(np.isfinite(most), most, 2.0), 0.0)
+        below, above = (rows + reach).min(axis=1), (rows - reach).max(axis=1)
+        kept = np.where(np.isfinite(most), 0.5 * (below + above), rows)
+        return np.concatenate((unit[:first], np.clip(kept, 0.0, 1.0).ravel()))
+
+    def canonical(self, unit: np.ndarray) -> np.ndarray:
+        """Choose the waypoint at which a period begins: the same gait may begin at any.
+
+        Args:
+            unit: shape (P,).
+
+        Returns:
+            Shape (P,), the same for all beginnings.
+        """
+        table, first = self.scenes[0].table, len(self.scenes[0].keys)
+        if table is None:
+            return unit
+        rows = unit[first:].reshape(table.waypoints, -1)
+        turned = [np.roll(rows, -k, axis=0).ravel() for k in range(table.waypoints)]
+        return np.concatenate((unit[:first], max(turned, key=lambda row: np.round(row, 4).tolist())))
+
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Write the rates as linear inequalities, A u <= b.
+
+        Returns:
+            A, shape (R, P), and b, shape (R,); without rows if there are none.
+        """
+        most, table = self.steps(), self.scenes[0].table
+        if most is None or table is None:
+            return np.zeros((0, self.size)), np.zeros(0)
+        first, rows, bounds = len(self.scenes[0].keys), [], []
+        for k in range(table.waypoints):
+            for j in np.flatnonzero(most < 1.0):
+                row = np.zeros(self.size)
+                row[first + k * table.width + j] -= 1.0
+                row[first + (k + 1) % table.waypoints * table.width + j] += 1.0
+                rows += [row, -row]
+                bounds += [most[j], most[j]]
+        return np.array(rows).reshape(-1, self.size), np.array(bounds)
+
+    def regimes(self, points: np.ndarray) -> list[list[Regime | None]]:
+        """Compute the periodic regimes of candidates on each scene.
+
+        Args:
+            points: shape (M, P).
+
+        Returns:
+            For each candidate the regimes; None where it cannot be followed or numbers do not fit together.
+        """
+        values = np.array([self.values(point) for point in points])
+        each = [self._regimes(unknowns, values) for unknowns in self.scenes]
+        return [list(of_one) for of_one in zip(*each, strict=True)]
+
+    def _regimes(self, unknowns: Unknowns, values: np.ndarray) -> list[Regime | None]:
+        try:
+            found = find_regimes(unknowns.cycles(values))
+            if np.isfinite(self.goal.tension):
+                for m, regime in enumerate(found):
+                    if regime is not None:
+                        found[m] = dataclasses.replace(regime, peak=find_peak(unknowns.cycle(values[m])))
+        except CrawlerError:
+            if values.shape[0] == 1:
+                return [None]
+            return [self._regimes(unknowns, row[None])[0] for row in values]
+        return found
+
+    def scores(self, points: Sequence[np.ndarray]) -> list[float]:
+        """Compute the scores of candidates, the worst one of all scenes.
+
+        Args:
+            points: each of shape (P,).
+
+        Returns:
+            The scores.
+        """
+        found = self.regimes(np.array(points))
+        return [min(min(self.goal.scores(regime)) for regime in regimes) for regimes in found]
+
+    def slopes(self, unit: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """Differentiate all scores of a candidate.
+
+        Args:
+            unit: shape (P,).
+
+        Returns:
+            Each score, and its derivatives in units of the box, shape (P,); nothing if one of them has none.
+        """
+        values, width = self.values(unit), self.scenes[0].high - self.scenes[0].low
+        found: list[tuple[float, np.ndarray]] = []
+        try:
+            for unknowns in self.scenes:
+                regime = differentiate_regime(*unknowns.differentiate(values))
+                found += [(value, slope * width) for value, slope in self.goal.derivatives(regime)]
+        except CrawlerError:
+            return []
+        return found
+
+    def with_goal(self, goal: Goal) -> Space:
+        """Judge by another goal.
+
+        Args:
+            goal: the goal.
+
+        Returns:
+            The same candidates.
+        """
+        return dataclasses.replace(self, goal=goal)
+
+
+class Evaluator:
+    """Computes scores on all cores, and counts them. The scores do not depend on the number of threads."""
+
+    def __init__(self, space: Space, threads: int | None = None) -> None:
+        """Start the threads.
+
+        Args:
+            space: the candidates.
+            threads: their number; None for one per core.
+        """
+        self.space = space
+        self.evaluations = 0
+        self._threads = available_cores() if threads is None else threads
+        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+
+    def scores(self, points: Sequence[np.ndarray]) -> np.ndarray:
+        """Compute the scores of candidates.
+
+        Args:
+            points: in the unit box, each of shape (P,).
+
+        Returns:
+            Shape (M,).
+        """
+        self.evaluations += len(points)
+        if not points:
+            return np.zeros(0)
+        parts = [points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK)]
+        if self._pool is None or len(parts) == 1:
+            found = map(self.space.scores, parts)
+        else:
+            found = self._pool.map(self.space.scores, parts)  # type: ignore[assignment]
+        return np.array([value for part in found for value in part])
+
+    def slopes(self, point: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """Differentiate the scores of a candidate.
+
+        Args:
+            point: in the unit box, shape (P,).
+
+        Returns:
+            As for `Space.slopes`.
+        """
+        self.evaluations += 1
+        return self.space.slopes(point)
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)

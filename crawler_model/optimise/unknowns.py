@@ -1,0 +1,351 @@
+"""The unknowns of a gait: evenly spaced waypoints of a drive, and numbers of its scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..body.drive import Drive
+from ..derivative.parameters import Derivatives, differentiate_arrays
+from ..errors import CrawlerError, SceneError
+from ..scene.assembly import Assembly
+from ..scene.scene import Scene
+from ..sweep.stack import stack, stack_scenes
+from ..sweep.vary import Variations
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Evenly spaced waypoints of a period.
+
+    Attributes:
+        waypoints: number of waypoints K.
+        period: [s].
+        links: number of links and segments J, whose actuation is unknown.
+        friction: whether the friction of each contact and segment is unknown, too, equal in both directions.
+        column_of: for each column of a command row the unknown of its waypoint that it shows, or -1, shape (C,).
+        low: lower bounds of the unknowns of a waypoint, shape (J,) or (J + contacts and segments,) [m, 1, N, N/m].
+        high: upper bounds, likewise.
+        span: length by which an unknown is multiplied to get a change of length, 1 for links, shape (J,) [1, m].
+    """
+
+    waypoints: int
+    period: float
+    links: int
+    friction: bool
+    column_of: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    span: np.ndarray
+
+    @property
+    def width(self) -> int:
+        """Number of unknowns of a waypoint."""
+        return int(self.low.size)
+
+    def names(self) -> tuple[str, ...]:
+        """Name the unknowns by the keys of the drive, waypoint by waypoint.
+
+        Returns:
+            Names such as `drive.actuation[0][1]`.
+        """
+        return tuple(
+            f"drive.actuation[{i}][{j}]" if j < self.links else f"drive.friction.isotropic[{i}][{j - self.links}]"
+            for i in range(self.waypoints)
+            for j in range(self.width)
+        )
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A candidate: arrays from which its periodic regime follows.
+
+    Attributes:
+        plan: body, start and drive; the first waypoint is in force at the start, the others are those of the period.
+        seconds: duration of the ramp to each waypoint of the period, shape (K,) [s].
+    """
+
+    plan: Assembly
+    seconds: np.ndarray
+
+    @functools.cached_property
+    def share(self) -> np.ndarray:
+        """Weight of each waypoint in a mean over time, shape (K,)."""
+        return np.asarray(0.5 * (self.seconds + np.roll(self.seconds, -1)) / self.seconds.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The unknowns, and the candidates that they describe.
+
+    Attributes:
+        base: the scene, with a relaxed start; with a table it has no drive.
+        keys: numbers of the scene, by dotted keys.
+        table: the waypoints, or None if the scene's own drive is played.
+        key_low: lower bounds of the numbers of the scene, shape (keys,).
+        key_high: upper bounds, likewise.
+        original: the scene as it was given.
+    """
+
+    base: Scene
+    keys: tuple[str, ...]
+    table: Table | None
+    key_low: np.ndarray
+    key_high: np.ndarray
+    original: Scene
+
+    @functools.cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns, shape (P,): numbers of the scene, then the waypoints."""
+        return self.keys + (self.table.names() if self.table is not None else ())
+
+    @functools.cached_property
+    def low(self) -> np.ndarray:
+        """Lower bounds, shape (P,)."""
+        return self._bounds(self.key_low, lambda table: table.low)
+
+    @functools.cached_property
+    def high(self) -> np.ndarray:
+        """Upper bounds, shape (P,)."""
+        return self._bounds(self.key_high, lambda table: table.high)
+
+    def _bounds(self, keys: np.ndarray, side: Callable[[Table], np.ndarray]) -> np.ndarray:
+        return keys if self.table is None else np.concatenate((keys, np.tile(side(self.table), self.table.waypoints)))
+
+    def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Split unknowns into numbers of the scene and waypoints.
+
+        Args:
+            values: shape (P,).
+
+        Returns:
+            Shape (keys,), and shape (K, width) or None without a table.
+        """
+        first = len(self.keys)
+        return values[:first], None if self.table is None else values[first:].reshape(self.table.waypoints, -1)
+
+    def _scene(self, numbers: np.ndarray) -> Scene:
+        if not self.keys:
+            return self.base
+        return Variations(self.base, {k: np.array([v]) for k, v in zip(self.keys, numbers, strict=True)}, (1,))[0]
+
+    def cycle(self, values: np.ndarray) -> Cycle:
+        """Build a candidate.
+
+        Args:
+            values: the unknowns, shape (P,).
+
+        Returns:
+            Its arrays.
+
+        Raises:
+            SceneError: if numbers of the scene do not fit together.
+        """
+        numbers, waypoints = self.split(values)
+        return self._cycle(self._scene(numbers), waypoints)
+
+    def cycles(self, values: np.ndarray) -> Cycle:
+        """Build many candidates together.
+
+        Args:
+            values: the unknowns, shape (M, P).
+
+        Returns:
+            Their arrays: those of the plan have a leading axis of candidates, as in a stack of variations.
+
+        Raises:
+            SceneError: if numbers of the scene do not fit together, or change its mesh; then build them one by one.
+        """
+        count, first = values.shape[0], len(self.keys)
+        columns = {key: np.ascontiguousarray(values[:, i]) for i, key in enumerate(self.keys)}
+        whole = stack(Variations(self.base, columns, (count,))) if columns else stack_scenes([self.base] * count)
+        for reason in whole.reasons.values():
+            raise SceneError(reason)
+        part = whole.assembly
+        waypoints = None if self.table is None else values[:, first:].reshape(count, self.table.waypoints, -1)
+        rows, seconds = self._rows(self.base.drive, part.drive.rows, waypoints)
+        path = Drive(np.arange(rows.shape[1], dtype=np.float64), None, rows, part.columns)
+        start = self._start(path, part)
+        return Cycle(Assembly(part.parts, part.body, part.ground, part.columns, path, start), seconds)
+
+    @property
+    def _starts_relaxed(self) -> bool:
+        """Whether candidates start without tension at their first waypoint, which loads do not allow."""
+        return self.table is not None and self.base.columns.slope_load is None
+
+    def _start(self, path: Drive, part: Assembly) -> np.ndarray:
+        if not self._starts_relaxed:
+            return part.start_displacement
+        return part.body.relaxed(path.targets[..., 0, : part.body.springs])
+
+    def _rows(self, drive: Drive, given: np.ndarray, waypoints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
+        if self.table is None or waypoints is None:
+            _, seconds, order = _period_of(drive)
+            return np.concatenate((given[..., :1, :], given[..., order, :]), axis=-2), seconds
+        rows = np.repeat(given[..., :1, :], 1 + self.table.waypoints, axis=-2)
+        shown = self.table.column_of >= 0
+        rows[..., 1:, shown] = waypoints[..., self.table.column_of[shown]]
+        if self._starts_relaxed:
+            rows[..., 0, :] = rows[..., 1, :]
+        return rows, np.full(self.table.waypoints, self.table.period / self.table.waypoints)
+
+    def _cycle(self, scene: Scene, waypoints: np.ndarray | None) -> Cycle:
+        drive = scene.drive
+        rows, seconds = self._rows(drive, drive.rows, waypoints)
+        path = Drive(np.arange(rows.shape[0], dtype=np.float64), None, rows, drive.columns)
+        start = self._start(path, scene)
+        plan = Assembly(scene.parts, scene.body, scene.ground, scene.columns, path, start)
+        return Cycle(plan, seconds)
+
+    def differentiate(self, values: np.ndarray) -> tuple[Cycle, Derivatives]:
+        """Build a candidate, and differentiate its arrays.
+
+        Args:
+            values: the unknowns, shape (P,).
+
+        Returns:
+            The candidate, and the derivatives of its arrays with respect to the unknowns.
+
+        Raises:
+            SceneError: if numbers of the scene do not fit together, or cannot change.
+        """
+        numbers, waypoints = self.split(values)
+        scene = self._scene(numbers)
+        cycle = self._cycle(scene, waypoints)
+        body, first, count = scene.body, len(self.keys), len(self.names)
+        rows = cycle.plan.drive.rows.shape[0]
+        width = cycle.plan.drive.targets.shape[1]
+        stiffness, start = np.zeros((body.springs, count)), np.zeros((body.contacts, count))
+        targets = np.zeros((rows, width, count))
+        if self.keys:
+            of_keys = differentiate_arrays(scene, self.keys, "optimise")
+            stiffness[:, :first], start[:, :first] = of_keys.stiffness, of_keys.start
+            if self.table is None:
+                targets[0, :, :first] = of_keys.targets[0]
+                targets[1:, :, :first] = of_keys.targets[_period_of(scene.drive)[2]]
+            else:
+                targets[:, :, :first] = of_keys.targets[0]
+        if self.table is not None:
+            targets[1:, :, first:] = self._table_targets
+            replaced = (self._table_targets != 0.0).any(axis=(0, 2))
+            targets[1:, replaced, :first] = 0.0
+        if self._starts_relaxed:
+            targets[0] = targets[1]
+            start = np.ascontiguousarray(body.relaxed(targets[0, : body.springs].T).T)
+        none = np.zeros((rows, count))
+        return cycle, Derivatives(self.names, values, stiffness, targets, start, none, np.zeros(count))
+
+    @functools.cached_property
+    def _table_targets(self) -> np.ndarray:
+        """Derivatives of the targets at the waypoints with respect to the waypoints, shape (K, F, K width)."""
+        table, columns = self.table, self.base.columns
+        assert table is not None
+        shown = table.column_of[columns.index]
+        one = np.where(shown[:, None] == np.arange(table.width), columns.factor[:, None], 0.0)
+        all_targets = np.zeros((table.waypoints, one.shape[0], table.waypoints, table.width))
+        for i in range(table.waypoints):
+            all_targets[i, :, i] = one
+        return all_targets.reshape(table.waypoints, one.shape[0], -1)
+
+    def drive_of(self, values: np.ndarray) -> dict[str, Any]:
+        """Build the drive of a candidate.
+
+        Args:
+            values: the unknowns, shape (P,).
+
+        Returns:
+            The part `drive` of its scene.
+        """
+        drive: dict[str, Any] = self.document(values)["drive"]
+        return drive
+
+    def document(self, values: np.ndarray) -> dict[str, Any]:
+        """Build the document of a candidate, which plays it.
+
+        Args:
+            values: the unknowns, shape (P,).
+
+        Returns:
+            The input of `Scene.model_validate`.
+
+        Raises:
+            SceneError: if numbers of the scene do not fit together.
+        """
+        numbers, waypoints = self.split(values)
+        document = self._scene(numbers).document()
+        if self.table is not None and waypoints is not None:
+            document["drive"] = _write_table(self.table, waypoints)
+            document.pop("start", None)
+        if "start" in self.original.document():
+            document["start"] = self.original.document()["start"]
+        try:
+            Scene.model_validate(document)
+        except SceneError:
+            document["start"] = "relaxed"
+            Scene.model_validate(document)
+        return document
+
+    def is_valid(self, values: np.ndarray) -> bool:
+        """Determine whether a candidate exists.
+
+        Args:
+            values: the unknowns, shape (P,).
+
+        Returns:
+            False if numbers of the scene do not fit together.
+        """
+        try:
+            self.cycle(values)
+        except CrawlerError:
+            return False
+        return True
+
+
+def _period_of(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Find the waypoints of a period, the first one last: times, durations of the ramps to them, and rows."""
+    assert drive.period is not None
+    rows = np.flatnonzero(drive.times < drive.period)
+    order = np.append(rows[1:], rows[0])
+    times = np.append(drive.times[rows[1:]], drive.period)
+    return times, np.diff(times, prepend=0.0), order
+
+
+def _write_table(table: Table, waypoints: np.ndarray) -> dict[str, Any]:
+    closed = np.vstack((waypoints, waypoints[:1]))
+    times = table.period * np.arange(table.waypoints + 1) / table.waypoints
+    times[-1] = table.period
+    drive: dict[str, Any] = {"times": times.tolist(), "period": table.period}
+    drive["actuation"] = closed[:, : table.links].tolist()
+    if table.friction:
+        drive["friction"] = {"isotropic": closed[:, table.links :].tolist()}
+    return drive
+
+
+def with_numbers(unknowns: Unknowns, factors: dict[str, float]) -> Unknowns:
+    """Multiply numbers of the scene that are not unknown.
+
+    Args:
+        unknowns: the unknowns.
+        factors: by dotted key.
+
+    Returns:
+        The same unknowns for the other scene.
+
+    Raises:
+        SceneError: if a key is unknown, names no number, or leads to an invalid scene.
+    """
+
+    def scale(scene: Scene) -> Scene:
+        values = {}
+        for key, factor in factors.items():
+            one = Variations(scene, {key: np.zeros(1)}, (1,))
+            values[key] = np.array([one.origin(key) * factor])
+        return Variations(scene, values, (1,))[0]
+
+    return dataclasses.replace(unknowns, base=scale(unknowns.base))

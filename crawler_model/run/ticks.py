@@ -1,0 +1,83 @@
+"""Ticks of a run: their rate, their ends in whole nanoseconds, and how many there are."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+
+from ..body.drive import NS
+from ..errors import CommandError
+
+
+def tick_end_ns(tick: int, rate: Fraction) -> int:
+    """Compute the end of a tick, floor(k 10^9 / rate), without drift.
+
+    Args:
+        tick: k, 0 for the start.
+        rate: ticks per second [Hz].
+
+    Returns:
+        Simulated time [ns].
+    """
+    return tick * NS * rate.denominator // rate.numerator
+
+
+def tick_ends(first: int, last: int, rate: Fraction, end_ns: int) -> np.ndarray:
+    """Compute the ends of some ticks of a run; the last tick of the run may be cut short.
+
+    Args:
+        first: the first tick, from 1.
+        last: the last tick.
+        rate: ticks per second [Hz].
+        end_ns: end of the run [ns].
+
+    Returns:
+        Shape (last - first + 1,), int64 [ns].
+    """
+    return np.array([min(tick_end_ns(k, rate), end_ns) for k in range(first, last + 1)], dtype=np.int64)
+
+
+def count_ticks(end_ns: int, rate: Fraction) -> int:
+    """Count the ticks of a run, with one that is cut short.
+
+    Args:
+        end_ns: end of the run [ns].
+        rate: ticks per second [Hz].
+
+    Returns:
+        Their number.
+    """
+    return -(-end_ns * rate.numerator // (NS * rate.denominator))
+
+
+def check_duration(seconds: float) -> None:
+    """Check the duration of a run.
+
+    Args:
+        seconds: duration [s].
+
+    Raises:
+        CommandError: if it is out of range.
+    """
+    if not 0.0 <= seconds < 9e9:
+        raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
+
+
+def rational_rate(rate: float) -> Fraction:
+    """Convert a rate to the rational number that was probably intended.
+
+    Args:
+        rate: ticks per second [Hz], between 1e-9 and 1e9.
+
+    Returns:
+        The nearest fraction with a denominator of at most 10^6, or the exact value for low rates.
+
+    Raises:
+        CommandError: if it is out of range.
+    """
+    if not isinstance(rate, (int, float)) or not 1e-9 <= rate <= 1e9:
+        given = f"{rate:g}" if isinstance(rate, (int, float)) else repr(rate)
+        raise CommandError(f"rate: {given} Hz; it must be a number between 1e-9 and 1e9")
+    near = Fraction(rate).limit_denominator(10**6)
+    return near if abs(near - Fraction(rate)) <= Fraction(rate) / 10**12 else Fraction(rate)

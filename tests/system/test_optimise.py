@@ -1,0 +1,90 @@
+"""`crawler optimise` as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from crawler_command.app import main
+from crawler_command.optimise import parse_bounds
+from crawler_model import CrawlerError, limit_cycle, load_scene
+
+pytest.importorskip("cma")
+
+BODY = """
+name: mine
+body:
+  contacts: [0.0, 0.1]
+  links: {stiffness: 10.0}
+friction: {forward: 0.2, backward: 0.6}
+"""
+
+
+def run(capsys, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    out, err = capsys.readouterr()
+    return int(end.value.code), out, err
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.yaml").write_text(BODY, encoding="utf-8")
+    return tmp_path
+
+
+def test_the_gait_is_written_drawn_and_played(scene, capsys):
+    arguments = ["optimise", "mine.yaml", "--for", "translation", "--stroke", "0:0.1", "--waypoints", "2"]
+    status, out, _ = run(capsys, *arguments, "--out", "best.yaml", "--png", "best.png", "--json")
+    about = json.loads(out)
+    assert status == 0
+    assert about["best"]["value"] == pytest.approx(0.06)
+    assert limit_cycle(load_scene("best.yaml")).gain == pytest.approx(0.06)
+    assert about["drive"] == load_scene("best.yaml").document()["drive"]
+    assert (scene / "best.png").stat().st_size > 20_000
+    status, _, err = run(capsys, *arguments, "--out", "best.yaml")
+    assert status == 1
+    assert "best.yaml exists already" in err
+
+
+def test_text_names_the_change_that_stops_the_gait(scene, capsys):
+    arguments = [
+        "--for",
+        "translation",
+        "--stroke",
+        "0:0.1",
+        "--waypoints",
+        "2",
+        "--robust",
+        "friction.forward=0.8:1.2",
+    ]
+    status, out, _ = run(capsys, "optimise", "mine.yaml", *arguments)
+    assert status == 0
+    assert "gain per period 0.052 m, the worst over the box" in out
+    assert "no longer moves forward when friction.forward changes by the factor 2.5" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--stroke", "0-1"], "--stroke 0-1: write A:B or NAME=A:B, with two numbers"),
+        (["--free", "friction"], "--free friction: write KEY=A:B"),
+        (["--stroke", "0:1", "--out", "best.txt"], "--out: best.txt must end in .yaml"),
+        (["--stroke", "0:1", "--pareto", "--out", "best.yaml"], "with --pareto there are several gaits"),
+        ([], "stroke: missing"),
+    ],
+)
+def test_a_mistake_is_one_line(scene, capsys, options, message):
+    status, _, err = run(capsys, "optimise", "mine.yaml", "--for", "translation", *options)
+    assert status == 1
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_key_is_named_once():
+    assert parse_bounds("--free", ["a.b=0:1", "c=-1:2e3"]) == {"a.b": (0.0, 1.0), "c": (-1.0, 2000.0)}
+    with pytest.raises(CrawlerError, match="is repeated"):
+        parse_bounds("--free", ["a=0:1", "a=0:2"])
