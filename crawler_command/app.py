@@ -17,6 +17,7 @@ from .bench import bench
 from .check import check
 from .executables import describe_missing
 from .identify.command import identify_command
+from .identify.excite import excite_command
 from .optimise import optimise_command
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar
@@ -104,6 +105,7 @@ def sweep(
 app.command("optimise")(optimise_command)
 app.command()(view)
 app.command("identify")(identify_command)
+app.command("excite")(excite_command)
 app.command("replay")(replay)
 app.command("compare")(compare)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +12,7 @@ import yaml
 
 from crawler_model import CrawlerError, Front, Optimum, load_scene, optimise, pareto, prepare
 
-from .screen import SceneArgument, check_picture, progress_bar, screen, whole_file
+from .screen import SceneArgument, check_file, parse_bounds, progress_bar, screen, whole_file
 
 _SHOWN_ROWS = 12
 
@@ -73,38 +72,6 @@ _Png = Annotated[
     Path | None, typer.Option(help="The picture to write: gait, motion, and the objective around the optimum.")
 ]
 _Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing scene and picture.")]
-
-
-def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Parse options of the form KEY=A:B; A:B alone has the key "".
-
-    Args:
-        option: name of the option, for error messages.
-        texts: its values.
-
-    Returns:
-        The two numbers of each key.
-
-    Raises:
-        CrawlerError: with one line that describes the correct form.
-    """
-    found: dict[str, tuple[float, float]] = {}
-    for text in texts:
-        key, equals, spec = text.rpartition("=")
-        form = "A:B or NAME=A:B" if option == "--stroke" else "KEY=A:B"
-        if not equals and option != "--stroke":
-            raise CrawlerError(f"{option} {text}: write {form}")
-        parts = spec.split(":")
-        try:
-            numbers = [float(part) for part in parts]
-        except ValueError:
-            numbers = []
-        if len(numbers) != 2:
-            raise CrawlerError(f"{option} {text}: write {form}, with two numbers")
-        if key.strip() in found:
-            raise CrawlerError(f"{option} {text}: {key.strip() or 'the stroke'} is repeated")
-        found[key.strip()] = numbers[0], numbers[1]
-    return found
 
 
 def optimise_command(
@@ -176,14 +143,8 @@ def optimise_command(
 def _check_files(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
     if compromises and out is not None:
         raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
-    if out is not None and out.suffix != ".yaml":
-        raise CrawlerError(f"--out: {out} must end in .yaml")
-    if out is not None and not out.absolute().parent.is_dir():
-        raise CrawlerError(f"--out: the folder {out.absolute().parent} does not exist")
-    check_picture(png)
-    for option, file in (("--out", out), ("--png", png)):
-        if file is not None and file.exists() and not overwrite:
-            raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
+    check_file("--out", out, ".yaml", overwrite)
+    check_file("--png", png, ".png", overwrite)
 
 
 def describe_optimum(found: Optimum) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
@@ -66,10 +66,61 @@ def check_picture(png: Path | None) -> None:
     Raises:
         CrawlerError: when its name does not end in .png, or its folder does not exist.
     """
-    if png is not None and png.suffix != ".png":
-        raise CrawlerError(f"--png: {png} must end in .png")
-    if png is not None and not png.absolute().parent.is_dir():
-        raise CrawlerError(f"--png: the folder {png.absolute().parent} does not exist")
+    check_file("--png", png, ".png", overwrite=True)
+
+
+def check_file(option: str, path: Path | None, suffix: str, overwrite: bool) -> None:
+    """Check that a file can be written.
+
+    Args:
+        option: name of the option, for error messages.
+        path: the file; None to write none.
+        suffix: how its name must end.
+        overwrite: whether an existing file may be replaced.
+
+    Raises:
+        CrawlerError: when its name ends otherwise, its folder does not exist, or the file exists already.
+    """
+    if path is None:
+        return
+    if path.suffix != suffix:
+        raise CrawlerError(f"{option}: {path} must end in {suffix}")
+    if not path.absolute().parent.is_dir():
+        raise CrawlerError(f"{option}: the folder {path.absolute().parent} does not exist")
+    if path.exists() and not overwrite:
+        raise CrawlerError(f"{option}: {path} exists already; choose another name, or use --overwrite")
+
+
+def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Parse options of the form KEY=A:B; A:B alone has the key "".
+
+    Args:
+        option: name of the option, for error messages.
+        texts: its values.
+
+    Returns:
+        The two numbers of each key.
+
+    Raises:
+        CrawlerError: with one line that describes the correct form.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        key, equals, spec = text.rpartition("=")
+        form = "A:B or NAME=A:B" if option == "--stroke" else "KEY=A:B"
+        if not equals and option != "--stroke":
+            raise CrawlerError(f"{option} {text}: write {form}")
+        parts = spec.split(":")
+        try:
+            numbers = [float(part) for part in parts]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 2:
+            raise CrawlerError(f"{option} {text}: write {form}, with two numbers")
+        if key.strip() in found:
+            raise CrawlerError(f"{option} {text}: {key.strip() or 'the stroke'} is repeated")
+        found[key.strip()] = numbers[0], numbers[1]
+    return found
 
 
 @contextmanager

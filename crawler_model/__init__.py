@@ -9,6 +9,7 @@ from .crawler.crawler import Crawler, prepare
 from .crawler.step import Certificate, Step
 from .derivative.sensitivities import Kink, Sensitivities, sensitivities
 from .errors import CommandError, CrawlerError, SceneError
+from .identify.excite import Excitation, excite
 from .identify.identify import Identification, identify
 from .identify.measurements import MeasurementError, Measurements
 from .optimise.optimise import optimise
@@ -30,6 +31,7 @@ __all__ = [
     "Crawler",
     "CrawlerError",
     "Energy",
+    "Excitation",
     "Front",
     "Identification",
     "Kink",
@@ -45,6 +47,7 @@ __all__ = [
     "Step",
     "Trajectory",
     "Variations",
+    "excite",
     "gallery",
     "identify",
     "largest_tow",

@@ -11,7 +11,7 @@ import typer
 
 from crawler_model import CrawlerError, Identification, Measurements, Scene, identify, load_scene
 
-from ..screen import check_picture, progress_bar, screen
+from ..screen import check_file, parse_bounds, progress_bar, screen, whole_file
 
 _TABLES = (".csv", ".parquet")
 _TOPICS = ("joint_states", "contact_states", "applied_commands")
@@ -44,26 +44,29 @@ def identify_command(
     starts: Annotated[int, typer.Option(help="Largest number of starts.", min=1)] = 8,
     seed: Annotated[int, typer.Option(help="Seed of the random starts.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Write the scene with the values found to this .yaml file.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write a scene with the values found, which plays the first recording.")
+    ] = None,
     png: Annotated[Path | None, typer.Option(help="Draw measurements, model and residuals to this file.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write everything to this page, which needs no other file.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
 ) -> None:
     """Find the numbers of a scene from measured motion, and what the motion tells about each of them.
 
     A parameter is identified (with a 95 % interval), determined only as a ratio to others, bounded from one side, or
-    not excited by the recorded motion. The exit status is 0 only if the model fits the measurements.
+    not excited by the recorded motion. The exit status is 0 only if the model fits the measurements. Ctrl-C ends the
+    search for other starts and keeps the best so far.
     """
-    check_picture(png)
-    _check_out("--out", out, ".yaml")
-    _check_out("--html", html, ".html")
+    for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
+        check_file(option, file, suffix, overwrite)
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
     chosen: Literal["none", "frame", "each"] = offset  # type: ignore[assignment]
     loaded = load_scene(scene)
-    keys = [key.strip() for text in fit for key in text.split(",") if key.strip()]
-    limits = parse_bounds(bounds or ())
+    keys = split_keys(fit)
+    limits = parse_bounds("--bounds", bounds or ())
     topics = parse_topics(topic or ())
-    measured = [_read(path, loaded, topics) for path in recordings]
+    measured = [one for path in recordings for one in _read(path, loaded, topics)]
     with progress_bar("identifying") as progress:
         found = identify(loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress)
     written = _write(found, out, png, html)
@@ -75,31 +78,22 @@ def identify_command(
         print_identification(found, screen)
         for line in written:
             screen.print(line)
+    if found.interrupted:
+        raise typer.Exit(130)
     if not found.model_fits:
         raise CrawlerError(f"the model does not fit: {found.where}")
 
 
-def parse_bounds(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Parse the `--bounds` options.
+def split_keys(texts: Sequence[str]) -> list[str]:
+    """Split the `--fit` options.
 
     Args:
-        texts: each KEY=A:B.
+        texts: each one or several keys, with commas between them.
 
     Returns:
-        The bounds by key.
-
-    Raises:
-        CrawlerError: with one line that describes the correct form.
+        The keys.
     """
-    found: dict[str, tuple[float, float]] = {}
-    for text in texts:
-        key, _, ends = text.partition("=")
-        low, _, high = ends.partition(":")
-        try:
-            found[key.strip()] = (float(low), float(high))
-        except ValueError:
-            raise CrawlerError(f"--bounds {text}: write KEY=A:B, for example friction.forward=0.1:2") from None
-    return found
+    return [key.strip() for text in texts for key in text.split(",") if key.strip()]
 
 
 def parse_topics(texts: Sequence[str]) -> dict[str, str]:
@@ -123,18 +117,11 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _check_out(option: str, out: Path | None, suffix: str) -> None:
-    if out is not None and out.suffix != suffix:
-        raise CrawlerError(f"{option}: {out} must end in {suffix}")
-    if out is not None and not out.absolute().parent.is_dir():
-        raise CrawlerError(f"{option}: the folder {out.absolute().parent} does not exist")
-
-
-def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
+def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measurements]:
     if path.suffix in _TABLES:
         from .tables import read_table
 
-        return read_table(path, scene)
+        return [read_table(path, scene)]
     from crawler_ros.recording.measurements import read_bag
 
     return read_bag(path, scene, topics)
@@ -146,13 +133,11 @@ def _write(found: Identification, out: Path | None, png: Path | None, html: Path
 
     if out is None and png is None and html is None:
         return []
-    from ..sweep import whole_file
-
     if out is not None:
         import yaml
 
         with whole_file(out) as part:
-            text = yaml.safe_dump(found.scene.document(), sort_keys=False, allow_unicode=True)
+            text = yaml.safe_dump(found.playback().document(), sort_keys=False, allow_unicode=True)
             part.write_text(text, encoding="utf-8")
     if png is not None or html is not None:
         from crawler_pictures.identification import draw_identification

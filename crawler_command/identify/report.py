@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
@@ -10,6 +11,28 @@ from rich.console import Console
 from rich.table import Table
 
 from crawler_model import Identification
+from crawler_model.identify.verdicts import Parameter
+
+
+def tabulate(parameters: Sequence[Parameter], title: str) -> Table:
+    """Build the table of verdicts.
+
+    Args:
+        parameters: what is known about each parameter.
+        title: above the table.
+
+    Returns:
+        A row for each parameter.
+    """
+    table = Table(title=title, title_justify="left")
+    for name in ("parameter", "verdict", "value", "95 % interval", "why"):
+        table.add_column(name)
+    for p in parameters:
+        low, high = (None if end is None else f"{end:.6g}" for end in p.interval)
+        interval = "" if low is None and high is None else f"{low or ''} .. {high or ''}"
+        value = "" if p.value is None else f"{p.value:.6g}"
+        table.add_row(p.name.replace("[", r"\["), p.verdict, value, interval, p.why.replace("[", r"\["))
+    return table
 
 
 def print_identification(found: Identification, console: Console) -> None:
@@ -19,15 +42,7 @@ def print_identification(found: Identification, console: Console) -> None:
         found: the identification.
         console: the console.
     """
-    table = Table(title=f"{found.scene.name}: {len(found.recordings)} recording(s)", title_justify="left")
-    for name in ("parameter", "verdict", "value", "95 % interval", "why"):
-        table.add_column(name)
-    for p in found.parameters:
-        low, high = (None if end is None else f"{end:.6g}" for end in p.interval)
-        interval = "" if low is None and high is None else f"{low or ''} .. {high or ''}"
-        value = "" if p.value is None else f"{p.value:.6g}"
-        table.add_row(p.name.replace("[", r"\["), p.verdict, value, interval, p.why.replace("[", r"\["))
-    console.print(table)
+    console.print(tabulate(found.parameters, f"{found.scene.name}: {len(found.recordings)} recording(s)"))
     out = "" if found.held_out is None else f", held out {found.held_out:.3g} m"
     console.print(f"residuals: fitted {found.residual:.3g} m{out}; noise of the measurements {found.noise:.3g} m")
     if found.model_fits:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,12 +34,14 @@ class Fit:
         cost: sum of squares, or of the robust loss [m^2].
         residuals: there.
         soft: size from which residuals count less [m]; None for plain least squares.
+        interrupted: whether Ctrl-C ended the search before all starts were tried.
     """
 
     unknowns: np.ndarray
     cost: float
     residuals: Residuals
     soft: float | None
+    interrupted: bool = False
 
 
 def fit_from(
@@ -156,30 +158,50 @@ def find_fit(
     """
     held = np.zeros(problem.count, np.bool_)
     best: Fit | None = None
+    interrupted = False
     spread = max(float(np.ptp(r.measured.values)) for r in problem.replicas)
-    for k, start in enumerate(_starts(coarse, starts, rng)):
-        found = fit_from(coarse, start, held, None, tight=False)
-        if progress is not None:
-            progress(0.8 * (k + 1) / starts)
-        if found is not None and (best is None or found.cost < best.cost):
-            best = found
-        rms = np.inf if best is None else np.sqrt(best.cost / best.residuals.fitted.size)
-        if best is found and best is not None and (rms <= 1e-9 * spread or residuals_of(coarse, best).is_noise):
-            break
+    try:
+        for k, start in enumerate(_starts(coarse, starts, rng)):
+            found = fit_from(coarse, start, held, None, tight=False)
+            if progress is not None:
+                progress(0.8 * (k + 1) / starts)
+            if found is not None and (best is None or found.cost < best.cost):
+                best = found
+            rms = np.inf if best is None else np.sqrt(best.cost / best.residuals.fitted.size)
+            if best is found and best is not None and (rms <= 1e-9 * spread or residuals_of(coarse, best).is_noise):
+                break
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        interrupted = True
     if best is None:
         raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
     soft = None
     unknowns = best.unknowns
     for _ in range(3 if robust else 0):
-        now = problem.compute(unknowns)
-        assert now is not None
-        soft = max(_SOFT * _MAD * float(np.median(np.abs(now.fitted))), 1e-12 * spread)
+        soft = robust_size(problem, unknowns)
         softer = fit_from(problem, unknowns, held, soft, tight=False)
         assert softer is not None
         unknowns = softer.unknowns
     last = fit_from(problem, unknowns, held, soft, tight=True, most=40)
     assert last is not None
-    return last
+    return replace(last, interrupted=interrupted)
+
+
+def robust_size(problem: Problem, unknowns: np.ndarray) -> float:
+    """Estimate from which size residuals count less in a robust fit.
+
+    Args:
+        problem: the problem.
+        unknowns: shape (U,), at which a motion exists.
+
+    Returns:
+        Twice the standard deviation by the median of the absolute residuals [m].
+    """
+    now = problem.compute(unknowns)
+    assert now is not None
+    spread = max(float(np.ptp(r.measured.values)) for r in problem.replicas)
+    return max(_SOFT * _MAD * float(np.median(np.abs(now.fitted))), 1e-12 * spread)
 
 
 def _starts(problem: Problem, count: int, rng: np.random.Generator) -> Iterator[np.ndarray]:

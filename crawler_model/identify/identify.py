@@ -16,14 +16,16 @@ from ..errors import CrawlerError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from ..sweep.vary import Variations
-from .fit import Fit, find_fit, fit_from, residuals_of
+from .fit import Fit, find_fit, fit_from, residuals_of, robust_size
 from .measurements import MeasurementError, Measurements, check_measurements
+from .playback import playback
 from .replica import Replica, replay_scene
 from .unknowns import Offset, Problem, build_space
 from .verdicts import Parameter, Structure, find_structure, judge, noise_of, without_trust
 
 _COARSE = 4000
 """Rows of all recordings together on which starts are compared."""
+_WEIGHINGS = 2
 _MANY = 5
 """From this number of recordings on, whole recordings are held out."""
 _HELD_OUT_LEVEL = 1e-4
@@ -39,7 +41,7 @@ class Identification:
         scene: the scene with the values found; parameters that are not determined keep their values.
         parameters: what is known about each parameter.
         residual: root mean square of the fitted residuals [m].
-        noise: estimated standard deviation of the measurements [m].
+        noise: estimated standard deviation of the measurements, of all together [m].
         held_out: root mean square of the residuals that were not fitted [m]; None if nothing was held out.
         model_fits: whether the residuals are noise, and those held out are not larger.
         p_value: probability of such residuals if they were noise [1].
@@ -50,6 +52,9 @@ class Identification:
         fitted: the rows that were fitted, for each recording, bool, shape (T,).
         offsets: what was added to the model for each recording, shape (M,) [m].
         delays: for each recording [s].
+        noises: estimated standard deviation of each channel, for each recording, shape (M,) [m]: one for its positions
+            and one for its elongations if they differ.
+        interrupted: whether Ctrl-C ended the search before all starts were tried.
     """
 
     scene: Scene
@@ -66,6 +71,19 @@ class Identification:
     fitted: tuple[np.ndarray, ...]
     offsets: tuple[np.ndarray, ...]
     delays: tuple[float, ...]
+    noises: tuple[np.ndarray, ...]
+    interrupted: bool
+
+    def playback(self, recording: int = 0) -> Scene:
+        """Build the scene with the values found that plays a recording.
+
+        Args:
+            recording: its index.
+
+        Returns:
+            The scene; its drive is the recorded commands, straight between rows.
+        """
+        return playback(self.scene, self.recordings[recording])
 
     def __repr__(self) -> str:
         """Describe the result in one line."""
@@ -99,9 +117,13 @@ class Identification:
                     "fitted_rows": int(rows.sum()),
                     "offset": dict(zip(m.channels, added.tolist(), strict=True)),
                     "delay_s": delay,
+                    "noise": dict(zip(m.channels, noise.tolist(), strict=True)),
                 }
-                for m, rows, added, delay in zip(self.recordings, self.fitted, self.offsets, self.delays, strict=True)
+                for m, rows, added, delay, noise in zip(
+                    self.recordings, self.fitted, self.offsets, self.delays, self.noises, strict=True
+                )
             ],
+            "complete": not self.interrupted,
         }
 
 
@@ -169,11 +191,24 @@ def identify(
         raise MeasurementError(f"identify: {numbers} measured values for {problem.count} unknowns are too few")
     coarse = _coarse(problem, scene, checked, offset, delay)
     fit = find_fit(problem, coarse, starts, robust, np.random.default_rng(seed), progress)
+    for _ in range(_WEIGHINGS):
+        if fit.interrupted or not problem.weigh(fit.residuals):
+            break
+        fit = _fit_again(problem, fit)
+    interrupted = fit.interrupted
     fit, structure = _settle(problem, fit)
     parameters = judge(problem, fit, structure)
     if progress is not None:
         progress(1.0)
-    return _conclude(scene, problem, fit, parameters)
+    return _conclude(scene, problem, dataclasses.replace(fit, interrupted=interrupted), parameters)
+
+
+def _fit_again(problem: Problem, fit: Fit) -> Fit:
+    """Fit with new weights from where an earlier fit ended."""
+    soft = None if fit.soft is None else robust_size(problem, fit.unknowns)
+    again = fit_from(problem, fit.unknowns, np.zeros(problem.count, np.bool_), soft, tight=True, most=40)
+    assert again is not None  # a motion exists where the earlier fit ended
+    return again
 
 
 def _fitted_rows(sizes: Sequence[int], hold_out: float) -> list[np.ndarray]:
@@ -249,12 +284,15 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, parameters: tuple[Parame
     out = [r[~rows] for r, rows in zip(residuals, problem.rows, strict=True)]
     left = np.concatenate([r.ravel() for r in out])
     noise = noise_of(problem, dataclasses.replace(fit, soft=None))[0]
+    noises = tuple(noise / weight for weight in problem.weights)
+    used = np.concatenate([r[rows].ravel() for r, rows in zip(residuals, problem.rows, strict=True)])
     held_out = float(np.sqrt(np.mean(left**2))) if left.size else None
     where = test.where
     spread = max(float(np.ptp(m.values)) for m in measured)
     if where is None and held_out is not None and fit.soft is None:
-        where = _held_out_failure(problem, out, held_out, max(noise, 1e-9 * spread))
-    warnings = [
+        where = _held_out_failure(problem, out, max(noise, 1e-9 * spread))
+    warnings = ["interrupted: this is the best of the starts that were tried"] if fit.interrupted else []
+    warnings += [
         f"{p.name} ended at its bound {p.value:.6g}; widen it with bounds if it may lie beyond"
         for p in parameters
         if p.verdict == "bound" and "the fit ended" in p.why
@@ -264,8 +302,8 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, parameters: tuple[Parame
     return Identification(
         _with_values(scene, problem, parameters),
         parameters,
-        float(np.sqrt(np.mean(fit.residuals.fitted**2))),
-        noise,
+        float(np.sqrt(np.mean(used**2))),
+        float(np.sqrt(np.mean(np.concatenate(noises) ** 2))),
         held_out,
         where is None,
         test.p_value,
@@ -276,6 +314,8 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, parameters: tuple[Parame
         problem.rows,
         tuple(problem.added(fit.unknowns)),
         tuple(float(d) for d in problem.delays(fit.unknowns)),
+        noises,
+        fit.interrupted,
     )
 
 
@@ -286,20 +326,22 @@ def _common(shape: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     return np.asarray(shape @ np.linalg.lstsq(shape, residuals.mean(axis=0), rcond=None)[0])
 
 
-def _held_out_failure(problem: Problem, out: Sequence[np.ndarray], held_out: float, noise: float) -> str | None:
-    """Determine whether residuals that were not fitted are larger than noise; say where."""
+def _held_out_failure(problem: Problem, out: Sequence[np.ndarray], noise: float) -> str | None:
+    """Determine whether weighted residuals that were not fitted are larger than noise; describe where."""
     from scipy.stats import f
 
-    count = sum(r.size for r in out)
+    weighted = [r * weight for r, weight in zip(out, problem.weights, strict=True)]
+    count = sum(r.size for r in weighted)
     freedom = sum(int(rows.sum()) * r.shape[1] for rows, r in zip(problem.rows, out, strict=True))
-    if f.sf((held_out / noise) ** 2, count, freedom) >= _HELD_OUT_LEVEL:
+    size = float(np.sqrt(sum(float((r**2).sum()) for r in weighted) / count))
+    if f.sf((size / noise) ** 2, count, freedom) >= _HELD_OUT_LEVEL:
         return None
-    worst = max((i for i in range(len(out)) if out[i].size), key=lambda i: float(np.abs(out[i]).max()))
-    row, column = np.unravel_index(int(np.abs(out[worst]).argmax()), out[worst].shape)
+    worst = max((i for i in range(len(out)) if out[i].size), key=lambda i: float(np.abs(weighted[i]).max()))
+    row, column = np.unravel_index(int(np.abs(weighted[worst]).argmax()), out[worst].shape)
     measured = problem.replicas[worst].measured
     time = measured.time[~problem.rows[worst]][row]
     return (
-        f"{measured.name}: held-out rows have residuals of {held_out:.3g} m, the fitted ones {noise:.3g} m; the "
+        f"{measured.name}: held-out rows have residuals of {size:.3g} m, the fitted ones {noise:.3g} m; the "
         f"largest is that of {measured.channels[column]} at {time:.4g} s"
     )
 

@@ -88,13 +88,14 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
 class Replica:
     """A recording, and the model that repeats it."""
 
-    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str]) -> None:
+    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str = "identify") -> None:
         """Prepare the model.
 
         Args:
             scene: the scene.
             measured: the recording, checked.
             keys: names of single parameters.
+            caller: name of the function, for error messages.
 
         Raises:
             SceneError: if a key is unknown or has no effect.
@@ -105,8 +106,11 @@ class Replica:
         self._base = replay_scene(scene, measured)
         for key in keys:
             if measured.command_names and key.startswith("drive."):
-                raise SceneError(f"{_CALLER}: {key}: no effect, as the commands of {measured.name} replace the drive")
-        vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
+                raise SceneError(f"{caller}: {key}: no effect, as the commands of {measured.name} replace the drive")
+        try:
+            vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
+        except SceneError as error:
+            raise SceneError(str(error).replace("vary: ", f"{caller}: ").replace("; vary ", "; fit ")) from None
         self.observation = observation(self._base.body, measured.channels)
         numbers = (measured.time.size + measured.command_time.size) * self._base.body.contacts * len(keys)
         if numbers > _MOST_NUMBERS:

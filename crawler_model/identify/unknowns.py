@@ -14,6 +14,10 @@ from .replica import Prediction, Replica
 Offset = Literal["none", "frame", "each"]
 _WIDE = 100.0
 _SIGNED = ("loads", "slope", "displacement", "actuation", "mean", "amplitude", "contacts", "wavelength", "load")
+_ENOUGH = 30
+"""Residuals from which a standard deviation is estimated."""
+_UNEQUAL = 1.5
+_EXACT = 1e-9
 _LONGEST_DELAY = 0.1
 """Of a delay, as a fraction of the recording."""
 
@@ -132,8 +136,8 @@ class Residuals:
 
     Attributes:
         all: simulated minus measured, per recording, shape (T, M) [m].
-        fitted: those that are fitted, one after another, shape (R,) [m].
-        jacobian: their derivatives with respect to the unknowns, shape (R, U).
+        fitted: those that are fitted, one after another, each times the weight of its channel, shape (R,) [m].
+        jacobian: the derivatives of `fitted` with respect to the unknowns, shape (R, U).
         one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
     """
 
@@ -162,6 +166,7 @@ class Problem:
         self.delay = delay
         self.shapes = [_offset_matrix(r.measured.channels, offset) for r in replicas]
         self.offsets = [s.shape[1] for s in self.shapes]
+        self.weights = [np.ones(len(r.measured.channels)) for r in replicas]
         self.count = space.origin.size + sum(self.offsets) + (len(self.replicas) if delay else 0)
         self._last: tuple[bytes, Residuals | None] | None = None
 
@@ -218,6 +223,33 @@ class Problem:
         ends = self.space.origin.size + np.cumsum([0, *self.offsets])
         return [shape @ unknowns[ends[i] : ends[i + 1]] for i, shape in enumerate(self.shapes)]
 
+    def weigh(self, residuals: Residuals) -> bool:
+        """Choose the weights so that the residuals of positions and of elongations in each recording have one size.
+
+        Args:
+            residuals: after a fit with the weights so far.
+
+        Returns:
+            Whether a weight changed by more than what noise alone explains.
+        """
+        size, pooled = {}, {}
+        exact = _EXACT * max(float(np.abs(r.measured.values).max()) for r in self.replicas)
+        for i, (replica, found, rows) in enumerate(zip(self.replicas, residuals.all, self.rows, strict=True)):
+            kinds = [channel.startswith("contact_") for channel in replica.measured.channels]
+            for kind in set(kinds):
+                left = found[rows][:, np.array(kinds) == kind]
+                if left.size >= _ENOUGH:
+                    size[i, kind] = max(float(np.sqrt(np.mean(left**2))), exact)
+                    pooled[kind] = size[i, kind]
+        if not size or max(size.values()) < _UNEQUAL * min(size.values()):
+            return False
+        unit = next(iter(size.values()))
+        for i, replica in enumerate(self.replicas):
+            kinds = [channel.startswith("contact_") for channel in replica.measured.channels]
+            self.weights[i] = np.array([unit / size.get((i, kind), pooled.get(kind, unit)) for kind in kinds])
+        self._last = None
+        return True
+
     def compute(self, unknowns: np.ndarray) -> Residuals | None:
         """Compute residuals and their derivatives.
 
@@ -252,10 +284,12 @@ class Problem:
             jacobian[..., place : place + self.offsets[i]] = self.shapes[i]
             if self.delay:
                 jacobian[..., self.count - len(self.replicas) + i] = -predicted.velocity[keep]
+            jacobian *= self.weights[i][:, None]
             jacobians.append(jacobian.reshape(-1, self.count))
             place += self.offsets[i]
             one_sided |= predicted.one_sided
-        fitted = np.concatenate([r[keep].ravel() for r, keep in zip(found, self.rows, strict=True)])
+        parts = zip(found, self.rows, self.weights, strict=True)
+        fitted = np.concatenate([(r[keep] * weight).ravel() for r, keep, weight in parts])
         return Residuals(tuple(found), fitted, np.concatenate(jacobians), one_sided)
 
 

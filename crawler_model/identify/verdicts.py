@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from .bounds import Held, find_bounds
 from .fit import Fit
 from .unknowns import Problem
 
@@ -238,66 +239,6 @@ def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list
     return deviation**2 * (half @ half.T), float(t.ppf(0.975, freedom))
 
 
-@dataclass(frozen=True)
-class Held:
-    """A one-sided bound of a parameter.
-
-    Attributes:
-        value: the bound, in the unit of the scene's key [any].
-        at_least: whether it is a lower bound.
-        recording: name of the recording.
-        time: when it is reached, on the clock of its commands [s].
-        contact: name of the contact.
-    """
-
-    value: float
-    at_least: bool
-    recording: str
-    time: float
-    contact: str
-
-
-def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, tuple[Held, ...]]:
-    """Find what the forces that friction held require of parameters without effect on the motion.
-
-    Args:
-        problem: the problem.
-        fit: its end.
-        unseen: these parameters.
-
-    Returns:
-        For each parameter its lower and upper bound, as far as there is one.
-    """
-    space = problem.space
-    values = space.to_values(fit.unknowns[: space.origin.size])
-    found: dict[tuple[int, bool], Held] = {}
-    for replica in problem.replicas if unseen else ():
-        slack = replica.slack(values)
-        if slack is None:
-            continue
-        n = slack.distance.shape[1] // 2
-        for p in sorted(unseen):
-            slope = slack.derivative[:, :, p]
-            for at_least in (True, False):
-                which = slope > 0.0 if at_least else slope < 0.0
-                if not which.any():
-                    continue
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    limit = np.where(which, values[p] - slack.distance / slope, -np.inf if at_least else np.inf)
-                row, side = np.unravel_index(int(limit.argmax() if at_least else limit.argmin()), limit.shape)
-                name = replica.contact_name(int(side) % n)
-                bound = Held(float(limit[row, side]), at_least, replica.measured.name, float(slack.time[row]), name)
-                known = found.get((p, at_least))
-                better = known is None or (bound.value > known.value) == at_least
-                if better:
-                    found[p, at_least] = bound
-    result: dict[int, tuple[Held, ...]] = {}
-    for (p, _), bound in found.items():
-        if space.low[p] < bound.value < space.high[p] or not bound.at_least:
-            result[p] = (*result.get(p, ()), bound)
-    return result
-
-
 def judge(problem: Problem, fit: Fit, structure: Structure) -> tuple[Parameter, ...]:
     """Write the verdict on each parameter.
 
@@ -319,7 +260,8 @@ def judge(problem: Problem, fit: Fit, structure: Structure) -> tuple[Parameter, 
     if free:
         covariance, quantile = find_covariance(problem, fit, jacobian, free)
         width[free] = quantile * np.sqrt(np.diag(covariance))
-    bounds = find_bounds(problem, fit, structure.unseen)
+    deviation = noise_of(problem, fit)[0]
+    bounds = find_bounds(problem, fit, structure.unseen, deviation)
     low, high = (v[:count] for v in problem.bounds)
     parameters = []
     for p, name in enumerate(space.names):

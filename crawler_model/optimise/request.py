@@ -149,7 +149,7 @@ def _build_table(
         raise SceneError(f"period: {period:g} s; it must be between 1e-6 and 1e6")
     columns, body = base.columns, base.body
     names = [*(f"link_{i}" for i in range(columns.links)), *(segment.name for segment in body.segments)]
-    strokes = _strokes(scene, names, stroke)
+    strokes = find_strokes(scene, names, stroke)
     span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])
     column_of = np.full(columns.count, -1)
     column_of[: columns.lengths] = np.repeat(np.arange(len(names)), columns.actuation_sizes)
@@ -167,8 +167,20 @@ def _build_table(
     return Table(count, float(period), len(names), friction is not None, column_of, low.copy(), high.copy(), span)
 
 
-def _strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[str, Bounds] | None) -> list[Bounds]:
-    """Find the bounds of each link and segment."""
+def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[str, Bounds] | None) -> list[Bounds]:
+    """Find the bounds of the rest length of each link and of the strain of each segment.
+
+    Args:
+        scene: the scene.
+        names: its links, then its segments.
+        stroke: bounds of all [m, strain], or of each by name; None for those of the scene's drive.
+
+    Returns:
+        The bounds, in the order of the names.
+
+    Raises:
+        SceneError: with one line about the first mistake.
+    """
     if isinstance(stroke, Mapping):
         for name in stroke:
             if name not in names:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,15 @@ from . import bag
 from .layouts import JOINT_STATE, TRAJECTORY, Decoder
 from .recorded_robot import noted_robot, robot_in
 
+_FEWEST = 8
 _KINDS = {"contact_states": JOINT_STATE, "joint_states": JOINT_STATE, "applied_commands": TRAJECTORY}
 
 
-def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurements:
-    """Read the first run of a recording: positions from `contact_states`, else `joint_states`, and commands.
+def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measurements]:
+    """Read the runs of a recording: positions from `contact_states`, else `joint_states`, and commands.
 
-    Columns of friction and loads that never change are values of the scene, not commands.
+    A run begins at the start of the recording and wherever the simulator was reset. Columns of friction and loads that
+    never change in a run are values of the scene, not commands.
 
     Args:
         path: a bag folder or an .mcap file.
@@ -29,7 +32,7 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurement
         topics: recorded names by names in the table of topics; others are as the recording lists them.
 
     Returns:
-        The measurements.
+        One for each run, in order; a run of a few ticks is left out if there are longer ones.
 
     Raises:
         BagError: when the file is not a recording.
@@ -66,25 +69,45 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> Measurement
     channels = tuple(names[i] for i in used)
     if kind == "joint_states" and channels[0] == "contact_0":  # along the ground: x_0, without the reference position
         position[:, 0] += float(scene.body.position[scene.body.isolated[0]])
-    last = _first_run(stamps)
     if not any(points):
         raise MeasurementError(f"{path}: {wanted['applied_commands']} contains no command")
+    states, commands = _runs(stamps), _runs(begin)
+    if len(states) != len(commands):
+        raise MeasurementError(
+            f"{path}: {len(states)} run(s) of {wanted[kind]}, but {len(commands)} of {wanted['applied_commands']}; "
+            "each run needs its commands"
+        )
+    longest = max(rows.stop - rows.start for rows in states)
+    found = []
+    for number, (rows, sent) in enumerate(zip(states, commands, strict=True)):
+        if rows.stop - rows.start < min(_FEWEST, longest) or not any(points[sent]):
+            continue
+        name = path.name if len(states) == 1 else f"{path.name} run {number}"
+        time, kept = np.unique(stamps[rows], return_index=True)
+        named, used_commands, instants = _commands(
+            scene, columns, begin[sent], points[sent], after[sent], int(time[-1])
+        )
+        found.append(Measurements(name, time / NS, channels, position[rows][kept], named, used_commands, instants))
+    return found
+
+
+def _commands(
+    scene: Scene,
+    columns: Sequence[str],
+    begin: np.ndarray,
+    points: list[list[np.ndarray]],
+    after: list[np.ndarray],
+    until: int,
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """List the names of the commanded columns of a run, their values, and the times of these [s]."""
     actuators = scene.columns.names[: scene.columns.lengths]
     in_force = next(rows[0] for rows in points if rows).copy()
     for c, name in enumerate(columns):
         if name in actuators:
             in_force[c] = scene.drive.rows[0, scene.columns.names.index(name)]
-    time, rows = _vertices(begin, points, after, int(stamps[last - 1]), in_force)
+    time, rows = _vertices(begin, points, after, until, in_force)
     moving = [c for c, name in enumerate(columns) if name in actuators or float(np.ptp(rows[:, c])) > 0.0]
-    return Measurements(
-        path.name,
-        stamps[:last] / NS,
-        channels,
-        position[:last],
-        tuple(columns[c] for c in moving),
-        rows[:, moving],
-        time / NS,
-    )
+    return tuple(columns[c] for c in moving), rows[:, moving], time / NS
 
 
 def _read(
@@ -111,16 +134,16 @@ def _read(
     return decoder.names or (), np.array(stamps, np.int64), values, after
 
 
-def _first_run(stamps: np.ndarray) -> int:
-    """Count the states before the simulator was first reset, when stamps go back."""
-    back = np.flatnonzero(np.diff(stamps) <= 0)
-    return int(back[0]) + 1 if back.size else int(stamps.size)
+def _runs(stamps: np.ndarray) -> list[slice]:
+    """Split stamps where they go back, because the simulator was reset."""
+    ends = [0, *(1 + np.flatnonzero(np.diff(stamps) < 0)).tolist(), stamps.size]
+    return [slice(first, last) for first, last in itertools.pairwise(ends)]
 
 
 def _vertices(
     begin: np.ndarray, points: list[list[np.ndarray]], after: list[np.ndarray], until: int, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """List the commands of the first run with their times [ns]; a command is held until the next message.
+    """List the commands of a run with their times [ns]; a command is held until the next message.
 
     Args:
         begin: stamp of each message [ns].
@@ -134,8 +157,8 @@ def _vertices(
     """
     times, rows = [int(begin[0])], [first]
     for stamp, row, offsets in zip(begin.tolist(), points, after, strict=True):
-        if stamp < times[0] or times[-1] >= until or (stamp == begin[0] and len(times) > 1):
-            break  # after a reset
+        if times[-1] >= until:
+            break
         if row and stamp > times[-1]:
             times.append(stamp)
             rows.append(rows[-1])

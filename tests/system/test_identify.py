@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from crawler_command.app import main
-from crawler_model import Measurements, load_scene
+from crawler_model import Measurements, Scene, load_scene, simulate
 
 from .. import recordings
 from ..model.identify.synthetic import chain, measure, scaled, walk
@@ -63,6 +63,12 @@ def test_a_table_is_fitted_and_the_scene_written(robot, tmp_path, capsys):
         assert p["verdict"] == "identified"
         assert p["value"] == pytest.approx(true, rel=0.02)
     assert load_scene(out).drive.forward[0] == pytest.approx([p["value"] for p in found["parameters"][:3]])
+    played = simulate(load_scene(out), 6.0, 50.0)
+    measured = rows[:, 1:4] - rows[0, 1:4]
+    assert np.abs(played.displacement - measured).max() < 3e-3  # noise of 0.2 mm, twice, and friction found to 2 %
+    status, _, error = run(capsys, "identify", csv, *options)
+    assert status == 1
+    assert f"--out: {out} exists already; choose another name, or use --overwrite" in error
     assert png.read_bytes().startswith(b"\x89PNG")
     page = html.read_text(encoding="utf-8")
     assert "friction.forward[2]</td><td>identified" in page
@@ -205,6 +211,69 @@ def test_recordings_are_read(tmp_path, capsys, kind):
     (found,) = json.loads(text)["parameters"]
     assert found["verdict"] == "identified"
     assert found["value"] == pytest.approx(true, rel=1e-9)
+
+
+def test_every_run_of_a_recording_is_fitted(tmp_path, capsys):
+    """The simulator was reset once; a third run is too short to tell anything."""
+    pytest.importorskip("mcap")
+    scene = load_scene("two_contacts_anisotropic")
+    last = round(3.0 * scene.drive.period * 1e9)
+    runs = [list(recordings.messages(scene, recordings.play(scene, first, last))) for first in (10**8, 3 * 10**8)]
+    short = list(recordings.messages(scene, recordings.hold(0, 2)))
+    bag = recordings.write(tmp_path / "bag", [*runs[0], *runs[1], *short], recordings.attachments(scene))
+    options = ("--scene", "two_contacts_anisotropic", "--fit", "friction.forward", "--json")
+    status, text, error = run(capsys, "identify", bag, *options)
+    assert status == 0, error
+    found = json.loads(text)
+    assert [one["name"] for one in found["recordings"]] == ["bag run 0", "bag run 1"]
+    assert found["parameters"][0]["value"] == pytest.approx(float(scene.drive.forward[0, 0]), rel=1e-9)
+
+
+def test_excite_writes_a_drive_that_identifies_what_was_asked(tmp_path, capsys):
+    """The measurements of the drive are computed with other friction than that of the guess."""
+    out = tmp_path / "drive.yaml"
+    fit = ("--fit", "friction.forward")
+    asked = ("two_contacts_anisotropic", *fit, "--stroke=-0.1:0.1", "--noise", "5e-4", "--out", out, "--json")
+    status, text, error = run(capsys, "excite", *asked)
+    assert status == 0, error
+    found = json.loads(text)
+    (expected,) = found["parameters"]
+    assert expected["verdict"] == "identified"
+    assert found["duration_s"] <= 20.0
+    document = load_scene(out).document()
+    assert document["drive"] == found["drive"]
+    document["friction"]["forward"] = true = 0.23
+    run_of = simulate(Scene.model_validate(document), found["duration_s"], 50.0)
+    position = run_of.displacement + np.array(document["body"]["contacts"])
+    position = position + 5e-4 * np.random.default_rng(1).normal(size=position.shape)
+    header = ["time", "contact_0", "contact_1", "command/link_0"]
+    command = np.interp(run_of.time, found["drive"]["times"], np.ravel(found["drive"]["actuation"]))
+    csv = write_csv(tmp_path / "run.csv", header, np.column_stack((run_of.time, position, command)))
+    status, text, error = run(capsys, "identify", csv, "--scene", "two_contacts_anisotropic", *fit, "--json")
+    assert status == 0, error
+    (p,) = json.loads(text)["parameters"]
+    low, high = p["interval"]
+    assert low - 0.001 < true < high + 0.001
+    assert high - low == pytest.approx(expected["interval"][1] - expected["interval"][0], rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--fit", "friction.forwards"), "excite: friction.forwards: unknown key; the nearest known key is"),
+        (("--fit", "friction.forward", "--noise", "0"), "excite: noise: 0; it must be > 0"),
+        (("--fit", "friction.forward", "--stroke", "0.1:0"), "stroke: 0.1 to 0; the lower bound must be less"),
+        (("--fit", "friction.forward", "--stroke", "link_7=0:1"), "stroke: 'link_7'; the links and segments are"),
+        (("--fit", "drive.actuation"), "no effect"),
+        (("--fit", "friction.forward", "--duration", "0.1"), "excite: duration: 0.1 s; it must be at least 4 times"),
+    ],
+)
+def test_excite_refuses_bad_options_in_one_line(capsys, options, message):
+    status, text, error = run(capsys, "excite", "two_contacts_anisotropic", *options)
+    assert status == 1
+    assert text == ""
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
 
 
 def test_a_recording_without_the_named_topic_is_refused(tmp_path, capsys):

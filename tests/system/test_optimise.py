@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from crawler_command.app import main
-from crawler_command.optimise import parse_bounds
+from crawler_command.screen import parse_bounds
 from crawler_model import CrawlerError, limit_cycle, load_scene
 
 pytest.importorskip("cma")

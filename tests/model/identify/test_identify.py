@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+import os
+import signal
 from typing import Any
 
 import numpy as np
 import pytest
 
-from crawler_model import Scene
-from crawler_model.identify.identify import Identification, identify
+from crawler_model import Identification, Measurements, Scene, excite, identify, simulate
 from crawler_model.identify.noise import ljung_box, runs_test
 
 from .synthetic import chain, measure, scaled, walk
@@ -116,6 +117,100 @@ def test_elongations_alone_are_enough() -> None:
     found = identify(scaled(document, WRONG | {"body.links.stiffness": 1.0}), [one], FRICTION)
     assert found.model_fits, found.where
     assert check_honest(found, document, 1e-9) >= 2
+
+
+def test_positions_and_elongations_have_noise_of_their_own() -> None:
+    """A camera with 5 mm and encoders with 0.05 mm: the encoders decide, and the intervals are theirs."""
+    document = mixed(seed=2)
+    times, rows = walk(2, 6.0, 2)
+    names = ("contact_0", "contact_1", "contact_2", "link_0", "link_1")
+    one = measure(document, times, rows, channels=names)
+    sigma = np.array([5e-3] * 3 + [5e-5] * 2)
+    noisy = one.values + sigma * np.random.default_rng(3).normal(size=one.values.shape)
+    object.__setattr__(one, "values", noisy)
+    found = identify(scaled(document, WRONG | {"body.links.stiffness": 1.0}), [one], FRICTION)
+    assert found.model_fits, found.where
+    assert found.noises[0] == pytest.approx(sigma, rel=0.1)
+    for p in found.parameters:
+        if p.verdict == "identified":
+            low, high = p.interval
+            assert low is not None
+            assert high is not None
+            assert high - low < 0.01
+    assert check_honest(found, document, 5e-3) >= 2
+
+
+def test_ctrl_c_keeps_the_best_start() -> None:
+    """A wrong model is tried from all starts; the signal arrives after the second."""
+    document = mixed(seed=1)
+    times, rows = walk(2, 6.0, 3)
+    one = measure(document | {"loads": [0.1, 0.0, -0.15]}, times, rows)
+    done: list[float] = []
+
+    def progress(part: float) -> None:
+        done.append(part)
+        if len(done) == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    found = identify(Scene.model_validate(document), [one], ["friction.forward"], progress=progress)
+    assert found.interrupted
+    assert found.summary()["complete"] is False
+    assert "interrupted: this is the best of the starts that were tried" in found.warnings
+    assert len(done) == 3
+
+
+def test_the_scene_found_plays_the_recording() -> None:
+    """Commanded friction included; rows on straight lines are left out."""
+    document = mixed(seed=3)
+    times, rows = walk(2, 4.0, 3)
+    one = measure(document, times, rows)
+    fine = np.linspace(0.0, 4.0, 4001)
+    between = np.column_stack([np.interp(fine, times, rows[:, j]) for j in range(2)])
+    names = (*one.command_names, "contact_1/forward")
+    friction = np.full((4001, 1), document["friction"]["forward"][1])
+    many = Measurements("run", one.time, one.channels, one.values, names, np.hstack((between, friction)), fine)
+    guess = copy.deepcopy(document)
+    guess["friction"]["forward"][0] *= 1.2
+    found = identify(Scene.model_validate(guess), [many], ["friction.forward[0]"])
+    played = found.playback()
+    assert played.drive.times.size <= len(times)
+    run = simulate(played, 4.0, 50.0)
+    assert np.abs(run.displacement - (one.values - one.values[0])).max() < 1e-9
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_nothing_is_claimed_of_contacts_that_could_hold_for_each_other(noise: float) -> None:
+    """Two contacts on a very stiff link: with noise nobody can tell which of them held, not even by a bound."""
+    document = mixed(seed=6)
+    document["body"]["links"]["stiffness"] = [1e6, 20.0]
+    times, rows = walk(2, 6.0, 6)
+    rows[:, 0] = 0.0
+    guess = scaled(document, {"friction.forward": 1.3})
+    found = identify(guess, [measure(document, times, rows, noise=noise)], FRICTION)
+    assert found.model_fits, found.where
+    assert check_honest(found, document, 1e-6 if noise == 0.0 else 0.05) >= 2
+    if noise > 0.0:
+        pair = [found[f"friction.{side}[{i}]"].verdict for side in ("forward", "backward") for i in (0, 1)]
+        assert pair == ["not excited"] * 4
+
+
+def test_excite_excites_what_can_be_excited() -> None:
+    """Where only ratios follow from positions, no drive can do more; a known load makes the rest identifiable."""
+    document = mixed(seed=1)
+    found = excite(Scene.model_validate(document), ALL, (-0.1, 0.1), noise=5e-4, duration=4.0)
+    assert {p.verdict for p in found.parameters} <= {"ratio", "bound"}
+    assert sum(p.verdict == "ratio" for p in found.parameters) >= 5
+    loaded = document | {"loads": [0.05, -0.03, 0.04], "friction": {"isotropic": [0.3, 0.35, 0.25]}}
+    known = excite(Scene.model_validate(loaded), ["friction.isotropic"], (-0.1, 0.1), noise=5e-4)
+    assert {p.verdict for p in known.parameters} == {"identified"}
+    for p in known.parameters:
+        low, high = p.interval
+        assert low is not None
+        assert high is not None
+        assert p.value is not None
+        assert 0.5 * (high - low) < 0.1 * p.value
+    again = excite(Scene.model_validate(loaded), ["friction.isotropic"], (-0.1, 0.1), noise=5e-4)
+    assert again.summary() == known.summary()
 
 
 def test_outliers_count_less_in_a_robust_fit() -> None:

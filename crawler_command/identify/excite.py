@@ -1,0 +1,81 @@
+"""The verb `excite`: a short drive that makes parameters identifiable."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import yaml
+
+from crawler_model import excite, load_scene
+
+from ..screen import SceneArgument, check_file, parse_bounds, progress_bar, screen, whole_file
+from .command import split_keys
+from .report import tabulate
+
+
+def excite_command(
+    scene: SceneArgument,
+    fit: Annotated[
+        list[str],
+        typer.Option(metavar="KEY[,KEY...]", help="Numbers of the scene to identify, by their dotted keys."),
+    ],
+    stroke: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]A:B",
+            help="Bounds of all rest lengths, m, or of each by its name; by default those of the scene's drive.",
+        ),
+    ] = None,
+    noise: Annotated[float, typer.Option(help="Standard deviation of measured positions, m.")] = 1e-3,
+    duration: Annotated[float, typer.Option(help="Longest duration, s.")] = 20.0,
+    every: Annotated[float, typer.Option(help="Time between waypoints, s.")] = 0.2,
+    interval: Annotated[
+        float,
+        typer.Option(help="End when the half widths of all 95 % intervals, relative to the values, are below it."),
+    ] = 0.1,
+    rate: Annotated[float, typer.Option(help="Rate of the measurements, Hz.")] = 50.0,
+    seed: Annotated[int, typer.Option(help="Seed of the random candidates.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Write the scene with the drive to this .yaml file.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+) -> None:
+    """Find a short drive from which `crawler identify` can find numbers of a scene, and the intervals to expect.
+
+    crawler excite two_contacts_anisotropic --fit friction.forward --stroke -0.1:0.1 --noise 0.0005 --out drive.yaml
+
+    The numbers of the scene are a guess. Positions of all contacts are measured. Ctrl-C keeps the drive so far.
+    """
+    check_file("--out", out, ".yaml", overwrite)
+    strokes = parse_bounds("--stroke", stroke or ())
+    with progress_bar("searching a drive") as progress:
+        found = excite(
+            load_scene(scene),
+            split_keys(fit),
+            strokes.get("") if set(strokes) == {""} else strokes or None,
+            noise,
+            duration,
+            every,
+            interval,
+            rate,
+            seed,
+            progress,
+        )
+    if out is not None:
+        with whole_file(out) as part:
+            document = found.scene.document()
+            part.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    if as_json:
+        print(json.dumps(found.summary(), allow_nan=False))
+    else:
+        title = (
+            f"{found.scene.name}: {found.duration:g} s, measured at {found.rate:g} Hz with a standard deviation of "
+            f"{found.noise:g} m"
+        )
+        screen.print(tabulate(found.parameters, title))
+        if out is not None:
+            screen.print(f"scene: {out}")
+    if found.interrupted:
+        raise typer.Exit(130)

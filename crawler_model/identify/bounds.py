@@ -1,0 +1,113 @@
+"""One-sided bounds of parameters without effect on the motion, from the forces that friction held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .fit import Fit, cost_of
+from .unknowns import Problem
+
+_BEYOND = (1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.3)
+"""Factors by which a parameter is moved beyond its bound to confirm it."""
+_CHI_SQUARE = 3.84
+"""95 % quantile of chi-square with one degree of freedom."""
+_ROUNDING = 1e-11
+_MUCH = np.log(10.0)
+
+
+@dataclass(frozen=True)
+class Held:
+    """A one-sided bound of a parameter.
+
+    Attributes:
+        value: the bound, in the unit of the scene's key [any].
+        at_least: whether it is a lower bound.
+        recording: name of the recording.
+        time: when it is reached, on the clock of its commands [s].
+        contact: name of the contact.
+    """
+
+    value: float
+    at_least: bool
+    recording: str
+    time: float
+    contact: str
+
+
+def find_bounds(problem: Problem, fit: Fit, unseen: set[int], deviation: float) -> dict[int, tuple[Held, ...]]:
+    """Find what the forces that friction held require of parameters without effect on the motion.
+
+    A bound counts only as far as the residuals grow by more than noise beyond it, whatever the other parameters
+    without effect are.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+        unseen: these parameters.
+        deviation: standard deviation of the measurements [m].
+
+    Returns:
+        For each parameter its lower and upper bound, as far as there is one.
+    """
+    space = problem.space
+    values = space.to_values(fit.unknowns[: space.origin.size])
+    found: dict[tuple[int, bool], Held] = {}
+    for replica in problem.replicas if unseen else ():
+        slack = replica.slack(values)
+        if slack is None:
+            continue
+        n = slack.distance.shape[1] // 2
+        for p in sorted(unseen):
+            slope = slack.derivative[:, :, p]
+            for at_least in (True, False):
+                which = slope > 0.0 if at_least else slope < 0.0
+                if not which.any():
+                    continue
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    limit = np.where(which, values[p] - slack.distance / slope, -np.inf if at_least else np.inf)
+                row, side = np.unravel_index(int(limit.argmax() if at_least else limit.argmin()), limit.shape)
+                name = replica.contact_name(int(side) % n)
+                bound = Held(float(limit[row, side]), at_least, replica.measured.name, float(slack.time[row]), name)
+                known = found.get((p, at_least))
+                better = known is None or (bound.value > known.value) == at_least
+                if better:
+                    found[p, at_least] = bound
+    raised = _raise_others(problem, fit, unseen)
+    result: dict[int, tuple[Held, ...]] = {}
+    for (p, _), bound in found.items():
+        if space.low[p] < bound.value < space.high[p] or not bound.at_least:
+            confirmed = _confirm(problem, fit, raised, p, bound, deviation)
+            if confirmed is not None:
+                result[p] = (*result.get(p, ()), confirmed)
+    return result
+
+
+def _raise_others(problem: Problem, fit: Fit, unseen: set[int]) -> np.ndarray:
+    """Multiply positive parameters without effect on the motion, because others could hold in the place of one."""
+    count = problem.space.origin.size
+    unknowns = fit.unknowns.copy()
+    high = problem.bounds[1][:count]
+    for p in unseen:
+        if problem.space.logarithmic[p]:
+            unknowns[p] = min(unknowns[p] + _MUCH, high[p])
+    return unknowns
+
+
+def _confirm(problem: Problem, fit: Fit, raised: np.ndarray, p: int, bound: Held, deviation: float) -> Held | None:
+    """Move a parameter beyond its bound until the residuals grow by more than noise; None if they never do."""
+    space = problem.space
+    if not space.logarithmic[p]:
+        return bound
+    spread = max(float(np.ptp(r.measured.values)) for r in problem.replicas)
+    size = fit.residuals.fitted.size
+    allowed = _CHI_SQUARE * deviation**2 + size * (_ROUNDING * spread) ** 2
+    for factor in _BEYOND:
+        unknowns = raised.copy()
+        beyond = bound.value * factor if bound.at_least else bound.value / factor
+        unknowns[p] = np.log(beyond)
+        now = problem.compute(unknowns)
+        if now is None or cost_of(now.fitted, fit.soft) > fit.cost + allowed:
+            return bound if factor == _BEYOND[0] else replace(bound, value=beyond)
+    return None
