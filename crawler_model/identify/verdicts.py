@@ -268,17 +268,18 @@ def judge(problem: Problem, fit: Fit, structure: Structure) -> tuple[Parameter, 
         group = next((g for g in structure.groups if p in g), set())
         partners = tuple(space.names[q] for q in sorted(group - {p}))
         interval = _interval(problem, coordinates[p], width[p], p)
+        relation = f"{'ratio to' if space.logarithmic[p] else 'difference from'} {', '.join(partners)}"
         if p in structure.unseen:
             parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, ())))
         elif p in structure.weak:
             why = f"the noise hides it: its 95 % interval would span a factor of {np.exp(2.0 * structure.weak[p]):.3g}"
             parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
         elif p in structure.held:
-            why = f"only its ratio to {', '.join(partners)} is determined; it is kept at {values[p]:.6g}"
+            why = f"only its {relation} is determined; it is kept at {values[p]:.6g}"
             parameters.append(Parameter(name, "ratio", float(values[p]), (None, None), partners, why))
         elif group:
             kept = ", ".join(f"{space.names[q]} = {values[q]:.6g}" for q in sorted(group & structure.held))
-            why = f"only its ratio to {', '.join(partners)} is determined; the value holds for {kept}"
+            why = f"only its {relation} is determined; the value holds for {kept}"
             parameters.append(Parameter(name, "ratio", float(values[p]), interval, partners, why))
         elif coordinates[p] - low[p] < 1e-6 or high[p] - coordinates[p] < 1e-6:
             at_most = coordinates[p] - low[p] < 1e-6
