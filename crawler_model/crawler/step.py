@@ -24,6 +24,7 @@ from ..motion.state import (
     VISITED,
     WORK,
 )
+from ..notebook import write_html
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,16 @@ class Step:
         """Number of ramps in which the active set of a graph did not converge; the certificate shows the error."""
         return int(self.account[UNSOLVED])
 
+    def _shown(self) -> list[str]:
+        """List the attributes that describe the step."""
+        names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
+        return [*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ())]
+
     def __repr__(self) -> str:
         """Show the whole account."""
-        names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
-        shown = (*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ()))
-        return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
+        return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in self._shown())})"
+
+    def _repr_html_(self) -> str:
+        """Show the whole account in a notebook."""
+        units = {"work": " [J]", "dissipation": " [J]", "velocity": " [m]", "translation_interval": " [m]"}
+        return write_html("Step", [(name + units.get(name, ""), getattr(self, name)) for name in self._shown()])
