@@ -17,34 +17,7 @@ def name_contacts(count: int) -> list[str]:
     return [f"contact_{i}" for i in range(count)]
 
 
-def name_links(count: int) -> list[str]:
-    """Name the links.
-
-    Args:
-        count: number of links.
-
-    Returns:
-        link_0, link_1, ...
-    """
-    return [f"link_{i}" for i in range(count)]
-
-
-def every_contact_name(body: Body) -> tuple[str, ...]:
-    """Name all contacts, shown or not.
-
-    Args:
-        body: the body.
-
-    Returns:
-        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
-    """
-    names = dict(zip(body.isolated.tolist(), name_contacts(body.isolated.size), strict=True))
-    for segment in body.segments:
-        names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
-    return tuple(names[i] for i in range(body.contacts))
-
-
-def every_spring_name(body: Body) -> tuple[str, ...]:
+def name_every_spring(body: Body) -> tuple[str, ...]:
     """Name all springs.
 
     Args:
@@ -57,3 +30,30 @@ def every_spring_name(body: Body) -> tuple[str, ...]:
     for segment in body.segments:
         names |= {segment.first_spring + j: f"{segment.name}/element_{j}" for j in range(segment.elements)}
     return tuple(names[i] for i in range(body.springs))
+
+
+def name_links(count: int) -> list[str]:
+    """Name the links.
+
+    Args:
+        count: number of links.
+
+    Returns:
+        link_0, link_1, ...
+    """
+    return [f"link_{i}" for i in range(count)]
+
+
+def name_every_contact(body: Body) -> tuple[str, ...]:
+    """Name all contacts, shown or not.
+
+    Args:
+        body: the body.
+
+    Returns:
+        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
+    """
+    names = dict(zip(body.isolated.tolist(), name_contacts(body.isolated.size), strict=True))
+    for segment in body.segments:
+        names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
+    return tuple(names[i] for i in range(body.contacts))

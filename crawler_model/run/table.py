@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..body.drive import NS
-from ..body.names import every_contact_name, every_spring_name
+from ..body.names import name_every_contact, name_every_spring
 from ..body.plan import Plan
 from ..errors import CrawlerError
 from .account import TickEnergies
@@ -122,7 +122,7 @@ class TrajectoryColumns:
         scene, body = self.scene, self.scene.body
         planar = body.dimension == 2
         axes = ("_x", "_y") if planar else ("",)
-        contacts, springs = every_contact_name(body), every_spring_name(body)
+        contacts, springs = name_every_contact(body), name_every_spring(body)
         if planar:
             sides = [f"direction_{k}" for k in range(scene.columns.planar or 0)] or ["friction"]
             friction = [f"{contact}/{side}" for contact in contacts for side in sides]

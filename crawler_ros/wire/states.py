@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from crawler_model.body.body import Body
-from crawler_model.body.names import every_contact_name as every_contact_name
 from crawler_model.body.names import name_contacts, name_links
+from crawler_model.body.names import name_every_contact as every_contact_name
 
 _AXES = ("/x", "/y")
 
