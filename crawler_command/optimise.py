@@ -13,7 +13,7 @@ import yaml
 
 from crawler_model import CrawlerError, Front, Optimum, load_scene, optimise, pareto, prepare
 
-from .screen import SceneArgument, check_picture, progress_bar, screen, whole_file
+from .screen import SceneArgument, check_output, progress_bar, screen, whole_file
 
 _SHOWN_ROWS = 12
 
@@ -176,14 +176,8 @@ def optimise_command(
 def _check_files(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
     if compromises and out is not None:
         raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
-    if out is not None and out.suffix != ".yaml":
-        raise CrawlerError(f"--out: {out} must end in .yaml")
-    if out is not None and not out.absolute().parent.is_dir():
-        raise CrawlerError(f"--out: the folder {out.absolute().parent} does not exist")
-    check_picture(png)
-    for option, file in (("--out", out), ("--png", png)):
-        if file is not None and file.exists() and not overwrite:
-            raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
+    check_output("--out", out, ".yaml", overwrite)
+    check_output("--png", png, ".png", overwrite)
 
 
 def describe_optimum(found: Optimum) -> list[str]:

@@ -66,10 +66,35 @@ def check_picture(png: Path | None) -> None:
     Raises:
         CrawlerError: when its name does not end in .png, or its folder does not exist.
     """
-    if png is not None and png.suffix != ".png":
-        raise CrawlerError(f"--png: {png} must end in .png")
-    if png is not None and not png.absolute().parent.is_dir():
-        raise CrawlerError(f"--png: the folder {png.absolute().parent} does not exist")
+    check_output("--png", png, ".png")
+
+
+def check_output(option: str, file: Path | None, suffix: str, overwrite: bool = True) -> None:
+    """Check that a file can be written.
+
+    Args:
+        option: the option that names it, for error messages.
+        file: the file; None to write none.
+        suffix: the end that its name must have.
+        overwrite: whether it may exist.
+
+    Raises:
+        CrawlerError: when its name has another end, its folder does not exist or is not writable, it is a folder, or it
+            exists and may not.
+    """
+    if file is None:
+        return
+    folder = file.absolute().parent
+    if file.suffix != suffix:
+        raise CrawlerError(f"{option}: {file} must end in {suffix}")
+    if not folder.is_dir():
+        raise CrawlerError(f"{option}: the folder {folder} does not exist")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise CrawlerError(f"{option}: the folder {folder} is not writable")
+    if file.is_dir():
+        raise CrawlerError(f"{option}: {file} is a folder; it must be a file")
+    if file.exists() and not overwrite:
+        raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
 
 
 @contextmanager

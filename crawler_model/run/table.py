@@ -17,8 +17,8 @@ from ..errors import CrawlerError
 from .account import TickEnergies
 from .arrow import load_library
 
-_MOST_NUMBERS = 16_000_000
-"""Numbers in a batch of rows."""
+_NUMBERS, _FEWEST_ROWS = 4_000_000, 128
+"""Numbers in a batch, and rows in a batch of a wide table: each batch of a file describes all columns again."""
 _ENERGIES = ("work", "dissipation", "loads_work", "jump_loss", "stored")
 
 
@@ -195,14 +195,14 @@ class TrajectoryColumns:
             run: the run.
 
         Yields:
-            pyarrow.RecordBatch of at most 16 million numbers, but at least one row.
+            pyarrow.RecordBatch of at most four million numbers, or of 128 rows.
 
         Raises:
             CrawlerError: if pyarrow is not installed, or a segment has the name of a column.
         """
         pa = load_library("pyarrow", "to_table")
         schema = self.build_schema(run)
-        size = max(_MOST_NUMBERS // len(schema), 1)
+        size = max(_NUMBERS // len(schema), _FEWEST_ROWS)
         for first in range(0, run.time.size, size):
             rows = slice(first, min(first + size, run.time.size))
             values = self._read(run, rows)
