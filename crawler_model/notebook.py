@@ -23,8 +23,11 @@ def write_numbers(values: Any) -> str:
     Returns:
         The text, for example "[1. 2. ... 8. 9.]".
     """
-    with np.printoptions(threshold=_MOST_NUMBERS, edgeitems=2, precision=6, suppress=False):
-        return " ".join(str(np.asarray(values)).split())
+    array = np.asarray(values)
+    if array.ndim == 0:
+        return f"{array.item():.6g}"
+    with np.printoptions(threshold=_MOST_NUMBERS, edgeitems=2, precision=6):
+        return " ".join(str(array).split())
 
 
 def write_html(title: str, facts: Iterable[tuple[str, Any]]) -> str:

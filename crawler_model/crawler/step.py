@@ -136,8 +136,10 @@ class Step:
         return [*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ())]
 
     def __repr__(self) -> str:
-        """Show the whole account."""
-        return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in self._shown())})"
+        """Show the whole account in one line; long arrays are abbreviated."""
+        with np.printoptions(threshold=8, edgeitems=2):
+            text = ", ".join(f"{name}={getattr(self, name)!r}" for name in self._shown())
+        return f"Step({' '.join(text.split())})"
 
     def _repr_html_(self) -> str:
         """Show the whole account in a notebook."""
