@@ -96,7 +96,9 @@ def simulate_command(
     parquet: Annotated[
         Path | None, typer.Option(help="The .parquet table to write, with a row for the end of each tick.")
     ] = None,
-    csv: Annotated[Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing tables.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:

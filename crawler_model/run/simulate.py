@@ -335,6 +335,7 @@ class _Run:
             way_x = np.stack((way_x[0], self.x[-1]))
         start, end = stored_energy(body, np.array([self.start.tension, self.crawler.tension]))
         total = self.total
+        work, dissipation, loads_work = self.spent.T.copy()
         arrays = (
             self.time_ns / NS,
             self.x,
@@ -362,7 +363,7 @@ class _Run:
                 float(total.loads_work),
                 total.jump_loss,
             ),
-            energies=TickEnergies(*self.spent.T, self.jump_loss, stored_energy(body, self.tension)),
+            energies=TickEnergies(work, dissipation, loads_work, self.jump_loss, stored_energy(body, self.tension)),
             jumps=tuple(self.jumps),
             violation=float(total.violation),
             unique=bool(total.unique),

@@ -140,7 +140,7 @@ class ManyRuns(Tabular):
     def _repr_html_(self) -> str:
         """Describe the results in a notebook."""
         shown = ("per_period", "gained", "work", "dissipation", "cost_of_transport")
-        facts = [(s, int((self.status == s).sum())) for s in _STATUS.tolist()]
+        facts: list[tuple[str, Any]] = [(s, int((self.status == s).sum())) for s in _STATUS.tolist()]
         facts += [(f"{name} [{UNITS[name]}]", _range(getattr(self, name))) for name in shown]
         return write_html(f"ManyRuns: {len(self)} runs in {self.wall_s:.3g} s", facts)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from crawler_model.body.body import Body
-from crawler_model.body.names import name_contacts, name_links
-from crawler_model.body.names import name_every_contact as every_contact_name
+from crawler_model.body.names import name_contacts, name_every_contact, name_links
 
 _AXES = ("/x", "/y")
+every_contact_name = name_every_contact
 
 
 def _each_axis(names: list[str], body: Body) -> list[str]:
