@@ -11,6 +11,8 @@ from crawler_model import Crawler, CrawlerError, Scene, TrajectoryColumns, load_
 from crawler_model.body.drive import NS
 from crawler_model.run import table as tables
 
+from ..chains import scene
+
 pa = pytest.importorskip("pyarrow")
 
 LINE = (
@@ -26,8 +28,8 @@ LINE = (
 PLANE = ("planar_three_points", "planar_rectilinear")
 STEEP = {
     "name": "steep",
+    "dimension": 2,
     "body": {
-        "dimension": 2,
         "contacts": [[0, 0], [1, 0], [0, 1]],
         "links": {"between": [[0, 1], [1, 2], [2, 0]], "stiffness": [5, 4, 6]},
     },
@@ -38,8 +40,8 @@ STEEP = {
 
 
 def run_of(name: str, rate: float = 50.0):
-    scene = Scene.model_validate(STEEP) if name == "steep" else load_scene(name)
-    return simulate(scene, 2.0 * (scene.drive.period or 1.0), rate / (scene.drive.period or 1.0))
+    given = Scene.model_validate(STEEP) if name == "steep" else load_scene(name)
+    return simulate(given, 2.0 * (given.drive.period or 1.0), rate / (given.drive.period or 1.0))
 
 
 @pytest.fixture(scope="module", params=[*LINE, *PLANE, "steep"])
@@ -132,7 +134,9 @@ def test_energies_are_those_of_each_tick_and_balance(run):
     stored = table["stored"].to_numpy()
     size = max(float(np.abs(work).max()), float(stored.max()))
     residual = np.diff(stored) + (dissipation + jump_loss - work - loads_work)[1:]
-    assert np.abs(residual).max() <= 1e-12 * size
+    exact = run.method == "exact"
+    assert np.abs(residual).max() <= (1e-12 if exact else 1e-6) * size
+    assert residual.sum() == pytest.approx(run.energy.residual, abs=1e-12 * size)
     steps = [[getattr(step, name) for name in names] for _, step in follow(run)]
     np.testing.assert_allclose(columns_of(table, list(names))[1:], steps, atol=1e-12 * size)
     for name, values in zip(names, (work, dissipation, loads_work, jump_loss), strict=True):
@@ -159,7 +163,8 @@ def test_forces_are_in_equilibrium_and_within_friction(run):
 
 
 def test_a_contact_that_slides_meets_its_friction():
-    run = run_of("two_contacts_anisotropic")
+    drive = {"times": [0, 1, 2], "actuation": [0, 5, 0], "period": 2}
+    run = simulate(scene(2, forward=[1.0, 1.2], backward=[0.8, 1.5], drive=drive), 4.0, 20.0)
     table = run.to_table()
     state, both = run.contact_state[:-1], run.contact_state[:-1] == run.contact_state[1:]  # before and after
     forward, backward = vectors_of(run, table, "forward"), vectors_of(run, table, "backward")
