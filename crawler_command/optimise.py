@@ -12,7 +12,7 @@ import yaml
 
 from crawler_model import CrawlerError, Front, Optimum, load_scene, optimise, pareto, prepare
 
-from .screen import SceneArgument, check_file, parse_bounds, progress_bar, screen, whole_file
+from .screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file
 
 _SHOWN_ROWS = 12
 
@@ -99,7 +99,7 @@ def optimise_command(
     The objective is that of the periodic regime. The search ends when several rounds have found nothing better; after
     Ctrl-C or --seconds the best gait so far is the result.
     """
-    _check_files(out, png, overwrite, compromises)
+    _check_outputs(out, png, overwrite, compromises)
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,
@@ -140,11 +140,11 @@ def optimise_command(
         screen.print("\n".join(lines), markup=False)
 
 
-def _check_files(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
+def _check_outputs(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
     if compromises and out is not None:
         raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
-    check_file("--out", out, ".yaml", overwrite)
-    check_file("--png", png, ".png", overwrite)
+    check_output("--out", out, ".yaml", overwrite)
+    check_output("--png", png, ".png", overwrite)
 
 
 def describe_optimum(found: Optimum) -> list[str]:

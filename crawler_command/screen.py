@@ -66,29 +66,35 @@ def check_picture(png: Path | None) -> None:
     Raises:
         CrawlerError: when its name does not end in .png, or its folder does not exist.
     """
-    check_file("--png", png, ".png", overwrite=True)
+    check_output("--png", png, ".png")
 
 
-def check_file(option: str, path: Path | None, suffix: str, overwrite: bool) -> None:
+def check_output(option: str, file: Path | None, suffix: str, overwrite: bool = True) -> None:
     """Check that a file can be written.
 
     Args:
-        option: name of the option, for error messages.
-        path: the file; None to write none.
-        suffix: how its name must end.
-        overwrite: whether an existing file may be replaced.
+        option: the option that names it, for error messages.
+        file: the file; None to write none.
+        suffix: the end that its name must have.
+        overwrite: whether it may exist.
 
     Raises:
-        CrawlerError: when its name ends otherwise, its folder does not exist, or the file exists already.
+        CrawlerError: when its name has another end, its folder does not exist or is not writable, it is a folder, or it
+            exists and may not.
     """
-    if path is None:
+    if file is None:
         return
-    if path.suffix != suffix:
-        raise CrawlerError(f"{option}: {path} must end in {suffix}")
-    if not path.absolute().parent.is_dir():
-        raise CrawlerError(f"{option}: the folder {path.absolute().parent} does not exist")
-    if path.exists() and not overwrite:
-        raise CrawlerError(f"{option}: {path} exists already; choose another name, or use --overwrite")
+    folder = file.absolute().parent
+    if file.suffix != suffix:
+        raise CrawlerError(f"{option}: {file} must end in {suffix}")
+    if not folder.is_dir():
+        raise CrawlerError(f"{option}: the folder {folder} does not exist")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise CrawlerError(f"{option}: the folder {folder} is not writable")
+    if file.is_dir():
+        raise CrawlerError(f"{option}: {file} is a folder; it must be a file")
+    if file.exists() and not overwrite:
+        raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
 
 
 def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from crawler_model import CrawlerError, Scene, Trajectory, load_scene, prepare, simulate
+from crawler_model import CrawlerError, Scene, Trajectory, TrajectoryColumns, load_scene, prepare, simulate
+from crawler_model.run.arrow import load_library
 from crawler_pictures.numbers import write_length
+from crawler_ros.recording.versions import versions
 
-from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar, screen
+from .screen import (
+    DurationOption,
+    MethodName,
+    MethodOption,
+    SceneArgument,
+    check_output,
+    progress_bar,
+    screen,
+    whole_file,
+)
 
 _MISSED = 1e-6
 """An energy residual above this fraction of the work is more than rounding."""
@@ -34,11 +48,58 @@ def run_scene(scene: Scene, duration: float | None, rate: float, method: str | N
         return simulate(scene, duration, rate, method, progress)  # type: ignore[arg-type]
 
 
+def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progress: Callable[[float], None]) -> None:
+    """Write the table of a run, in one pass and completely or not at all.
+
+    Args:
+        run: the run.
+        parquet: the Parquet file, a row group for each batch of rows; None for none.
+        csv: the CSV file; None for none.
+        progress: called with the completed part, in [0, 1].
+
+    Raises:
+        CrawlerError: if a segment has the name of a column.
+    """
+    columns = TrajectoryColumns(run.scene)
+    schema = columns.build_schema(run)
+    about = json.loads(schema.metadata[b"crawler_trajectory"]) | {"versions": versions()}
+    if isinstance(run.scene, Scene):
+        about["document"] = run.scene.document()
+    with ExitStack() as files:
+        writers: list[Any] = []
+        if parquet is not None:
+            from pyarrow.parquet import ParquetWriter
+
+            described = schema.with_metadata({"crawler_trajectory": json.dumps(about, sort_keys=True)})
+            part = files.enter_context(whole_file(parquet))
+            writers.append(files.enter_context(ParquetWriter(part, described, compression="zstd")))
+        if csv is not None:
+            from pyarrow.csv import CSVWriter, WriteOptions
+
+            handle = files.enter_context(files.enter_context(whole_file(csv)).open("wb"))
+            handle.write((",".join(schema.names) + "\n").encode())
+            options = WriteOptions(include_header=False)
+            writers.append(files.enter_context(CSVWriter(handle, schema, write_options=options)))
+        done = 0
+        for batch in columns.build_batches(run):
+            for writer in writers:
+                writer.write_batch(batch)
+            done += batch.num_rows
+            progress(done / run.time.size)
+
+
 def simulate_command(
     scene: SceneArgument,
     duration: DurationOption = None,
     rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = 100.0,
     method: MethodOption = MethodName.auto,
+    parquet: Annotated[
+        Path | None, typer.Option(help="The .parquet table to write, with a row for the end of each tick.")
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing tables.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print its net translation.
@@ -49,7 +110,14 @@ def simulate_command(
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
+    for option, file in (("--parquet", parquet), ("--csv", csv)):
+        check_output(option, file, option.replace("--", "."), overwrite)
+        if file is not None:
+            load_library("pyarrow", option)
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
+    if parquet is not None or csv is not None:
+        with progress_bar("writing") as progress:
+            write_tables(run, parquet, csv, progress)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         return
@@ -74,6 +142,8 @@ def simulate_command(
         table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size), "")
     screen.print(table)
     _print_account(run)
+    for file in filter(None, (parquet, csv)):
+        screen.print(f"table: {file}", markup=False)
 
 
 def _print_account(run: Trajectory) -> None:

@@ -19,7 +19,7 @@ from crawler_model.sweep.vary import MOST_VARIATIONS, key_steps
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.versions import installed_version
 
-from .screen import whole_file
+from .screen import check_output, whole_file
 
 _UNITS = {
     "forward": "N",
@@ -140,14 +140,7 @@ def plan_sweep(
     elif png is not None and not 1 <= sum(n > 1 for n in variations.shape) <= 2:
         raise CrawlerError(f"--png: a picture needs one or two keys that vary; this sweep has {len(values)}")
     for option, file, suffix in (("--out", out, ".parquet"), ("--png", png, ".png")):
-        if file is None:
-            continue
-        if file.suffix != suffix:
-            raise CrawlerError(f"{option}: {file} must end in {suffix}")
-        if not file.absolute().parent.is_dir():
-            raise CrawlerError(f"{option}: the folder {file.absolute().parent} does not exist")
-        if file.exists() and not overwrite:
-            raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
+        check_output(option, file, suffix, overwrite)
     return Sweep(variations, settings, specs, out, png)
 
 

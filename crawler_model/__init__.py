@@ -19,6 +19,7 @@ from .run.account import Energy
 from .run.cycle import LimitCycle, limit_cycle
 from .run.limits import Limit, largest_tow, steepest_climb
 from .run.simulate import Trajectory, simulate
+from .run.table import TrajectoryColumns
 from .scene.file import gallery, load_scene, parse_scene
 from .scene.scene import Scene
 from .sweep.many import simulate_many
@@ -46,6 +47,7 @@ __all__ = [
     "Sensitivities",
     "Step",
     "Trajectory",
+    "TrajectoryColumns",
     "Variations",
     "excite",
     "gallery",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import SceneError
+from .errors import LARGEST, CommandError, SceneError
 
 
 def spread(values: Any, size: int, field: str, item: str) -> np.ndarray:
@@ -99,3 +99,34 @@ def frozen(array: ArrayLike, dtype: type[np.generic] = np.float64) -> np.ndarray
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy
+
+
+def check_numbers(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Convert the numbers of a command to an array.
+
+    Args:
+        name: what they are, for error messages.
+        values: the numbers.
+        shape: shape that they must have.
+
+    Returns:
+        An array of this shape.
+
+    Raises:
+        CommandError: if the shape is another one, or a number is not finite or too large.
+    """
+    count = " x ".join(map(str, shape))
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CommandError(f"{name}: {values!r}; it must be {count} numbers") from None
+    if array.shape != shape:
+        raise CommandError(f"{name}: shape {array.shape}; it must be {shape}")
+    flat = array.ravel()
+    if not np.isfinite(flat).all():
+        i = int(np.flatnonzero(~np.isfinite(flat))[0])
+        raise CommandError(f"{name}: entry {i} is {flat[i]}; it must be finite")
+    if flat.size and np.abs(flat).max() > LARGEST:
+        i = int(np.abs(flat).argmax())
+        raise CommandError(f"{name}: entry {i} is {flat[i]:g}; it must be at most {LARGEST:g} in size")
+    return array

@@ -11,7 +11,7 @@ import typer
 
 from crawler_model import CrawlerError, Identification, Measurements, Scene, identify, load_scene
 
-from ..screen import check_file, parse_bounds, progress_bar, screen, whole_file
+from ..screen import check_output, parse_bounds, progress_bar, screen, whole_file
 
 _TABLES = (".csv", ".parquet")
 _TOPICS = ("joint_states", "contact_states", "applied_commands")
@@ -58,7 +58,7 @@ def identify_command(
     search for other starts and keeps the best so far.
     """
     for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
-        check_file(option, file, suffix, overwrite)
+        check_output(option, file, suffix, overwrite)
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
     chosen: Literal["none", "frame", "each"] = offset  # type: ignore[assignment]

@@ -11,7 +11,7 @@ import yaml
 
 from crawler_model import excite, load_scene
 
-from ..screen import SceneArgument, check_file, parse_bounds, progress_bar, screen, whole_file
+from ..screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file
 from .command import split_keys
 from .report import tabulate
 
@@ -48,7 +48,7 @@ def excite_command(
 
     The numbers of the scene are a guess. Positions of all contacts are measured. Ctrl-C keeps the drive so far.
     """
-    check_file("--out", out, ".yaml", overwrite)
+    check_output("--out", out, ".yaml", overwrite)
     strokes = parse_bounds("--stroke", stroke or ())
     with progress_bar("searching a drive") as progress:
         found = excite(

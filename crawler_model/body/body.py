@@ -146,12 +146,16 @@ class Body:
         """Compute the force of the springs on each contact.
 
         Args:
-            tension: T, shape (..., S), in the plane (S, 2) [N].
+            tension: T, shape (..., S), in the plane (..., S, 2) [N].
 
         Returns:
-            g, shape (..., N), in the plane (N, 2) [N].
+            g, shape (..., N), in the plane (..., N, 2) [N].
         """
         t = np.asarray(tension, dtype=np.float64)
+        if self.dimension == 2 and t.ndim > 2:
+            each = np.moveaxis(t, -1, -2)
+            force = self._sum_at(self.ends[:, 0], each) - self._sum_at(self.ends[:, 1], each)
+            return np.moveaxis(force, -2, -1)
         if self.dimension == 2:
             force = np.zeros((self.contacts, 2))
             np.add.at(force, self.ends[:, 0], t)

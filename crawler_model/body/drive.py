@@ -98,12 +98,26 @@ class Drive:
         Returns:
             Targets, shape (K, S + 2 N); of variations with the same times (M, K, S + 2 N).
         """
-        targets = self.targets
+        return self._interpolate(self.targets, times_ns)
+
+    def sample_rows(self, times_ns: np.ndarray) -> np.ndarray:
+        """Interpolate the command rows at given times.
+
+        Args:
+            times_ns: shape (K,), int64, >= 0 and increasing [ns].
+
+        Returns:
+            Command rows, shape (K, C); of variations with the same times (M, K, C).
+        """
+        return self._interpolate(self.rows, times_ns)
+
+    def _interpolate(self, table: np.ndarray, times_ns: np.ndarray) -> np.ndarray:
+        """Interpolate a table with a row for each waypoint, shape (..., W, F)."""
         if times_ns.size == 0:
-            return targets[..., :0, :]
+            return table[..., :0, :]
         _, rows, before, after, part = self.locate(times_ns)
-        start = targets[..., rows[before], :]
-        return np.asarray(start + part[:, None] * (targets[..., rows[after], :] - start))
+        start = table[..., rows[before], :]
+        return np.asarray(start + part[:, None] * (table[..., rows[after], :] - start))
 
     def locate(self, times_ns: np.ndarray) -> tuple[np.ndarray, ...]:
         """Find the waypoints around given times.

@@ -95,6 +95,23 @@ class Track:
         forward, backward, load = np.moveaxis(out.reshape(*targets.shape[:-1], 3, place.size), -2, 0)
         return forward, backward, load
 
+    def bounds_along(self, targets: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Compute the bounds of the spring forces along a path.
+
+        Args:
+            targets: for ground without patches, as for `bounds`, shape (R, 2 N) or (R, 3 N) [N].
+            places: of each contact, shape (R, N).
+
+        Returns:
+            Forward bounds, backward bounds and loads, shape (3, R, N) [N].
+        """
+        local = np.empty((3, *places.shape))
+        different, which = np.unique(places, axis=0, return_inverse=True)
+        for k, place in enumerate(different):  # far fewer than rows: a contact seldom passes a border
+            rows = np.flatnonzero(which.ravel() == k)
+            local[:, rows] = self.bounds(targets[rows], np.ascontiguousarray(place))
+        return local
+
 
 @dataclass(frozen=True, eq=False)
 class Ground:

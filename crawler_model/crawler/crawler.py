@@ -8,17 +8,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import frozen
+from ..arrays import check_numbers, frozen
 from ..body.body import Body
 from ..body.directions import check_directions
 from ..body.plan import Plan, check_plan
-from ..errors import LARGEST, CommandError, SceneError
+from ..errors import CommandError, SceneError
 from ..motion.follow import State, build_motion
 from ..motion.state import ACCOUNT_SIZE, VISITED
+from ..notebook import write_html, write_numbers
 from .step import Step
 
 Method = Literal["exact", "catch_up"]
 METHODS: tuple[Method, ...] = ("exact", "catch_up")
+_SHOWN = {"net_translation": "m", "displacement": "m", "contact_state": "1", "tension": "N", "margins": "N"}
+"""What a notebook shows of a crawler, with units."""
 
 
 class Crawler:
@@ -186,6 +189,16 @@ class Crawler:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __repr__(self) -> str:
+        """Describe the crawler in one line."""
+        state = write_numbers(self.contact_state)
+        return f"Crawler({self.scene.name}, {self.method}, net_translation {self.net_translation} m, {state})"
+
+    def _repr_html_(self) -> str:
+        """Describe the crawler in a notebook."""
+        lengths = {f"{name} [{unit}]": getattr(self, name) for name, unit in _SHOWN.items()}
+        return write_html(f"Crawler {self.scene.name}", [("body", self.body.describe()), *lengths.items()])
+
     def target(
         self,
         actuation: ArrayLike,
@@ -234,7 +247,7 @@ class Crawler:
             if values is None and name != "actuation":
                 continue
             each = int(sizes[0]) if planar and sizes.size else 1
-            array = _checked(name, values, (sizes.size,) if each == 1 else (sizes.size, each)).ravel()
+            array = check_numbers(name, values, (sizes.size,) if each == 1 else (sizes.size, each)).ravel()
             if name in ("forward", "backward") and not (array >= 0.0).all():
                 i = int(np.flatnonzero(array < 0.0)[0])
                 raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
@@ -298,7 +311,7 @@ class Crawler:
 
         Args:
             targets: rows as returned by `target`, shape (V, S + 2 N).
-            records: output: displacement, its rounding rest and tension after each ramp, shape (V, 2 N + S).
+            records: output after each ramp, shape (V, 2 N + S) or (V, 2 N + S + 3), see `Motion.follow`.
             before: an account to continue; its velocity and translation interval are not continued.
 
         Returns:
@@ -370,24 +383,6 @@ def choose_method(scene: Plan, method: str | None) -> Method:
             "they are curved: use catch_up, whose steps are refined to the scene's tolerance"
         )
     return method  # type: ignore[return-value]
-
-
-def _checked(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
-    count = " x ".join(map(str, shape))
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise CommandError(f"{name}: {values!r}; it must be {count} numbers") from None
-    if array.shape != shape:
-        raise CommandError(f"{name}: shape {array.shape}; it must be {shape}")
-    flat = array.ravel()
-    if not np.isfinite(flat).all():
-        i = int(np.flatnonzero(~np.isfinite(flat))[0])
-        raise CommandError(f"{name}: entry {i} is {flat[i]}; it must be finite")
-    if flat.size and np.abs(flat).max() > LARGEST:
-        i = int(np.abs(flat).argmax())
-        raise CommandError(f"{name}: entry {i} is {flat[i]:g}; it must be at most {LARGEST:g} in size")
-    return array
 
 
 def prepare(scene: Plan) -> None:

@@ -24,6 +24,7 @@ from ..motion.state import (
     VISITED,
     WORK,
 )
+from ..notebook import write_html
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,18 @@ class Step:
         """Number of ramps in which the active set of a graph did not converge; the certificate shows the error."""
         return int(self.account[UNSOLVED])
 
-    def __repr__(self) -> str:
-        """Show the whole account."""
+    def _shown(self) -> list[str]:
+        """List the attributes that describe the step."""
         names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
-        shown = (*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ()))
-        return f"Step({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
+        return [*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ())]
+
+    def __repr__(self) -> str:
+        """Show the whole account in one line; long arrays are abbreviated."""
+        with np.printoptions(threshold=8, edgeitems=2):
+            text = ", ".join(f"{name}={getattr(self, name)!r}" for name in self._shown())
+        return f"Step({' '.join(text.split())})"
+
+    def _repr_html_(self) -> str:
+        """Show the whole account in a notebook."""
+        units = {"work": " [J]", "dissipation": " [J]", "velocity": " [m]", "translation_interval": " [m]"}
+        return write_html("Step", [(name + units.get(name, ""), getattr(self, name)) for name in self._shown()])

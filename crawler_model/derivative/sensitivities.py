@@ -13,6 +13,7 @@ from ..arrays import frozen
 from ..body.body import Body
 from ..body.drive import NS
 from ..errors import CommandError, SceneError
+from ..notebook import write_html, write_numbers
 from ..run.simulate import default_duration
 from ..run.ticks import check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
@@ -23,6 +24,8 @@ from .planar import PlanarDerivatives, differentiate_in_plane
 
 _CHUNK = 4096
 _MOST_NUMBERS = 200_000_000
+_MOST_SHOWN = 24
+"""Parameters that a notebook shows."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,17 @@ class Sensitivities:
             state = f"{int(self.one_sided.sum())} of them one-sided"
         error = f", errors up to about {self.tolerance:.0e}" if self.tolerance else ""
         return f"Sensitivities({len(self.parameters)} parameters, {self.time.size} times, {state}{error})"
+
+    def _repr_html_(self) -> str:
+        """Show the derivatives of the gain in the last period, or at the end, in a notebook."""
+        which = "per_period" if self.per_period.size else "net_translation"
+        last = getattr(self, which)[-1].T
+        sides = np.where(self.one_sided, " (one-sided)", "").tolist()
+        facts = [
+            (f"{name} = {value:.6g}", write_numbers(derivative) + side)
+            for name, value, derivative, side in zip(self.parameters, self.values, last, sides, strict=True)
+        ]
+        return write_html(f"Derivatives of {which}[-1] with respect to {len(facts)} parameters", facts[:_MOST_SHOWN])
 
 
 def sensitivities(

@@ -141,7 +141,8 @@ class Motion(Protocol):
             exact: True to follow every event, False for one catch-up step per ramp (in the plane, refined steps).
             budget: upper limit of work in one ramp, as for `Crawler`.
             account: entries as in `motion.state`, shape (14,), added to.
-            records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
+            records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows. With
+                SPENT further columns also what `motion.state.record_spent` writes.
 
         Returns:
             The jumps on patches of ground; None where the ground is the same everywhere.

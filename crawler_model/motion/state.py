@@ -209,14 +209,32 @@ def read_commands(contacts, links, target):
         target[springs + 2 * n + i] = contacts[LOAD, i]
 
 
+SPENT = 3
+"""Columns that a row of the records may have at its end, see `record_spent`."""
+
+
 @compiled
-def record(contacts, links, row):
+def record_spent(account, row):
+    """Write the work, the energy lost to friction and the work of the loads so far to the end of a row of the records.
+
+    Args:
+        account: shape (14,).
+        row: at least SPENT entries, output.
+    """
+    row[-3] = account[WORK]
+    row[-2] = dissipated(account)
+    row[-1] = account[LOADS_WORK]
+
+
+@compiled
+def record(contacts, links, account, row):
     """Write the present displacement, its rounding rest and the tension to a row of the records.
 
     Args:
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
-        row: shape (2 N + S,), output.
+        account: shape (14,).
+        row: shape (2 N + S,), or with SPENT further columns for what `record_spent` writes, output.
     """
     n = contacts.shape[1]
     for i in range(n):
@@ -224,3 +242,5 @@ def record(contacts, links, row):
         row[n + i] = contacts[X_REST, i]
     for s in range(links.shape[1]):
         row[2 * n + s] = links[TENSION, s]
+    if row.shape[0] > 2 * n + links.shape[1]:
+        record_spent(account, row)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..derivative.sensitivities import Kink
+from ..notebook import write_html
 from ..scene.scene import Scene
 from .goal import OBJECTIVES
 from .space import Space
@@ -134,6 +135,12 @@ class Optimum:
             f"Optimum({self.scene.name}, {self.objective} {self.value:.6g} {self.unit}, {len(self.names)} unknowns, "
             f"{self.evaluations} evaluations)"
         )
+
+    def _repr_html_(self) -> str:
+        """Show the unknowns of the best gait in a notebook."""
+        title = f"Optimum of {self.scene.name}: {self.objective} {self.value:.6g} {self.unit}"
+        rows = zip(self.names, self.values.tolist(), self.low.tolist(), self.high.tolist(), strict=True)
+        return write_html(title, [(name, f"{value:.6g} in {low:g} .. {high:g}") for name, value, low, high in rows])
 
     def summary(self) -> dict[str, Any]:
         """Build the summary that `crawler optimise --json` prints.

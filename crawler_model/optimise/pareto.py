@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..notebook import write_html
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .goal import measure, score
@@ -64,6 +65,11 @@ class Front:
     def __repr__(self) -> str:
         """Describe the curve in one line."""
         return f"Front({len(self.points)} gaits, gain {self.points[-1].gain:.6g} to {self.points[0].gain:.6g} m)"
+
+    def _repr_html_(self) -> str:
+        """Show the compromises in a notebook."""
+        facts = [(f"{p.gain:.6g} m", f"cost of transport {p.cost_of_transport:.6g}") for p in self.points]
+        return write_html(f"Front of {len(self.points)} gaits: gain per period", facts)
 
     def summary(self) -> dict[str, Any]:
         """Build the summary that `crawler optimise --pareto --json` prints.

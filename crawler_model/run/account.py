@@ -56,6 +56,37 @@ class Energy:
         return ratio if np.ndim(ratio) else float(ratio)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class TickEnergies:
+    """Energies by tick. Each array has shape (T,), its first entry is that of the start, and is read-only.
+
+    But for rounding (with catch_up, its error), the sum of dissipation, jump_loss and the change of stored since the
+    tick before equals the sum of work and loads_work.
+
+    Attributes:
+        work: work of the actuators in the tick [J].
+        dissipation: energy lost to friction in the tick [J].
+        loads_work: work of the loads in the tick [J].
+        jump_loss: energy lost in jumps on patches of ground in the tick [J].
+        stored: energy stored in the springs at its end [J].
+    """
+
+    work: np.ndarray
+    dissipation: np.ndarray
+    loads_work: np.ndarray
+    jump_loss: np.ndarray
+    stored: np.ndarray
+
+    def __post_init__(self) -> None:
+        for array in vars(self).values():
+            array.flags.writeable = False
+
+    def __repr__(self) -> str:
+        """Describe the energies in one line."""
+        totals = ", ".join(f"{name} {getattr(self, name).sum():.6g} J" for name in ("work", "dissipation"))
+        return f"TickEnergies({self.work.size - 1} ticks, in all {totals})"
+
+
 @dataclass
 class Total:
     """The account of all ramps of a run; entries as in `Step`. Of M runs every entry has shape (M,).

@@ -19,6 +19,7 @@ from ..body.drive import NS
 from ..body.plan import Plan, check_plan
 from ..crawler.crawler import Crawler
 from ..errors import CommandError
+from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
 
@@ -63,6 +64,11 @@ class LimitCycle:
         else:
             end = f"not settled after {self.periods} periods: the transient does not shrink yet"
         return f"LimitCycle({self.gain} m a period, {end})"
+
+    def _repr_html_(self) -> str:
+        """Show the regime in a notebook."""
+        names = {"gain": "m", "work": "J", "transient_left": "m", "settled": "1", "ratio": "1", "periods": "1"}
+        return write_html("LimitCycle", [(f"{name} [{unit}]", getattr(self, name)) for name, unit in names.items()])
 
 
 def limit_cycle(

@@ -14,8 +14,12 @@ from ..body.drive import NS, Drive
 from ..body.plan import Plan, check_plan
 from ..crawler.crawler import Crawler, Method, choose_method
 from ..errors import CommandError
+from ..motion.state import SPENT
+from ..notebook import write_html
 from ..theory.uniqueness import commanded_margin
-from .account import Energy, Total, average_displacement, stored_energy
+from .account import Energy, TickEnergies, Total, average_displacement, stored_energy
+from .arrow import Tabular, load_library
+from .table import TrajectoryColumns
 from .ticks import check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 
 _CHUNK = 4096
@@ -44,7 +48,7 @@ class TimedJump:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(Tabular):
     """The result of a run. Arrays are read-only; T counts the start and all ticks, W the start and waypoints passed.
 
     Attributes:
@@ -62,6 +66,7 @@ class Trajectory:
         waypoint_net_translation: y at these times, shape (W,), in the plane (W, 2) [m].
         per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m].
         energy: energy account of the whole run.
+        energies: energies by tick.
         jumps: contacts that crossed a border onto ground that holds less, in order; `Step.jumps` with times.
         violation: largest amount by which a spring force exceeds its bound [N].
         unique: False if the translation was not determined on some stretch.
@@ -89,6 +94,7 @@ class Trajectory:
     waypoint_net_translation: np.ndarray
     per_period: np.ndarray
     energy: Energy
+    energies: TickEnergies
     jumps: tuple[TimedJump, ...]
     violation: float
     unique: bool
@@ -107,6 +113,40 @@ class Trajectory:
             f"Trajectory({self.scene.name}, {self.method}, {self.ticks} ticks at {self.rate:g} Hz, "
             f"net_translation {self.net_translation[0]} -> {self.net_translation[-1]} m)"
         )
+
+    def _repr_html_(self) -> str:
+        """Describe the run in a notebook."""
+        energy = self.energy
+        facts = {
+            "method": f"{self.method}, {self.ticks} ticks at {self.rate:g} Hz, {self.wall_s:.3g} s",
+            "net translation [m]": np.stack((self.net_translation[0], self.net_translation[-1])),
+            "gained in each period [m]": self.per_period,
+            "work, dissipation, stored [J]": f"{energy.work:.6g}, {energy.dissipation:.6g}, {energy.stored:.6g}",
+            "residual of the energy [1]": energy.relative_residual,
+            "unique": self.unique,
+        }
+        return write_html(f"Trajectory of {self.scene.name}", facts.items())
+
+    @property
+    def position(self) -> np.ndarray:
+        """Reference position plus displacement of each contact, shape (T, N), in the plane (T, N, 2) [m]."""
+        position = self.scene.body.position + self.displacement
+        position.flags.writeable = False
+        return position
+
+    def to_table(self) -> Any:
+        """Convert to a table with a row for the start and for the end of each tick.
+
+        Returns:
+            A pyarrow.Table with the columns of `TrajectoryColumns`: time, positions, commands, velocities, states,
+            forces, tensions and energies, with the unit of each in the metadata of its column.
+
+        Raises:
+            CrawlerError: if pyarrow is not installed, or a segment has the name of a column.
+        """
+        pa = load_library("pyarrow", "to_table")
+        columns = TrajectoryColumns(self.scene)
+        return pa.Table.from_batches(columns.build_batches(self), columns.build_schema(self))
 
     def summary(self) -> dict[str, Any]:
         """Build the summary that `crawler simulate --json` prints.
@@ -242,28 +282,32 @@ class _Run:
         self.total = Total(crawler.visited_margin)
         self.peak = float(stored_energy(body, self.tension[:1])[0])
         self.jumps: list[TimedJump] = []
+        self.spent = np.zeros((ticks + 1, SPENT))
+        self.jump_loss = np.zeros(ticks + 1)
 
     def follow(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`; the first one, number `first`, starts at `after_ns`."""
         vertex_ns, targets, at, way_rows = drive.ramps_between(after_ns, tick_ns)
         width = self.x[0].size
-        records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size))
+        records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size + SPENT))
         step = self.crawler.follow(targets, records)
         self.total.add(step.account, step.jump_loss)
+        ends = np.searchsorted(vertex_ns, tick_ns)
         for jump in step.jumps:
+            self.jump_loss[first + 1 + np.searchsorted(ends, jump.ramp)] += jump.loss
             begin = int(vertex_ns[jump.ramp - 1]) if jump.ramp else after_ns
             when = (begin + jump.part * (int(vertex_ns[jump.ramp]) - begin)) / NS
             self.jumps.append(TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss))
-        tension = records[:, 2 * width :].reshape(-1, *self.tension.shape[1:])
+        tension = records[:, 2 * width : -SPENT].reshape(-1, *self.tension.shape[1:])
         self.peak = max(self.peak, float(stored_energy(self.crawler.body, tension).max()))
 
         place = (vertex_ns.size, *self.x.shape[1:])
         x, rest = records[:, :width].reshape(place), records[:, width : 2 * width].reshape(place)
-        ends = np.searchsorted(vertex_ns, tick_ns)
         rows = slice(first + 1, first + 1 + tick_ns.size)
         self.time_ns[rows] = tick_ns
         self.x[rows] = x[ends]
-        self.tension[rows] = records[ends, 2 * width :].reshape(-1, *self.tension.shape[1:])
+        self.tension[rows] = tension[ends]
+        self.spent[rows] = np.diff(records[ends, -SPENT:], axis=0, prepend=0.0)
         moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
         self.state[rows] = _directions(moved, np.concatenate(([0], ends[:-1] + 1)))
         self.last = (x[-1].copy(), rest[-1].copy())
@@ -291,6 +335,7 @@ class _Run:
             way_x = np.stack((way_x[0], self.x[-1]))
         start, end = stored_energy(body, np.array([self.start.tension, self.crawler.tension]))
         total = self.total
+        work, dissipation, loads_work = self.spent.T.copy()
         arrays = (
             self.time_ns / NS,
             self.x,
@@ -318,6 +363,7 @@ class _Run:
                 float(total.loads_work),
                 total.jump_loss,
             ),
+            energies=TickEnergies(work, dissipation, loads_work, self.jump_loss, stored_energy(body, self.tension)),
             jumps=tuple(self.jumps),
             violation=float(total.violation),
             unique=bool(total.unique),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..notebook import write_html
 from .assemble import assemble
 from .assembly import Assembly
 from .parts import SceneParts
@@ -71,6 +72,17 @@ class Scene(Assembly):
     def __repr__(self) -> str:
         """Return the name of the scene and the components of its body."""
         return f"Scene({self.name}: {self.body.describe()})"
+
+    def _repr_html_(self) -> str:
+        """Describe the scene in a notebook."""
+        drive = self.drive
+        period = "no drive" if drive.holds else "no period" if drive.period is None else f"period {drive.period:g} s"
+        facts = {
+            "body": self.body.describe(),
+            "drive": f"{drive.times.size} waypoints, {period}",
+            "commands": ", ".join(self.columns.names),
+        }
+        return write_html(f"Scene {self.name}", facts.items())
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as plain data."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -10,7 +9,8 @@ from typing import Any, overload
 
 import numpy as np
 
-from ..errors import CrawlerError
+from ..notebook import write_html
+from ..run.arrow import Tabular, load_library
 from .rows import COMPARED, COUNTS, DONE, FORCES, LENGTHS
 
 _STATUS = np.array(["not run", "done", "invalid"])
@@ -35,7 +35,7 @@ UNITS = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ManyRuns:
+class ManyRuns(Tabular):
     """Results of many runs, one row each. Arrays are read-only; NaN, 0 and False for runs that are not done.
 
     It is a sequence: `runs[3]` is a row with the same names, `runs[10:20]` are the results of these runs.
@@ -137,6 +137,13 @@ class ManyRuns:
         counts = ", ".join(f"{(self.status == s).sum()} {s}" for s in _STATUS[1:])
         return f"ManyRuns({len(self)} runs: {counts}, {self.wall_s:.3g} s)"
 
+    def _repr_html_(self) -> str:
+        """Describe the results in a notebook."""
+        shown = ("per_period", "gained", "work", "dissipation", "cost_of_transport")
+        facts: list[tuple[str, Any]] = [(s, int((self.status == s).sum())) for s in _STATUS.tolist()]
+        facts += [(f"{name} [{UNITS[name]}]", _range(getattr(self, name))) for name in shown]
+        return write_html(f"ManyRuns: {len(self)} runs in {self.wall_s:.3g} s", facts)
+
     def to_table(self) -> Any:
         """Convert to a table with a row for each run.
 
@@ -147,10 +154,7 @@ class ManyRuns:
         Raises:
             CrawlerError: if pyarrow is not installed.
         """
-        try:
-            pa = importlib.import_module("pyarrow")
-        except ModuleNotFoundError:
-            raise CrawlerError("to_table: pyarrow is not installed; pip install 'crawler-ros[sweep]'") from None
+        pa = load_library("pyarrow", "to_table")
         fields, columns = [], []
 
         def add(name: str, array: Any, unit: str | None = None) -> None:
@@ -170,6 +174,12 @@ class ManyRuns:
 
 class RunRow(SimpleNamespace):
     """Results of one run: the names of `ManyRuns` with a number each, in the plane shape (2,) for displacements."""
+
+
+def _range(values: np.ndarray) -> str:
+    """Write the least and the greatest number, in the plane of both axes; nothing where there is none."""
+    known = values[np.isfinite(values)]
+    return f"{known.min():.6g} .. {known.max():.6g}" if known.size else "-"
 
 
 def _per_energy(gained: np.ndarray, spent: np.ndarray) -> np.ndarray:

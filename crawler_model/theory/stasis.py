@@ -11,9 +11,8 @@ slides and hence the direction of motion ([G] Remark on stasis domains and direc
 in -Q.
 
 Loads f shift the bounds: with them, mu_plus and mu_minus stand for mu_plus - f and mu_minus + f throughout this file,
-as in `Drive.forward` and `Drive.backward`. One of the two may be negative where others hold a contact.
-
-The functions take one state and its friction; `StasisDomain` is the set itself.
+as in `Drive.forward` and `Drive.backward`. One of the two may be negative where others hold a contact. The functions
+take one state and its friction; `StasisDomain` is the set itself.
 """
 
 from __future__ import annotations
@@ -26,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..body.drive import Drive
+from ..notebook import write_html, write_numbers
 from ..rounding import CRITICAL, EPS
 
 _ROUNDING = 16.0 * EPS
@@ -58,7 +58,7 @@ class Facet:
         return padded[1:-1]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StasisDomain:
     """The section forces at which no contact has to slide: a convex polytope of dimension at most N - 1.
 
@@ -97,6 +97,14 @@ class StasisDomain:
                     f"{name}: the bounds sum to {values.sum():g} N; the sum must be >= 0, as no equilibrium holds the "
                     "loads otherwise"
                 )
+
+    def __repr__(self) -> str:
+        """Describe the domain in one line."""
+        return f"StasisDomain(forward={write_numbers(self.forward)}, backward={write_numbers(self.backward)})"
+
+    def _repr_html_(self) -> str:
+        """Show the bounds in a notebook."""
+        return write_html("StasisDomain", [(f"{name} [N]", getattr(self, name)) for name in ("forward", "backward")])
 
     @property
     def contacts(self) -> int:

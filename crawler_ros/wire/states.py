@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from crawler_model.body.body import Body
-from crawler_model.body.names import name_contacts, name_links
+from crawler_model.body.names import name_contacts, name_every_contact, name_links
 
 _AXES = ("/x", "/y")
+every_contact_name = name_every_contact
 
 
 def _each_axis(names: list[str], body: Body) -> list[str]:
@@ -78,21 +79,6 @@ def contact_names(body: Body) -> list[str]:
     """
     names = every_contact_name(body)
     return _each_axis([names[c] for c in shown_contacts(body)], body)
-
-
-def every_contact_name(body: Body) -> tuple[str, ...]:
-    """Name all contacts, shown or not.
-
-    Args:
-        body: the body.
-
-    Returns:
-        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
-    """
-    names = dict(zip(body.isolated.tolist(), name_contacts(body.isolated.size), strict=True))
-    for segment in body.segments:
-        names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
-    return tuple(names[i] for i in range(body.contacts))
 
 
 def tree_of_joints(body: Body) -> list[tuple[int, int, int, float]]:

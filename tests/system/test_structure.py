@@ -33,7 +33,20 @@ from crawler_model import compiled
 
 ROOT = Path(crawler_model.__file__).parent.parent
 PACKAGES = ("crawler_model", "crawler_pictures", "crawler_ros", "crawler_bench", "crawler_command")
-OPTIONAL = ("rclpy", "rerun", "mcap", "matplotlib", "rosbags", "osqp", "typer", "rich", "pyarrow", "distributed")
+OPTIONAL = (
+    "rclpy",
+    "rerun",
+    "mcap",
+    "matplotlib",
+    "rosbags",
+    "osqp",
+    "typer",
+    "rich",
+    "pyarrow",
+    "distributed",
+    "pandas",
+    "polars",
+)
 
 
 def imports(file: Path) -> set[str]:

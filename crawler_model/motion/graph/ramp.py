@@ -390,7 +390,7 @@ def follow(
             end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
-            record(contacts, links, records[v])
+            record(contacts, links, account, records[v])
         if ground is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
             return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed

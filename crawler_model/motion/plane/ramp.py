@@ -25,6 +25,7 @@ from ..state import (
     VIOLATION,
     VISITED,
     WORK,
+    record_spent,
 )
 from ..state import PLANAR_ACTUATION as ACTUATION
 from ..state import PLANAR_GAINED as GAINED
@@ -270,7 +271,10 @@ def _follow(
             if records.shape[0] > 0:
                 records[v, : 2 * n] = contacts[X].ravel()
                 records[v, 2 * n : 4 * n] = contacts[X_REST].ravel()
-                records[v, 4 * n :] = links[TENSION].ravel()
+                springs = links.shape[1]
+                records[v, 4 * n : 4 * n + 2 * springs] = links[TENSION].ravel()
+                if records.shape[1] > 4 * n + 2 * springs:
+                    record_spent(account, records[v])
             progress[RAMP] += 1.0
             progress[LENGTH] = 0.0
     return True

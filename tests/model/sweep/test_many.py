@@ -665,5 +665,5 @@ def test_runs_convert_to_a_table():
 
 def test_without_pyarrow_a_table_is_one_clear_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(CrawlerError, match=r"to_table: pyarrow is not installed; pip install 'crawler-ros\[sweep\]'"):
+    with pytest.raises(CrawlerError, match=r"to_table: pyarrow is not installed; pip install 'crawler-ros\[tables\]'"):
         simulate_many([load_scene("two_anchor_a")]).to_table()
