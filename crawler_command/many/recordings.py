@@ -1,0 +1,327 @@
+"""Recordings by the hundred: one partitioned Parquet data set from any number of them, on all cores or a Dask cluster."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+from pyarrow import parquet
+
+from crawler_model import CrawlerError, Scene
+from crawler_ros.recording.bag import BagError, find_file
+
+from ..screen import whole_file
+from .cores import WorkerEndedError, run_on_cores
+from .recording_rows import IDENTITY, TABLES, Identity, Outcome, describe_settings, digest_of, tabulate, text_of
+
+_UNFINISHED = ".unfinished"
+"""Folder in a data set for files that are being written."""
+_LONGEST_NAME = 200
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Recordings to be analysed, and the data set to which they are added.
+
+    Attributes:
+        folder: the data set.
+        files: for each run its .mcap file.
+        finished: number of recordings that the data set holds already.
+        skipped: why files or folders are skipped, by their names.
+        scene: document of `--scene`.
+        namespace: of `--namespace`.
+    """
+
+    folder: Path
+    files: Mapping[str, Path]
+    finished: int
+    skipped: Mapping[str, str]
+    scene: Mapping[str, Any] | None
+    namespace: str | None
+
+
+@dataclass
+class Report:
+    """What became of a batch.
+
+    Attributes:
+        finished: number of recordings that the data set held already.
+        done: number of recordings that were added.
+        unhealthy: number of those in which the analysis found problems.
+        skipped: why files or folders were skipped, by their names.
+        left: number of recordings that were not begun or not finished, after Ctrl-C.
+    """
+
+    finished: int = 0
+    done: int = 0
+    unhealthy: int = 0
+    skipped: dict[str, str] = field(default_factory=dict)
+    left: int = 0
+
+    def as_plain(self, folder: Path) -> dict[str, Any]:
+        """Convert to what `crawler replay --json` prints for several recordings.
+
+        Args:
+            folder: the data set.
+
+        Returns:
+            Plain numbers, lists and text; schema 1.
+        """
+        skipped = [{"recording": name, "reason": reason} for name, reason in self.skipped.items()]
+        return {"schema": 1, "data_set": str(folder), **asdict(self), "skipped": skipped}
+
+    def describe(self, folder: Path) -> str:
+        """Describe the result in a line.
+
+        Args:
+            folder: the data set.
+
+        Returns:
+            The line.
+        """
+        parts = [f"{self.done} recording(s) added to {folder}"]
+        parts += [f"{self.unhealthy} of them with problems (column problems of runs)"] if self.unhealthy else []
+        parts += [f"{self.finished} there already"] if self.finished else []
+        parts += [f"{len(self.skipped)} skipped"] if self.skipped else []
+        parts += [f"stopped: {self.left} left for --resume"] if self.left else []
+        return "; ".join(parts)
+
+
+def plan_batch(
+    recordings: Sequence[Path], folder: Path, resume: bool, scene: Scene | None, namespace: str | None
+) -> Batch:
+    """Find the recordings and what is left to do.
+
+    Args:
+        recordings: .mcap files, bag folders, and folders of them at any depth.
+        folder: the data set, new or, to resume, of an earlier call.
+        resume: whether to leave out the recordings that the data set holds, unless they have changed since.
+        scene: the scene that ran, for recordings that do not hold it.
+        namespace: namespace of the crawler, where several were recorded.
+
+    Returns:
+        The batch.
+
+    Raises:
+        CrawlerError: when there is no such recording, or the folder is not a data set.
+    """
+    for path in recordings:
+        if not path.exists():
+            raise CrawlerError(f"{path}: no such file or folder")
+    _check_folder(folder, resume)
+    document = None if scene is None else scene.document()
+    settings = describe_settings(document, namespace)
+    known = {identity.recording: (run, identity) for run, identity in _finished(folder)}
+    taken, skipped = {run for run, _ in known.values()}, {}
+    left: dict[str, Path] = {}
+    seen: set[Path] = set()
+    finished = 0
+    for name, found in _find_recordings(recordings):
+        if isinstance(found, BagError):
+            skipped[name] = str(found).removeprefix(f"{name}: ")
+            continue
+        if found in seen:
+            continue
+        seen.add(found)
+        run, identity = known.get(text_of(found), ("", None))
+        if identity is not None and _is_unchanged(found, identity) and identity.settings == settings:
+            finished += 1
+            continue
+        run = run or _new_name(found, taken)
+        taken.add(run)
+        left[run] = found
+    return Batch(folder, left, finished, skipped, document, namespace)
+
+
+def run_batch(batch: Batch, workers: int | None, scheduler: str | None, progress: Callable[[float], None]) -> Report:
+    """Analyse the recordings of a batch and add them to its data set.
+
+    Args:
+        batch: the batch.
+        workers: number of processes on this machine; None for one per core.
+        scheduler: address of a Dask scheduler whose workers are used instead; None for this machine.
+        progress: called with the fraction done, in [0, 1].
+
+    Returns:
+        What became of it; after Ctrl-C, the recordings finished until then.
+
+    Raises:
+        CrawlerError: when a worker ends, or the cluster cannot be used; the recordings finished until then are kept.
+    """
+    runs, files = list(batch.files), list(batch.files.values())
+    sizes = [file.stat().st_size + 1 for file in files]
+    report = Report(batch.finished, skipped=dict(batch.skipped), left=len(runs))
+    through = 0
+    try:
+        with closing(_outcomes(batch, files, workers, scheduler)) as outcomes:
+            for k, outcome in outcomes:
+                with _interrupts_held():
+                    _add(batch.folder, runs[k], outcome)
+                    report.left -= 1
+                    if outcome.reason:
+                        report.skipped[str(files[k])] = outcome.reason
+                    else:
+                        report.done += 1
+                        report.unhealthy += not outcome.healthy
+                through += sizes[k]
+                progress(through / sum(sizes))
+    except KeyboardInterrupt:
+        pass
+    finally:
+        shutil.rmtree(batch.folder / _UNFINISHED, ignore_errors=True)
+        _align_columns(batch.folder)
+    return report
+
+
+def _outcomes(
+    batch: Batch, files: Sequence[Path], workers: int | None, scheduler: str | None
+) -> Iterator[tuple[int, Outcome]]:
+    """Analyse files, and yield the number of each with its outcome, in the order in which they finish."""
+    jobs = [(str(file), batch.scene, batch.namespace) for file in files]
+    if scheduler is not None:
+        from .cluster import connect
+
+        with connect(scheduler) as cluster:
+            yield from cluster.run(tabulate, jobs)
+        return
+    try:
+        yield from run_on_cores(tabulate, jobs, min(workers or os.cpu_count() or 1, max(len(jobs), 1)))
+    except WorkerEndedError as error:
+        names = ", ".join(str(files[k]) for k in error.jobs)
+        raise CrawlerError(
+            f"a process ended while it analysed one of {names}, perhaps out of memory; "
+            "fewer --workers need less; continue with --resume"
+        ) from None
+
+
+def _check_folder(folder: Path, resume: bool) -> None:
+    if not folder.absolute().parent.is_dir():
+        raise CrawlerError(f"--parquet: the folder {folder.absolute().parent} does not exist")
+    if folder.exists() and not folder.is_dir():
+        raise CrawlerError(f"--parquet: {folder} is not a folder")
+    inside = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    if inside and not resume:
+        raise CrawlerError(f"--parquet: {folder} exists already; choose a new folder, or continue it with --resume")
+    if not inside <= {*TABLES, _UNFINISHED}:
+        raise CrawlerError(f"--parquet: {folder} is not a data set of recordings: it holds {min(inside - {*TABLES})}")
+
+
+def _finished(folder: Path) -> Iterator[tuple[str, Identity]]:
+    """Find the runs that a data set holds."""
+    for part in _parts(folder):
+        about = parquet.read_schema(part).metadata or {}
+        if IDENTITY in about:
+            yield part.parent.name.removeprefix("run="), Identity(**json.loads(about[IDENTITY]))
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted((folder / "runs").glob("run=*/part.parquet"))
+
+
+def _find_recordings(paths: Sequence[Path]) -> Iterator[tuple[str, Path | BagError]]:
+    """Find the .mcap files of files, bag folders and folders of them; or why there are none."""
+    for path in paths:
+        inside = _bags_in(path) if path.is_dir() else [path]
+        for bag in inside or [path]:
+            try:
+                yield str(bag), find_file(bag).resolve()
+            except BagError as error:
+                yield str(bag), error
+
+
+def _bags_in(folder: Path) -> list[Path]:
+    """List bag folders and other .mcap files in a folder, at any depth."""
+    found: list[Path] = []
+    for place, inner, files in os.walk(folder):
+        inner.sort()
+        if "metadata.yaml" in files:
+            found.append(Path(place))
+        else:
+            found += [Path(place, name) for name in sorted(files) if name.endswith(".mcap")]
+    return found
+
+
+def _is_unchanged(file: Path, identity: Identity) -> bool:
+    """Return whether a file is the one that was analysed; its contents decide where the times differ."""
+    about = file.stat()
+    if about.st_size != identity.size:
+        return False
+    return about.st_mtime_ns == identity.modified_ns or digest_of(file) == identity.digest
+
+
+def _new_name(file: Path, taken: set[str]) -> str:
+    """Name a run after its bag folder, or its file; readers of partitions must not take the name for a number."""
+    name = file.parent.name if (file.parent / "metadata.yaml").exists() else file.stem
+    name = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII)[:_LONGEST_NAME]
+    if not name[:1].isalpha():
+        name = f"run_{name}"
+    names = (name if k == 1 else f"{name}_{k}" for k in count(1))
+    return next(name for name in names if name not in taken)
+
+
+def _add(folder: Path, run: str, outcome: Outcome) -> None:
+    """Add a run to all tables, the row of `runs` last; remove what an earlier version of a skipped file left there."""
+    places = {table: folder / table / f"run={run}" for table in TABLES}
+    if outcome.reason:
+        for place in reversed(places.values()):
+            shutil.rmtree(place, ignore_errors=True)
+        return
+    unfinished = folder / _UNFINISHED
+    unfinished.mkdir(parents=True, exist_ok=True)
+    for table in TABLES:
+        (unfinished / table).write_bytes(outcome.tables[table])
+    for table, place in places.items():
+        place.mkdir(parents=True, exist_ok=True)
+        (unfinished / table).replace(place / "part.parquet")
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back until the end of the block."""
+    caught: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if caught:
+        raise KeyboardInterrupt
+
+
+def _align_columns(folder: Path) -> None:
+    """Let all rows of `runs` have a column for every number of any scene, so that every reader sees one table."""
+    schemas = {part: parquet.read_schema(part) for part in _parts(folder)}
+    fields: dict[str, pa.Field] = {}
+    for schema in schemas.values():
+        fields |= {f.name: f for f in schema if f.name not in fields}
+    own = [name for name in fields if "." not in name]
+    names = [*own, *sorted(name for name in fields if "." in name)]
+    for part, schema in schemas.items():
+        if schema.names == names:
+            continue
+        row = parquet.ParquetFile(part).read()
+        columns = [row[name] if name in schema.names else pa.nulls(1, fields[name].type) for name in names]
+        target = pa.schema([fields[name] for name in names], metadata=schema.metadata)
+        with whole_file(part) as file:
+            parquet.write_table(pa.Table.from_arrays(columns, schema=target), file, compression="zstd")
+
+
+def print_skipped(report: Report) -> None:
+    """Print a line on standard error for each recording that was skipped.
+
+    Args:
+        report: what became of a batch.
+    """
+    for name, reason in report.skipped.items():
+        print(f"crawler: skipped {name}: {' '.join(reason.split())}", file=sys.stderr)
