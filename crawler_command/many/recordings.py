@@ -1,4 +1,4 @@
-"""Recordings by the hundred: one partitioned Parquet data set from any number of them, on all cores or a Dask cluster."""
+"""Recordings by the hundred: one partitioned Parquet data set, made on all cores or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from itertools import count
@@ -21,7 +21,6 @@ from pyarrow import parquet
 from crawler_model import CrawlerError, Scene
 from crawler_ros.recording.bag import BagError, find_file
 
-from ..screen import whole_file
 from .cores import WorkerEndedError, run_on_cores
 from .recording_rows import IDENTITY, TABLES, Identity, Outcome, describe_settings, digest_of, tabulate, text_of
 
@@ -123,6 +122,7 @@ def plan_batch(
     document = None if scene is None else scene.document()
     settings = describe_settings(document, namespace)
     known = {identity.recording: (run, identity) for run, identity in _finished(folder)}
+    moved = [identity for _, identity in known.values() if not Path(identity.recording).exists()]
     taken, skipped = {run for run, _ in known.values()}, {}
     left: dict[str, Path] = {}
     seen: set[Path] = set()
@@ -135,7 +135,8 @@ def plan_batch(
             continue
         seen.add(found)
         run, identity = known.get(text_of(found), ("", None))
-        if identity is not None and _is_unchanged(found, identity) and identity.settings == settings:
+        before = moved if identity is None else [identity]
+        if any(old.settings == settings and _is_unchanged(found, old) for old in before):
             finished += 1
             continue
         run = run or _new_name(found, taken)
@@ -179,14 +180,14 @@ def run_batch(batch: Batch, workers: int | None, scheduler: str | None, progress
     except KeyboardInterrupt:
         pass
     finally:
-        shutil.rmtree(batch.folder / _UNFINISHED, ignore_errors=True)
         _align_columns(batch.folder)
+        shutil.rmtree(batch.folder / _UNFINISHED, ignore_errors=True)
     return report
 
 
 def _outcomes(
     batch: Batch, files: Sequence[Path], workers: int | None, scheduler: str | None
-) -> Iterator[tuple[int, Outcome]]:
+) -> Generator[tuple[int, Outcome], None, None]:
     """Analyse files, and yield the number of each with its outcome, in the order in which they finish."""
     jobs = [(str(file), batch.scene, batch.namespace) for file in files]
     if scheduler is not None:
@@ -257,7 +258,8 @@ def _is_unchanged(file: Path, identity: Identity) -> bool:
     about = file.stat()
     if about.st_size != identity.size:
         return False
-    return about.st_mtime_ns == identity.modified_ns or digest_of(file) == identity.digest
+    same_times = text_of(file) == identity.recording and about.st_mtime_ns == identity.modified_ns
+    return same_times or digest_of(file) == identity.digest
 
 
 def _new_name(file: Path, taken: set[str]) -> str:
@@ -277,13 +279,18 @@ def _add(folder: Path, run: str, outcome: Outcome) -> None:
         for place in reversed(places.values()):
             shutil.rmtree(place, ignore_errors=True)
         return
+    unfinished = _unfinished(folder)
+    for table, place in places.items():
+        (unfinished / table).write_bytes(outcome.tables[table])
+        place.mkdir(parents=True, exist_ok=True)
+    for table, place in places.items():
+        (unfinished / table).replace(place / "part.parquet")
+
+
+def _unfinished(folder: Path) -> Path:
     unfinished = folder / _UNFINISHED
     unfinished.mkdir(parents=True, exist_ok=True)
-    for table in TABLES:
-        (unfinished / table).write_bytes(outcome.tables[table])
-    for table, place in places.items():
-        place.mkdir(parents=True, exist_ok=True)
-        (unfinished / table).replace(place / "part.parquet")
+    return unfinished
 
 
 @contextmanager
@@ -295,8 +302,8 @@ def _interrupts_held() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if caught:
-        raise KeyboardInterrupt
+    if caught and callable(before):
+        before(signal.SIGINT, None)
 
 
 def _align_columns(folder: Path) -> None:
@@ -313,8 +320,9 @@ def _align_columns(folder: Path) -> None:
         row = parquet.ParquetFile(part).read()
         columns = [row[name] if name in schema.names else pa.nulls(1, fields[name].type) for name in names]
         target = pa.schema([fields[name] for name in names], metadata=schema.metadata)
-        with whole_file(part) as file:
-            parquet.write_table(pa.Table.from_arrays(columns, schema=target), file, compression="zstd")
+        file = _unfinished(folder) / part.parent.name
+        parquet.write_table(pa.Table.from_arrays(columns, schema=target), file, compression="zstd")
+        file.replace(part)
 
 
 def print_skipped(report: Report) -> None:
