@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Recordings = Annotated[
     list[Path],
     typer.Argument(
-        help="A bag folder or an .mcap file, complete or not; for a folder of bags, the newest. Several make a data set."
+        help="A bag folder or an .mcap file, complete or not; for a folder of bags, the newest. Several: a data set."
     ),
 ]
 SceneOption = Annotated[

@@ -1,4 +1,4 @@
-"""Jobs on the cores of this machine, each in a process: none of them outlives the command, however it ends."""
+"""Jobs on the cores of this machine, in processes that never outlive the command, however it ends."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class WorkerEndedError(Exception):
 def run_on_cores(
     function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]], workers: int
 ) -> Iterator[tuple[int, Any]]:
-    """Run jobs in processes.
+    """Run jobs in processes, or in this one if one is enough.
 
     Args:
         function: a function of a module; the processes import it.
@@ -49,6 +49,10 @@ def run_on_cores(
         WorkerEndedError: when a process ends in the middle of a job.
     """
     left = enumerate(jobs)
+    if workers == 1:
+        for k, job in left:
+            yield k, function(*job)
+        return
     running: dict[Future[Any], int] = {}
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin_worker) as pool:
         try:

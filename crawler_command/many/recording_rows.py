@@ -35,7 +35,7 @@ _MOST_NUMBERS = 16
 _RUNS = {
     **dict.fromkeys(("scene", "method", "namespace", "recording", "version"), (pa.string(), "1")),
     "size": (pa.int64(), "B"),
-    "modified": (pa.timestamp("us", "UTC"), "1"),
+    "modified": (pa.timestamp("us"), "1"),
     "messages": (pa.int64(), "1"),
     "duration": (pa.float64(), "s"),
     "resets": (pa.int32(), "1"),
@@ -272,7 +272,7 @@ def _describe_file(replay: Replay, identity: Identity) -> dict[str, Any]:
         "recording": identity.recording,
         "version": str(versions.get("crawler")) if isinstance(versions, dict) else None,
         "size": identity.size,
-        "modified": datetime.fromtimestamp(identity.modified_ns / NS, timezone.utc),
+        "modified": datetime.fromtimestamp(identity.modified_ns / NS, timezone.utc).replace(tzinfo=None),
         "messages": replay.survey.messages,
     }
 
