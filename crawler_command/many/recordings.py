@@ -36,6 +36,7 @@ class Batch:
     Attributes:
         folder: the data set.
         files: for each run its .mcap file.
+        names: for each run the name of its file or bag folder, as for people.
         finished: number of recordings that the data set holds already.
         skipped: why files or folders are skipped, by their names.
         scene: document of `--scene`.
@@ -44,6 +45,7 @@ class Batch:
 
     folder: Path
     files: Mapping[str, Path]
+    names: Mapping[str, str]
     finished: int
     skipped: Mapping[str, str]
     scene: Mapping[str, Any] | None
@@ -125,6 +127,7 @@ def plan_batch(
     moved = [identity for _, identity in known.values() if not Path(identity.recording).exists()]
     taken, skipped = {run for run, _ in known.values()}, {}
     left: dict[str, Path] = {}
+    names: dict[str, str] = {}
     seen: set[Path] = set()
     finished = 0
     for name, found in _find_recordings(recordings):
@@ -141,8 +144,8 @@ def plan_batch(
             continue
         run = run or _new_name(found, taken)
         taken.add(run)
-        left[run] = found
-    return Batch(folder, left, finished, skipped, document, namespace)
+        left[run], names[run] = found, name
+    return Batch(folder, left, names, finished, skipped, document, namespace)
 
 
 def run_batch(batch: Batch, workers: int | None, scheduler: str | None, progress: Callable[[float], None]) -> Report:
@@ -171,7 +174,7 @@ def run_batch(batch: Batch, workers: int | None, scheduler: str | None, progress
                     _add(batch.folder, runs[k], outcome)
                     report.left -= 1
                     if outcome.reason:
-                        report.skipped[str(files[k])] = outcome.reason
+                        report.skipped[batch.names[runs[k]]] = outcome.reason
                     else:
                         report.done += 1
                         report.unhealthy += not outcome.healthy
@@ -199,7 +202,7 @@ def _outcomes(
     try:
         yield from run_on_cores(tabulate, jobs, min(workers or os.cpu_count() or 1, max(len(jobs), 1)))
     except WorkerEndedError as error:
-        names = ", ".join(str(files[k]) for k in error.jobs)
+        names = ", ".join(list(batch.names.values())[k] for k in error.jobs)
         raise CrawlerError(
             f"a process ended while it analysed one of {names}, perhaps out of memory; "
             "fewer --workers need less; continue with --resume"
