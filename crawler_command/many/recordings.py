@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
@@ -9,7 +10,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import count
 from pathlib import Path
@@ -161,8 +162,15 @@ def run_batch(batch: Batch, workers: int | None, scheduler: str | None, progress
         What became of it; after Ctrl-C, the recordings finished until then.
 
     Raises:
-        CrawlerError: when a worker ends, or the cluster cannot be used; the recordings finished until then are kept.
+        CrawlerError: when a worker ends, the cluster cannot be used, or another process writes to the data set; the
+            recordings finished until then are kept.
     """
+    with _only_writer(batch.folder):
+        return _run_alone(batch, workers, scheduler, progress)
+
+
+def _run_alone(batch: Batch, workers: int | None, scheduler: str | None, progress: Callable[[float], None]) -> Report:
+    _remove_halves(batch.folder)
     runs, files = list(batch.files), list(batch.files.values())
     sizes = [file.stat().st_size + 1 for file in files]
     report = Report(batch.finished, skipped=dict(batch.skipped), left=len(runs))
@@ -294,6 +302,32 @@ def _unfinished(folder: Path) -> Path:
     unfinished = folder / _UNFINISHED
     unfinished.mkdir(parents=True, exist_ok=True)
     return unfinished
+
+
+@contextmanager
+def _only_writer(folder: Path) -> Iterator[None]:
+    """Lock a data set, which is created if it does not exist, and removed if it is empty in the end."""
+    folder.mkdir(exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # of a file system without locks
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise CrawlerError(f"--parquet: another process is writing to {folder}") from None
+        yield
+    finally:
+        os.close(handle)
+        with suppress(OSError):  # it is not empty
+            folder.rmdir()
+
+
+def _remove_halves(folder: Path) -> None:
+    """Remove runs without a row of `runs`, which a process left that was killed."""
+    for table in TABLES[:-1]:
+        for place in (folder / table).glob("run=*"):
+            if not (folder / "runs" / place.name / "part.parquet").exists():
+                shutil.rmtree(place)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
 import json
 import os
@@ -231,6 +232,23 @@ def test_stopped_in_the_middle_it_can_be_continued(how, many, tmp_path):
         first, *others = split(rows)
         assert len(others) == 39
         assert all(first.equals(other) for other in others)
+
+
+def test_halves_of_a_killed_process_are_removed_and_two_processes_do_not_mix(bags, made, tmp_path):
+    out = tmp_path / "set"
+    shutil.copytree(made[0], out)
+    shutil.copytree(out / "slips" / "run=b", out / "slips" / "run=half")
+    (out / ".unfinished").mkdir()
+    handle = os.open(out, os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    done = crawler(bags / "b", "--parquet", out, "--resume")
+    assert done.returncode == 1
+    assert done.stderr == f"crawler: --parquet: another process is writing to {out}\n"
+    os.close(handle)
+    done = crawler(bags / "b", "--parquet", out, "--resume")
+    assert done.stdout == f"0 recording(s) added to {out}; 1 there already\n"
+    assert files_of(out) == files_of(made[0])
+    assert not (out / ".unfinished").exists()
 
 
 def split(rows: Any) -> list[Any]:
