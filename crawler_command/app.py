@@ -91,7 +91,7 @@ def sweep(
     """
     from crawler_model.sweep.many import Settings
 
-    from . import sweep as sweeps
+    from .many import sweep as sweeps
 
     settings = Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
     plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite)

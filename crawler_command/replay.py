@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from crawler_model import CrawlerError, Scene, load_scene, prepare
+from crawler_ros.node.life.leave import STOPPED
 
 from .screen import check_picture, progress_bar, screen
 
@@ -17,8 +18,11 @@ if TYPE_CHECKING:
     from crawler_ros.replay.health import Survey
     from crawler_ros.replay.ramps import Sink
 
-Recording = Annotated[
-    Path, typer.Argument(help="A bag folder or an .mcap file, complete or not; for a folder of bags, the newest.")
+Recordings = Annotated[
+    list[Path],
+    typer.Argument(
+        help="A bag folder or an .mcap file, complete or not; for a folder of bags, the newest. Several: a data set."
+    ),
 ]
 SceneOption = Annotated[
     str | None,
@@ -29,11 +33,11 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 
 
 def replay(
-    recording: Recording,
+    recordings: Recordings,
     scene: SceneOption = None,
     as_json: JsonOption = False,
     rrd: Annotated[Path | None, typer.Option(help="Write the run to this file for rerun.")] = None,
-    parquet: Annotated[Path | None, typer.Option(help="Write tables to this new folder.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="Write tables, or a data set, to this new folder.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
     recover: Annotated[
         bool, typer.Option("--recover", help="Write the readable part of a damaged recording to a new one beside it.")
@@ -43,15 +47,35 @@ def replay(
         bool,
         typer.Option("--show", help="Print the scene, parameters and versions in the recording as YAML, and exit."),
     ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue a data set: leave out finished recordings that are unchanged.")
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option(help="Number of processes for a data set; by default one per core.", min=1)
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Make a data set on the workers of this Dask scheduler."),
+    ] = None,
 ) -> None:
     """Analyse a recording: completeness, cycles, slips, energy; simulate it again and compare.
 
     The exit status is 0 when the recording is complete and, if its scene is known, identical to the bit when simulated
     again.
+
+    Several recordings, or --resume, --workers or --scheduler, make a data set: --parquet is then a folder of the tables
+    runs, cycles, slips and account, partitioned by run, and a folder of bags stands for all of them, at any depth.
+    Damaged recordings are skipped and named on standard error; the exit status is 0 when there are none. After Ctrl-C
+    the data set holds the finished recordings.
     """
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay import analyse
 
+    if len(recordings) > 1 or resume or workers is not None or scheduler is not None:
+        single = {"--rrd": rrd is not None, "--png": png is not None, "--recover": recover, "--show": show}
+        _replay_many(recordings, scene, namespace, parquet, resume, workers, scheduler, as_json, single)
+        return
+    recording = recordings[0]
     check_picture(png)
     _check_outputs(rrd, parquet)
     recording = newest(recording)
@@ -85,6 +109,37 @@ def replay(
     if not found.healthy:
         more = f" (and {len(found.problems) - 1} more)" if len(found.problems) > 1 else ""
         raise CrawlerError(f"{recording}: {found.problems[0]}{more}")
+
+
+def _replay_many(
+    recordings: Sequence[Path],
+    scene: str | None,
+    namespace: str | None,
+    folder: Path | None,
+    resume: bool,
+    workers: int | None,
+    scheduler: str | None,
+    as_json: bool,
+    single: Mapping[str, bool],
+) -> None:
+    """Add recordings to a data set; `single` holds the options that cannot be used here, and whether they are."""
+    for option, used in single.items():
+        if used:
+            raise CrawlerError(f"{option}: a data set has none; replay one recording")
+    if folder is None:
+        raise CrawlerError("--parquet: missing; several recordings make a data set, in a folder to be named")
+    from .many.recordings import plan_batch, print_skipped, run_batch
+
+    loaded = None if scene is None else load_scene(scene)
+    batch = plan_batch(recordings, folder, resume, loaded, namespace)
+    with progress_bar("replaying") as progress:
+        report = run_batch(batch, workers, scheduler, progress)
+    print_skipped(report)
+    print(json.dumps(report.as_plain(folder)) if as_json else report.describe(folder))
+    if report.left:
+        raise typer.Exit(STOPPED)
+    if report.skipped:
+        raise typer.Exit(1)
 
 
 def _check_outputs(rrd: Path | None, parquet: Path | None) -> None:

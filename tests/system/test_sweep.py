@@ -17,7 +17,7 @@ import pytest
 
 from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_command.app import main
-from crawler_command.sweep import unit_of
+from crawler_command.many.units import unit_of
 from crawler_model import load_scene
 
 from .test_command import CRAWLER, good
@@ -224,7 +224,7 @@ def command_status(arguments: list[str], folder: Path, monkeypatch, patience: fl
     """Run the command in this process, which spares a second each."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "argv", ["crawler", *arguments])
-    monkeypatch.setattr("crawler_command.sweep_cluster.PATIENCE_S", patience)
+    monkeypatch.setattr("crawler_command.many.cluster.PATIENCE_S", patience)
     with pytest.raises(SystemExit) as left:
         main()
     return int(left.value.code or 0)

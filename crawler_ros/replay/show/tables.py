@@ -147,14 +147,7 @@ class TableWriter:
         self._write(name, [*columns, label, *(v.ravel() for v in values)])
 
     def _write(self, name: str, columns: list[Any]) -> None:
-        schema = _schema(name, self._planar)
-        arrays = [
-            pa.array(c if isinstance(c, list) else np.ascontiguousarray(c), field.type, from_pandas=True)
-            if not isinstance(c, pa.Array)
-            else c
-            for c, field in zip(columns, schema, strict=True)
-        ]
-        self._writers[name].write_table(pa.Table.from_arrays(arrays, schema=schema))
+        self._writers[name].write_table(_table(name, self._planar, columns))
 
     def finish(self, replay: Replay) -> list[str]:
         """Write slips, cycles and jumps and close the files.
@@ -167,17 +160,9 @@ class TableWriter:
         """
         if not self._writers:
             self._open(0, 0)
-        for name in ("slips", "cycles"):
+        for name, table in (("slips", slips_table(replay)), ("cycles", cycles_table(replay))):
             self._open_one(name)
-        slips = replay.slips
-        label = pa.DictionaryArray.from_arrays(pa.array(slips.contact.astype(np.int32)), pa.array(replay.stations))
-        length = (slips.end_ns - slips.start_ns) / NS
-        self._write("slips", [slips.run, label, slips.direction, slips.start_ns / NS, length, slips.distance])
-        rows = [_cycle_row(cycle.as_plain(), self._planar) for cycle in replay.cycles]
-        schema = _schema("cycles", self._planar)
-        columns = list(zip(*rows, strict=True)) if rows else [()] * len(schema)
-        arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
-        self._writers["cycles"].write_table(pa.Table.from_arrays(arrays, schema=schema))
+            self._writers[name].write_table(table)
         if self._scene is not None and self._scene.ground.track is not None:
             self._open_one("jumps")
             jumps = replay.plain_jumps()
@@ -185,6 +170,52 @@ class TableWriter:
         for writer in self._writers.values():
             writer.close()
         return [f"{name}.parquet" for name in self._writers]
+
+
+def slips_table(replay: Replay) -> pa.Table:
+    """Build the table of slips.
+
+    Args:
+        replay: the analysed recording.
+
+    Returns:
+        A row for each slip.
+    """
+    slips = replay.slips
+    label = pa.DictionaryArray.from_arrays(pa.array(slips.contact.astype(np.int32)), pa.array(replay.stations))
+    length = (slips.end_ns - slips.start_ns) / NS
+    columns = [slips.run, label, slips.direction, slips.start_ns / NS, length, slips.distance]
+    return _table("slips", _is_planar(replay), columns)
+
+
+def cycles_table(replay: Replay) -> pa.Table:
+    """Build the table of cycles.
+
+    Args:
+        replay: the analysed recording.
+
+    Returns:
+        A row for each cycle.
+    """
+    planar = _is_planar(replay)
+    rows = [_cycle_row(cycle.as_plain(), planar) for cycle in replay.cycles]
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    return _table("cycles", planar, columns or [[]] * len(_schema("cycles", planar)))
+
+
+def _is_planar(replay: Replay) -> bool:
+    return replay.table.net_translation.shape[1] == 2
+
+
+def _table(name: str, planar: bool, columns: list[Any]) -> pa.Table:
+    schema = _schema(name, planar)
+    arrays = [
+        pa.array(c if isinstance(c, list) else np.ascontiguousarray(c), field.type, from_pandas=True)
+        if not isinstance(c, pa.Array)
+        else c
+        for c, field in zip(columns, schema, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def _cycle_row(plain: dict[str, Any], planar: bool) -> list[Any]:

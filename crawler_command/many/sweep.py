@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import platform
+import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,33 +16,17 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
-from crawler_model.sweep.many import Settings
-from crawler_model.sweep.vary import MOST_VARIATIONS, key_steps
+from crawler_model.sweep.many import Settings, run_chunk
+from crawler_model.sweep.results import gather
+from crawler_model.sweep.rows import ROW
+from crawler_model.sweep.vary import MOST_VARIATIONS
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.versions import installed_version
 
-from .screen import check_output, whole_file
+from ..screen import check_output, whole_file
+from .units import unit_of
 
-_UNITS = {
-    "forward": "N",
-    "backward": "N",
-    "isotropic": "N",
-    "friction": "N",
-    "stiffness": "N/m",
-    "length": "m",
-    "period": "s",
-    "times": "s",
-    "wavelength": "m",
-    "contacts": "m",
-    "displacement": "m",
-    "actuation": "m",
-    "amplitude": "m",
-    "mean": "m",
-    "directions": "rad",
-    "loads": "N",
-    "weights": "N",
-    "slope": "degrees",
-}
+_CHUNKS_A_THREAD, _MOST_IN_A_CHUNK = 8, 512
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,8 +149,6 @@ def run_sweep(
     """
     settings = sweep.settings
     if scheduler is not None:
-        from .sweep_cluster import simulate_on_cluster
-
         runs = simulate_on_cluster(scheduler, sweep.variations, settings, progress)
     else:
         runs = simulate_many(sweep.variations, settings.duration, settings.rate, settings.method, workers, progress)
@@ -182,6 +166,49 @@ def run_sweep(
                 logarithmic = [key for key, spec in sweep.specs.items() if spec.startswith("log:")]
                 draw_sweep(sweep.variations, units, logarithmic, runs, part)
     return runs
+
+
+def simulate_on_cluster(
+    address: str, variations: Variations, settings: Settings, progress: Callable[[float], None] | None = None
+) -> ManyRuns:
+    """Run variations on the workers of a Dask scheduler; they need this package installed.
+
+    Scenes are sent as documents and numbers, so that workers need no files of this machine.
+
+    Args:
+        address: address of the scheduler, tcp://host:port.
+        variations: the variations to run.
+        settings: settings of each run.
+        progress: called with the fraction done, in [0, 1].
+
+    Returns:
+        The results of `simulate_many`, identical to the bit on equal processors.
+
+    Raises:
+        CrawlerError: when there is no scheduler or no worker, or a worker cannot run the variations.
+    """
+    from .cluster import SchedulerEndedError, connect
+
+    began, interrupted = time.perf_counter(), False
+    settings.check()
+    count, done = len(variations), 0
+    rows, reasons = np.zeros(count, ROW), {}
+    with connect(address) as cluster:
+        size = max(min(count // (_CHUNKS_A_THREAD * cluster.threads), _MOST_IN_A_CHUNK), 1)
+        firsts = range(0, count, size)
+        try:
+            for k, (some, why) in cluster.run(run_chunk, ((variations[i : i + size], settings) for i in firsts)):
+                rows[firsts[k] : firsts[k] + some.size] = some
+                reasons.update({firsts[k] + i: text for i, text in why.items()})
+                done += some.size
+                if progress is not None:
+                    progress(done / count)
+        except KeyboardInterrupt:
+            interrupted = True
+        except SchedulerEndedError as error:
+            print(f"crawler: {error}; the remaining variations are not run", file=sys.stderr)
+            interrupted = True
+    return gather(rows, reasons, interrupted, time.perf_counter() - began)
 
 
 def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
@@ -219,33 +246,6 @@ def _about(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
         "complete": not runs.interrupted,
         "versions": versions | {"python": platform.python_version()},
     }
-
-
-def unit_of(scene: Scene, key: str) -> str:
-    """Return the unit of a number of a scene.
-
-    Args:
-        scene: the scene.
-        key: its dotted key.
-
-    Returns:
-        The unit; "1" for a number without one.
-    """
-    named = key_steps(key)
-    steps = [step for step in named if not step.isdecimal()]
-    if "coefficient" in steps:
-        return "1"
-    unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
-    if steps[-1] in ("loads", "weights") and scene.body.segments:
-        alone = int(scene.body.isolated.size)
-        return "N, N/m" if not named[-1].isdecimal() else "N" if int(named[-1]) < alone else "N/m"
-    if "segments" in steps:
-        return {"N": "N/m", "N/m": "N"}.get(unit, "m" if steps[-1] in ("from", "to") else unit)
-    if "friction_wave" in steps and unit == "m" and steps[-1] != "wavelength":
-        return "N, N/m" if scene.parts.body.segments else "N"
-    return (
-        "1" if scene.parts.body.segments and not scene.parts.body.links and steps[-1] in ("amplitude", "mean") else unit
-    )
 
 
 def summarise(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
