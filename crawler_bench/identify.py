@@ -128,12 +128,15 @@ def load_sysid() -> Any | None:
     return sysid if hasattr(sysid, "optimize") and hasattr(sysid, "build_residual_fn") else None
 
 
-def measure_identify(steps: Sequence[int], progress: Callable[[float], None]) -> list[dict[str, Any]]:
+def measure_identify(
+    steps: Sequence[int], progress: Callable[[float], None], tasks: Sequence[Task] = TASKS
+) -> list[dict[str, Any]]:
     """Identify the same chain by our method and by `mujoco.sysid`, if it is installed.
 
     Args:
         steps: numbers of MuJoCo's steps per second, of those in `TUNED`.
         progress: called with the completed part, in [0, 1].
+        tasks: what is identified.
 
     Returns:
         A row for each recording, set of unknowns, noise and method: number of parameters that the method calls
@@ -146,10 +149,10 @@ def measure_identify(steps: Sequence[int], progress: Callable[[float], None]) ->
     methods: dict[str, Callable[[Task, Trajectory, np.ndarray], Found]] = {"crawler identify": _ours}
     for number in steps if sysid is not None else ():
         methods[f"mujoco.sysid, {number} steps/s"] = _Sysid(sysid, number)
-    _ours(TASKS[0], *_record(TASKS[0], 0.0))  # loads the kernels
+    _ours(tasks[0], *_record(tasks[0], 0.0))  # loads the kernels
     rows = []
-    total = len(TASKS) * len(_NOISES) * len(methods)
-    for task in TASKS:
+    total = len(tasks) * len(_NOISES) * len(methods)
+    for task in tasks:
         for noise in _NOISES:
             run, positions = _record(task, noise)
             for name, method in methods.items():
@@ -233,7 +236,7 @@ class _Sysid:
 
     def __call__(self, task: Task, run: Trajectory, positions: np.ndarray) -> Found:
         sysid, scene = self.sysid, task.scene(start=True)
-        spec = _build_spec(scene, self.steps, TUNED[task.recording, self.steps])
+        spec = build_spec(scene, self.steps, TUNED[task.recording, self.steps])
         unknowns = self._unknowns(task)
         rollouts = 0
 
@@ -297,8 +300,17 @@ class _Sysid:
         return simulated.data - measured.data, simulated, measured
 
 
-def _build_spec(scene: Scene, steps: int, tuning: Tuning) -> Any:
-    """Build the tuned chain with its springs as actuators, whose control is the rest length."""
+def build_spec(scene: Scene, steps: int, tuning: Tuning) -> Any:
+    """Build the tuned chain with its springs as actuators, whose controls are the changes of the rest lengths.
+
+    Args:
+        scene: a chain with equal friction forwards and backwards.
+        steps: steps per second.
+        tuning: the tuning; masses and damping follow from it and stay as they are.
+
+    Returns:
+        MuJoCo's specification (`MjSpec`); positions of the joints are displacements [m].
+    """
     import mujoco
 
     spec = mujoco.MjSpec.from_string(build_document(scene, steps, tuning))
