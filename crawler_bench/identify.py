@@ -27,11 +27,9 @@ TUNED: dict[tuple[str, int], Tuning] = {
     ("sliding", 300): Tuning(1e-5, 0.3, 2.0, 0.999, "Euler", 0),
     ("sliding", 1_000): Tuning(1e-6, 0.3, 2.0, 0.9999, "Euler", 0),
     ("sliding", 3_000): Tuning(5e-8, 0.3, 2.0, 0.5, "Euler", 20),
-    ("sliding", 10_000): Tuning(1.12e-8, 0.3, 2.0, 0.5, "Euler", 20),
     ("one held", 300): Tuning(1.4e-5, 0.3, 2.0, 0.5, "Euler", 20),
     ("one held", 1_000): Tuning(1e-6, 0.3, 2.0, 0.5, "Euler", 20),
     ("one held", 3_000): Tuning(1.4e-7, 0.3, 2.0, 0.5, "Euler", 20),
-    ("one held", 10_000): Tuning(1.12e-8, 0.3, 2.0, 0.5, "Euler", 20),
 }
 """The best tunings that `entrants.mujoco.tune` finds with the true values; a laboratory does not have these."""
 _SECONDS, _RATE, _NOISES = 10.0, 100.0, (0.0, 0.01)
