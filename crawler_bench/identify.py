@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
 import io
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -219,7 +220,7 @@ def _count_rollouts() -> Iterator[list[int]]:
         count[0] += 1
         return original(replica, values, delay)
 
-    Replica.predict = predict  # type: ignore[method-assign]
+    Replica.predict = predict  # type: ignore[method-assign, assignment]
     try:
         yield count
     finally:
@@ -263,16 +264,25 @@ class _Sysid:
         """Build the parameters: the logarithm of each unknown, with its bounds."""
         found = self.sysid.ParameterDict()
 
-        def add(name: str, value: float, modifier: Callable[[Any, Any], None]) -> None:
+        def add(name: str, value: float, write: Callable[[Any, float], None]) -> None:
+            def modify(spec: Any, parameter: Any) -> None:
+                write(spec, float(np.exp(parameter.value[0])))
+
             at, wide = float(np.log(value)), float(np.log(_WIDE))
-            found.add(self.sysid.Parameter(name, at, at - wide, at + wide, modifier=modifier))
+            found.add(self.sysid.Parameter(name, at, at - wide, at + wide, modifier=modify))
+
+        def stiffness_of(link: int) -> Callable[[Any, float], None]:
+            return lambda spec, value: _set_stiffness(spec.actuators[link], value)
+
+        def friction_of(contact: int) -> Callable[[Any, float], None]:
+            return lambda spec, value: setattr(spec.joints[contact], "frictionloss", value)
 
         values = task.values(start=True)
         if _STIFFNESS in task.keys:
             for i, k in enumerate(values[_STIFFNESS]):
-                add(f"k{i}", k, lambda s, p, i=i: _set_stiffness(s.actuators[i], float(np.exp(p.value[0]))))
+                add(f"k{i}", k, stiffness_of(i))
         for i, f in enumerate(values[_FRICTION]):
-            add(f"f{i}", f, lambda s, p, i=i: setattr(s.joints[i], "frictionloss", float(np.exp(p.value[0]))))
+            add(f"f{i}", f, friction_of(i))
         return found
 
     def _sequence(self, spec: Any, scene: Scene, times: np.ndarray, displacement: np.ndarray) -> Any:
@@ -309,8 +319,7 @@ def build_spec(scene: Scene, steps: int, tuning: Tuning) -> Any:
     Returns:
         MuJoCo's specification (`MjSpec`); positions of the joints are displacements [m].
     """
-    import mujoco
-
+    mujoco: Any = importlib.import_module("mujoco")
     spec = mujoco.MjSpec.from_string(build_document(scene, steps, tuning))
     for tendon, stiffness in zip(spec.tendons, scene.body.stiffness, strict=True):
         tendon.stiffness = np.zeros_like(tendon.stiffness)
