@@ -113,8 +113,12 @@ def print_rows(rows: Sequence[Row], screen: Console) -> None:
 
 
 def _cell(value: Any, spread: float | None) -> str:
+    if value is None:
+        return "-"
     if isinstance(value, bool):
         return "yes" if value else ""
+    if isinstance(value, float) and 0.0 < abs(value) < 1e-3 and not spread:
+        return f"{value:.1e}"
     if not isinstance(value, float):
         return str(value)
     digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 10 else 3

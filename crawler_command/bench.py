@@ -40,10 +40,13 @@ def bench(
     search: Annotated[
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
+    identify: Annotated[
+        bool, typer.Option("--identify", help="Measure identification from recordings instead, beside MuJoCo's.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    instead = (("node", node), ("replay", replay), ("sweep", sweep), ("gradients", gradients), ("search", search))
-    chosen = [name for name, is_chosen in instead if is_chosen]
+    models = {"sweep": sweep, "gradients": gradients, "search": search, "identify": identify}
+    chosen = [name for name, is_chosen in ({"node": node, "replay": replay} | models).items() if is_chosen]
     if chosen:
         if case:
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
@@ -80,7 +83,7 @@ def bench(
 
 
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs many times in this process: variations, derivatives, or the search for a gait."""
+    """Measure what runs many times in this process: variations, derivatives, the search, or identification."""
     measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
     size: Any
     if name == "sweep":
@@ -91,6 +94,13 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
         from crawler_bench import gradients
 
         measure, size = gradients.measure_gradients, gradients.QUICK if quick else gradients.CONTACTS
+    elif name == "identify":
+        from crawler_bench import identify
+
+        if identify.load_sysid() is None:
+            text = "mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"
+            print(f"crawler: {text}", file=sys.stderr)
+        measure, size = identify.measure_identify, identify.QUICK if quick else identify.STEPS
     else:
         from crawler_bench import search
 

@@ -75,7 +75,7 @@ class MujocoRun:
         targets = drive.sample(ends)
         self.actuation, self.friction = targets[:, :s] + 1000.0, targets[:, s : s + n]
         self.per_quarter = steps // 4
-        self.model: Any = mujoco.MjModel.from_xml_string(_document(scene, steps, tuning))
+        self.model: Any = mujoco.MjModel.from_xml_string(build_document(scene, steps, tuning))
         self.data: Any = mujoco.MjData(self.model)
         self.offset = 1000.0 * np.arange(n)  # makes rest lengths positive, as tendons require
         self.data.qpos[:] = scene.start_displacement + self.offset
@@ -110,7 +110,17 @@ class MujocoRun:
         return lap_by_quarters(self, number, deadline)
 
 
-def _document(scene: Scene, steps: int, tuning: Tuning) -> str:
+def build_document(scene: Scene, steps: int, tuning: Tuning) -> str:
+    """Write the chain in MuJoCo's XML: joints `c0`, `c1`, ... and tendons `l0`, `l1`, ... .
+
+    Args:
+        scene: a chain.
+        steps: steps per second.
+        tuning: the tuning; mass and damping follow from it and from the mean stiffness.
+
+    Returns:
+        The document; friction and rest lengths are 1 and are set in the model.
+    """
     stiffness = scene.body.stiffness
     mass = tuning.mass * float(stiffness.mean())
     damping = float(tuning.damping * 2.0 * np.sqrt(mass * float(stiffness.mean())))
@@ -122,8 +132,8 @@ def _document(scene: Scene, steps: int, tuning: Tuning) -> str:
         for i in range(scene.body.contacts)
     )
     tendons = "".join(
-        f'<fixed stiffness="{k!r}" springlength="1"><joint joint="c{i}" coef="-1"/><joint joint="c{i + 1}" coef="1"/>'
-        "</fixed>"
+        f'<fixed name="l{i}" stiffness="{k!r}" springlength="1"><joint joint="c{i}" coef="-1"/>'
+        f'<joint joint="c{i + 1}" coef="1"/></fixed>'
         for i, k in enumerate(stiffness.tolist())
     )
     return (

@@ -17,6 +17,7 @@ from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
 from crawler_bench.gradients import measure_gradients
+from crawler_bench.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
 from crawler_bench.search import measure_search
 from crawler_bench.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
@@ -266,3 +267,57 @@ def test_the_search_is_measured_beside_general_optimisers():
     assert max(row["within_1_percent"] for row in rows.values()) >= 1
     for row in rows.values():
         assert 0.0 < row["median"] <= row["best"] <= 0.22 + 1e-9
+
+
+needs_sysid = pytest.mark.skipif(load_sysid() is None, reason="mujoco.sysid is not installed")
+
+
+def test_mujoco_with_springs_as_actuators_moves_like_the_tuned_chain():
+    mujoco = pytest.importorskip("mujoco")
+    scene, steps = TASKS[0].scene(start=False), 300
+    run = mujoco_peer.MujocoRun(scene, steps, TUNED["sliding", steps])
+    model = build_spec(scene, steps, TUNED["sliding", steps]).compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = scene.start_displacement
+    for quarter in range(8):
+        run.quarter(quarter, math.inf)
+        for control in run.actuation[(quarter % 4) * 75 :][:75] - 1000.0:
+            data.ctrl[:] = control
+            mujoco.mj_step(model, data)
+        assert data.qpos == pytest.approx(run.displacement, abs=1e-8)
+    assert np.ptp(run.displacement - scene.start_displacement) > 0.01
+
+
+@needs_sysid
+def test_identification_is_measured_beside_mujoco():
+    rows = measure_identify((300,), lambda part: None, TASKS[1:2])
+    assert [row["noise"] for row in rows] == [0.0, 0.0, 0.01, 0.01]
+    for own, peer in (rows[:2], rows[2:]):
+        assert (own["method"], peer["method"]) == ("crawler identify", "mujoco.sysid, 300 steps/s")
+        assert own["called_determined"] == 0
+        assert own["ratio_error"] < peer["ratio_error"] < 0.2
+        assert peer["of_these_not"] == peer["called_determined"]
+        assert min(own["rollouts"], peer["rollouts"]) > 1
+    assert rows[0]["ratio_error"] < 1e-9
+
+
+def test_without_mujoco_sysid_our_identification_is_measured_alone(tmp_path):
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; sys.modules['absl'] = None;"
+        f"sys.argv = ['crawler', 'bench', '--identify', '--quick', '--json', '--out', {str(tmp_path)!r}];"
+        "from crawler_command.app import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stderr.splitlines() if "compiling" not in line]
+    assert said == ["crawler: mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"]
+    rows = json.loads(done.stdout)["rows"]
+    assert json.loads((tmp_path / "identify.json").read_text())["rows"] == rows
+    assert [row["called_determined"] for row in rows] == [3, 3, 0, 0, 2, 2]
+    for row in rows:
+        assert row["of_these_not"] == row["missed"] == 0
+        if row["worst_error"] is not None:
+            assert row["worst_error"] < (0.02 if row["noise"] else 1e-9)
