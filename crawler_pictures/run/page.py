@@ -1,4 +1,4 @@
-"""The page of a run: its kymograph, net translation, tensions, commands and energy over one time axis, and its cycles."""
+"""The page of a run: kymograph, net translation, tensions, commands and energy over one time axis, and cycles."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def draw_run(run: RunArrays, png: Path) -> None:
     from matplotlib import pyplot as plt
 
     notes = [*run.notes, *_constants(run)]
-    heights = [0.42 + 0.17 * len(notes)]
+    heights = [0.3 + 0.15 * len(notes)]
     panels = _panels(run)
     if run.planar:
         heights.append(5.2)
@@ -80,13 +80,13 @@ def draw_run(run: RunArrays, png: Path) -> None:
         axis.margins(x=0)
         if run.cycles.size <= MOST_BARS:
             for start in run.cycles:
-                axis.axvline(start, color="#c9c9c9", linewidth=0.5, zorder=0)
+                axis.axvline(start, color="#c9c9c9", linewidth=0.5, zorder=-1)
     if run.time.size > 1:
         axes[-1].set_xlim(run.time[0], run.time[-1])
     axes[-1].set_xlabel("simulated time [s]")
     body.align_ylabels(axes)
     if run.gains is not None:
-        draw_gains(parts.pop(0).subplots(1, 2, width_ratios=[2, 1]), run.gains, _size(run), run.planar)
+        draw_gains(parts.pop(0), run.gains, _size(run), run.planar)
     figure.savefig(png, dpi=_DPI)
     plt.close(figure)
 
@@ -202,7 +202,10 @@ def _tension(axis: Axes, run: RunArrays, link: int) -> None:
     if link == 0:
         bounded = bool(np.isfinite(run.least).any())
         segments = any(not name.startswith("link_") for name in run.links)
-        why = "" if bounded else "; no bounds" + (": a segment's mean tension has none" if segments else "")
+        patched = run.scene is not None and run.scene.ground.track is not None
+        body = "the mean tension of a segment" if segments else "a graph of springs"
+        where = "in the plane" if run.planar else "on patches of ground" if patched else f"for {body}"
+        why = "" if bounded else f"; without its bounds, which are not computed {where}"
         write_title(axis, f"tension{why}")
         explain_tension(axis, bounded)
 
