@@ -11,7 +11,8 @@ from rich.console import Console
 
 from crawler_model import Scene, load_scene
 from crawler_ros.recording.bag import BagError
-from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
+from crawler_ros.replay.show.compare import compare_recordings, print_comparison
+from crawler_ros.replay.show.compare_page import draw_comparison
 
 from ..recordings import record
 from .test_replay import crawler

@@ -11,7 +11,8 @@ from PIL import Image
 pytest.importorskip("matplotlib")
 from crawler_model import Scene, load_scene
 from crawler_ros.replay import analyse
-from crawler_ros.replay.show.compare import compare_recordings, draw_comparison
+from crawler_ros.replay.show.compare import compare_recordings
+from crawler_ros.replay.show.compare_page import draw_comparison
 from crawler_ros.replay.show.page import draw_replay
 from crawler_ros.replay.show.samples import Samples
 
