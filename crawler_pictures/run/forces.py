@@ -108,6 +108,7 @@ def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, word
     """
     from matplotlib.colors import LinearSegmentedColormap, Normalize
     from matplotlib.patches import Patch
+    from matplotlib.ticker import MaxNLocator
 
     at, rows = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if at.size < 2:
@@ -122,7 +123,7 @@ def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, word
     limits = Normalize(-size if signed else 0.0, size or 1.0)
     extent: Any = (at[0], at[-1], edges[0], edges[-1])
     axis.imshow(image, extent=extent, origin="lower", aspect="auto", interpolation="nearest", cmap=colors, norm=limits)
-    axis.yaxis.get_major_locator().set_params(integer=True)
+    axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     colors.set_bad(_CLOSED)
     shown = zip((*colors([0.0, 0.5, 1.0]), _CLOSED), words, strict=False)
     place_legend(axis, [Patch(facecolor=c, edgecolor=BOUND, linewidth=0.5, label=w) for c, w in shown if w])
@@ -157,9 +158,9 @@ def draw_commands(axis: Axes, time: ArrayLike, commands: Commands) -> None:
     largest = f"{size / scale:.3g} {unit}".strip()
     signed = bool((values < 0.0).any())
     draw_image(axis, time, values, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
-    names = commands.names
-    axis.set_ylabel("link" if names[0].startswith("link") else "element" if "element" in names[0] else "contact")
-    write_title(axis, f"command: {commands.what}, {names[0]} (below) to {names[-1]} (above)")
+    low, high = commands.names[0], commands.names[-1]
+    axis.set_ylabel("link" if low.startswith("link") else "element" if "element" in low else "contact")
+    write_title(axis, f"command: {commands.what}, {low} (below) to {high} (above)")
 
 
 def describe_constant(commands: Commands) -> str:

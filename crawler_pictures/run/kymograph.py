@@ -133,6 +133,8 @@ def _arrange(place: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.nd
 
 
 def _name_rows(axis: Axes, count: int, names: Sequence[str], inside: bool) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     if inside:
         axis.set_ylabel("place along\nthe body [m]")
         return
@@ -143,7 +145,7 @@ def _name_rows(axis: Axes, count: int, names: Sequence[str], inside: bool) -> No
         for row in range(1, count):
             axis.axhline(row - 0.5, color="white", linewidth=2.0)
     else:
-        axis.yaxis.get_major_locator().set_params(integer=True)
+        axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
 
 
 def explain_states(axis: Axes, planar: bool, joined: bool) -> None:

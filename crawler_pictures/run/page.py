@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import CrawlerError
+from crawler_model import CrawlerError, Scene
 
 from ..colors import BACK, TENSION, TEXT
 from ..ground import draw_jumps, list_sections
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _WIDTH, _DPI = 11.0, 110
+MOST_CYCLES = 150
+"""More cycles are too narrow for their curves to be told apart."""
 Panel = tuple[float, Callable[["Axes"], None]]
 """Height of a panel [inch], and the function that draws it."""
 
@@ -107,10 +110,14 @@ def _write_head(part: Any, title: str, notes: list[str]) -> None:
 def _constants(run: RunArrays) -> list[str]:
     """Write the commands that never change, and the ground."""
     clauses = [describe_constant(c) for c in run.commands if not c.changes]
-    ground = None if run.scene is None else getattr(run.scene, "parts", None) and run.scene.parts.ground  # type: ignore[attr-defined]
+    ground = run.scene.parts.ground if isinstance(run.scene, Scene) else None
     if ground is not None and ground.slope != 0.0:
         clauses.append(f"slope {ground.slope:g}\u00b0")
-    return ["; ".join(clauses)] if clauses else []
+    found = ["; ".join(clauses)] if clauses else []
+    if run.cycles.size > MOST_CYCLES:
+        text = f"{run.cycles.size} cycles: of curves only their range in each cycle can be seen; the colours show every slip"
+        found.append(text)
+    return found
 
 
 def _draw_above(part: Any, run: RunArrays) -> None:
@@ -132,7 +139,7 @@ def _panels(run: RunArrays) -> list[Panel]:
         panels.append((height, lambda axis: _states(axis, run, not lines)))
     panels.append((1.0, lambda axis: _translation(axis, run)))
     if 0 < links <= MOST_BANDS:
-        panels += [(1.0, lambda axis, i=i: _tension(axis, run, i)) for i in range(links)]
+        panels += [(1.0, partial(_tension, run=run, link=i)) for i in range(links)]
     elif links:
         panels.append((1.8, lambda axis: draw_tensions(axis, run.time, run.tension, run.least, run.most)))
     panels += [_command(run, commands) for commands in run.commands if commands.changes]
@@ -152,8 +159,8 @@ def _positions(axis: Axes, run: RunArrays) -> None:
     label_values(axis, "position", "m", scale)
     axis.margins(y=0.04)
     limits = axis.get_ylim()
-    if run.scene is not None and getattr(run.scene, "parts", None) is not None:
-        for section in list_sections(run.scene, *limits):  # type: ignore[arg-type]
+    if isinstance(run.scene, Scene):
+        for section in list_sections(run.scene, *limits):
             if section.color is not None:
                 axis.axhspan(section.start, section.end, color=section.color, alpha=0.45, linewidth=0.0, zorder=-1)
                 axis.text(run.time[0], section.middle, f" {section.text}", fontsize=8, va="center", zorder=5)
@@ -213,7 +220,7 @@ def _tension(axis: Axes, run: RunArrays, link: int) -> None:
 def _energy(axis: Axes, run: RunArrays) -> None:
     from matplotlib.lines import Line2D
 
-    styles = zip(run.energy.items(), (("black", "-"), (BACK, "--"), (TENSION, "-"), ("#a3763f", "-")), strict=False)
+    styles: Any = zip(run.energy.items(), (("black", "-"), (BACK, "--"), (TENSION, "-")), strict=True)
     handles = []
     for (name, values), (color, dash) in styles:
         axis.plot(run.time, values, color=color, linewidth=1.4, linestyle=dash)

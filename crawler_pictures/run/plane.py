@@ -112,9 +112,9 @@ def draw_friction(axis: Axes, scene: Plan) -> None:
         axis.annotate(text, (0.0, -reach[540]), (2, 3), textcoords="offset points", fontsize=8, color=color)
     axis.axhline(0.0, color=BOUND, linewidth=0.5, zorder=0)
     axis.axvline(0.0, color=BOUND, linewidth=0.5, zorder=0)
-    for direction in np.zeros((0, 2)) if directions is None else directions:
-        size = 0.6 * float(values.max())
-        axis.annotate("", size * direction, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BOUND})
+    for direction, bound in zip([] if directions is None else directions, values[0], strict=False):
+        x, y = (bound * direction).tolist()
+        axis.annotate("", (x, y), (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BOUND, "shrinkB": 0})
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.12)
     axis.set(xlabel="x [N]", ylabel="y [N]")

@@ -343,7 +343,7 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
     table = Table(title=f"{len(found) + 1} runs, each compared with {first.path.name}", title_justify="left")
     table.add_column("run", no_wrap=True)
     columns = ("commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]", "work [J]")
-    for column in (*columns, "cycles paired", ""):
+    for column in (*columns, "cycles paired"):
         table.add_column(escape(column), justify="right")
     size = max(size_of(run.table) for run in (first, *(c.second for c in found)))
     for run, compared in ((first, None), *((c.second, c) for c in found)):
@@ -357,8 +357,7 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
             ]
         work = "" if run.energy is None else f"{run.energy.work:.6g}"
         paired = "" if compared is None else f"{len(compared.pairs)} of {len(run.cycles)}"
-        problem = "" if run.healthy else "[yellow]problem[/]"
-        table.add_row(*row, write_length(y[-1] - y[0], size) if len(y) else "", work, paired, problem)
+        table.add_row(*row, write_length(y[-1] - y[0], size) if len(y) else "", work, paired)
     screen.print(table)
     for compared in found:
         if compared.unpaired:

@@ -64,7 +64,7 @@ def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
         middle = np.array([0.5 * (c.start + c.end) for c in run.cycles])
         length = np.array([c.end - c.start for c in run.cycles])
         if gained.size <= _MOST_BARS:
-            axes[0].bar(middle + (0.38 * k - 0.19) * length, gained, width=0.36 * length, color=color)
+            axes[0].bar(middle, gained, width=(0.84, 0.42)[k] * length, color=color)
         else:
             axes[0].plot(middle, gained, color=color, linewidth=1.2)
         slips = [sum(getattr(c, f"slip_{way}") for c in run.cycles) for way in ("forward", "backward")]
