@@ -120,11 +120,11 @@ def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, word
         image = join_extremes(image, *divide(edges, HEIGHT))
     signed = words[0] != "0"
     colors = LinearSegmentedColormap.from_list("values", _SIGNED if signed else _UNSIGNED)
+    colors = colors.with_extremes(bad=_CLOSED)
     limits = Normalize(-size if signed else 0.0, size or 1.0)
     extent: Any = (at[0], at[-1], edges[0], edges[-1])
     axis.imshow(image, extent=extent, origin="lower", aspect="auto", interpolation="nearest", cmap=colors, norm=limits)
     axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
-    colors.set_bad(_CLOSED)
     shown = zip((*colors([0.0, 0.5, 1.0]), _CLOSED), words, strict=False)
     place_legend(axis, [Patch(facecolor=c, edgecolor=BOUND, linewidth=0.5, label=w) for c, w in shown if w])
 

@@ -90,6 +90,9 @@ def draw_run(run: RunArrays, png: Path) -> None:
     body.align_ylabels(axes)
     if run.gains is not None:
         draw_gains(parts.pop(0), run.gains, _size(run), run.planar)
+    layout: Any = figure.get_layout_engine()
+    layout.execute(figure)
+    figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
     figure.savefig(png, dpi=_DPI)
     plt.close(figure)
 
@@ -115,7 +118,7 @@ def _constants(run: RunArrays) -> list[str]:
         clauses.append(f"slope {ground.slope:g}\u00b0")
     found = ["; ".join(clauses)] if clauses else []
     if run.cycles.size > MOST_CYCLES:
-        text = f"{run.cycles.size} cycles: of curves only their range in each cycle can be seen; the colours show every slip"
+        text = f"{run.cycles.size} cycles: of curves only the range in a cycle can be seen; colours show every slip"
         found.append(text)
     return found
 
