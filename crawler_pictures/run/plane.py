@@ -109,7 +109,7 @@ def draw_friction(axis: Axes, scene: Plan) -> None:
         several = len(groups) > 1
         axis.plot(*(reach[:, None] * unit).T, color=color if several else "#404040", linewidth=1.4)
         text = f"contact {', '.join(map(str, contacts))}" if several else ""
-        axis.annotate(text, (0.0, -reach[540]), (2, 3), textcoords="offset points", fontsize=8, color=color)
+        axis.annotate(text, (0.0, -reach[540]), (3, -10), textcoords="offset points", fontsize=8, color=color)
     axis.axhline(0.0, color=BOUND, linewidth=0.5, zorder=0)
     axis.axvline(0.0, color=BOUND, linewidth=0.5, zorder=0)
     for direction, bound in zip([] if directions is None else directions, values[0], strict=False):

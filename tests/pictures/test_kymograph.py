@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-plt = pytest.importorskip("matplotlib.pyplot")
+pytest.importorskip("matplotlib")
+from matplotlib import pyplot as plt
+
 from crawler_pictures.colors import BACK, BOTH, FORWARD, STICK, rgb
 from crawler_pictures.numbers import choose_prefix, label_values
 from crawler_pictures.run.arrays import Gains
@@ -140,8 +142,14 @@ def test_bars_of_rounding_are_not_drawn():
 
 @pytest.mark.parametrize(
     ("size", "unit", "wanted"),
-    [(1.0, "m", (1.0, "m")), (0.02, "m", (1e-3, "mm")), (3e-5, "N", (1e-6, "µN")), (2e4, "J", (1e3, "kJ"))]
-    + [(0.001, "1", (1.0, "")), (0.0, "m", (1.0, "m"))],
+    [
+        (1.0, "m", (1.0, "m")),
+        (0.02, "m", (1e-3, "mm")),
+        (3e-5, "N", (1e-6, "µN")),
+        (2e4, "J", (1e3, "kJ")),
+        (0.001, "1", (1.0, "")),
+        (0.0, "m", (1.0, "m")),
+    ],
 )
 def test_units_suit_the_numbers(size, unit, wanted):
     assert choose_prefix(size, unit) == wanted

@@ -21,6 +21,7 @@ def waving(count: int, wavelength: float, friction: float) -> Scene:
         {
             "name": f"{count}_contacts",
             "body": {"contacts": np.linspace(0.0, 1.0, count).tolist(), "links": {"stiffness": float(count)}},
+            "start": "relaxed",
             "friction": {"forward": friction, "backward": 3.0 * friction},
             "drive": {"wave": {"amplitude": 0.3 / count, "wavelength": wavelength, "period": 1.0, "samples": 32}},
         }
