@@ -19,6 +19,23 @@ from ..analysis import Replay
 from ..ramps import Piece
 
 _AXES = ("x", "y")
+_FOUND: dict[str, list[tuple[str, Any, str]]] = {
+    "rests": [
+        ("run", pa.int32(), "1"),
+        ("since", pa.float64(), "s"),
+        ("until", pa.float64(), "s"),
+        ("commanded", pa.bool_(), "1"),
+        ("margin", pa.float64(), "N"),
+    ],
+    "refusals": [
+        ("topic", pa.string(), "1"),
+        ("why", pa.string(), "1"),
+        ("count", pa.int64(), "1"),
+        ("first", pa.float64(), "s"),
+        ("last", pa.float64(), "s"),
+    ],
+}
+"""Tables that are written only where there is something to write: name, type and unit of their columns."""
 
 
 def _schema(table: str, planar: bool) -> pa.Schema:
@@ -78,20 +95,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             ("least_margin", real, "N"),
             ("transient", pa.bool_(), "1"),
         ],
-        "rests": [
-            ("run", pa.int32(), "1"),
-            ("since", real, "s"),
-            ("until", real, "s"),
-            ("commanded", pa.bool_(), "1"),
-            ("margin", real, "N"),
-        ],
-        "refusals": [
-            ("topic", pa.string(), "1"),
-            ("why", pa.string(), "1"),
-            ("count", pa.int64(), "1"),
-            ("first", real, "s"),
-            ("last", real, "s"),
-        ],
+        **_FOUND,
     }[table]
     return pa.schema([pa.field(name, kind, metadata={"unit": unit}) for name, kind, unit in columns])
 
