@@ -99,7 +99,8 @@ def simulate_command(
     csv: Annotated[
         Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing tables.")] = False,
+    png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print its net translation.
@@ -110,14 +111,17 @@ def simulate_command(
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
-    for option, file in (("--parquet", parquet), ("--csv", csv)):
+    for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):
         check_output(option, file, option.replace("--", "."), overwrite)
-        if file is not None:
+        if file is not None and file is not png:
             load_library("pyarrow", option)
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
     if parquet is not None or csv is not None:
         with progress_bar("writing") as progress:
             write_tables(run, parquet, csv, progress)
+    if png is not None:
+        with whole_file(png) as part:
+            _draw(run, part)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         return
@@ -144,6 +148,15 @@ def simulate_command(
     _print_account(run)
     for file in filter(None, (parquet, csv)):
         screen.print(f"table: {file}", markup=False)
+    if png is not None:
+        screen.print(f"drawn: {png}")
+
+
+def _draw(run: Trajectory, png: Path) -> None:
+    from crawler_pictures.run.page import draw_run
+    from crawler_pictures.run.trajectory import read_trajectory
+
+    draw_run(read_trajectory(run), png)
 
 
 def _print_account(run: Trajectory) -> None:

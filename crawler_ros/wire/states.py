@@ -8,7 +8,6 @@ from crawler_model.body.body import Body
 from crawler_model.body.names import name_contacts, name_every_contact, name_links
 
 _AXES = ("/x", "/y")
-every_contact_name = name_every_contact
 
 
 def _each_axis(names: list[str], body: Body) -> list[str]:
@@ -77,7 +76,7 @@ def contact_names(body: Body) -> list[str]:
     Returns:
         One name per shown contact; in the plane x and y of each.
     """
-    names = every_contact_name(body)
+    names = name_every_contact(body)
     return _each_axis([names[c] for c in shown_contacts(body)], body)
 
 

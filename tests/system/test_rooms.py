@@ -26,6 +26,7 @@ ROOMS = {
         "wire",
         "examples",
     ),
+    "crawler_pictures": ("run",),
     "crawler_model": (
         "identify",
         "optimise",
