@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent.parent
 PACKAGES = ("crawler_command", "crawler_bench", "crawler_ros", "crawler_pictures", "crawler_model")
 """From the top down; a package imports from those below it."""
 ROOMS = {
-    "crawler_command": ("many",),
+    "crawler_command": ("identify", "many"),
     "crawler_bench": ("entrants", "node"),
     "crawler_ros": (
         "replay.show",
