@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from crawler_model import Identification
+
+_MOST_NAMED = 6
+"""More channels are not named: their lines lie in the order of the contacts."""
+_ABOVE: Any = {
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "frameon": False,
+    "fontsize": 8,
+    "borderaxespad": 0.2,
+}
 
 
 def draw_identification(found: Identification, path: Path) -> None:
@@ -30,7 +41,8 @@ def draw_identification(found: Identification, path: Path) -> None:
                 axis.axvspan(measured.time[first], measured.time[last], color="0.92", zorder=0)
         above.set_title(f"{measured.name}: dots measured, lines simulated, grey held out", loc="left", fontsize=9)
         above.set_ylabel("position, m")
-        above.legend(fontsize=8, ncols=4)
+        shown = len(measured.channels) if len(measured.channels) <= _MOST_NAMED else 0
+        above.legend(*(part[:shown] for part in above.get_legend_handles_labels()), **_ABOVE, ncols=max(shown, 1))
         below.set_ylabel("residual, m")
         below.set_xlabel("time, s")
     figure.savefig(path, format="png", dpi=120)
