@@ -15,6 +15,7 @@ from crawler_ros.node.life.leave import STOPPED
 from .screen import check_picture, progress_bar, screen
 
 if TYPE_CHECKING:
+    from crawler_ros.replay.analysis import Replay
     from crawler_ros.replay.health import Survey
     from crawler_ros.replay.ramps import Sink
 
@@ -91,11 +92,7 @@ def replay(
         found = analyse(recording, loaded, namespace, outputs.open, progress)
     written = outputs.write(found)
     if rrd is not None:
-        if found.scene is None:
-            raise CrawlerError(f"--rrd: {recording} does not hold its scene; name it with --scene")
-        from crawler_ros.viewer.visualizer import draw_recording
-
-        draw_recording(recording, rrd, found.scene, found.robot, found.table.jumps)
+        _draw_rrd(recording, rrd, found)
         written.append(f"drawn: {rrd}")
     if as_json:
         print(json.dumps(found.as_plain(), allow_nan=False))
@@ -109,6 +106,14 @@ def replay(
     if not found.healthy:
         more = f" (and {len(found.problems) - 1} more)" if len(found.problems) > 1 else ""
         raise CrawlerError(f"{recording}: {found.problems[0]}{more}")
+
+
+def _draw_rrd(recording: Path, rrd: Path, found: Replay) -> None:
+    if found.scene is None:
+        raise CrawlerError(f"--rrd: {recording} does not hold its scene; name it with --scene")
+    from crawler_ros.viewer.visualizer import draw_recording
+
+    draw_recording(recording, rrd, found.scene, found.robot, found.table.jumps)
 
 
 def _replay_many(
