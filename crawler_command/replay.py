@@ -103,9 +103,7 @@ def replay(
         for line in (recovered, *written):
             if line:
                 screen.print(line)
-    if not found.healthy:
-        more = f" (and {len(found.problems) - 1} more)" if len(found.problems) > 1 else ""
-        raise CrawlerError(f"{recording}: {found.problems[0]}{more}")
+    _check_healthy(recording, found)
 
 
 def _draw_rrd(recording: Path, rrd: Path, found: Replay) -> None:
@@ -114,6 +112,12 @@ def _draw_rrd(recording: Path, rrd: Path, found: Replay) -> None:
     from crawler_ros.viewer.visualizer import draw_recording
 
     draw_recording(recording, rrd, found.scene, found.robot, found.table.jumps)
+
+
+def _check_healthy(recording: Path, found: Replay) -> None:
+    if not found.healthy:
+        more = f" (and {len(found.problems) - 1} more)" if len(found.problems) > 1 else ""
+        raise CrawlerError(f"{recording}: {found.problems[0]}{more}")
 
 
 def _replay_many(
