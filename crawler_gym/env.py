@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from crawler_model import CommandError, CrawlerError, Scene
 
-from .kernel.lane import ALONG, GAINED, REWARD, SPENT, find_bad
+from .kernel.lane import ALONG, find_bad
 from .lanes import Lanes
 from .randomise import read_ranges
 from .spec import Spec, build_spec
@@ -112,25 +112,18 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._begin()
         if self.render_mode == "human":
             self.render()
-        return self._observation.copy(), self._info() | {"drawn": dict(self.drawn)}
+        info = {"net_translation": self._result.item(ALONG), "gained": 0.0, "work": 0.0, "drawn": dict(self.drawn)}
+        return self._observation.copy(), info
 
     def _attach(self, lanes: Lanes) -> None:
         self._lanes = lanes
         self._action, self._observation = lanes.actions, lanes.observations[0]
-        self._result, self._ended = lanes.results[0], lanes.ended[0]
+        self._result = lanes.results[0]
 
     def _begin(self) -> None:
         drawn = self.spec_of_crawler.ranges.draw(self.np_random)
         self.lanes.reset(np.zeros(1, np.int64), [drawn])
         self.drawn, self._begun = drawn, True
-
-    def _info(self) -> dict[str, Any]:
-        result = self._result
-        return {
-            "net_translation": result.item(ALONG),
-            "gained": result.item(GAINED),
-            "work": result.item(SPENT),
-        }
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Follow an action for one step.
@@ -156,14 +149,9 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._lanes.step()
         if self.render_mode == "human":
             self.render()
-        ended = self._ended
-        return (
-            self._observation.copy(),
-            self._result.item(REWARD),
-            ended.item(0),
-            ended.item(1),
-            self._info(),
-        )
+        reward, gained, work, along, terminated, truncated = self._result.tolist()
+        info = {"net_translation": along, "gained": gained, "work": work}
+        return self._observation.copy(), reward, terminated == 1.0, truncated == 1.0, info
 
     def render(self) -> Any:
         """Draw the body.

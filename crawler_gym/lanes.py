@@ -31,11 +31,10 @@ class Lanes:
 
     Attributes:
         observations: of all environments, shape (M, O).
-        ended: whether each has terminated, and was truncated, bool, shape (M, 2).
-        results: rows REWARD .. ALONG of each, shape (M, 4).
+        results: rows REWARD .. TRUNCATED of each, shape (M, 6).
         actions: written before `step`, shape (M, A).
-        skipped: environments that the next step leaves as they are, bool, shape (M,).
-        log: for each step of each environment the command and the readings, see `kernel.lane.note`.
+        skipped: 1 for environments that the next step leaves as they are, shape (M,).
+        log: for each step of each environment the command and the readings, see `kernel.lane.observe`.
     """
 
     def __init__(self, spec: Spec, count: int, logs: bool = False, threads: int | None = None) -> None:
@@ -61,23 +60,20 @@ class Lanes:
         )
         shared = self.shared
         self._memory = np.zeros((count, shared.lane_at[-1]))
-        self._clocks = np.zeros((count, 3), np.int64)
+        self._clocks = np.zeros((count, 4), np.int64)
         self._status = np.zeros((count, scene.body.contacts), np.int8)
         self.actions = np.zeros((count, actions))
-        self.skipped = np.zeros(count, np.bool_)
-        self.observations = np.zeros((count, spec.spans.bound.size))
-        self.ended = np.zeros((count, 2), np.bool_)
+        self.skipped = self._clocks[:, lane.SKIPPED]
+        self.observations = view(self._memory, shared, lane.OBSERVATION)
         self.results = view(self._memory, shared, lane.RESULT)
         rows = (spec.steps or 10_000) + 1 if logs else 0
         axes = scene.dimension
         widths = [shared.lane_at[k + 1] - shared.lane_at[k] for k in (lane.ROW, lane.JOINTS, lane.FEET)]
         self.log = np.zeros((count, rows, int(sum(widths)) + axes * scene.body.contacts))
-        self._pull = np.zeros((2, scene.body.contacts))
         self._has_kernel = has_kernel(scene)
         self._segments = bool(scene.body.segments)
         self._crawlers: list[Crawler] = []
         self._start = np.zeros((1, shared.lane_at[-1])), np.zeros((1, scene.body.contacts), np.int8)
-        self._out = self.observations, self.ended, self.log
         if self._has_kernel:
             fill_at_rest(*self._start, shared, scene)
             self._prepare_kernel(threads)
@@ -109,17 +105,13 @@ class Lanes:
                     self._clocks[some],
                     self._status[some],
                     self.actions[some],
-                    self.skipped[some],
-                    *self.shared.of_lane,
-                    self.shared.settings,
+                    self.shared.floats,
+                    self.shared.ints,
                     body.share,
                     body.element_ends,
                     default_budget(body),
                     *scratch,
-                    np.zeros((2, body.contacts)),
                     not self._segments,
-                    self.observations[some],
-                    self.ended[some],
                     self.log[some],
                 )
             )
@@ -164,21 +156,14 @@ class Lanes:
         self._clocks[which, lane.DELAY] = [one.get("delay", 0) for one in drawn]
         self._clocks[which, lane.RANDOM] = [one.get("noise_seed", 0) for one in drawn]
         view(self._memory, self.shared, lane.SIGMA)[which, 0] = [one.get("noise", 0.0) for one in drawn]
-        self.skipped[which] = False
+        self.skipped[which] = 0
         self._begin(which)
 
     def _begin(self, which: np.ndarray) -> None:
-        of_lane, settings = self.shared.of_lane, self.shared.settings
         if self._has_kernel:
+            shared = self.shared
             lane.begin_episodes(
-                self._memory,
-                self._clocks,
-                which,
-                *of_lane,
-                settings,
-                self._pull,
-                not self._segments,
-                *self._out,
+                self._memory, self._clocks, which, shared.floats, shared.ints, not self._segments, self.log
             )
         if not self._has_kernel or self._segments:
             self._complete(which, True)
@@ -188,7 +173,7 @@ class Lanes:
     def step(self) -> None:
         """Follow `actions`, which must be finite, for one step, in all environments that are not skipped."""
         if not self._has_kernel:
-            for m in np.flatnonzero(~self.skipped).tolist():
+            for m in np.flatnonzero(self.skipped == 0).tolist():
                 self._follow(m)
         elif self._pool is None:
             self._kernel(*self._first)
@@ -198,14 +183,14 @@ class Lanes:
             for each in waiting:
                 each.result()
         if not self._has_kernel or self._segments:
-            self._complete(np.flatnonzero(~self.skipped), False)
+            self._complete(np.flatnonzero(self.skipped == 0), False)
 
     def _follow(self, m: int) -> None:
         """Follow the action of one environment in the plane, or on patches of ground."""
         memory, shared, crawler = self._memory[m], self.shared, self._crawlers[m]
         row = view(self._memory, shared, lane.ROW)[m]
         held = row.copy()
-        lane.command(memory, self._clocks[m], self.actions[m], *shared.of_lane)
+        lane.command_one(memory, self._clocks[m], self.actions[m], shared.floats, shared.ints)
         columns = crawler.scene.columns
         try:
             target = np.array(columns.target(row))
@@ -236,9 +221,7 @@ class Lanes:
                 seconds = np.inf if first else (tick_end_ns(tick + 1, rate) - tick_end_ns(tick, rate)) / 1_000_000_000
                 self._readout.read(self._crawlers[m], seconds, joints[m], feet[m])
                 contacts[m] = self._crawlers[m].displacement.ravel()
-        lane.observe_some(
-            self._memory, self._clocks, which, *shared.of_lane, shared.settings, first, *self._out
-        )
+        lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
 
     # -- readings ---------------------------------------------------------------------------------------------------
 

@@ -22,28 +22,17 @@ from .task import Task
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What all lanes of a scene share.
+    """What all lanes of a scene share, see `kernel.lane.open_plan`.
 
     Attributes:
-        floats: LIMITS .. TASK, one after another.
-        floats_at: their offsets.
-        ints: OF .. OBSERVED, one after another.
-        ints_at: their offsets.
-        settings: KIND .. ROUNDS.
+        floats: numbers.
+        ints: whole numbers.
         lane_at: offsets of the parts of a lane.
     """
 
     floats: np.ndarray
-    floats_at: np.ndarray
     ints: np.ndarray
-    ints_at: np.ndarray
-    settings: np.ndarray
     lane_at: np.ndarray
-
-    @property
-    def of_lane(self) -> tuple[np.ndarray, ...]:
-        """The arguments of the kernels that describe a lane."""
-        return self.lane_at, self.floats, self.floats_at, self.ints, self.ints_at
 
 
 def build_shared(
@@ -97,17 +86,18 @@ def build_shared(
         lane.ACCOUNT: ACCOUNT_SIZE,
         lane.JOINTS: 3 * joints,
         lane.FEET: 3 * feet,
+        lane.PULL: 2 * n if on_line else 0,
         lane.MEMORY: axes + 3,
         lane.QUEUE: slots * a,
         lane.SIGMA: 1,
-        lane.RESULT: 4,
+        lane.RESULT: 6,
+        lane.OBSERVATION: spans.bound.size,
     }
-    return Shared(
-        *_join(floats, np.float64),
-        *_join(ints, np.int64),
-        np.array(settings, np.int64),
-        np.concatenate(([0], np.cumsum([sizes[k] for k in range(len(sizes))]))).astype(np.int64),
-    )
+    numbers, floats_at = _join(floats, np.float64)
+    whole, ints_at = _join(ints, np.int64)
+    lane_at = np.concatenate(([0], np.cumsum([sizes[k] for k in range(lane.PARTS)]))).astype(np.int64)
+    head = np.concatenate((settings, lane_at, floats_at, ints_at + len(settings) + lane_at.size + 14))
+    return Shared(numbers, np.concatenate((head, whole)).astype(np.int64), lane_at)
 
 
 def has_kernel(scene: Scene) -> bool:

@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from crawler_model import CommandError, CrawlerError, Scene
 
 from .env import build_spaces, describe_bad, read_action
-from .kernel.lane import ALONG, GAINED, REWARD, SPENT, find_bad
+from .kernel.lane import ALONG, GAINED, REWARD, SPENT, TERMINATED, TRUNCATED, find_bad
 from .lanes import Lanes
 from .randomise import Ranges, read_ranges
 from .spec import build_spec
@@ -198,16 +198,17 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise CrawlerError(f"step: the episode of environment {over[0]} has ended; reset it with reset_mask")
         if over.size:  # NEXT_STEP
             self._begin(over)
-            lanes.skipped[over] = True
+            lanes.skipped[over] = 1
         lanes.step()
-        lanes.skipped[over] = False
-        results, ended = lanes.results, lanes.ended.copy()
+        lanes.skipped[over] = 0
+        results = lanes.results
         rewards = results[:, REWARD].copy()
+        terminated, truncated = results[:, TERMINATED] == 1.0, results[:, TRUNCATED] == 1.0
         info = self._info() | (self._drawn_info(over) if over.size else {})
-        self._over = ended[:, 0] | ended[:, 1]
+        self._over = terminated | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
             info = self._begin_again(info)
-        return lanes.observations.copy(), rewards, ended[:, 0].copy(), ended[:, 1].copy(), info
+        return lanes.observations.copy(), rewards, terminated, truncated, info
 
     def _begin_again(self, info: dict[str, Any]) -> dict[str, Any]:
         """Begin the next episode of the environments whose episodes have just ended; the last info goes along."""

@@ -8,6 +8,7 @@ share, are found by offsets. The motion between command and observation is that 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,42 +27,117 @@ from crawler_model.motion.state import VISITED, WORK
     ACCOUNT,  # account of the last ramp
     JOINTS,  # readings of the root and the joints: positions, velocities, efforts
     FEET,  # readings of the contacts, likewise
+    PULL,  # memory for these readings
     MEMORY,  # what the task remembers: place, then the three entries below
     QUEUE,  # the last actions, as many as the largest delay needs
     SIGMA,  # standard deviation of the noise of the sensors, relative to their scales
-    RESULT,  # rows of results below
-) = range(14)
+    RESULT,  # results of a step, see below
+    OBSERVATION,  # the observation
+) = range(16)
 """Parts of a lane."""
+PARTS = 16
 FURTHEST, DISTANCE, BEGAN = range(3)
 """Entries of the memory behind the place: furthest place along the direction [m], size of the last error [m], place
 along the direction at the start [m]."""
-REWARD, GAINED, SPENT, ALONG = range(4)
-"""Results of a step: reward [m], what the task gained [m], work of the actuators [J], place along the direction [m]."""
+REWARD, GAINED, SPENT, ALONG, TERMINATED, TRUNCATED = range(6)
+"""Results of a step: reward [m], what the task gained [m], work of the actuators [J], place along the direction [m],
+and 1 where the episode has ended."""
 
-STEP, DELAY, RANDOM = range(3)
-"""Whole numbers of a lane: steps done, delay of the actions in steps, state of the generator of noise."""
+STEP, DELAY, RANDOM, SKIPPED = range(4)
+"""Whole numbers of a lane: steps done, delay of the actions in steps, state of the generator of noise, and whether the
+next step leaves the lane as it is."""
 
 SIZE, LOW, HIGH = range(3)
 """Rows of the limits of a command's columns: largest change in a step, least and largest value."""
 BOUND, SCALE = range(2)
 """Rows of the spans of an observation: largest size, and the size by which noise is multiplied."""
 
-LIMITS, FACTOR, POSITION, WEIGHTS, SPANS, TASK = range(6)
-"""Parts of the numbers that all lanes share. TASK holds the entries below, the direction, and the place to reach."""
-TARGET_SPEED, TOLERANCE, PRICE = range(3)
-"""Entries of a task: speed to keep [m/s], tolerance [m], price of work [m/J]."""
-_TASK_ENTRIES = 3
-
-OF, INDEX, STATIONS, SHOWN, ENDS, OBSERVED = range(6)
-"""Parts of the whole numbers that all lanes share: action of each column or -1; column of each entry of a target;
-contacts and springs of the joints; contacts that are read; ends of the springs; columns that are observed."""
+TARGET_SPEED, TOLERANCE, PRICE, DIRECTION = range(4)
+"""Entries of a task: speed to keep [m/s], tolerance [m], price of work [m/J]; then the direction, and the place to
+reach [m]."""
 
 KIND, AXES, LIMIT, RATE, RATE_BELOW, ROUNDS = range(6)
-"""Settings: kind of task, dimensions, steps of an episode (0 for no limit), steps per second as a ratio."""
+"""Settings: kind of task, dimensions, steps of an episode (0 for no limit), steps per second as a ratio, upper limit of
+rounds of the active set of a graph."""
+SETTINGS = 6
 TRAVEL, SPEED, REACH = range(3)
 """Kinds of task."""
 
 _NS = 1_000_000_000
+
+
+class Plan(NamedTuple):
+    """What all lanes share.
+
+    Attributes:
+        settings: KIND .. ROUNDS.
+        at: offsets of the parts of a lane, shape (PARTS + 1,).
+        limits: rows SIZE .. HIGH of the columns of a command, shape (3, C).
+        factor: of each entry of a target, shape (F,).
+        position: reference positions of the contacts, shape (N,) [m].
+        weights: of the positions of the joints in the net translation, shape (axes, W).
+        spans: rows BOUND and SCALE of the observation, shape (2, O).
+        task: TARGET_SPEED .. PRICE, the direction, and the place to reach.
+        of: action of each column, or -1, shape (C,).
+        index: column of each entry of a target, shape (F,).
+        stations: contacts and springs of the joints, see `read_line`, shape (W, 3).
+        shown: the contacts that are read.
+        ends: the two contacts of each spring, shape (S, 2).
+        observed: the columns of a command that are observed.
+    """
+
+    settings: np.ndarray
+    at: np.ndarray
+    limits: np.ndarray
+    factor: np.ndarray
+    position: np.ndarray
+    weights: np.ndarray
+    spans: np.ndarray
+    task: np.ndarray
+    of: np.ndarray
+    index: np.ndarray
+    stations: np.ndarray
+    shown: np.ndarray
+    ends: np.ndarray
+    observed: np.ndarray
+
+
+FLOATS = ("limits", "factor", "position", "weights", "spans", "task")
+INTS = ("of", "index", "stations", "shown", "ends", "observed")
+"""The parts of the numbers, and of the whole numbers, that all lanes share, in their order. Before the latter stand the
+settings, the offsets of the parts of a lane, and those of both."""
+
+
+@compiled
+def open_plan(floats, ints):
+    """Find the parts of what all lanes share.
+
+    Args:
+        floats: FLOATS, one after another.
+        ints: settings, offsets, and INTS, one after another.
+
+    Returns:
+        The plan.
+    """
+    first = SETTINGS + PARTS + 1
+    f, i = ints[first : first + 7], ints[first + 7 : first + 14]
+    axes, columns = ints[AXES], i[1] - i[0]
+    return Plan(
+        ints[:SETTINGS],
+        ints[SETTINGS:first],
+        floats[f[0] : f[1]].reshape((3, columns)),
+        floats[f[1] : f[2]],
+        floats[f[2] : f[3]],
+        floats[f[3] : f[4]].reshape((axes, (f[4] - f[3]) // axes)),
+        floats[f[4] : f[5]].reshape((2, (f[5] - f[4]) // 2)),
+        floats[f[5] : f[6]],
+        ints[i[0] : i[1]],
+        ints[i[1] : i[2]],
+        ints[i[2] : i[3]].reshape(((i[3] - i[2]) // 3, 3)),
+        ints[i[3] : i[4]],
+        ints[i[4] : i[5]].reshape(((i[5] - i[4]) // 2, 2)),
+        ints[i[5] : i[6]],
+    )
 
 
 @compiled
@@ -82,18 +158,18 @@ def find_bad(actions):
 
 
 @compiled
-def part(lane, at, which):
-    """Find a part of a lane, or of shared numbers.
+def part(lane, plan, which):
+    """Find a part of a lane.
 
     Args:
-        lane: the numbers.
-        at: the first place of each part, and the end.
+        lane: the lane.
+        plan: what all lanes share.
         which: the part.
 
     Returns:
         A view of it.
     """
-    return lane[at[which] : at[which + 1]]
+    return lane[plan.at[which] : plan.at[which + 1]]
 
 
 @compiled
@@ -111,21 +187,17 @@ def end_of_step(settings, step):
 
 
 @compiled
-def command(lane, clock, action, lane_at, floats, floats_at, ints, ints_at):
-    """Turn an action into the next command, and a command that friction cannot hold into the one in force.
+def command(lane, clock, action, plan):
+    """Turn an action into the next command; one that friction cannot hold leaves that in force.
 
     Args:
         lane: the lane, changed in place.
         clock: its whole numbers.
         action: rates, from -1 to 1, clipped; shape (A,).
-        lane_at: offsets of the parts of a lane.
-        floats: shared numbers.
-        floats_at: their offsets.
-        ints: shared whole numbers.
-        ints_at: their offsets.
+        plan: what all lanes share.
     """
     actions = action.shape[0]
-    queue = part(lane, lane_at, QUEUE)
+    queue = part(lane, plan, QUEUE)
     slots = queue.shape[0] // actions
     first = (clock[STEP] % slots) * actions
     for a in range(actions):
@@ -134,45 +206,36 @@ def command(lane, clock, action, lane_at, floats, floats_at, ints, ints_at):
     if given < 0:
         return
     first = (given % slots) * actions
-    of = part(ints, ints_at, OF)
-    row = part(lane, lane_at, ROW)
-    limits = part(floats, floats_at, LIMITS)
-    columns = of.shape[0]
-    loaded = lane_at[SLOPE + 1] > lane_at[SLOPE]
+    row = part(lane, plan, ROW)
+    loaded = plan.at[SLOPE + 1] > plan.at[SLOPE]
     held = row.copy() if loaded else row
-    for c in range(columns):
-        if of[c] >= 0:
-            value = row[c] + limits[SIZE * columns + c] * queue[first + of[c]]
-            row[c] = min(max(value, limits[LOW * columns + c]), limits[HIGH * columns + c])
-    if not aim(lane, lane_at, floats, floats_at, ints, ints_at):
+    for c in range(plan.of.shape[0]):
+        if plan.of[c] >= 0:
+            value = row[c] + plan.limits[SIZE, c] * queue[first + plan.of[c]]
+            row[c] = min(max(value, plan.limits[LOW, c]), plan.limits[HIGH, c])
+    if not aim(lane, plan):
         row[:] = held
-        aim(lane, lane_at, floats, floats_at, ints, ints_at)
+        aim(lane, plan)
 
 
 @compiled
-def aim(lane, lane_at, floats, floats_at, ints, ints_at):
+def aim(lane, plan):
     """Write the target of the command in force, as `Columns.target` does.
 
     Args:
         lane: the lane, changed in place.
-        lane_at: offsets of the parts of a lane.
-        floats: shared numbers.
-        floats_at: their offsets.
-        ints: shared whole numbers.
-        ints_at: their offsets.
+        plan: what all lanes share.
 
     Returns:
         Whether friction can hold the loads.
     """
-    row, target = part(lane, lane_at, ROW), part(lane, lane_at, TARGET)
-    index, factor = part(ints, ints_at, INDEX), part(floats, floats_at, FACTOR)
+    row, target = part(lane, plan, ROW), part(lane, plan, TARGET)
     for f in range(target.shape[0]):
-        target[f] = row[index[f]] * factor[f]
-    slope = part(lane, lane_at, SLOPE)
-    n = slope.shape[0]
+        target[f] = row[plan.index[f]] * plan.factor[f]
+    n = plan.at[SLOPE + 1] - plan.at[SLOPE]
     if n == 0:
         return True
-    first = target.shape[0] - 3 * n
+    slope, first = part(lane, plan, SLOPE), target.shape[0] - 3 * n
     ahead, behind = 0.0, 0.0
     for i in range(n):
         load = target[first + 2 * n + i] + slope[i]
@@ -202,61 +265,37 @@ def _draw(clock):
 
 
 @compiled
-def find_place(joints, weights, axes, place):
-    """Compute the net translation from the readings of the joints.
-
-    Args:
-        joints: readings, shape (3, W).
-        weights: of the readings, for each axis in turn, shape (axes * W,).
-        axes: number of dimensions.
-        place: output, shape (axes,) [m].
-    """
-    width = joints.shape[1]
-    for d in range(axes):
-        total = 0.0
-        for j in range(width):
-            total += weights[d * width + j] * joints[0, j]
-        place[d] = total
-
-
-@compiled
-def observe(lane, clock, lane_at, floats, floats_at, ints, ints_at, settings, first, observation, ended):
-    """Write the observation after a step, the reward, and whether the episode is over.
+def observe(lane, clock, plan, first, log):
+    """Write the observation after a step, the reward, and whether the episode is over; note the step in the log.
 
     Args:
         lane: the lane, with the readings; changed in place.
         clock: its whole numbers, changed in place.
-        lane_at: offsets of the parts of a lane.
-        floats: shared numbers.
-        floats_at: their offsets.
-        ints: shared whole numbers.
-        ints_at: their offsets.
-        settings: see KIND .. ROUNDS.
+        plan: what all lanes share.
         first: whether this is the start of an episode, not the end of a step.
-        observation: output: elongations [m], tensions [N], velocities of the contacts [m/s], commanded frictions [N],
-            error of the task [m]; shape (O,).
-        ended: output: terminated, truncated.
+        log: output: for each step the command, the readings and the displacement, shape (T + 1, R), or no rows.
     """
+    settings, task, at = plan.settings, plan.task, plan.at
     axes, kind = settings[AXES], settings[KIND]
-    joints = part(lane, lane_at, JOINTS).reshape((3, (lane_at[JOINTS + 1] - lane_at[JOINTS]) // 3))
-    feet = part(lane, lane_at, FEET).reshape((3, (lane_at[FEET + 1] - lane_at[FEET]) // 3))
-    memory, result = part(lane, lane_at, MEMORY), part(lane, lane_at, RESULT)
-    task, row = part(floats, floats_at, TASK), part(lane, lane_at, ROW)
-    find_place(joints, part(floats, floats_at, WEIGHTS), axes, memory)
+    width, feet = (at[JOINTS + 1] - at[JOINTS]) // 3, (at[FEET + 1] - at[FEET]) // 3
+    memory, result, observation = part(lane, plan, MEMORY), part(lane, plan, RESULT), part(lane, plan, OBSERVATION)
     filled = 0
-    for k in (0, 2):
-        for j in range(axes, joints.shape[1]):
-            observation[filled] = joints[k, j]
+    for row in (0, 2):
+        for j in range(at[JOINTS] + row * width + axes, at[JOINTS] + (row + 1) * width):
+            observation[filled] = lane[j]
             filled += 1
-    for i in range(feet.shape[1]):
-        observation[filled] = feet[1, i]
+    for i in range(at[FEET] + feet, at[FEET] + 2 * feet):
+        observation[filled] = lane[i]
         filled += 1
-    for column in part(ints, ints_at, OBSERVED):
-        observation[filled] = row[column]
+    for column in plan.observed:
+        observation[filled] = lane[at[ROW] + column]
         filled += 1
     along = 0.0
     for d in range(axes):
-        along += task[_TASK_ENTRIES + d] * memory[d]
+        memory[d] = 0.0
+        for j in range(width):
+            memory[d] += plan.weights[d, j] * lane[at[JOINTS] + j]
+        along += task[DIRECTION + d] * memory[d]
     if first:
         memory[axes + FURTHEST] = memory[axes + BEGAN] = result[ALONG] = along
     else:
@@ -276,219 +315,144 @@ def observe(lane, clock, lane_at, floats, floats_at, ints, ints_at, settings, fi
         filled += 1
     else:
         for d in range(axes):
-            error = task[_TASK_ENTRIES + axes + d] - memory[d]
+            error = task[DIRECTION + axes + d] - memory[d]
             distance += error * error
             observation[filled] = error
             filled += 1
         distance = math.sqrt(distance)
         gained = memory[axes + DISTANCE] - distance
     memory[axes + DISTANCE] = distance
-    spans = part(floats, floats_at, SPANS)
-    sigma = lane[lane_at[SIGMA]]
+    sigma = lane[at[SIGMA]]
     for o in range(filled):
         value = observation[o]
         if sigma > 0.0:
-            value += sigma * spans[SCALE * filled + o] * _draw(clock)
-        observation[o] = min(max(value, -spans[BOUND * filled + o]), spans[BOUND * filled + o])
+            value += sigma * plan.spans[SCALE, o] * _draw(clock)
+        observation[o] = min(max(value, -plan.spans[BOUND, o]), plan.spans[BOUND, o])
     result[ALONG] = along
-    result[SPENT] = 0.0 if first else lane[lane_at[ACCOUNT] + WORK]
+    result[SPENT] = 0.0 if first else lane[at[ACCOUNT] + WORK]
     result[GAINED] = 0.0 if first else gained
     result[REWARD] = result[GAINED] - task[PRICE] * result[SPENT]
-    ended[0] = not first and kind == REACH and distance <= task[TOLERANCE]
-    ended[1] = not first and 0 < settings[LIMIT] <= clock[STEP]
-
-
-@compiled
-def note(lane, clock, lane_at, log):
-    """Note the command in force and the readings in a log, from which an episode is recorded.
-
-    Args:
-        lane: the lane.
-        clock: its whole numbers.
-        lane_at: offsets of the parts of a lane.
-        log: for each step the command, the displacement and the readings, shape (T + 1, R), or no rows.
-    """
+    result[TERMINATED] = 1.0 if not first and kind == REACH and distance <= task[TOLERANCE] else 0.0
+    result[TRUNCATED] = 1.0 if not first and 0 < settings[LIMIT] <= clock[STEP] else 0.0
     if clock[STEP] < log.shape[0]:
         line = log[clock[STEP]]
         filled = 0
-        contacts = part(lane, lane_at, CONTACTS)
         for which in (ROW, JOINTS, FEET):
-            for value in part(lane, lane_at, which):
-                line[filled] = value
+            for j in range(at[which], at[which + 1]):
+                line[filled] = lane[j]
                 filled += 1
         for i in range(log.shape[1] - filled):  # the first row of the contacts is their displacement
-            line[filled + i] = contacts[i]
+            line[filled + i] = lane[at[CONTACTS] + i]
 
 
 @compiled
-def begin_step(lane, clock, action, lane_at, floats, floats_at, ints, ints_at):
+def begin_step(lane, clock, action, plan):
     """Begin a step on a line: the next command, and an empty account.
 
     Args:
         lane: the lane, changed in place.
         clock: its whole numbers.
         action: rates, shape (A,).
-        lane_at: offsets of the parts of a lane.
-        floats: shared numbers.
-        floats_at: their offsets.
-        ints: shared whole numbers.
-        ints_at: their offsets.
+        plan: what all lanes share.
 
     Returns:
         The parts of the lane that the motion needs: contacts and springs, the target of the ramp, and its account.
     """
-    command(lane, clock, action, lane_at, floats, floats_at, ints, ints_at)
-    account = part(lane, lane_at, ACCOUNT)
+    command(lane, clock, action, plan)
+    account = part(lane, plan, ACCOUNT)
     account[:] = 0.0
     account[VISITED] = np.inf
-    n = part(floats, floats_at, POSITION).shape[0]
-    contacts = part(lane, lane_at, CONTACTS).reshape(((lane_at[CONTACTS + 1] - lane_at[CONTACTS]) // n, n))
-    links = part(lane, lane_at, LINKS).reshape((5, (lane_at[LINKS + 1] - lane_at[LINKS]) // 5))
-    target = part(lane, lane_at, TARGET)
-    return contacts, links, target.reshape((1, target.shape[0])), account
+    contacts, links, target = part(lane, plan, CONTACTS), part(lane, plan, LINKS), part(lane, plan, TARGET)
+    n, springs = plan.position.shape[0], plan.ends.shape[0]
+    return (
+        contacts.reshape((contacts.shape[0] // n, n)),
+        links.reshape((5, springs)),
+        target.reshape((1, target.shape[0])),
+        account,
+    )
 
 
 @compiled
-def end_step(
-    lane, clock, lane_at, floats, floats_at, ints, ints_at, settings, pull, first, observes, observation, ended, log
-):
-    """End a step on a line: read the sensors, observe and note.
+def end_step(lane, clock, plan, contacts, links, first, observes, log):
+    """End a step on a line: read the sensors and observe.
 
     Args:
         lane: the lane, changed in place.
         clock: its whole numbers, changed in place.
-        lane_at: offsets of the parts of a lane.
-        floats: shared numbers.
-        floats_at: their offsets.
-        ints: shared whole numbers.
-        ints_at: their offsets.
-        settings: see KIND .. ROUNDS.
-        pull: memory, shape (2, N).
+        plan: what all lanes share.
+        contacts: rows of the contacts, see `crawler_model.motion.state`.
+        links: rows of the springs, likewise.
         first: whether this is the start of an episode.
         observes: whether to observe; False where readings of segments have to be added first.
-        observation: output, shape (O,).
-        ended: output: terminated, truncated.
-        log: output, see `note`.
+        log: output, see `observe`.
     """
-    n, springs = pull.shape[1], (lane_at[LINKS + 1] - lane_at[LINKS]) // 5
-    stations, shown = (ints_at[STATIONS + 1] - ints_at[STATIONS]) // 3, part(ints, ints_at, SHOWN)
+    settings = plan.settings
     seconds = (end_of_step(settings, clock[STEP] + 1) - end_of_step(settings, clock[STEP])) / _NS
     read_line(
-        part(lane, lane_at, CONTACTS).reshape(((lane_at[CONTACTS + 1] - lane_at[CONTACTS]) // n, n)),
-        part(lane, lane_at, LINKS).reshape((5, springs)),
-        part(ints, ints_at, ENDS).reshape((springs, 2)),
-        part(ints, ints_at, STATIONS).reshape((stations, 3)),
-        shown,
-        part(floats, floats_at, POSITION),
-        pull,
+        contacts,
+        links,
+        plan.ends,
+        plan.stations,
+        plan.shown,
+        plan.position,
+        part(lane, plan, PULL).reshape((2, plan.position.shape[0])),
         np.inf if first else seconds,
-        part(lane, lane_at, JOINTS).reshape((3, stations)),
-        part(lane, lane_at, FEET).reshape((3, shown.shape[0])),
+        part(lane, plan, JOINTS).reshape((3, plan.stations.shape[0])),
+        part(lane, plan, FEET).reshape((3, plan.shown.shape[0])),
     )
     if observes:
-        observe(lane, clock, lane_at, floats, floats_at, ints, ints_at, settings, first, observation, ended)
-        note(lane, clock, lane_at, log)
+        observe(lane, clock, plan, first, log)
 
 
 @compiled
-def begin_episodes(
-    lanes,
-    clocks,
-    which,
-    lane_at,
-    floats,
-    floats_at,
-    ints,
-    ints_at,
-    settings,
-    pull,
-    observes,
-    observations,
-    ended,
-    logs,
-):
+def begin_episodes(lanes, clocks, which, floats, ints, observes, logs):
     """Read the sensors at the start of episodes on a line, and observe.
 
     Args:
         lanes: the memory of each environment, shape (M, B), changed in place.
-        clocks: whole numbers of each, shape (M, 3).
+        clocks: whole numbers of each, shape (M, 4), changed in place.
         which: environments whose episodes begin, shape (K,).
-        lane_at: offsets of the parts of a lane.
-        floats: shared numbers.
-        floats_at: their offsets.
-        ints: shared whole numbers.
-        ints_at: their offsets.
-        settings: see KIND .. ROUNDS.
-        pull: memory, shape (2, N).
+        floats: shared numbers, see `open_plan`.
+        ints: shared whole numbers, likewise.
         observes: as for `end_step`.
-        observations: output, shape (M, O).
-        ended: output, shape (M, 2).
-        logs: output, shape (M, T + 1, R), or (M, 0, R).
+        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """
+    plan = open_plan(floats, ints)
+    n, springs = plan.position.shape[0], plan.ends.shape[0]
     for m in which:
-        end_step(
-            lanes[m],
-            clocks[m],
-            lane_at,
-            floats,
-            floats_at,
-            ints,
-            ints_at,
-            settings,
-            pull,
-            True,
-            observes,
-            observations[m],
-            ended[m],
-            logs[m],
-        )
+        contacts = part(lanes[m], plan, CONTACTS)
+        contacts = contacts.reshape((contacts.shape[0] // n, n))
+        links = part(lanes[m], plan, LINKS).reshape((5, springs))
+        end_step(lanes[m], clocks[m], plan, contacts, links, True, observes, logs[m])
 
 
 @compiled
-def observe_some(
-    lanes,
-    clocks,
-    which,
-    lane_at,
-    floats,
-    floats_at,
-    ints,
-    ints_at,
-    settings,
-    first,
-    observations,
-    ended,
-    logs,
-):
+def command_one(lane, clock, action, floats, ints):
+    """Turn the action of one environment into a command, see `command`.
+
+    Args:
+        lane: its memory, changed in place.
+        clock: its whole numbers.
+        action: rates, shape (A,).
+        floats: shared numbers, see `open_plan`.
+        ints: shared whole numbers, likewise.
+    """
+    command(lane, clock, action, open_plan(floats, ints))
+
+
+@compiled
+def observe_some(lanes, clocks, which, floats, ints, first, logs):
     """Observe environments whose readings were completed outside.
 
     Args:
         lanes: the memory of each environment, shape (M, B), changed in place.
-        clocks: whole numbers of each, shape (M, 3), changed in place.
+        clocks: whole numbers of each, shape (M, 4), changed in place.
         which: the environments, shape (K,).
-        lane_at: offsets of the parts of a lane.
-        floats: shared numbers.
-        floats_at: their offsets.
-        ints: shared whole numbers.
-        ints_at: their offsets.
-        settings: see KIND .. ROUNDS.
+        floats: shared numbers, see `open_plan`.
+        ints: shared whole numbers, likewise.
         first: whether this is the start of their episodes.
-        observations: output, shape (M, O).
-        ended: output, shape (M, 2).
-        logs: output, shape (M, T + 1, R), or (M, 0, R).
+        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """
+    plan = open_plan(floats, ints)
     for m in which:
-        observe(
-            lanes[m],
-            clocks[m],
-            lane_at,
-            floats,
-            floats_at,
-            ints,
-            ints_at,
-            settings,
-            first,
-            observations[m],
-            ended[m],
-        )
-        note(lanes[m], clocks[m], lane_at, logs[m])
+        observe(lanes[m], clocks[m], plan, first, logs[m])
