@@ -87,7 +87,8 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Args:
             seed: seed of all that is drawn; None to go on with the last one.
-            options: how episodes differ from here on, see `read_ranges`; None to leave that as it is.
+            options: how episodes differ from here on, see `read_ranges`; None or an empty mapping
+                leaves that as it is.
 
         Returns:
             The first observation, and `info` with the values drawn.
@@ -95,10 +96,10 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             CrawlerError: if options are invalid; the episode before then goes on.
         """
-        if options is not None:
+        if options:
             spec = self.spec_of_crawler.with_ranges(read_ranges(options))
         super().reset(seed=seed)
-        if options is not None:
+        if options:
             before = self.spec_of_crawler, self.lanes, self._begun
             self.spec_of_crawler = spec
             try:

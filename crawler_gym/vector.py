@@ -108,8 +108,8 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Args:
             seed: seed of the first environment, one more for each that follows; or a seed for each; None to go on.
-            options: how episodes differ from here on, see `read_ranges`; None to leave that as it is. With a key
-                `reset_mask`, bool, shape (M,), only these environments begin anew.
+            options: how episodes differ from here on, see `read_ranges`; None or an empty mapping leaves that
+                as it is. With a key `reset_mask`, bool, shape (M,), only these environments begin anew.
 
         Returns:
             The observations, shape (M, O), and `info` with the values drawn.
@@ -121,14 +121,14 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         which = self._all
         if options is not None and "reset_mask" in options:
             which = self._read_mask(options["reset_mask"])
-            options = {key: value for key, value in options.items() if key != "reset_mask"} or None
+            options = {key: value for key, value in options.items() if key != "reset_mask"}
         spec = self.spec_of_crawler
-        if options is not None:
+        if options:
             spec = spec.with_ranges(read_ranges(options))
             if which.size < self.num_envs:
                 _check_partial(spec.ranges, self.spec_of_crawler.ranges)
         self._seed([seeds[m] if m in which else None for m in range(self.num_envs)] if seed is not None else seeds)
-        if options is not None and which.size == self.num_envs:
+        if options and which.size == self.num_envs:
             before, self._lanes = self._lanes, Lanes(spec, self.num_envs, threads=self._threads)
             before.close()
         self.spec_of_crawler = self._lanes.spec = spec
