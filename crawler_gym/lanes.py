@@ -223,6 +223,31 @@ class Lanes:
                 contacts[m] = self._crawlers[m].displacement.ravel()
         lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
 
+    # -- another body -----------------------------------------------------------------------------------------------
+
+    def choose_row(self) -> np.ndarray:
+        """Turn the action of the first environment into a command for another body, such as a robot's.
+
+        Returns:
+            The command row, shape (C,).
+        """
+        shared = self.shared
+        lane.command_one(self._memory[0], self._clocks[0], self.actions[0], shared.floats, shared.ints)
+        return self.row(0)
+
+    def observe_readings(self, joints: np.ndarray, contacts: np.ndarray, first: bool) -> None:
+        """Observe the readings of another body in the first environment.
+
+        Args:
+            joints: positions, velocities and efforts of joint_states, shape (3, W).
+            contacts: those of contact_states, shape (3, K).
+            first: whether an episode begins.
+        """
+        shared, which = self.shared, np.zeros(1, np.int64)
+        view(self._memory, shared, lane.JOINTS)[0] = joints.ravel()
+        view(self._memory, shared, lane.FEET)[0] = contacts.ravel()
+        lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
+
     # -- readings ---------------------------------------------------------------------------------------------------
 
     def steps_done(self, m: int) -> int:
