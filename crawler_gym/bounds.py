@@ -50,19 +50,18 @@ def find_spans(scene: Scene, actions: Actions, task: Task, ranges: Ranges, rate:
     stiffness = body.stiffness * ranges.ranges.get("stiffness", (1.0, 1.0))[0]
     give = tension / stiffness
     stroke, change = _lengths(scene, actions)
-    elongation = _each_joint(scene, most + give)
-    joint_tension = np.array([tension[body.link_springs[i]] for i in range(body.link_springs.size)])
-    joint_tension = np.concatenate((joint_tension, [tension[s.springs].max() for s in body.segments]))
+    elongation = body.joint_sum(most + give)
     way = 2.0 * float((change + 2.0 * give).sum())
     frictions = actions.free[actions.free >= scene.columns.lengths]
     length = max(float(np.ptp(body.position, axis=0).max()), 1e-12)
     start = np.abs(np.asarray(body.share @ scene.start_displacement) - task.place).max()
     error = (way + task.speed / rate) * (steps or 1_000_000) + (start if task.kind == REACH else 0.0)
     typical = float(stroke.max(initial=0.0)) or length
-    bound = [np.repeat(elongation, axes), np.repeat(joint_tension, axes), np.full(feet * axes, way * rate)]
+    bound = [np.repeat(elongation, axes), _of_joints(scene, tension), np.full(feet * axes, way * rate)]
     bound += [actions.limits[2, frictions], np.full(task.errors, error)]
     step = float(change.max(initial=0.0)) or typical
-    scale = [np.repeat(_each_joint(scene, stroke), axes), np.repeat(joint_tension, axes)]
+    usual, _ = _tensions(scene, actions, Ranges())  # noise does not depend on what else is randomised
+    scale = [np.repeat(body.joint_sum(stroke), axes), _of_joints(scene, usual)]
     scale += [np.full(feet * axes, step * rate), actions.limits[2, frictions], np.full(task.errors, typical)]
     room = 1.0 + 6.0 * ranges.ranges.get("noise", (0.0, 0.0))[1]
     return Spans(room * np.concatenate(bound) * (1.0 + 1e-9) + 1e-12, np.concatenate(scale))
@@ -109,5 +108,8 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
     return total + np.sqrt(stiffness * float((stiffness * most**2).sum())), most
 
 
-def _each_joint(scene: Scene, values: np.ndarray) -> np.ndarray:
-    return scene.body.joint_sum(values)
+def _of_joints(scene: Scene, tension: np.ndarray) -> np.ndarray:
+    """List the largest tension of each joint, in the plane for both components."""
+    body = scene.body
+    joints = [*tension[body.link_springs], *(tension[s.springs].max() for s in body.segments)]
+    return np.repeat(joints, scene.dimension)

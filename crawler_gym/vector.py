@@ -134,7 +134,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.spec_of_crawler = self._lanes.spec = spec
         self._begin(which)
         self._begun = True
-        return self._lanes.observations.copy(), self._info() | self._drawn_info(which)
+        return self._lanes.observations.copy(), self._info(which) | self._drawn_info(which)
 
     def _read_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None or isinstance(seed, (int, np.integer)):
@@ -204,7 +204,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         results = lanes.results
         rewards = results[:, REWARD].copy()
         terminated, truncated = results[:, TERMINATED] == 1.0, results[:, TRUNCATED] == 1.0
-        info = self._info() | (self._drawn_info(over) if over.size else {})
+        info = self._info(self._all) | self._drawn_info(over)
         self._over = terminated | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
             info = self._begin_again(info)
@@ -216,26 +216,25 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         last = np.full(self.num_envs, None, dtype=object)
         for m in which.tolist():
             last[m] = self._lanes.observations[m].copy()
-        mask = np.zeros(self.num_envs, np.bool_)
-        mask[which] = True
-        final = {}
-        for key in ("net_translation", "gained", "work"):
-            final |= {key: np.where(mask, info[key], 0.0), f"_{key}": mask.copy()}
+        mask = self._mask(which)
+        final = self._info(which)
         self._begin(which)
-        again = self._info() | self._drawn_info(which)
+        again = info | self._info(self._all) | self._drawn_info(which)
         return again | {"final_obs": last, "_final_obs": mask, "final_info": final, "_final_info": mask.copy()}
 
-    def _info(self) -> dict[str, Any]:
-        results = self._lanes.results
-        whole = np.ones(self.num_envs, np.bool_)
-        return {
-            "net_translation": results[:, ALONG].copy(),
-            "_net_translation": whole,
-            "gained": results[:, GAINED].copy(),
-            "_gained": whole,
-            "work": results[:, SPENT].copy(),
-            "_work": whole,
-        }
+    def _mask(self, which: np.ndarray) -> np.ndarray:
+        mask = np.zeros(self.num_envs, np.bool_)
+        mask[which] = True
+        return mask
+
+    def _info(self, which: np.ndarray) -> dict[str, Any]:
+        """Report the results of some environments, as Gymnasium's vector environments do."""
+        results, mask, info = self._lanes.results, self._mask(which), {}
+        for key, column in (("net_translation", ALONG), ("gained", GAINED), ("work", SPENT)):
+            values = np.zeros(self.num_envs)
+            values[which] = results[which, column]
+            info[key], info[f"_{key}"] = values, mask.copy()
+        return info
 
     def _drawn_info(self, which: np.ndarray) -> dict[str, Any]:
         """Report the values drawn for episodes that begin, as Gymnasium's vector environments do."""

@@ -86,8 +86,8 @@ def test_gains_are_those_of_the_net_translation():
     seen, rewards, infos = play(make(price=0.0), 60, seed=0)
     assert rewards.sum() == pytest.approx(infos[-1]["net_translation"], abs=1e-14)
     assert infos[-1]["net_translation"] > 0.05
-    backward, *_ = play(make(price=0.0, direction=-1), 60, seed=0), None
-    assert backward[1].sum() < 0.0
+    back = play(make(price=0.0, direction=-1), 60, seed=0)[2]
+    assert back[-1]["net_translation"] < 0.0
     furthest = np.maximum.accumulate([info["net_translation"] for info in infos])
     behind = furthest - [info["net_translation"] for info in infos]
     assert seen[:, -1] == pytest.approx(behind, abs=1e-15)
@@ -119,12 +119,12 @@ def test_a_speed_is_rewarded_up_to_that_speed():
 
 
 def test_a_place_is_reached_to_its_tolerance():
-    env = make(task="reach", place=0.03, tolerance=0.002, price=0.0)
+    env = make(task="reach", place=0.03, tolerance=0.005, price=0.0)
     seen, rewards, infos = play(env, 200, seed=0)
     assert len(rewards) < 200
-    assert abs(seen[-1, -1]) <= 0.002 < abs(seen[-2, -1])
+    assert abs(seen[-1, -1]) <= 0.005 < abs(seen[-2, -1])
     assert rewards.sum() == pytest.approx(0.03 - abs(seen[-1, -1]), abs=1e-14)
-    assert infos[-1]["net_translation"] == pytest.approx(0.03, abs=0.002)
+    assert infos[-1]["net_translation"] == pytest.approx(0.03, abs=0.005)
 
 
 def test_an_episode_is_cut_off_after_its_steps():
