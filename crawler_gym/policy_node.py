@@ -54,7 +54,7 @@ class PolicyNode(QuietNode):
         scene = self.declare_parameter("scene", DEFAULT_SCENE, _described("Scene file or gallery name."))
         task = self.declare_parameter("task", "translation", _described("Task of the environment."))
         settings = self.declare_parameter(
-            "settings", "{}", _described("Other settings of the environment, a mapping in YAML: '{rate: 50.0}'.")
+            "settings", "{}", _described("Other settings of the environment, a YAML mapping in a text.")
         )
         bounds = _described("Number of steps to control; 0 for no end.")
         bounds.integer_range = [IntegerRange(from_value=0, to_value=10**9)]
