@@ -40,10 +40,14 @@ def bench(
     search: Annotated[
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
+    gym: Annotated[
+        bool,
+        typer.Option("--gym", help="Measure the Gymnasium environments instead: steps a second, beside MuJoCo's."),
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    instead = (("node", node), ("replay", replay), ("sweep", sweep), ("gradients", gradients), ("search", search))
-    chosen = [name for name, is_chosen in instead if is_chosen]
+    instead = {"node": node, "replay": replay, "sweep": sweep, "gradients": gradients, "search": search, "gym": gym}
+    chosen = [name for name, is_chosen in instead.items() if is_chosen]
     if chosen:
         if case:
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
@@ -80,7 +84,7 @@ def bench(
 
 
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs many times in this process: variations, derivatives, or the search for a gait."""
+    """Measure what runs many times in this process: variations, derivatives, environments, or the search for a gait."""
     measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
     size: Any
     if name == "sweep":
@@ -91,6 +95,10 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
         from crawler_bench import gradients
 
         measure, size = gradients.measure_gradients, gradients.QUICK if quick else gradients.CONTACTS
+    elif name == "gym":
+        from crawler_bench import environments
+
+        measure, size = environments.measure_environments, environments.QUICK if quick else environments.STEPS
     else:
         from crawler_bench import search
 
