@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -33,7 +33,7 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         drawn: the values drawn for the present episode; as options of `reset` they repeat it.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise CrawlerError(f"render_mode: {render_mode!r}; it must be one of human, rgb_array, or None")
         self.spec_of_crawler = build_spec(scene, task, **settings)
         self.render_mode = render_mode
-        self.metadata = {**type(self).metadata, "render_fps": max(round(float(self.spec_of_crawler.rate)), 1)}  # type: ignore[misc]
+        self.metadata = {**type(self).metadata, "render_fps": max(round(float(self.spec_of_crawler.rate)), 1)}
         self.observation_space, self.action_space = build_spaces(self.spec_of_crawler)
         self.action_names = self.spec_of_crawler.actions.names
         self.drawn: dict[str, Any] = {}
@@ -242,4 +242,3 @@ def describe_bad(actions: np.ndarray, names: tuple[str, ...]) -> str:
     place = np.argwhere(~np.isfinite(actions))[0]
     where = f" of environment {place[0]}" if place.size > 1 else ""
     return f"action: {names[place[-1]]}{where} is {actions[tuple(place)]}; it must be finite"
-

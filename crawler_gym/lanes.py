@@ -235,13 +235,13 @@ class Lanes:
         lane.command_one(self._memory[0], self._clocks[0], self.actions[0], shared.floats, shared.ints)
         return self.row(0)
 
-    def observe_readings(self, joints: np.ndarray, contacts: np.ndarray, first: bool) -> None:
+    def observe_readings(self, first: bool, joints: np.ndarray, contacts: np.ndarray) -> None:
         """Observe the readings of another body in the first environment.
 
         Args:
+            first: whether an episode begins.
             joints: positions, velocities and efforts of joint_states, shape (3, W).
             contacts: those of contact_states, shape (3, K).
-            first: whether an episode begins.
         """
         shared, which = self.shared, np.zeros(1, np.int64)
         view(self._memory, shared, lane.JOINTS)[0] = joints.ravel()
@@ -277,4 +277,3 @@ class Lanes:
         if not keys:
             return self.spec.scene
         return vary_scene(self.spec.scene, keys, {key: np.array([drawn[key]]) for key in keys})[0]
-

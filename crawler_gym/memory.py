@@ -67,7 +67,7 @@ def build_shared(
 
         rounds, bands = most_rounds(body.contacts), build_network(body).band.shape
     frictions = actions.free[actions.free >= columns.lengths]
-    floats = [actions.limits, columns.factor, body.position, place_weights(scene)]
+    floats: list[Any] = [actions.limits, columns.factor, body.position, place_weights(scene)]
     floats += [np.stack((spans.bound, spans.scale)), [task.speed, task.tolerance, price, *task.direction, *task.place]]
     ints = [actions.of, columns.index, stations, shown, body.ends, frictions]
     settings = [task.kind, axes, steps, rate.numerator, rate.denominator, rounds]

@@ -109,7 +109,7 @@ class PolicyNode(QuietNode):
                 self._check_rate(now_ns - self._last_ns)
                 self._done_steps += 1
             self._last_ns = now_ns
-            self.lanes.observe_readings(*readings, first)
+            self.lanes.observe_readings(first, *readings)
             if self._is_over():
                 return
             self._pending = self._choose()

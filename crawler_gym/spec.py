@@ -139,9 +139,7 @@ def build_spec(
     spans = find_spans(loaded, actions, checked, ranges, float(ratio), steps, feet)
     force = float(supporting_force(loaded))
     per_joule = price / force if force > 0.0 else 0.0
-    return Spec(
-        loaded, checked, actions, spans, ranges, ratio, steps, per_joule, stroke, friction, per_stroke
-    )
+    return Spec(loaded, checked, actions, spans, ranges, ratio, steps, per_joule, stroke, friction, per_stroke)
 
 
 def _with_loads(scene: Scene, ranges: Ranges) -> Scene:

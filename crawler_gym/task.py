@@ -147,7 +147,9 @@ def _place(scene: Scene, place: float | Sequence[float] | None, length: float) -
     except (TypeError, ValueError):
         goal = np.empty(0)
     if goal.shape != (axes,) or not np.isfinite(goal).all():
-        raise CrawlerError(f"place: {place!r}; it must be {'a finite number' if axes == 1 else 'two finite numbers'} [m]")
+        raise CrawlerError(
+            f"place: {place!r}; it must be {'a finite number' if axes == 1 else 'two finite numbers'} [m]"
+        )
     return goal
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -29,7 +29,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         drawn: the values drawn for the present episode of each environment.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.num_envs, self.render_mode, self._threads = num_envs, render_mode, threads
         self.spec_of_crawler = build_spec(scene, task, **settings)
         fps = max(round(float(self.spec_of_crawler.rate)), 1)
-        self.metadata = {**type(self).metadata, "autoreset_mode": self._mode, "render_fps": fps}  # type: ignore[misc]
+        self.metadata = {**type(self).metadata, "autoreset_mode": self._mode, "render_fps": fps}
         self.single_observation_space, self.single_action_space = build_spaces(self.spec_of_crawler)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -91,12 +91,12 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._lanes
 
     @property
-    def np_random_seed(self) -> tuple[int, ...]:
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each environment."""
         return tuple(int(seed) for seed in self._seeds)
 
     @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override, misc]
         """The generator of each environment."""
         self._seed([None] * self.num_envs)
         return tuple(self._randoms)
@@ -147,7 +147,8 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         fits = isinstance(mask, np.ndarray) and mask.shape == (self.num_envs,) and mask.dtype == np.bool_
         if not fits or not mask.any():
             raise CrawlerError(
-                f"options: reset_mask is {mask!r}; it must be an array of {self.num_envs} bool, at least one of them True"
+                f"options: reset_mask is {mask!r}; it must be an array of {self.num_envs} bool, at least one of them "
+                "True"
             )
         if not self._begun:
             raise CrawlerError("options: reset_mask before any episode has begun; call reset without it first")
@@ -171,9 +172,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self.drawn[m] = values
         self._over[which] = False
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Follow an action in each environment for one step.
 
         Args:

@@ -79,7 +79,7 @@ class Plan(NamedTuple):
         spans: rows BOUND and SCALE of the observation, shape (2, O).
         task: TARGET_SPEED .. PRICE, the direction, and the place to reach.
         of: action of each column, or -1, shape (C,).
-        index: column of each entry of a target, shape (F,).
+        column: of each entry of a target, shape (F,).
         stations: contacts and springs of the joints, see `read_line`, shape (W, 3).
         shown: the contacts that are read.
         ends: the two contacts of each spring, shape (S, 2).
@@ -95,7 +95,7 @@ class Plan(NamedTuple):
     spans: np.ndarray
     task: np.ndarray
     of: np.ndarray
-    index: np.ndarray
+    column: np.ndarray
     stations: np.ndarray
     shown: np.ndarray
     ends: np.ndarray
@@ -103,7 +103,7 @@ class Plan(NamedTuple):
 
 
 FLOATS = ("limits", "factor", "position", "weights", "spans", "task")
-INTS = ("of", "index", "stations", "shown", "ends", "observed")
+INTS = ("of", "column", "stations", "shown", "ends", "observed")
 """The parts of the numbers, and of the whole numbers, that all lanes share, in their order. Before the latter stand the
 settings, the offsets of the parts of a lane, and those of both."""
 
@@ -196,25 +196,24 @@ def command(lane, clock, action, plan):
         action: rates, from -1 to 1, clipped; shape (A,).
         plan: what all lanes share.
     """
-    actions = action.shape[0]
-    queue = part(lane, plan, QUEUE)
-    slots = queue.shape[0] // actions
-    first = (clock[STEP] % slots) * actions
+    actions, queue, row = action.shape[0], plan.at[QUEUE], plan.at[ROW]
+    slots = (plan.at[QUEUE + 1] - queue) // actions
+    first = queue + (clock[STEP] % slots) * actions
     for a in range(actions):
-        queue[first + a] = min(max(action[a], -1.0), 1.0)
+        lane[first + a] = min(max(action[a], -1.0), 1.0)
     given = clock[STEP] - clock[DELAY]
     if given < 0:
         return
-    first = (given % slots) * actions
-    row = part(lane, plan, ROW)
+    first = queue + (given % slots) * actions
     loaded = plan.at[SLOPE + 1] > plan.at[SLOPE]
-    held = row.copy() if loaded else row
+    held = part(lane, plan, ROW).copy() if loaded else action
     for c in range(plan.of.shape[0]):
         if plan.of[c] >= 0:
-            value = row[c] + plan.limits[SIZE, c] * queue[first + plan.of[c]]
-            row[c] = min(max(value, plan.limits[LOW, c]), plan.limits[HIGH, c])
+            value = lane[row + c] + plan.limits[SIZE, c] * lane[first + plan.of[c]]
+            lane[row + c] = min(max(value, plan.limits[LOW, c]), plan.limits[HIGH, c])
     if not aim(lane, plan):
-        row[:] = held
+        for c in range(plan.of.shape[0]):
+            lane[row + c] = held[c]
         aim(lane, plan)
 
 
@@ -229,21 +228,21 @@ def aim(lane, plan):
     Returns:
         Whether friction can hold the loads.
     """
-    row, target = part(lane, plan, ROW), part(lane, plan, TARGET)
-    for f in range(target.shape[0]):
-        target[f] = row[plan.index[f]] * plan.factor[f]
-    n = plan.at[SLOPE + 1] - plan.at[SLOPE]
+    row, target, slope = plan.at[ROW], plan.at[TARGET], plan.at[SLOPE]
+    for f in range(plan.column.shape[0]):
+        lane[target + f] = lane[row + plan.column[f]] * plan.factor[f]
+    n = plan.at[SLOPE + 1] - slope
     if n == 0:
         return True
-    slope, first = part(lane, plan, SLOPE), target.shape[0] - 3 * n
+    first = plan.at[TARGET + 1] - 3 * n
     ahead, behind = 0.0, 0.0
     for i in range(n):
-        load = target[first + 2 * n + i] + slope[i]
-        target[first + 2 * n + i] = load
-        target[first + i] -= load
-        target[first + n + i] += load
-        ahead += target[first + i]
-        behind += target[first + n + i]
+        load = lane[first + 2 * n + i] + lane[slope + i]
+        lane[first + 2 * n + i] = load
+        lane[first + i] -= load
+        lane[first + n + i] += load
+        ahead += lane[first + i]
+        behind += lane[first + n + i]
     near = -1e-12 * (ahead + behind)
     return not (ahead < near or behind < near)
 
@@ -360,7 +359,8 @@ def begin_step(lane, clock, action, plan):
     """
     command(lane, clock, action, plan)
     account = part(lane, plan, ACCOUNT)
-    account[:] = 0.0
+    for entry in range(account.shape[0]):  # a loop is faster than a slice
+        account[entry] = 0.0
     account[VISITED] = np.inf
     contacts, links, target = part(lane, plan, CONTACTS), part(lane, plan, LINKS), part(lane, plan, TARGET)
     n, springs = plan.position.shape[0], plan.ends.shape[0]

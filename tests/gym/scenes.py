@@ -19,9 +19,7 @@ CHAIN = {
 
 def chain(contacts: int = 3, **more: Any) -> Scene:
     body = {"contacts": (0.1 * np.arange(contacts)).tolist(), "links": {"stiffness": 20.0}}
-    return Scene.model_validate(
-        {"name": "chain", "body": body, "friction": {"forward": 0.2, "backward": 0.5}} | more
-    )
+    return Scene.model_validate({"name": "chain", "body": body, "friction": {"forward": 0.2, "backward": 0.5}} | more)
 
 
 def varied() -> Scene:

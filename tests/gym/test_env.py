@@ -9,7 +9,8 @@ import warnings
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium")
+pytest.importorskip("gymnasium")
+import gymnasium
 from gymnasium.utils.env_checker import check_env
 
 import crawler_gym
@@ -258,8 +259,14 @@ WRONG = [
     ({"render_mode": "ascii"}, "render_mode: 'ascii'; it must be one of human, rgb_array, or None"),
     ({"scene": 7}, "Crawler-v0: 7; it must be a Scene, a path or a gallery name"),
     ({"randomise": {"mass": 1.0}}, "options: unknown key 'mass'; the nearest is "),
-    ({"randomise": {"friction": [1.2, 0.8]}}, "options: friction is [1.2, 0.8]; it must be a number or [least, largest]"),
-    ({"randomise": {"friction": 1.0}, "friction": [0.1, 0.6]}, "options: friction cannot be randomised where it is free"),
+    (
+        {"randomise": {"friction": [1.2, 0.8]}},
+        "options: friction is [1.2, 0.8]; it must be a number or [least, largest]",
+    ),
+    (
+        {"randomise": {"friction": 1.0}, "friction": [0.1, 0.6]},
+        "options: friction cannot be randomised where it is free",
+    ),
 ]
 
 

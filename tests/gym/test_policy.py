@@ -80,7 +80,9 @@ def test_its_path_is_that_of_the_environment(tmp_path, module, scene, actions, s
         assert node.process.returncode == 0, node.said
         assert f"done after {STEPS} steps" in node.said
         wait_until(lambda: seconds(ros.heard["joint_states"][-1]) >= (STEPS - 0.5) / rate, what="the last state")
-        heard = {round(seconds(s) * rate): np.array([s.position, s.velocity, s.effort]) for s in ros.heard["joint_states"]}
+        heard = {
+            round(seconds(s) * rate): np.array([s.position, s.velocity, s.effort]) for s in ros.heard["joint_states"]
+        }
     assert set(heard) == set(range(STEPS + 1))
     policy = load_policy(f"{name}:lively")
     observation, _ = env.reset(seed=0)
@@ -118,7 +120,10 @@ def run_wrong(folder: Path, *words: str) -> tuple[int, str]:
             "policy: 'nowhere:policy'; there is no module 'nowhere' here",
             marks=pytest.mark.slow,
         ),
-        (("policy:=math:sin", 'settings:="{colour: red}"'), "settings: unknown setting 'colour'; the settings are direction"),
+        (
+            ("policy:=math:sin", 'settings:="{colour: red}"'),
+            "settings: unknown setting 'colour'; the settings are direction",
+        ),
         pytest.param(("policy:=math:sin", "task:=fly"), "task: unknown task 'fly'", marks=pytest.mark.slow),
     ],
 )

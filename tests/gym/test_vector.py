@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium")
+pytest.importorskip("gymnasium")
+import gymnasium
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import crawler_gym
