@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -17,7 +18,7 @@ from crawler_model.run.ticks import tick_end_ns
 from crawler_model.sweep.workers import available_cores
 from crawler_ros.wire.states import shown_contacts
 
-from .kernel import lane
+from .kernel import lane, plan
 from .memory import build_shared, fill_at_rest, has_kernel, view
 from .randomise import assemble, vary_scene
 from .spec import Spec
@@ -63,12 +64,12 @@ class Lanes:
         self._clocks = np.zeros((count, 4), np.int64)
         self._status = np.zeros((count, scene.body.contacts), np.int8)
         self.actions = np.zeros((count, actions))
-        self.skipped = self._clocks[:, lane.SKIPPED]
-        self.observations = view(self._memory, shared, lane.OBSERVATION)
-        self.results = view(self._memory, shared, lane.RESULT)
+        self.skipped = self._clocks[:, plan.SKIPPED]
+        self.observations = view(self._memory, shared, plan.OBSERVATION)
+        self.results = view(self._memory, shared, plan.RESULT)
         rows = (spec.steps or 10_000) + 1 if logs else 0
         axes = scene.dimension
-        widths = [shared.lane_at[k + 1] - shared.lane_at[k] for k in (lane.ROW, lane.JOINTS, lane.FEET)]
+        widths = [shared.lane_at[k + 1] - shared.lane_at[k] for k in (plan.ROW, plan.JOINTS, plan.FEET)]
         self.log = np.zeros((count, rows, int(sum(widths)) + axes * scene.body.contacts))
         self._has_kernel = has_kernel(scene)
         self._segments = bool(scene.body.segments)
@@ -94,7 +95,7 @@ class Lanes:
         self._kernel: Any = kernel
         edges = np.linspace(0, self.count, threads + 1).astype(int).tolist()
         self._blocks: list[tuple[Any, ...]] = []
-        for first, last in zip(edges, edges[1:], strict=False):
+        for first, last in itertools.pairwise(edges):
             some = slice(first, last)
             scratch = motion.scratch()
             if not body.is_chain:
@@ -151,11 +152,11 @@ class Lanes:
             self._memory[which] = 0.0
             for m, scene in zip(which.tolist(), varied, strict=True):
                 self._crawlers[m] = Crawler(scene)
-                view(self._memory, self.shared, lane.ROW)[m] = self._crawlers[m].row
-        self._clocks[which, lane.STEP] = 0
-        self._clocks[which, lane.DELAY] = [one.get("delay", 0) for one in drawn]
-        self._clocks[which, lane.RANDOM] = [one.get("noise_seed", 0) for one in drawn]
-        view(self._memory, self.shared, lane.SIGMA)[which, 0] = [one.get("noise", 0.0) for one in drawn]
+                view(self._memory, self.shared, plan.ROW)[m] = self._crawlers[m].row
+        self._clocks[which, plan.STEP] = 0
+        self._clocks[which, plan.DELAY] = [one.get("delay", 0) for one in drawn]
+        self._clocks[which, plan.RANDOM] = [one.get("noise_seed", 0) for one in drawn]
+        view(self._memory, self.shared, plan.SIGMA)[which, 0] = [one.get("noise", 0.0) for one in drawn]
         self.skipped[which] = 0
         self._begin(which)
 
@@ -188,7 +189,7 @@ class Lanes:
     def _follow(self, m: int) -> None:
         """Follow the action of one environment in the plane, or on patches of ground."""
         memory, shared, crawler = self._memory[m], self.shared, self._crawlers[m]
-        row = view(self._memory, shared, lane.ROW)[m]
+        row = view(self._memory, shared, plan.ROW)[m]
         held = row.copy()
         lane.command_one(memory, self._clocks[m], self.actions[m], shared.floats, shared.ints)
         columns = crawler.scene.columns
@@ -199,25 +200,25 @@ class Lanes:
         except CommandError:  # friction cannot hold the loads: the command in force stays
             row[:] = held
             step = crawler.follow(np.empty((0, columns.index.size)))
-        view(self._memory, shared, lane.ACCOUNT)[m] = step.account
+        view(self._memory, shared, plan.ACCOUNT)[m] = step.account
 
     def _complete(self, which: np.ndarray, first: bool) -> None:
         """Add the readings that kernels do not read, and observe."""
         shared, scene = self.shared, self.spec.scene
-        joints = view(self._memory, shared, lane.JOINTS)
-        joints = view(self._memory, shared, lane.JOINTS, 3, joints.shape[1] // 3)
-        feet = view(self._memory, shared, lane.FEET)
-        feet = view(self._memory, shared, lane.FEET, 3, feet.shape[1] // 3)
+        joints = view(self._memory, shared, plan.JOINTS)
+        joints = view(self._memory, shared, plan.JOINTS, 3, joints.shape[1] // 3)
+        feet = view(self._memory, shared, plan.FEET)
+        feet = view(self._memory, shared, plan.FEET, 3, feet.shape[1] // 3)
         if self._has_kernel:
             body = scene.body
-            links = view(self._memory, shared, lane.LINKS, LINK_ROWS, body.springs)
+            links = view(self._memory, shared, plan.LINKS, LINK_ROWS, body.springs)
             for m in which.tolist():
                 joints[m, 0, 1:] = body.joint_sum(links[m, SHAPE])
                 joints[m, 2, 1:] = body.joint_mean(links[m, TENSION])
         else:
-            contacts = view(self._memory, shared, lane.CONTACTS)
+            contacts = view(self._memory, shared, plan.CONTACTS)
             for m in which.tolist():
-                tick, rate = int(self._clocks[m, lane.STEP]), self.spec.rate
+                tick, rate = int(self._clocks[m, plan.STEP]), self.spec.rate
                 seconds = np.inf if first else (tick_end_ns(tick + 1, rate) - tick_end_ns(tick, rate)) / 1_000_000_000
                 self._readout.read(self._crawlers[m], seconds, joints[m], feet[m])
                 contacts[m] = self._crawlers[m].displacement.ravel()
@@ -244,25 +245,25 @@ class Lanes:
             contacts: those of contact_states, shape (3, K).
         """
         shared, which = self.shared, np.zeros(1, np.int64)
-        view(self._memory, shared, lane.JOINTS)[0] = joints.ravel()
-        view(self._memory, shared, lane.FEET)[0] = contacts.ravel()
+        view(self._memory, shared, plan.JOINTS)[0] = joints.ravel()
+        view(self._memory, shared, plan.FEET)[0] = contacts.ravel()
         lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
 
     # -- readings ---------------------------------------------------------------------------------------------------
 
     def steps_done(self, m: int) -> int:
         """Count the steps of the present episode of environment m."""
-        return int(self._clocks[m, lane.STEP])
+        return int(self._clocks[m, plan.STEP])
 
     def displacement(self, m: int) -> np.ndarray:
         """Read the displacement of environment m, shape (N,), in the plane (N, 2) [m]."""
         body = self.spec.scene.body
-        part = view(self._memory, self.shared, lane.CONTACTS)[m, : body.contacts * body.dimension]
+        part = view(self._memory, self.shared, plan.CONTACTS)[m, : body.contacts * body.dimension]
         return part.reshape(body.position.shape).copy()
 
     def row(self, m: int) -> np.ndarray:
         """Read the command row in force in environment m, shape (C,)."""
-        return view(self._memory, self.shared, lane.ROW)[m].copy()
+        return view(self._memory, self.shared, plan.ROW)[m].copy()
 
     def scene(self, drawn: dict[str, Any]) -> Scene:
         """Build the scene of an episode.

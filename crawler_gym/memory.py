@@ -16,7 +16,7 @@ from crawler_ros.wire.states import StationReader, shown_contacts
 
 from .actions import Actions
 from .bounds import Spans
-from .kernel import lane
+from .kernel import plan
 from .task import Task
 
 
@@ -76,26 +76,26 @@ def build_shared(
     n, s, a = body.contacts, body.springs, len(actions.names)
     on_line = has_kernel(scene)
     sizes = {
-        lane.CONTACTS: (LOADED_ROWS if loaded else CONTACT_ROWS) * n if on_line else axes * n,
-        lane.LINKS: LINK_ROWS * s if on_line else 0,
-        lane.ELASTICITY: 2 * s if on_line else 0,
-        lane.BANDS: int(np.prod(bands)),
-        lane.SLOPE: n if loaded and on_line else 0,
-        lane.ROW: columns.count,
-        lane.TARGET: columns.index.size,
-        lane.ACCOUNT: ACCOUNT_SIZE,
-        lane.JOINTS: 3 * joints,
-        lane.FEET: 3 * feet,
-        lane.PULL: 2 * n if on_line else 0,
-        lane.MEMORY: axes + 3,
-        lane.QUEUE: slots * a,
-        lane.SIGMA: 1,
-        lane.RESULT: 6,
-        lane.OBSERVATION: spans.bound.size,
+        plan.CONTACTS: (LOADED_ROWS if loaded else CONTACT_ROWS) * n if on_line else axes * n,
+        plan.LINKS: LINK_ROWS * s if on_line else 0,
+        plan.ELASTICITY: 2 * s if on_line else 0,
+        plan.BANDS: int(np.prod(bands)),
+        plan.SLOPE: n if loaded and on_line else 0,
+        plan.ROW: columns.count,
+        plan.TARGET: columns.index.size,
+        plan.ACCOUNT: ACCOUNT_SIZE,
+        plan.JOINTS: 3 * joints,
+        plan.FEET: 3 * feet,
+        plan.PULL: 2 * n if on_line else 0,
+        plan.MEMORY: axes + 3,
+        plan.QUEUE: slots * a,
+        plan.SIGMA: 1,
+        plan.RESULT: 6,
+        plan.OBSERVATION: spans.bound.size,
     }
     numbers, floats_at = _join(floats, np.float64)
     whole, ints_at = _join(ints, np.int64)
-    lane_at = np.concatenate(([0], np.cumsum([sizes[k] for k in range(lane.PARTS)]))).astype(np.int64)
+    lane_at = np.concatenate(([0], np.cumsum([sizes[k] for k in range(plan.PARTS)]))).astype(np.int64)
     head = np.concatenate((settings, lane_at, floats_at, ints_at + len(settings) + lane_at.size + 14))
     return Shared(numbers, np.concatenate((head, whole)).astype(np.int64), lane_at)
 
@@ -168,15 +168,15 @@ def fill_at_rest(lanes: np.ndarray, status: np.ndarray, shared: Shared, assembly
     motion: Any = build_motion(assembly)
     targets = assembly.drive.targets[..., 0, :]
     state: LineState = motion.start(assembly.start_displacement, targets)
-    rows = (shared.lane_at[lane.CONTACTS + 1] - shared.lane_at[lane.CONTACTS]) // n
-    view(lanes, shared, lane.CONTACTS, int(rows), n)[:] = state.contacts
-    view(lanes, shared, lane.LINKS, LINK_ROWS, s)[:] = state.links
-    view(lanes, shared, lane.ELASTICITY, 2, s)[:] = body.elasticity
-    view(lanes, shared, lane.ROW)[:] = assembly.drive.rows[..., 0, :]
-    view(lanes, shared, lane.TARGET)[:] = targets
+    rows = (shared.lane_at[plan.CONTACTS + 1] - shared.lane_at[plan.CONTACTS]) // n
+    view(lanes, shared, plan.CONTACTS, int(rows), n)[:] = state.contacts
+    view(lanes, shared, plan.LINKS, LINK_ROWS, s)[:] = state.links
+    view(lanes, shared, plan.ELASTICITY, 2, s)[:] = body.elasticity
+    view(lanes, shared, plan.ROW)[:] = assembly.drive.rows[..., 0, :]
+    view(lanes, shared, plan.TARGET)[:] = targets
     status[:] = state.status
     if assembly.columns.slope_load is not None:
-        view(lanes, shared, lane.SLOPE)[:] = assembly.columns.slope_load
+        view(lanes, shared, plan.SLOPE)[:] = assembly.columns.slope_load
     if not body.is_chain:
         band = motion.network.band
-        view(lanes, shared, lane.BANDS, *band.shape[-2:])[:] = band
+        view(lanes, shared, plan.BANDS, *band.shape[-2:])[:] = band

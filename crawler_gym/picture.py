@@ -10,7 +10,7 @@ import numpy as np
 from crawler_model import CrawlerError, Scene
 from crawler_pictures.body import draw_body
 
-from .kernel.lane import ALONG
+from .kernel.plan import ALONG
 from .lanes import Lanes
 from .spec import Spec
 

@@ -28,7 +28,7 @@ from crawler_ros.wire.states import contact_names, joint_state_names
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 from .env import describe_bad, read_action
-from .kernel.lane import ALONG, TERMINATED
+from .kernel.plan import ALONG, TERMINATED
 from .lanes import Lanes
 from .policy import load_policy
 from .spec import build_spec
@@ -122,8 +122,8 @@ class PolicyNode(QuietNode):
         message = deserialize_message(self._arrived[name], JointState)
         if list(message.name) != self._names[name]:
             raise CrawlerError(
-                f"{name} has {', '.join(message.name[:5])}, the scene {', '.join(self._names[name][:5])}: the simulator "
-                "and the policy must be started with the same scene"
+                f"{name} has {', '.join(message.name[:5])}, the scene {', '.join(self._names[name][:5])}: the "
+                "simulator and the policy must be started with the same scene"
             )
         return np.array([message.position, message.velocity, message.effort])
 

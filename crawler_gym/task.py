@@ -13,7 +13,7 @@ import numpy as np
 from crawler_model import CrawlerError, Scene
 from crawler_model.run.transport import length_of
 
-from .kernel.lane import REACH, SPEED, TRAVEL
+from .kernel.plan import REACH, SPEED, TRAVEL
 
 TASKS = {"translation": TRAVEL, "speed": SPEED, "reach": REACH, "climb": TRAVEL}
 """Names of the tasks, and their kinds."""

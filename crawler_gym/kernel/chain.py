@@ -7,7 +7,8 @@ import numpy as np
 from crawler_model.compiled import compiled
 from crawler_model.motion.chain.ramp import follow
 
-from .lane import ELASTICITY, SKIPPED, begin_step, end_step, open_plan, part
+from .lane import begin_step, end_step
+from .plan import ELASTICITY, SKIPPED, open_plan, part
 
 
 @compiled

@@ -7,7 +7,8 @@ import numpy as np
 from crawler_model.compiled import compiled
 from crawler_model.motion.graph.ramp import follow
 
-from .lane import BANDS, ELASTICITY, ROUNDS, SKIPPED, begin_step, end_step, open_plan, part
+from .lane import begin_step, end_step
+from .plan import BANDS, ELASTICITY, ROUNDS, SKIPPED, open_plan, part
 
 
 @compiled
