@@ -96,8 +96,8 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """The seed of each environment."""
         return tuple(int(seed) for seed in self._seeds)
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override, misc]
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each environment."""
         self._seed([None] * self.num_envs)
         return tuple(self._randoms)

@@ -12,6 +12,7 @@ import cma
 import gymnasium
 import numpy as np
 
+import crawler_gym  # noqa: F401  registers Crawler-v0
 from crawler_model import load_scene, optimise
 
 STEPS = float(sys.argv[1]) if len(sys.argv) > 1 else 3e5

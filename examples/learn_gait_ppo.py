@@ -14,6 +14,7 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
+import crawler_gym  # noqa: F401  registers Crawler-v0
 from crawler_model import load_scene, optimise
 
 STEPS = float(sys.argv[1]) if len(sys.argv) > 1 else 3e5
