@@ -5,17 +5,11 @@ from gymnasium.envs.registration import register, registry
 from .env import CrawlerEnv
 from .vector import CrawlerVectorEnv
 
-__all__ = ["CrawlerEnv", "CrawlerVectorEnv", "register_all"]
+__all__ = ["CrawlerEnv", "CrawlerVectorEnv"]
 
-
-def register_all() -> None:
-    """Register `Crawler-v0` with Gymnasium, which does so itself where this package is installed."""
-    if "Crawler-v0" not in registry:
-        register(
-            "Crawler-v0",
-            entry_point="crawler_gym.env:CrawlerEnv",
-            vector_entry_point="crawler_gym.vector:CrawlerVectorEnv",
-        )
-
-
-register_all()
+if "Crawler-v0" not in registry:
+    register(
+        "Crawler-v0",
+        entry_point="crawler_gym.env:CrawlerEnv",
+        vector_entry_point="crawler_gym.vector:CrawlerVectorEnv",
+    )

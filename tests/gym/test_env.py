@@ -234,10 +234,16 @@ def test_it_draws_itself(kind):
     env.close()
 
 
-def test_importing_it_loads_neither_ros_nor_pictures():
-    code = "import crawler_gym, sys; print(' '.join({m.split('.')[0] for m in sys.modules}))"
+def loaded_by(code: str) -> set[str]:
+    code += "; import sys; print(' '.join({m.split('.')[0] for m in sys.modules}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not set(done.stdout.split()) & {"rclpy", "mcap", "matplotlib", "rerun"}
+    assert done.stderr == ""
+    return set(done.stdout.split())
+
+
+def test_making_it_loads_neither_ros_nor_pictures():
+    made = loaded_by("import gymnasium; gymnasium.make('crawler_gym:Crawler-v0').reset()")
+    assert not made & {"rclpy", "mcap", "matplotlib", "rerun"}
 
 
 WRONG = [
