@@ -129,11 +129,18 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if which.size < self.num_envs:
                 _check_partial(spec.ranges, self.spec_of_crawler.ranges)
         self._seed([seeds[m] if m in which else None for m in range(self.num_envs)] if seed is not None else seeds)
+        before = self._lanes, self.spec_of_crawler
         if options and which.size == self.num_envs:
-            before, self._lanes = self._lanes, Lanes(spec, self.num_envs, threads=self._threads)
-            before.close()
+            self._lanes = Lanes(spec, self.num_envs, threads=self._threads)
         self.spec_of_crawler = self._lanes.spec = spec
-        self._begin(which)
+        try:
+            self._begin(which)
+        except CrawlerError:  # an invalid scene: the episodes before go on
+            before[0].spec = before[1]
+            self._lanes, self.spec_of_crawler = before
+            raise
+        if before[0] is not self._lanes:
+            before[0].close()
         self._begun = True
         return self._lanes.observations.copy(), self._info(which) | self._drawn_info(which)
 

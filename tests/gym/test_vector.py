@@ -171,6 +171,18 @@ def test_wrong_seeds_and_masks_are_one_clear_line():
         env.reset(options={"reset_mask": np.array([True, False, False]), "delay": 3})
 
 
+@pytest.mark.parametrize("mask", [None, np.array([False, True, True])])
+def test_wrong_options_leave_all_episodes_untouched(mask):
+    env, other = make(3, randomise={"loads": 0.0}), make(3, randomise={"loads": 0.0})
+    for one in (env, other):
+        one.reset(seed=0)
+        one.step(np.full((3, 2), 0.5))
+    options = {"loads": 1.0} | ({} if mask is None else {"reset_mask": mask})
+    with pytest.raises(CrawlerError, match="options: with loads 1 the scene is invalid"):
+        env.reset(options=options)
+    assert np.array_equal(env.step(np.full((3, 2), 0.2))[0], other.step(np.full((3, 2), 0.2))[0])
+
+
 def test_pictures_of_all():
     pytest.importorskip("matplotlib")
     env = make(2, render_mode="rgb_array")

@@ -34,7 +34,19 @@ from crawler_model import compiled
 
 ROOT = Path(crawler_model.__file__).parent.parent
 PACKAGES = ("crawler_model", "crawler_pictures", "crawler_ros", "crawler_gym", "crawler_bench", "crawler_command")
-OPTIONAL = ("rclpy", "rerun", "mcap", "matplotlib", "rosbags", "osqp", "typer", "rich", "pyarrow", "distributed")
+OPTIONAL = (
+    "rclpy",
+    "rerun",
+    "mcap",
+    "matplotlib",
+    "rosbags",
+    "osqp",
+    "typer",
+    "rich",
+    "pyarrow",
+    "distributed",
+    "gymnasium",
+)
 
 
 def imports(file: Path) -> set[str]:
