@@ -43,9 +43,13 @@ def bench(
     identify: Annotated[
         bool, typer.Option("--identify", help="Measure identification from recordings instead, beside MuJoCo's.")
     ] = False,
+    gym: Annotated[
+        bool,
+        typer.Option("--gym", help="Measure the Gymnasium environments instead: steps a second, beside MuJoCo's."),
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    models = {"sweep": sweep, "gradients": gradients, "search": search, "identify": identify}
+    models = {"sweep": sweep, "gradients": gradients, "search": search, "identify": identify, "gym": gym}
     chosen = [name for name, is_chosen in ({"node": node, "replay": replay} | models).items() if is_chosen]
     if chosen:
         if case:
@@ -83,7 +87,7 @@ def bench(
 
 
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs many times in this process: variations, derivatives, the search, or identification."""
+    """Measure what runs many times in this process: variations, derivatives, the search, fits, or environments."""
     measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
     size: Any
     if name == "sweep":
@@ -101,6 +105,10 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
             text = "mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"
             print(f"crawler: {text}", file=sys.stderr)
         measure, size = identify.measure_identify, identify.QUICK if quick else identify.STEPS
+    elif name == "gym":
+        from crawler_bench import environments
+
+        measure, size = environments.measure_environments, environments.QUICK if quick else environments.STEPS
     else:
         from crawler_bench import search
 

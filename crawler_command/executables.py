@@ -25,6 +25,7 @@ _EXTRA_OF = {
     "distributed": "sweep",
     "dask": "sweep",
     "cma": "optimise",
+    "gymnasium": "gym",
     "osqp": "bench",
     "mujoco": "bench",
 }
@@ -60,6 +61,11 @@ def speed_control() -> int:
 def phase_control() -> int:
     """Run the example controller `phase_control`."""
     return _run("phase_control", "crawler_ros.examples.phase_control")
+
+
+def policy() -> int:
+    """Run the node `policy`, which controls a crawler by a policy of the environment `Crawler-v0`."""
+    return _run("policy", "crawler_gym.policy_node")
 
 
 def describe_missing(error: ModuleNotFoundError) -> str:

@@ -43,10 +43,11 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     cache: Any = getattr(dispatcher, "_cache", None)
     index: Any = getattr(cache, "_cache_file", None)
     if hasattr(index, "_source_stamp"):
-        index._source_stamp = _sources_hash()
+        stamp = _sources_hash() + _folder_hash(Path(function.__code__.co_filename).parent)
+        index._source_stamp = stamp
         folder = _kernel_folder(function.__module__)
         if folder is not None:
-            cache._cache_file = type(index)(str(folder), cache._impl.filename_base, _sources_hash())
+            cache._cache_file = type(index)(str(folder), cache._impl.filename_base, stamp)
     return dispatcher
 
 
@@ -58,6 +59,19 @@ def _sources_hash() -> str:
     for file in sorted({file for pattern in _SOURCES for file in root.glob(pattern)}):
         content = file.read_bytes()
         digest.update(f"{file.relative_to(root)} {len(content)}\n".encode())
+        digest.update(content)
+    return digest.hexdigest()[:24]
+
+
+@functools.cache
+def _folder_hash(folder: Path) -> str:
+    """Hash the files beside a kernel of another package, which may use them and this package alone; else empty."""
+    if Path(__file__).parent in (folder, *folder.parents):
+        return ""
+    digest = hashlib.sha256()
+    for file in sorted(folder.glob("*.py")):
+        content = file.read_bytes()
+        digest.update(f"{file.name} {len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()[:24]
 

@@ -250,6 +250,16 @@ def test_runs_of_many_variations_are_measured():
         assert 0.0 < row["in_kernels"] <= 1.0
 
 
+def test_steps_of_environments_are_measured():
+    pytest.importorskip("gymnasium")
+    from crawler_bench.environments import measure_environments
+
+    rows = [row for row in measure_environments(30, lambda part: None) if row["environment"] == "Crawler-v0"]
+    assert [(row["n"], row["environments"]) for row in rows] == [(n, m) for n in (3, 10) for m in (1, 64, 1024)]
+    for row in rows:
+        assert 0.0 < row["least"] <= row["steps_per_s"] <= row["most"]
+
+
 def test_exact_derivatives_are_measured_beside_differences():
     rows = measure_gradients((2, 3), lambda part: None)
     assert [(row["n"], row["method"]) for row in rows] == [

@@ -36,7 +36,7 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 def test_each_is_short_says_what_to_look_for_and_has_a_test():
-    assert len(SCRIPTS) == 5
+    assert len(SCRIPTS) == 7
     tests = Path(__file__).read_text(encoding="utf-8")
     for name in SCRIPTS:
         text = (FOLDER / name).read_text(encoding="utf-8")
@@ -95,6 +95,24 @@ def test_stasis_domain_is_a_hexagon_or_a_triangle(run, tmp_path):
     assert re.findall(r"one way only: (\w+)", said) == ["False", "True"]
     assert re.findall(r"balance of friction: ([\d.]+)", said) == [f"{1 / 15:.4f}", f"{1 / 21:.4f}"]
     assert (tmp_path / "stasis_domain.png").stat().st_size > 5_000
+
+
+def test_a_linear_policy_learns_most_of_the_optimum(run):
+    for module in ("gymnasium", "cma"):
+        pytest.importorskip(module)
+    names, said = run("learn_gait.py", "1.1e5")
+    assert names["best"] == pytest.approx(0.28, abs=1e-9)
+    assert names["parts"] == sorted(names["parts"])
+    assert 0.5 < names["parts"][-1] <= 1.0
+    assert said.count("of the optimum") == 6
+
+
+@pytest.mark.slow
+def test_a_network_learns_most_of_the_optimum(run):
+    for module in ("gymnasium", "stable_baselines3"):
+        pytest.importorskip(module)
+    names, _ = run("learn_gait_ppo.py", "1e5")
+    assert 0.3 < max(names["parts"]) <= 1.0
 
 
 def check_recording(names: dict, said: str) -> None:

@@ -25,6 +25,7 @@ from pydantic import BaseModel
 
 import crawler_bench
 import crawler_command
+import crawler_gym
 import crawler_model
 import crawler_pictures
 import crawler_ros
@@ -32,7 +33,7 @@ import crawler_ros.replay
 from crawler_model import compiled
 
 ROOT = Path(crawler_model.__file__).parent.parent
-PACKAGES = ("crawler_model", "crawler_pictures", "crawler_ros", "crawler_bench", "crawler_command")
+PACKAGES = ("crawler_model", "crawler_pictures", "crawler_ros", "crawler_gym", "crawler_bench", "crawler_command")
 OPTIONAL = (
     "rclpy",
     "rerun",
@@ -46,6 +47,7 @@ OPTIONAL = (
     "distributed",
     "pandas",
     "polars",
+    "gymnasium",
 )
 
 
@@ -159,7 +161,7 @@ _WRAPPED = (property, functools.cached_property, staticmethod, classmethod)
 EVERYTHING = list(
     dict(
         t
-        for p in (crawler_model, crawler_pictures, crawler_ros, crawler_bench, crawler_command)
+        for p in (crawler_model, crawler_pictures, crawler_ros, crawler_gym, crawler_bench, crawler_command)
         for t in public_things(p)
     ).items()
 )

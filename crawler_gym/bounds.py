@@ -1,0 +1,115 @@
+"""Bounds of observations, from the friction, the stiffness and the strokes of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crawler_model import Scene
+
+from .actions import Actions
+from .kernel.plan import REACH
+from .randomise import Ranges
+from .task import Task
+
+
+@dataclass(frozen=True, eq=False)
+class Spans:
+    """How large the entries of an observation become.
+
+    Attributes:
+        bound: largest size of each entry, shape (O,).
+        scale: size of each entry by which the noise of its sensor is multiplied, shape (O,).
+    """
+
+    bound: np.ndarray
+    scale: np.ndarray
+
+
+def find_spans(scene: Scene, actions: Actions, task: Task, ranges: Ranges, rate: float, steps: int, feet: int) -> Spans:
+    """Compute the bounds of an observation.
+
+    A tension is bounded by the friction that can hold it, an elongation by the stroke and the tension, the way of a
+    contact in a step by what all springs together gain, and the error of a task by the way of an episode.
+
+    Args:
+        scene: the scene.
+        actions: the free columns.
+        task: the task.
+        ranges: how episodes differ.
+        rate: steps per second [Hz].
+        steps: steps of an episode; 0 for no limit.
+        feet: number of contacts that are observed.
+
+    Returns:
+        The spans, in the order of the observation.
+    """
+    body, axes = scene.body, scene.dimension
+    tension, most = _tensions(scene, actions, ranges)
+    stiffness = body.stiffness * ranges.ranges.get("stiffness", (1.0, 1.0))[0]
+    give = tension / stiffness
+    stroke, change = _lengths(scene, actions)
+    elongation = body.joint_sum(most + give)
+    way = 2.0 * float((change + 2.0 * give).sum())
+    frictions = actions.free[actions.free >= scene.columns.lengths]
+    length = max(float(np.ptp(body.position, axis=0).max()), 1e-12)
+    start = np.abs(np.asarray(body.share @ scene.start_displacement) - task.place).max()
+    error = (way + task.speed / rate) * (steps or 1_000_000) + (start if task.kind == REACH else 0.0)
+    typical = float(stroke.max(initial=0.0)) or length
+    bound = [np.repeat(elongation, axes), _of_joints(scene, tension), np.full(feet * axes, way * rate)]
+    bound += [actions.limits[2, frictions], np.full(task.errors, error)]
+    step = float(change.max(initial=0.0)) or typical
+    usual, _ = _tensions(scene, actions, Ranges())  # noise does not depend on what else is randomised
+    scale = [np.repeat(body.joint_sum(stroke), axes), _of_joints(scene, usual)]
+    scale += [np.full(feet * axes, step * rate), actions.limits[2, frictions], np.full(task.errors, typical)]
+    room = 1.0 + 6.0 * ranges.ranges.get("noise", (0.0, 0.0))[1]
+    return Spans(room * np.concatenate(bound) * (1.0 + 1e-9) + 1e-12, np.concatenate(scale))
+
+
+def _lengths(scene: Scene, actions: Actions) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the stroke of each spring, and the largest change of its rest length in a step, each of shape (S,)."""
+    size, low, high = actions.limits
+    return _largest(scene, high - low), _largest(scene, size)
+
+
+def _largest(scene: Scene, row: np.ndarray) -> np.ndarray:
+    """Convert sizes of columns to sizes of springs; in the plane both components together, shape (S,) [m]."""
+    springs, axes = scene.body.springs, scene.dimension
+    lengths = (np.take(row, scene.columns.index) * scene.columns.factor)[: springs * axes]
+    return np.asarray(np.linalg.norm(lengths.reshape(springs, axes), axis=1))
+
+
+def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the largest tension and the largest change of rest length of each spring, each of shape (S,)."""
+    body, columns = scene.body, scene.columns
+    most = _largest(scene, np.abs(actions.limits[1:]).max(axis=0))
+    target = columns.target(np.maximum(actions.limits[2], scene.drive.rows[0]))
+    sides = np.abs(target[body.springs * scene.dimension :])
+    n = body.contacts
+    if scene.dimension == 2:
+        friction = sides[: columns.frictions].reshape(n, -1).max(axis=1)
+        held = np.linalg.norm(sides[columns.frictions :].reshape(-1, 2), axis=1).sum()
+    else:
+        friction = np.maximum(sides[:n], sides[n : 2 * n])
+        held = sides[2 * n :].sum()
+    friction = friction * max(ranges.ranges.get("friction", (1.0, 1.0))[1], 1.0)
+    low, high = ranges.ranges.get("loads", (0.0, 0.0))
+    weight = scene.ground.weight
+    track = scene.ground.track
+    if track is not None:
+        friction = friction * track.factor.max()
+    friction = friction + max(abs(low), abs(high)) * body.ground + weight
+    if body.is_chain:
+        up = np.cumsum(friction)
+        return np.minimum(up[:-1], up[-1] - up[:-1]), most
+    total = float(friction.sum() + held)
+    stiffness = body.stiffness * max(ranges.ranges.get("stiffness", (1.0, 1.0))[1], 1.0)
+    return total + np.sqrt(stiffness * float((stiffness * most**2).sum())), most
+
+
+def _of_joints(scene: Scene, tension: np.ndarray) -> np.ndarray:
+    """List the largest tension of each joint, in the plane for both components."""
+    body = scene.body
+    joints = [*tension[body.link_springs], *(tension[s.springs].max() for s in body.segments)]
+    return np.repeat(joints, scene.dimension)

@@ -1,0 +1,1 @@
+"""The compiled step of the environments: one call advances all of them."""

@@ -1,0 +1,85 @@
+"""Steps of many environments whose bodies are graphs of springs, in one compiled call."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crawler_model.compiled import compiled
+from crawler_model.motion.graph.ramp import follow
+
+from .lane import begin_step, end_step
+from .plan import BANDS, ELASTICITY, ROUNDS, SKIPPED, open_plan, part
+
+
+@compiled
+def step_graphs(
+    lanes,
+    clocks,
+    status,
+    actions,
+    floats,
+    ints,
+    share,
+    elements,
+    budget,
+    order,
+    work,
+    body_floats,
+    changes,
+    bytes_,
+    observes,
+    logs,
+):
+    """Advance environments by one step: action, motion, readings, observation and reward.
+
+    Args:
+        lanes: the memory of each environment, shape (M, B), changed in place.
+        clocks: whole numbers of each, shape (M, 4), changed in place.
+        status: bits of the contacts, int8, shape (M, N), changed in place.
+        actions: finite, shape (M, A).
+        floats: shared numbers, see `open_plan`.
+        ints: shared whole numbers, likewise.
+        share: weight of each contact in the net translation, shape (N,).
+        elements: both contacts of each element of a segment, shape (P, 2).
+        budget: upper limit of work in a ramp.
+        order: order of the contacts in the band matrices, shape (N,).
+        work: memory from `active_set.workspace`.
+        body_floats: memory from `scratch`, like the next two.
+        changes: floats of the springs.
+        bytes_: flags of the contacts.
+        observes: whether to observe; False where readings of segments have to be added first.
+        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
+    """
+    plan = open_plan(floats, ints)
+    n, springs, width = status.shape[1], plan.ends.shape[0], (plan.at[BANDS + 1] - plan.at[BANDS]) // status.shape[1]
+    records = np.empty((0, 0))
+    pieces = np.empty((0, 0))
+    for m in range(lanes.shape[0]):
+        if clocks[m, SKIPPED]:
+            continue
+        lane, clock = lanes[m], clocks[m]
+        contacts, links, targets, account = begin_step(lane, clock, actions[m], plan)
+        follow(
+            plan.ends,
+            part(lane, plan, ELASTICITY)[:springs],
+            (order, part(lane, plan, BANDS).reshape((n, width))),
+            work,
+            contacts,
+            links,
+            status[m],
+            targets,
+            True,
+            budget,
+            elements,
+            share,
+            plan.settings[ROUNDS],
+            body_floats,
+            changes,
+            bytes_,
+            account,
+            records,
+            None,
+            None,
+            pieces,
+        )
+        end_step(lane, clock, plan, contacts, links, False, observes, logs[m])

@@ -1,0 +1,364 @@
+"""Lanes: from an action to a command, and from readings to an observation; the motion between is the model's."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from crawler_model.compiled import compiled
+from crawler_model.crawler.readout import read_line
+from crawler_model.motion.state import VISITED, WORK
+
+from .plan import (
+    ACCOUNT,
+    ALONG,
+    AXES,
+    BEGAN,
+    BOUND,
+    CONTACTS,
+    DELAY,
+    DIRECTION,
+    DISTANCE,
+    FEET,
+    FURTHEST,
+    GAINED,
+    HIGH,
+    JOINTS,
+    KIND,
+    LIMIT,
+    LINKS,
+    LOW,
+    MEMORY,
+    OBSERVATION,
+    PRICE,
+    PULL,
+    QUEUE,
+    RANDOM,
+    RATE,
+    RATE_BELOW,
+    REACH,
+    RESULT,
+    REWARD,
+    ROW,
+    SCALE,
+    SIGMA,
+    SIZE,
+    SLOPE,
+    SPEED,
+    SPENT,
+    STEP,
+    TARGET,
+    TARGET_SPEED,
+    TERMINATED,
+    TOLERANCE,
+    TRAVEL,
+    TRUNCATED,
+    open_plan,
+    part,
+)
+
+_NS = 1_000_000_000
+
+
+@compiled
+def find_bad(actions):
+    """Find the first action that is not finite.
+
+    Args:
+        actions: shape (M, A).
+
+    Returns:
+        Its place in the flat array; -1 if all are finite.
+    """
+    for m in range(actions.shape[0]):
+        for a in range(actions.shape[1]):
+            if not math.isfinite(actions[m, a]):
+                return m * actions.shape[1] + a
+    return -1
+
+
+@compiled
+def end_of_step(settings, step):
+    """Compute the time at which a step ends, rounded as the ends of ticks are.
+
+    Args:
+        settings: see KIND .. ROUNDS.
+        step: its number, 0 for the start.
+
+    Returns:
+        Simulated time [ns].
+    """
+    return step * _NS * settings[RATE_BELOW] // settings[RATE]
+
+
+@compiled
+def command(lane, clock, action, plan):
+    """Turn an action into the next command; one that friction cannot hold leaves that in force.
+
+    Args:
+        lane: the lane, changed in place.
+        clock: its whole numbers.
+        action: rates, from -1 to 1, clipped; shape (A,).
+        plan: what all lanes share.
+    """
+    actions, queue, row = action.shape[0], plan.at[QUEUE], plan.at[ROW]
+    slots = (plan.at[QUEUE + 1] - queue) // actions
+    first = queue + (clock[STEP] % slots) * actions
+    for a in range(actions):
+        lane[first + a] = min(max(action[a], -1.0), 1.0)
+    given = clock[STEP] - clock[DELAY]
+    if given < 0:
+        return
+    first = queue + (given % slots) * actions
+    loaded = plan.at[SLOPE + 1] > plan.at[SLOPE]
+    held = part(lane, plan, ROW).copy() if loaded else action
+    for c in range(plan.of.shape[0]):
+        if plan.of[c] >= 0:
+            value = lane[row + c] + plan.limits[SIZE, c] * lane[first + plan.of[c]]
+            lane[row + c] = min(max(value, plan.limits[LOW, c]), plan.limits[HIGH, c])
+    if not aim(lane, plan):
+        for c in range(plan.of.shape[0]):
+            lane[row + c] = held[c]
+        aim(lane, plan)
+
+
+@compiled
+def aim(lane, plan):
+    """Write the target of the command in force, as `Columns.target` does.
+
+    Args:
+        lane: the lane, changed in place.
+        plan: what all lanes share.
+
+    Returns:
+        Whether friction can hold the loads.
+    """
+    row, target, slope = plan.at[ROW], plan.at[TARGET], plan.at[SLOPE]
+    for f in range(plan.column.shape[0]):
+        lane[target + f] = lane[row + plan.column[f]] * plan.factor[f]
+    n = plan.at[SLOPE + 1] - slope
+    if n == 0:
+        return True
+    first = plan.at[TARGET + 1] - 3 * n
+    ahead, behind = 0.0, 0.0
+    for i in range(n):
+        load = lane[first + 2 * n + i] + lane[slope + i]
+        lane[first + 2 * n + i] = load
+        lane[first + i] -= load
+        lane[first + n + i] += load
+        ahead += lane[first + i]
+        behind += lane[first + n + i]
+    near = -1e-12 * (ahead + behind)
+    return not (ahead < near or behind < near)
+
+
+@compiled
+def _draw(clock):
+    """Draw a number from the normal distribution: splitmix64, and the cosine of Box and Muller."""
+    state = np.uint64(clock[RANDOM])
+    each = np.empty(2)
+    for k in range(2):
+        state = state + np.uint64(0x9E3779B97F4A7C15)
+        z = state
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        z = z ^ (z >> np.uint64(31))
+        each[k] = (float(z >> np.uint64(11)) + 0.5) * 2.0**-53
+    clock[RANDOM] = np.int64(state)
+    return math.sqrt(-2.0 * math.log(each[0])) * math.cos(2.0 * math.pi * each[1])
+
+
+@compiled
+def observe(lane, clock, plan, first, log):
+    """Write the observation after a step, the reward, and whether the episode is over; note the step in the log.
+
+    Args:
+        lane: the lane, with the readings; changed in place.
+        clock: its whole numbers, changed in place.
+        plan: what all lanes share.
+        first: whether this is the start of an episode, not the end of a step.
+        log: output: for each step the command, the readings and the displacement, shape (T + 1, R), or no rows.
+    """
+    settings, task, at = plan.settings, plan.task, plan.at
+    axes, kind = settings[AXES], settings[KIND]
+    width, feet = (at[JOINTS + 1] - at[JOINTS]) // 3, (at[FEET + 1] - at[FEET]) // 3
+    memory, result, observation = part(lane, plan, MEMORY), part(lane, plan, RESULT), part(lane, plan, OBSERVATION)
+    filled = 0
+    for row in (0, 2):
+        for j in range(at[JOINTS] + row * width + axes, at[JOINTS] + (row + 1) * width):
+            observation[filled] = lane[j]
+            filled += 1
+    for i in range(at[FEET] + feet, at[FEET] + 2 * feet):
+        observation[filled] = lane[i]
+        filled += 1
+    for column in plan.observed:
+        observation[filled] = lane[at[ROW] + column]
+        filled += 1
+    along = 0.0
+    for d in range(axes):
+        memory[d] = 0.0
+        for j in range(width):
+            memory[d] += plan.weights[d, j] * lane[at[JOINTS] + j]
+        along += task[DIRECTION + d] * memory[d]
+    if first:
+        memory[axes + FURTHEST] = memory[axes + BEGAN] = result[ALONG] = along
+    else:
+        clock[STEP] += 1
+    gained = along - result[ALONG]
+    distance = 0.0
+    if kind == TRAVEL:
+        memory[axes + FURTHEST] = max(memory[axes + FURTHEST], along)
+        observation[filled] = memory[axes + FURTHEST] - along
+        filled += 1
+    elif kind == SPEED:
+        now, before = end_of_step(settings, clock[STEP]), end_of_step(settings, clock[STEP] - 1)
+        error = memory[axes + BEGAN] + task[TARGET_SPEED] * (now / _NS) - along
+        distance = abs(error)
+        gained = task[TARGET_SPEED] * ((now - before) / _NS) - (distance - memory[axes + DISTANCE])
+        observation[filled] = error
+        filled += 1
+    else:
+        for d in range(axes):
+            error = task[DIRECTION + axes + d] - memory[d]
+            distance += error * error
+            observation[filled] = error
+            filled += 1
+        distance = math.sqrt(distance)
+        gained = memory[axes + DISTANCE] - distance
+    memory[axes + DISTANCE] = distance
+    sigma = lane[at[SIGMA]]
+    for o in range(filled):
+        value = observation[o]
+        if sigma > 0.0:
+            value += sigma * plan.spans[SCALE, o] * _draw(clock)
+        observation[o] = min(max(value, -plan.spans[BOUND, o]), plan.spans[BOUND, o])
+    result[ALONG] = along
+    result[SPENT] = 0.0 if first else lane[at[ACCOUNT] + WORK]
+    result[GAINED] = 0.0 if first else gained
+    result[REWARD] = result[GAINED] - task[PRICE] * result[SPENT]
+    result[TERMINATED] = 1.0 if not first and kind == REACH and distance <= task[TOLERANCE] else 0.0
+    result[TRUNCATED] = 1.0 if not first and 0 < settings[LIMIT] <= clock[STEP] else 0.0
+    if clock[STEP] < log.shape[0]:
+        line = log[clock[STEP]]
+        filled = 0
+        for which in (ROW, JOINTS, FEET):
+            for j in range(at[which], at[which + 1]):
+                line[filled] = lane[j]
+                filled += 1
+        for i in range(log.shape[1] - filled):  # the first row of the contacts is their displacement
+            line[filled + i] = lane[at[CONTACTS] + i]
+
+
+@compiled
+def begin_step(lane, clock, action, plan):
+    """Begin a step on a line: the next command, and an empty account.
+
+    Args:
+        lane: the lane, changed in place.
+        clock: its whole numbers.
+        action: rates, shape (A,).
+        plan: what all lanes share.
+
+    Returns:
+        The parts of the lane that the motion needs: contacts and springs, the target of the ramp, and its account.
+    """
+    command(lane, clock, action, plan)
+    account = part(lane, plan, ACCOUNT)
+    for entry in range(account.shape[0]):  # a loop is faster than a slice
+        account[entry] = 0.0
+    account[VISITED] = np.inf
+    contacts, links, target = part(lane, plan, CONTACTS), part(lane, plan, LINKS), part(lane, plan, TARGET)
+    n, springs = plan.position.shape[0], plan.ends.shape[0]
+    return (
+        contacts.reshape((contacts.shape[0] // n, n)),
+        links.reshape((5, springs)),
+        target.reshape((1, target.shape[0])),
+        account,
+    )
+
+
+@compiled
+def end_step(lane, clock, plan, contacts, links, first, observes, log):
+    """End a step on a line: read the sensors and observe.
+
+    Args:
+        lane: the lane, changed in place.
+        clock: its whole numbers, changed in place.
+        plan: what all lanes share.
+        contacts: rows of the contacts, see `crawler_model.motion.state`.
+        links: rows of the springs, likewise.
+        first: whether this is the start of an episode.
+        observes: whether to observe; False where readings of segments have to be added first.
+        log: output, see `observe`.
+    """
+    settings = plan.settings
+    seconds = (end_of_step(settings, clock[STEP] + 1) - end_of_step(settings, clock[STEP])) / _NS
+    read_line(
+        contacts,
+        links,
+        plan.ends,
+        plan.stations,
+        plan.shown,
+        plan.position,
+        part(lane, plan, PULL).reshape((2, plan.position.shape[0])),
+        np.inf if first else seconds,
+        part(lane, plan, JOINTS).reshape((3, plan.stations.shape[0])),
+        part(lane, plan, FEET).reshape((3, plan.shown.shape[0])),
+    )
+    if observes:
+        observe(lane, clock, plan, first, log)
+
+
+@compiled
+def begin_episodes(lanes, clocks, which, floats, ints, observes, logs):
+    """Read the sensors at the start of episodes on a line, and observe.
+
+    Args:
+        lanes: the memory of each environment, shape (M, B), changed in place.
+        clocks: whole numbers of each, shape (M, 4), changed in place.
+        which: environments whose episodes begin, shape (K,).
+        floats: shared numbers, see `open_plan`.
+        ints: shared whole numbers, likewise.
+        observes: as for `end_step`.
+        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
+    """
+    plan = open_plan(floats, ints)
+    n, springs = plan.position.shape[0], plan.ends.shape[0]
+    for m in which:
+        contacts = part(lanes[m], plan, CONTACTS)
+        contacts = contacts.reshape((contacts.shape[0] // n, n))
+        links = part(lanes[m], plan, LINKS).reshape((5, springs))
+        end_step(lanes[m], clocks[m], plan, contacts, links, True, observes, logs[m])
+
+
+@compiled
+def command_one(lane, clock, action, floats, ints):
+    """Turn the action of one environment into a command, see `command`.
+
+    Args:
+        lane: its memory, changed in place.
+        clock: its whole numbers.
+        action: rates, shape (A,).
+        floats: shared numbers, see `open_plan`.
+        ints: shared whole numbers, likewise.
+    """
+    command(lane, clock, action, open_plan(floats, ints))
+
+
+@compiled
+def observe_some(lanes, clocks, which, floats, ints, first, logs):
+    """Observe environments whose readings were completed outside.
+
+    Args:
+        lanes: the memory of each environment, shape (M, B), changed in place.
+        clocks: whole numbers of each, shape (M, 4), changed in place.
+        which: the environments, shape (K,).
+        floats: shared numbers, see `open_plan`.
+        ints: shared whole numbers, likewise.
+        first: whether this is the start of their episodes.
+        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
+    """
+    plan = open_plan(floats, ints)
+    for m in which:
+        observe(lanes[m], clocks[m], plan, first, logs[m])

@@ -1,0 +1,182 @@
+"""The arrays of the kernels: what all lanes share, and the parts of a lane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from crawler_model import Scene
+from crawler_model.motion.follow import build_motion
+from crawler_model.motion.line_state import LineState
+from crawler_model.motion.state import ACCOUNT_SIZE, CONTACT_ROWS, LINK_ROWS, LOADED_ROWS
+from crawler_ros.wire.states import StationReader, shown_contacts
+
+from .actions import Actions
+from .bounds import Spans
+from .kernel import plan
+from .task import Task
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """What all lanes of a scene share, see `kernel.lane.open_plan`.
+
+    Attributes:
+        floats: numbers.
+        ints: whole numbers.
+        lane_at: offsets of the parts of a lane.
+    """
+
+    floats: np.ndarray
+    ints: np.ndarray
+    lane_at: np.ndarray
+
+
+def build_shared(
+    scene: Scene, actions: Actions, task: Task, spans: Spans, price: float, rate: Fraction, steps: int, slots: int
+) -> Shared:
+    """Collect what all lanes of a scene share.
+
+    Args:
+        scene: the scene.
+        actions: its free columns.
+        task: the task.
+        spans: bounds and scales of observations.
+        price: price of work [m/J].
+        rate: steps per second [Hz].
+        steps: steps of an episode; 0 for no limit.
+        slots: number of actions that a lane remembers.
+
+    Returns:
+        The arrays.
+    """
+    body, columns, axes = scene.body, scene.columns, scene.dimension
+    shown = shown_contacts(body)
+    stations = np.zeros((0, 3), np.int64)
+    if axes == 1:
+        springs = [*body.link_springs, *(s.first_spring for s in body.segments)]
+        root = [[int(body.stations[0]), 0, 0]]
+        stations = np.vstack((root, np.column_stack((body.stations[body.joints], springs)))).astype(np.int64)
+    rounds = 0
+    bands: tuple[int, ...] = (0,)
+    if axes == 1 and not body.is_chain:
+        from crawler_model.motion.graph.active_set import build_network, most_rounds
+
+        rounds, bands = most_rounds(body.contacts), build_network(body).band.shape
+    frictions = actions.free[actions.free >= columns.lengths]
+    floats: list[Any] = [actions.limits, columns.factor, body.position, place_weights(scene)]
+    floats += [np.stack((spans.bound, spans.scale)), [task.speed, task.tolerance, price, *task.direction, *task.place]]
+    ints = [actions.of, columns.index, stations, shown, body.ends, frictions]
+    settings = [task.kind, axes, steps, rate.numerator, rate.denominator, rounds]
+    joints, feet = axes * (1 + body.joints.shape[0]), axes * shown.size
+    loaded = columns.slope_load is not None and axes == 1
+    n, s, a = body.contacts, body.springs, len(actions.names)
+    on_line = has_kernel(scene)
+    sizes = {
+        plan.CONTACTS: (LOADED_ROWS if loaded else CONTACT_ROWS) * n if on_line else axes * n,
+        plan.LINKS: LINK_ROWS * s if on_line else 0,
+        plan.ELASTICITY: 2 * s if on_line else 0,
+        plan.BANDS: int(np.prod(bands)),
+        plan.SLOPE: n if loaded and on_line else 0,
+        plan.ROW: columns.count,
+        plan.TARGET: columns.index.size,
+        plan.ACCOUNT: ACCOUNT_SIZE,
+        plan.JOINTS: 3 * joints,
+        plan.FEET: 3 * feet,
+        plan.PULL: 2 * n if on_line else 0,
+        plan.MEMORY: axes + 3,
+        plan.QUEUE: slots * a,
+        plan.SIGMA: 1,
+        plan.RESULT: 6,
+        plan.OBSERVATION: spans.bound.size,
+    }
+    numbers, floats_at = _join(floats, np.float64)
+    whole, ints_at = _join(ints, np.int64)
+    lane_at = np.concatenate(([0], np.cumsum([sizes[k] for k in range(plan.PARTS)]))).astype(np.int64)
+    head = np.concatenate((settings, lane_at, floats_at, ints_at + len(settings) + lane_at.size + 14))
+    return Shared(numbers, np.concatenate((head, whole)).astype(np.int64), lane_at)
+
+
+def has_kernel(scene: Scene) -> bool:
+    """Determine whether the lanes of a scene advance in one compiled call.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        True for bodies on a line, on ground that is the same everywhere.
+    """
+    return scene.dimension == 1 and scene.ground.track is None
+
+
+def place_weights(scene: Scene) -> np.ndarray:
+    """Compute by which weights the net translation follows from the positions of joint_states.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        Weights of each axis in turn, shape (axes, W); of a segment its two ends count.
+    """
+    body, axes = scene.body, scene.dimension
+    reader, width = StationReader(body), 1 + body.joints.shape[0]
+    each = np.stack([reader.read(np.repeat(unit, axes)) for unit in np.eye(width)])
+    weights = np.tensordot(each, body.station_share, axes=(1, 0))
+    if axes == 1:
+        return np.asarray(weights[None])
+    spread = np.zeros((2, width, 2))
+    for d in range(2):
+        spread[d, :, d] = weights[:, d]
+    return spread.reshape(2, 2 * width)
+
+
+def _join(parts: list[Any], kind: type[np.generic]) -> tuple[np.ndarray, np.ndarray]:
+    flat = [np.asarray(part, dtype=kind).ravel() for part in parts]
+    return np.concatenate(flat), np.concatenate(([0], np.cumsum([part.size for part in flat]))).astype(np.int64)
+
+
+def view(lanes: np.ndarray, shared: Shared, which: int, *shape: int) -> np.ndarray:
+    """View a part of many lanes.
+
+    Args:
+        lanes: their memory, shape (M, B).
+        shared: what they share.
+        which: the part.
+        *shape: shape of the part of one lane; one axis if left out.
+
+    Returns:
+        Shape (M, ...).
+    """
+    part = lanes[:, shared.lane_at[which] : shared.lane_at[which + 1]]
+    return part.reshape(lanes.shape[0], *shape) if shape else part
+
+
+def fill_at_rest(lanes: np.ndarray, status: np.ndarray, shared: Shared, assembly: Any) -> None:
+    """Write the state at the start of scenes on a line to their lanes.
+
+    Args:
+        lanes: memory, shape (M, B), changed in place.
+        status: bits of the contacts, shape (M, N), changed in place.
+        shared: what the lanes share.
+        assembly: the assembly of M variations with a leading axis, or of one scene for all of them.
+    """
+    body = assembly.body
+    n, s = body.contacts, body.springs
+    motion: Any = build_motion(assembly)
+    targets = assembly.drive.targets[..., 0, :]
+    state: LineState = motion.start(assembly.start_displacement, targets)
+    rows = (shared.lane_at[plan.CONTACTS + 1] - shared.lane_at[plan.CONTACTS]) // n
+    view(lanes, shared, plan.CONTACTS, int(rows), n)[:] = state.contacts
+    view(lanes, shared, plan.LINKS, LINK_ROWS, s)[:] = state.links
+    view(lanes, shared, plan.ELASTICITY, 2, s)[:] = body.elasticity
+    view(lanes, shared, plan.ROW)[:] = assembly.drive.rows[..., 0, :]
+    view(lanes, shared, plan.TARGET)[:] = targets
+    status[:] = state.status
+    if assembly.columns.slope_load is not None:
+        view(lanes, shared, plan.SLOPE)[:] = assembly.columns.slope_load
+    if not body.is_chain:
+        band = motion.network.band
+        view(lanes, shared, plan.BANDS, *band.shape[-2:])[:] = band

@@ -1,0 +1,158 @@
+"""The settings of an environment, checked against its scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crawler_model import CrawlerError, Scene
+from crawler_model.run.ticks import rational_rate
+from crawler_model.run.transport import supporting_force
+from crawler_model.scene.file import coerce_scene
+from crawler_ros.wire.states import shown_contacts
+
+from .actions import Actions, build_actions
+from .bounds import Spans, find_spans
+from .randomise import Ranges, read_ranges
+from .task import Task, build_task
+
+MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Spec:
+    """The settings of an environment.
+
+    Attributes:
+        scene: the scene; with loads, where episodes have them.
+        task: the task.
+        actions: the free columns of its commands.
+        spans: bounds of the observations.
+        ranges: how episodes differ.
+        rate: steps per second [Hz].
+        steps: steps of an episode; 0 for no limit.
+        price: price of work [m/J].
+        stroke: bounds of the rest lengths, as given.
+        friction: bounds of the friction, as given.
+        steps_per_stroke: number of steps in which an action of size 1 goes from one bound to the other.
+    """
+
+    scene: Scene
+    task: Task
+    actions: Actions
+    spans: Spans
+    ranges: Ranges
+    rate: Fraction
+    steps: int
+    price: float
+    stroke: Sequence[float] | None
+    friction: Sequence[float] | None
+    steps_per_stroke: float
+
+    def with_ranges(self, ranges: Ranges) -> Spec:
+        """Replace the ranges; the spaces stay as they are.
+
+        Args:
+            ranges: the ranges.
+
+        Returns:
+            The settings.
+        """
+        scene = _with_loads(self.scene, ranges)
+        actions = self.actions
+        if scene is not self.scene:
+            actions = build_actions(scene, self.stroke, self.friction, self.steps_per_stroke)
+        _check_friction(actions, scene, ranges)
+        return dataclasses.replace(self, scene=scene, actions=actions, ranges=ranges)
+
+
+def build_spec(
+    scene: Scene | str | Path = "three_contacts_one_way",
+    task: str = "translation",
+    *,
+    direction: float | None = None,
+    speed: float | None = None,
+    place: float | Sequence[float] | None = None,
+    tolerance: float | None = None,
+    rate: float = 20.0,
+    steps: int = 200,
+    stroke: Sequence[float] | None = None,
+    stroke_time: float = 0.25,
+    friction: Sequence[float] | None = None,
+    price: float = 0.1,
+    randomise: Mapping[str, Any] | None = None,
+) -> Spec:
+    """Check the settings of an environment and complete them.
+
+    Args:
+        scene: a scene, a path or a gallery name. Its drive is not played: its first row is the command at the start,
+            and its range the default of the bounds of the commands.
+        task: "translation" (travel as far as possible), "speed" (keep a speed), "reach" (go to a place) or "climb"
+            (travel against the loads).
+        direction: direction of travel: 1 or -1 on a line, 1 by default; in the plane an angle, required for translation
+            and speed [rad]. A climb goes against the loads by default.
+        speed: for the task speed [m/s]; by default a quarter of the mean of the largest rates of the links.
+        place: for the task reach, the net translation to reach [m]; by default a body length ahead, required in the
+            plane.
+        tolerance: for the task reach, the distance at which the place counts as reached [m]; by default a hundredth
+            of the length of the body.
+        rate: steps per second [Hz].
+        steps: steps of an episode, after which it is truncated; 0 for no limit.
+        stroke: least and largest rest-length change of each link [m] and strain of each segment; by default those of
+            the scene's drive, where there is none a quarter of the link's length either way, and a strain of 0.2.
+        stroke_time: time in which an action of size 1 goes from the least to the largest value [s].
+        friction: least and largest friction of each contact [N] (segments [N/m]), which frees it; by default it is
+            free where the drive of the scene changes it.
+        price: price of work relative to the force that supports the body (as in the cost of transport) [1].
+        randomise: how episodes differ, unless `reset` is given other options; see `read_ranges`.
+
+    Returns:
+        The settings.
+
+    Raises:
+        CrawlerError: if one is invalid; the message names it.
+    """
+    given = coerce_scene(scene, "Crawler-v0")
+    ranges = read_ranges(randomise or {})
+    ratio = rational_rate(rate)
+    if isinstance(steps, bool) or not isinstance(steps, int) or not 0 <= steps <= MOST_STEPS:
+        raise CrawlerError(f"steps: {steps!r}; it must be a whole number, 0 .. {MOST_STEPS}; 0 for no limit")
+    if not isinstance(stroke_time, (int, float)) or not 0.0 < stroke_time < math.inf:
+        raise CrawlerError(f"stroke_time: {stroke_time!r}; it must be a number > 0 [s]")
+    if not isinstance(price, (int, float)) or not 0.0 <= price < math.inf:
+        raise CrawlerError(f"price: {price!r}; it must be a number >= 0")
+    loaded = _with_loads(given, ranges)
+    per_stroke = max(float(stroke_time * ratio), 1.0)
+    actions = build_actions(loaded, stroke, friction, per_stroke)
+    _check_friction(actions, loaded, ranges)
+    lengths = loaded.columns.lengths
+    mean = float(np.mean(actions.limits[0, :lengths])) * float(ratio) if lengths else 0.0
+    checked = build_task(loaded, task, direction, speed, place, tolerance, mean, ranges.loads)
+    feet = shown_contacts(loaded.body).size
+    spans = find_spans(loaded, actions, checked, ranges, float(ratio), steps, feet)
+    force = float(supporting_force(loaded))
+    per_joule = price / force if force > 0.0 else 0.0
+    return Spec(loaded, checked, actions, spans, ranges, ratio, steps, per_joule, stroke, friction, per_stroke)
+
+
+def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
+    """Give a scene without loads a load of 0 where episodes have loads or slopes."""
+    if not ranges.loads or scene.columns.loads:
+        return scene
+    if scene.dimension == 2:
+        raise CrawlerError("options: slope and loads: the scene in the plane has no loads; add `loads: 0` to it")
+    return Scene.model_validate(scene.document() | {"loads": 0.0})
+
+
+def _check_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:
+    if "friction" in ranges.ranges and (actions.free >= scene.columns.lengths).any():
+        raise CrawlerError(
+            "options: friction cannot be randomised where it is free to be commanded; leave one of both out"
+        )

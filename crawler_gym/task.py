@@ -1,0 +1,161 @@
+"""Tasks: what an environment rewards, and towards what it moves."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from crawler_model import CrawlerError, Scene
+from crawler_model.run.transport import length_of
+
+from .kernel.plan import REACH, SPEED, TRAVEL
+
+TASKS = {"translation": TRAVEL, "speed": SPEED, "reach": REACH, "climb": TRAVEL}
+"""Names of the tasks, and their kinds."""
+_OF_TASK = {"speed": "speed", "place": "reach", "tolerance": "reach"}
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A task in a scene.
+
+    Attributes:
+        name: one of TASKS.
+        direction: unit vector of the direction of travel, shape (1,), in the plane (2,).
+        speed: speed to keep [m/s]; 0 for other tasks.
+        place: net translation to reach, shape (1,), in the plane (2,) [m]; 0 for other tasks.
+        tolerance: largest distance from the place at which it counts as reached [m]; 0 for other tasks.
+    """
+
+    name: str
+    direction: np.ndarray
+    speed: float
+    place: np.ndarray
+    tolerance: float
+
+    @property
+    def kind(self) -> int:
+        """Kind of the task for the kernels."""
+        return TASKS[self.name]
+
+    @property
+    def errors(self) -> int:
+        """Number of entries of the observation that hold the error of the task."""
+        return self.place.size if self.kind == REACH else 1
+
+
+def build_task(
+    scene: Scene,
+    name: str,
+    direction: float | None,
+    speed: float | None,
+    place: float | Sequence[float] | None,
+    tolerance: float | None,
+    stroke_speed: float,
+    tilts: bool,
+) -> Task:
+    """Check a task against a scene, and complete it.
+
+    Args:
+        scene: the scene.
+        name: name of the task.
+        direction: direction of travel: 1 or -1 on a line, an angle in the plane [rad]; None for the default.
+        speed: speed to keep [m/s]; None for the default.
+        place: net translation to reach, in the plane two numbers [m]; None for the default.
+        tolerance: largest distance from the place at which it counts as reached [m]; None for the default.
+        stroke_speed: mean of the largest rates of the links, from which the default speed follows [m/s].
+        tilts: whether episodes may have loads or slopes that the scene does not have.
+
+    Returns:
+        The task.
+
+    Raises:
+        CrawlerError: if the task is unknown, lacks a direction, or does not take one of the numbers.
+    """
+    if name not in TASKS:
+        near = difflib.get_close_matches(str(name), TASKS, n=1, cutoff=0.0)[0]
+        raise CrawlerError(f"task: unknown task {name!r}; the nearest is {near!r}, of {', '.join(TASKS)}")
+    given = {"speed": speed, "place": place, "tolerance": tolerance}
+    for key, value in given.items():
+        if value is not None and name != _OF_TASK[key]:
+            raise CrawlerError(f"{key}: {value!r}, but the task is {name}; only the task {_OF_TASK[key]} takes it")
+    axes = scene.dimension
+    unit = np.ones(1) if name == "reach" and axes == 1 else np.array([1.0, 0.0])[:axes]
+    if name != "reach":
+        unit = _direction(scene, name, direction, tilts)
+    elif direction is not None:
+        raise CrawlerError(f"direction: {direction!r}, but the task is reach, whose direction is that of its place")
+    length = length_of(scene.body)
+    goal = np.zeros(axes)
+    if name == "reach":
+        goal = _place(scene, place, length)
+    return Task(
+        name,
+        unit,
+        0.0 if name != "speed" else _positive("speed", speed, 0.25 * stroke_speed, "m/s"),
+        goal,
+        0.0 if name != "reach" else _positive("tolerance", tolerance, 0.01 * length, "m"),
+    )
+
+
+def _direction(scene: Scene, name: str, direction: float | None, tilts: bool) -> np.ndarray:
+    if direction is not None and (not isinstance(direction, (int, float)) or not math.isfinite(direction)):
+        raise CrawlerError(f"direction: {direction!r}; it must be a number")
+    if name == "climb" and direction is None:
+        return _against_loads(scene, tilts)
+    if scene.dimension == 2:
+        if direction is None:
+            raise CrawlerError(
+                f"direction: missing; in the plane the task {name} needs the angle of travel from the x axis [rad]"
+            )
+        return np.array([math.cos(direction), math.sin(direction)])
+    if direction not in (None, 1, -1):
+        raise CrawlerError(f"direction: {direction!r}; on a line it must be 1 or -1")
+    return np.array([1.0 if direction is None else float(direction)])
+
+
+def _against_loads(scene: Scene, tilts: bool) -> np.ndarray:
+    """Find the direction against the sum of the loads of a scene, or uphill."""
+    axes = scene.dimension
+    total = np.asarray(scene.drive.loads[0]).reshape(-1, axes).sum(axis=0) if scene.columns.loads else np.zeros(axes)
+    track = scene.ground.track
+    if track is not None:
+        total = total + track.tilt.sum()
+    size = float(np.linalg.norm(total))
+    if size > 0.0:
+        return np.asarray(-total / size)
+    if tilts and axes == 1:
+        return np.ones(1)
+    raise CrawlerError(
+        f"task: climb, but nothing loads {scene.name}; give it `loads` or `ground.slope`, or randomise slope or loads"
+    )
+
+
+def _place(scene: Scene, place: float | Sequence[float] | None, length: float) -> np.ndarray:
+    axes = scene.dimension
+    if place is None:
+        if axes == 2:
+            raise CrawlerError("place: missing; in the plane the task reach needs the place [x, y] to reach [m]")
+        return np.array([float(scene.body.share @ scene.start_displacement) + length])
+    try:
+        goal = np.atleast_1d(np.array(place, dtype=np.float64))
+    except (TypeError, ValueError):
+        goal = np.empty(0)
+    if goal.shape != (axes,) or not np.isfinite(goal).all():
+        raise CrawlerError(
+            f"place: {place!r}; it must be {'a finite number' if axes == 1 else 'two finite numbers'} [m]"
+        )
+    return goal
+
+
+def _positive(name: str, value: Any, default: float, unit: str) -> float:
+    if value is None:
+        return default
+    if not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
+        raise CrawlerError(f"{name}: {value!r}; it must be a number > 0 [{unit}]")
+    return float(value)

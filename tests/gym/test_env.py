@@ -1,0 +1,335 @@
+"""The single environment: what Gymnasium expects, what the model says, and what is refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("gymnasium")
+import gymnasium
+from gymnasium.utils.env_checker import check_env
+
+import crawler_gym
+from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
+
+from .scenes import CHAIN, KINDS, act, chain, varied
+
+
+def make(scene="three_contacts_one_way", task="translation", **settings):
+    return gymnasium.make("Crawler-v0", scene=scene, task=task, **settings).unwrapped
+
+
+def of_kind(kind: str, **settings):
+    build, needed = KINDS[kind]
+    return make(build(), **{**needed, **settings})
+
+
+def play(env, steps: int, seed: int | None = None, **given):
+    """Observations, rewards and infos of an episode."""
+    observation, info = env.reset(seed=seed, **given)
+    seen, rewards, infos = [observation], [], [info]
+    for step in range(steps):
+        observation, reward, terminated, truncated, info = env.step(act(observation, env.action_space.shape[0], step))
+        assert env.observation_space.contains(observation)
+        seen.append(observation)
+        rewards.append(reward)
+        infos.append(info)
+        if terminated or truncated:
+            break
+    return np.array(seen), np.array(rewards), infos
+
+
+@pytest.mark.filterwarnings("ignore:.*no display here")
+@pytest.mark.parametrize("task", ["translation", "speed", "reach", "climb"])
+def test_gymnasium_finds_nothing_to_complain_about(task):
+    pytest.importorskip("matplotlib").use("agg")
+    env = make("slope_climber" if task == "climb" else "three_contacts_one_way", task, randomise={"noise": 0.01})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(env)
+    assert [str(w.message) for w in caught if "no display" not in str(w.message)] == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_path_is_that_of_the_model(kind):
+    """The crawler that follows the commands in force sees the same forces and elongations, to the bit."""
+    env = of_kind(kind)
+    env.reset(seed=1)
+    crawler = Crawler(env.spec_of_crawler.scene)
+    observation = np.zeros(1)
+    joints = crawler.joint_elongation.size
+    moved = 0.0
+    for step in range(40):
+        observation, *_ = env.step(act(observation, env.action_space.shape[0], step))
+        crawler.follow(crawler.scene.columns.target(env.lanes.row(0))[None])
+        assert np.array_equal(env.displacement, crawler.displacement)
+        assert np.array_equal(observation[:joints], crawler.joint_elongation.ravel())
+        assert np.array_equal(observation[joints : 2 * joints], crawler.joint_tension.ravel())
+        moved = max(moved, np.abs(crawler.gained).max())
+    assert moved > 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_same_seed_same_bits(kind):
+    options = {"noise": 0.02, "delay": [0, 2], "stiffness": [0.8, 1.0]}
+    runs = [play(of_kind(kind), 15, seed=5, options=options) for _ in range(2)]
+    other = play(of_kind(kind), 15, seed=6, options=options)
+    assert np.array_equal(runs[0][0], runs[1][0])
+    assert np.array_equal(runs[0][1], runs[1][1])
+    assert not np.array_equal(runs[0][0], other[0])
+
+
+def test_gains_are_those_of_the_net_translation():
+    seen, rewards, infos = play(make(price=0.0), 60, seed=0)
+    assert rewards.sum() == pytest.approx(infos[-1]["net_translation"], abs=1e-14)
+    assert infos[-1]["net_translation"] > 0.05
+    back = play(make(price=0.0, direction=-1), 60, seed=0)[2]
+    assert back[-1]["net_translation"] < 0.0
+    furthest = np.maximum.accumulate([info["net_translation"] for info in infos])
+    behind = furthest - [info["net_translation"] for info in infos]
+    assert seen[:, -1] == pytest.approx(behind, abs=1e-15)
+
+
+def test_work_has_its_price():
+    free, paid = (play(make(price=price), 30, seed=0) for price in (0.0, 0.5))
+    force = 0.5 * 3 * (0.2 + 0.5)
+    work = np.array([info["work"] for info in free[2][1:]])
+    assert free[1] - paid[1] == pytest.approx(0.5 * work / force, abs=1e-15)
+    crawler = Crawler(load_scene("three_contacts_one_way"))
+    env = make()
+    env.reset(seed=0)
+    total = 0.0
+    for step in range(10):
+        *_, info = env.step(act(np.zeros(2), 2, step))
+        total += crawler.advance(env.lanes.row(0)[:2]).work - info["work"]
+    assert total == 0.0
+
+
+def test_a_speed_is_rewarded_up_to_that_speed():
+    """What is gained sums to the distance that counts: all of it while behind, none of what is ahead."""
+    env = make(task="speed", speed=0.02, price=0.0)
+    seen, rewards, infos = play(env, 60, seed=0)
+    elapsed = len(rewards) / 20.0
+    gone = infos[-1]["net_translation"]
+    assert rewards.sum() == pytest.approx(0.02 * elapsed - abs(0.02 * elapsed - gone), abs=1e-13)
+    assert seen[-1, -1] == pytest.approx(0.02 * elapsed - gone, abs=1e-14)
+
+
+def test_a_place_is_reached_to_its_tolerance():
+    env = make(task="reach", place=0.03, tolerance=0.005, price=0.0)
+    seen, rewards, infos = play(env, 200, seed=0)
+    assert len(rewards) < 200
+    assert abs(seen[-1, -1]) <= 0.005 < abs(seen[-2, -1])
+    assert rewards.sum() == pytest.approx(0.03 - abs(seen[-1, -1]), abs=1e-14)
+    assert infos[-1]["net_translation"] == pytest.approx(0.03, abs=0.005)
+
+
+def test_an_episode_is_cut_off_after_its_steps():
+    env = make(steps=3)
+    env.reset(seed=0)
+    assert [env.step(np.zeros(2))[3] for _ in range(3)] == [False, False, True]
+
+
+def test_actions_move_the_commands_at_their_largest_rate_and_no_further():
+    env = make(stroke_time=0.5)  # ten steps
+    env.reset(seed=0)
+    env.step(np.array([0.5, 7.0]))
+    assert env.lanes.row(0)[:2] == pytest.approx([0.005, 0.01])
+    for _ in range(20):
+        env.step(np.array([0.0, 1.0]))
+    assert env.lanes.row(0)[:2] == pytest.approx([0.005, 0.1])
+
+
+def test_friction_is_free_where_the_drive_commands_it_or_bounds_are_given():
+    assert make("two_anchor_a").action_names == ("link_0", "contact_0/friction", "contact_1/friction")
+    env = make(friction=[0.1, 0.6])
+    assert env.action_names[2:] == tuple(f"contact_{i}/friction" for i in range(3))
+    env.reset(seed=0)
+    env.step(np.array([0.0, 0.0, 1.0, -1.0, 0.0]))
+    row = env.lanes.row(0)[2:]
+    assert row == pytest.approx([0.3, 0.1, 0.2, 0.6, 0.4, 0.5])
+
+
+def test_a_delay_holds_actions_back():
+    late, prompt = make(), make()
+    late.reset(seed=0, options={"delay": 2})
+    prompt.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, (12, 2))
+    rows = []
+    for env in (late, prompt):
+        rows.append([])
+        for action in actions:
+            env.step(action)
+            rows[-1].append(env.lanes.row(0))
+    assert np.array_equal(rows[0][2:], rows[1][:-2])
+    assert np.array_equal(rows[0][1], env.spec_of_crawler.scene.drive.rows[0])
+
+
+def test_noise_is_normal_and_does_not_touch_the_path():
+    clear, noisy = make(), make()
+    clear.reset(seed=0)
+    noisy.reset(seed=0, options={"noise": 0.05})
+    errors = []
+    for step in range(199):
+        action = act(np.zeros(1), 2, step)
+        errors.append(noisy.step(action)[0] - clear.step(action)[0])
+    assert np.array_equal(clear.displacement, noisy.displacement)
+    scaled = np.array(errors) / noisy.spec_of_crawler.spans.scale / 0.05
+    count = np.sqrt(scaled.size)
+    assert abs(scaled.mean()) < 4.0 / count
+    assert abs(scaled.std() - 1.0) < 4.0 / count
+
+
+def test_an_episode_repeats_from_its_info():
+    ranges = {"friction": [0.8, 1.2], "stiffness": [0.5, 2.0], "loads": [-0.02, 0.02], "slope": [-2.0, 5.0]}
+    ranges |= {"delay": [0, 4], "noise": [0.0, 0.1]}
+    env = make(varied(), randomise=ranges)
+    first = play(env, 30, seed=11)
+    second = play(env, 30)
+    assert not np.array_equal(first[0], second[0])
+    drawn = first[2][0]["drawn"]
+    assert set(drawn) == {*ranges, "noise_seed"}
+    again = play(make(varied()), 30, seed=99, options=drawn)
+    assert np.array_equal(first[0], again[0])
+    document = CHAIN | {"loads": drawn["loads"], "ground": {"slope": drawn["slope"]}}
+    document["friction"] = {
+        "forward": [f * drawn["friction"] for f in (0.2, 0.25, 0.2)],
+        "backward": [0.5 * drawn["friction"]] * 3,
+    }
+    stiffness = [k * drawn["stiffness"] for k in (20.0, 25.0)]
+    document["body"] = CHAIN["body"] | {"links": {"stiffness": stiffness}}
+    crawler = Crawler(Scene.model_validate(document))
+    env = make(varied())
+    env.reset(options=drawn)
+    for step in range(20):
+        env.step(act(np.zeros(1), 2, step))
+        crawler.follow(crawler.scene.columns.target(env.lanes.row(0))[None])
+        assert np.array_equal(env.displacement, crawler.displacement)
+
+
+def test_a_command_that_friction_cannot_hold_is_not_followed():
+    env = make(chain(loads=-0.3), friction=[0.1, 0.6])
+    env.reset(seed=0)
+    for _ in range(30):
+        env.step(np.array([0.0, 0.0, -1.0, -1.0, -1.0]))
+    assert env.lanes.row(0)[5:8].sum() >= 0.9 * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("kind", ["chain", "segment", "plane"])
+def test_it_draws_itself(kind):
+    pytest.importorskip("matplotlib")
+    env = of_kind(kind, render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    for step in range(20):
+        env.step(act(np.zeros(1), env.action_space.shape[0], step))
+    after = env.render()
+    assert before.shape == after.shape == (192, 512, 3)
+    assert before.dtype == np.uint8
+    assert (before != after).any()
+    env.close()
+
+
+def loaded_by(code: str) -> set[str]:
+    code += "; import sys; print(' '.join({m.split('.')[0] for m in sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return set(done.stdout.split())
+
+
+def test_making_it_loads_neither_ros_nor_pictures():
+    made = loaded_by("import gymnasium; gymnasium.make('crawler_gym:Crawler-v0').reset()")
+    assert not made & {"rclpy", "mcap", "matplotlib", "rerun"}
+
+
+WRONG = [
+    ({"task": "fly"}, "task: unknown task 'fly'; the nearest is "),
+    ({"scene": "planar_three_points"}, "direction: missing; in the plane the task translation needs the angle"),
+    ({"scene": "planar_three_points", "task": "reach"}, "place: missing; in the plane"),
+    ({"task": "climb"}, "nothing loads three_contacts_one_way"),
+    ({"direction": 0.5}, "direction: 0.5; on a line it must be 1 or -1"),
+    ({"speed": 1.0}, "speed: 1.0, but the task is translation; only the task speed takes it"),
+    ({"task": "speed", "speed": -1.0}, "speed: -1.0; it must be a number > 0 [m/s]"),
+    ({"task": "reach", "place": [1.0, 2.0]}, "place: [1.0, 2.0]; it must be a finite number [m]"),
+    ({"task": "reach", "tolerance": 0.0}, "tolerance: 0.0; it must be a number > 0 [m]"),
+    ({"stroke": [0.1, 0.0]}, "stroke: [0.1, 0.0]; it must be two finite numbers [least, largest], in order"),
+    ({"stroke": [0.05, 0.1]}, "stroke: link_0 is 0 at the start; the bounds 0.05 .. 0.1 must include it"),
+    ({"friction": [-0.1, 1.0]}, "friction: [-0.1, 1.0]; friction must be >= 0"),
+    ({"steps": -1}, "steps: -1; it must be a whole number, 0 .. "),
+    ({"rate": 0.0}, "rate: 0 Hz"),
+    ({"price": float("nan")}, "price: nan; it must be a number >= 0"),
+    ({"render_mode": "ascii"}, "render_mode: 'ascii'; it must be one of human, rgb_array, or None"),
+    ({"scene": 7}, "Crawler-v0: 7; it must be a Scene, a path or a gallery name"),
+    ({"randomise": {"mass": 1.0}}, "options: unknown key 'mass'; the nearest is "),
+    (
+        {"randomise": {"friction": [1.2, 0.8]}},
+        "options: friction is [1.2, 0.8]; it must be a number or [least, largest]",
+    ),
+    (
+        {"randomise": {"friction": 1.0}, "friction": [0.1, 0.6]},
+        "options: friction cannot be randomised where it is free",
+    ),
+]
+
+
+@pytest.mark.parametrize(("settings", "said"), WRONG, ids=[said[:40] for _, said in WRONG])
+def test_wrong_settings_are_one_clear_line(settings, said):
+    with pytest.raises(CrawlerError) as error:
+        crawler_gym.CrawlerEnv(**settings)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+WRONG_ACTIONS = [
+    (np.zeros(3), r"action: shape \(3,\); it must be \(2,\)"),
+    (0.5, r"action: shape \(\); it must be \(2,\)"),
+    ("up", r"action: 'up'; it must be \(2,\) numbers"),
+    ([0.0, np.nan], "action: link_1 is nan; it must be finite"),
+    ([np.inf, 0.0], "action: link_0 is inf; it must be finite"),
+]
+
+
+@pytest.mark.parametrize(("action", "said"), WRONG_ACTIONS, ids=[said for _, said in WRONG_ACTIONS])
+def test_a_wrong_action_leaves_the_state_untouched(action, said):
+    env, other = make(), make()
+    for one in (env, other):
+        one.reset(seed=0)
+        one.step(np.array([1.0, -0.5]))
+    with pytest.raises(CommandError, match=said):
+        env.step(action)
+    follow = np.array([0.3, 0.9])
+    assert np.array_equal(env.step(follow)[0], other.step(follow)[0])
+
+
+WRONG_OPTIONS = [
+    ({"frictoin": 1.0}, "options: unknown key 'frictoin'; the nearest is 'friction'"),
+    ({"delay": 0.5}, "options: delay is 0.5; it must be a number or [least, largest], of whole numbers of steps"),
+    ({"noise": -1.0}, "options: noise is -1.0"),
+    ({"noise": "much"}, "options: noise is 'much'"),
+    ({"slope": 5.0}, "ground.slope: no effect, as the contacts have no weights"),
+    ({"loads": 1.0}, "options: with loads 1 the scene is invalid"),
+    ("quiet", "options: 'quiet'; they must be a mapping"),
+]
+
+
+@pytest.mark.parametrize(("options", "said"), WRONG_OPTIONS, ids=[said[:40] for _, said in WRONG_OPTIONS])
+def test_wrong_options_are_one_clear_line_and_leave_the_episode_untouched(options, said):
+    env, other = make(), make()
+    for one in (env, other):
+        one.reset(seed=0)
+        one.step(np.array([1.0, -0.5]))
+    with pytest.raises(CrawlerError) as error:
+        env.reset(options=options)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+    follow = np.array([0.3, 0.9])
+    assert np.array_equal(env.step(follow)[0], other.step(follow)[0])
+
+
+def test_no_step_before_a_reset():
+    with pytest.raises(CrawlerError, match="no episode has begun; call reset first"):
+        make().step(np.zeros(2))
