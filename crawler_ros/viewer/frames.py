@@ -15,9 +15,9 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
-from crawler_model.body.plan import Plan
 from crawler_model.motion.jump import Jump
 from crawler_model.run.simulate import TimedJump
+from crawler_pictures.ground import has_stasis_bounds, local_bounds
 
 from ..recording.recorded_robot import Robot, noted_robot
 from ..wire.states import StationReader
@@ -94,18 +94,6 @@ def frame_sizes(body: Body) -> list[int]:
     return [stations * body.dimension, joints, stations, friction, friction]
 
 
-def has_stasis_bounds(body: Body) -> bool:
-    """Return whether the bounds of each link's tension follow from its neighbours.
-
-    Args:
-        body: the body.
-
-    Returns:
-        True for a chain of isolated contacts.
-    """
-    return body.is_chain and not body.segments
-
-
 def time_jumps(jumps: Iterable[Jump], start_ns: int, ends_ns: Sequence[int]) -> tuple[TimedJump, ...]:
     """Compute the times of jumps in ramps that were followed in one call.
 
@@ -123,25 +111,6 @@ def time_jumps(jumps: Iterable[Jump], start_ns: int, ends_ns: Sequence[int]) -> 
         when = (begin + jump.part * (end - begin)) / NS
         made.append(TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss))
     return tuple(made)
-
-
-def local_bounds(scene: Plan, row: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the bounds of the spring forces on a body on a line, by the ground under each contact.
-
-    Args:
-        scene: the scene.
-        row: the command row in force, shape (C,).
-        x: displacement of each contact, shape (N,) [m].
-
-    Returns:
-        Bounds forward and backward, each shape (N,) [N].
-    """
-    body, track = scene.body, scene.ground.track
-    target, n = scene.columns.target(row)[body.springs :], body.contacts
-    if track is None:
-        return target[:n], target[n : 2 * n]
-    forward, backward, _ = track.bounds(target, track.find_places(body.position, x))
-    return forward, backward
 
 
 def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[TimedJump, ...] = ()) -> Frame:
@@ -163,7 +132,8 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
         tension = np.linalg.norm(tension, axis=1)
     forward = backward = np.zeros(0)
     if has_stasis_bounds(body):
-        forward, backward = (side[at] for side in local_bounds(crawler.scene, crawler.row, crawler.displacement))
+        target = crawler.scene.columns.target(crawler.row)
+        forward, backward = (side[at] for side in local_bounds(crawler.scene, target, crawler.displacement))
     return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward, jumps)
 
 
@@ -244,7 +214,7 @@ def _frames(
             while ahead and (ahead[0][0], round(ahead[0][1].time * NS)) <= (run, stamp):
                 passed.append(ahead.popleft()[1])
             if bounded:
-                forward, backward = local_bounds(scene, row, x)
+                forward, backward = local_bounds(scene, scene.columns.target(row), x)
             state = (np.sign(v) * moving).astype(np.int8)
             yield Frame(stamp, x.ravel(), tension, state, forward, backward, tuple(passed))
 

@@ -21,7 +21,6 @@ from crawler_pictures.domain import draw_domain as draw_domain
 from crawler_pictures.ground import draw_jumps
 
 from ..wire.states import station_names
-from .frames import has_stasis_bounds
 
 if TYPE_CHECKING:
     from .frames import Frame

@@ -28,7 +28,7 @@ from crawler_pictures.colors import BACK, FORWARD, JUMP, rgb
 from ..recording.recorded_robot import Robot
 from ..wire.states import joint_names, station_names
 from .feed import is_free
-from .frames import Frame, frames_of_recording, has_stasis_bounds, in_sequence, read_frames, thin
+from .frames import Frame, frames_of_recording, in_sequence, read_frames, thin
 from .ground import JumpMarks, draw_ground
 
 _STATE_NAMES = {-1: "slip back", 0: "stick", 1: "slip forward"}

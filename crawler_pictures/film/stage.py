@@ -1,0 +1,197 @@
+"""The frames of a film: figure and artists are made once, after that only what moves is drawn again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from ..ground import draw_jumps
+from ..run.kymograph import MOST_LINES, draw_positions, draw_states
+from .film import Film
+from .moving_set import moving_set
+from .panels import LinePanel, PlanePanel, SetPanel
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+_DPI = 100
+_STYLE: dict[Any, Any] = {"font.size": 10, "axes.titlesize": 10, "mathtext.fontset": "dejavusans", "axes.unicode_minus": True}
+_MOST_ROWS = 48
+
+
+class Panel(Protocol):
+    """Axes whose content moves from frame to frame."""
+
+    moving: list[Artist]
+
+    def move(self, k: int) -> None:
+        """Move everything to frame `k`."""
+        ...
+
+
+class Stage:
+    """Draws the frames of a film, each in a few milliseconds."""
+
+    def __init__(self, film: Film, width: int = 1280, height: int = 720) -> None:
+        """Draw all that does not move.
+
+        Args:
+            film: the run, sampled at the frames.
+            width: width of the frames [pixels].
+            height: height of the frames [pixels].
+        """
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._film = film
+        with matplotlib.rc_context(_STYLE):
+            scale = width / 1280.0
+            self._figure = Figure(figsize=(12.8, 12.8 * height / width), dpi=_DPI * scale)
+            self._canvas = FigureCanvasAgg(self._figure)
+            self._panels: list[Panel] = []
+            self._moving: list[tuple[Axes, Artist]] = []
+            timed = self._build()
+            self._figure.text(0.015, 0.965, film.scene.name, va="center", fontsize=13, weight="bold")
+            for panel in self._panels:
+                for artist in panel.moving:
+                    artist.set_animated(True)
+            self._canvas.draw()
+            self._spans = [self._span(axes) for axes in timed]
+            self._clock = _Clock(self._figure, self._canvas)
+            self._background = self._canvas.copy_from_bbox(self._figure.bbox)
+        self._ahead = np.asarray(self._canvas.buffer_rgba())[..., :3] // 3 + 170
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the frames [pixels]."""
+        return self._canvas.get_width_height()
+
+    def draw(self, k: int) -> np.ndarray:
+        """Draw a frame.
+
+        Args:
+            k: its number.
+
+        Returns:
+            Red, green and blue, uint8, shape (height, width, 3); valid until the next frame is drawn.
+        """
+        self._canvas.restore_region(self._background)
+        for panel in self._panels:
+            panel.move(k)
+            for artist in panel.moving:
+                self._figure.draw_artist(artist)
+        picture = np.asarray(self._canvas.buffer_rgba())[..., :3]
+        film = self._film
+        part = k / max(film.time.size - 1, 1)
+        for rows, left, right in self._spans:
+            now = left + round(part * (right - left))
+            picture[rows, now:right] = self._ahead[rows, now:right]
+            picture[rows, now - 1 : now + 1] = 0
+        self._clock.write(picture, f"t = {film.time[k]:.{_digits(film.step)}f} s")
+        return picture
+
+    def _span(self, axes: Axes) -> tuple[slice, int, int]:
+        """Find the rows, the first and the last column of axes over time [pixels]."""
+        box, height = axes.get_window_extent(), self.size[1]
+        return slice(height - round(box.y1) + 1, height - round(box.y0) - 1), round(box.x0) + 1, round(box.x1) - 1
+
+    def _build(self) -> list[Axes]:
+        """Create the panels; return the axes over time."""
+        film, figure = self._film, self._figure
+        shape = figure.get_figheight() / figure.get_figwidth()
+
+        def axes(left: float, bottom: float, width: float, height: float, **more: Any) -> Axes:
+            return figure.add_axes((left, bottom, width, height), **more)
+
+        if film.planar:
+            above = axes(0.06, 0.09, 0.52, 0.80)
+            self._panels.append(PlanePanel(above, film, 0.52 / (0.80 * shape)))
+            states, net = axes(0.66, 0.50, 0.32, 0.39), axes(0.66, 0.09, 0.32, 0.33)
+        else:
+            self._panels.append(LinePanel(axes(0.03, 0.655, 0.94, 0.25), film))
+            swept = moving_set(film)
+            wide = 0.91 if swept is None else 0.50
+            states, net = axes(0.06, 0.31, wide, 0.235), axes(0.06, 0.075, wide, 0.17)
+            if swept is not None:
+                right = axes(0.645, 0.09, 0.335, 0.44)
+                self._panels.append(SetPanel(right, film, swept, 0.335 / (0.44 * shape)))
+        self._draw_states(states)
+        self._draw_net(net)
+        states.set_xlim(film.time[0], film.time[-1])
+        states.tick_params(labelbottom=False)
+        net.set_xlim(film.time[0], film.time[-1])
+        net.set_xlabel("simulated time [s]", labelpad=1)
+        return [states, net]
+
+    def _draw_states(self, axes: Axes) -> None:
+        """Draw the kymograph: lines at their positions on the track, or an image of many contacts and in the plane."""
+        film, n = self._film, len(self._film.names)
+        if film.planar or n > min(MOST_LINES, _MOST_ROWS):
+            joined = draw_states(axes, film.time, film.state, film.names, film.rest if not film.planar else None)
+            title = "contacts over time" + (f"; {joined}" if joined else "")
+            axes.set_ylabel("contact")
+        else:
+            draw_positions(axes, film.time, film.place, film.state, film.names)
+            axes.set_ylabel("contacts [m]")
+            title = "contacts over time: a line that rises goes forward"
+        axes.set_title(title, loc="left", fontsize=9)
+
+    def _draw_net(self, axes: Axes) -> None:
+        film = self._film
+        for values, color, name in zip(film.net_translation.reshape(film.time.size, -1).T, ("black", "#888888"), "xy", strict=False):
+            axes.plot(film.time, values, color=color, linewidth=1.5, label=f"along {name}")
+        axes.set_ylabel("net transl. [m]")
+        if film.planar:
+            axes.set_title("net translation: black along x, grey along y", loc="left", fontsize=9)
+        axes.locator_params(axis="y", nbins=5)
+        axes.grid(alpha=0.3)
+
+
+class _Clock:
+    """Writes text of equally wide letters as pixels, which takes less time than laying it out."""
+
+    def __init__(self, figure: Figure, canvas: FigureCanvasAgg) -> None:
+        """Draw each letter once; the canvas is left unchanged.
+
+        Args:
+            figure: the figure.
+            canvas: its canvas, drawn.
+        """
+        saved = canvas.copy_from_bbox(figure.bbox)
+        width, height = canvas.get_width_height()
+        text = figure.text(0.5, 0.965, "0" * 10, va="center", fontsize=13, family="monospace")
+        self._advance = text.get_window_extent(canvas.get_renderer()).width / 10.0
+        rows = slice(round(0.005 * height), round(0.065 * height))
+        left = round(0.5 * width)
+        self._letters = {}
+        blank = np.asarray(canvas.buffer_rgba())[rows, left : left + round(self._advance) + 1, :3].copy()
+        for letter in "0123456789.-+=ts ":
+            canvas.restore_region(saved)
+            text.set_text(letter)
+            figure.draw_artist(text)
+            self._letters[letter] = np.asarray(canvas.buffer_rgba())[rows, left : left + blank.shape[1], :3].copy()
+        text.remove()
+        canvas.restore_region(saved)
+        self._rows, self._right = rows, round(0.985 * width)
+
+    def write(self, picture: np.ndarray, text: str) -> None:
+        """Write a text so that it ends at the right margin.
+
+        Args:
+            picture: the frame, changed in place.
+            text: of the letters of a time.
+        """
+        for i, letter in enumerate(text):
+            left = self._right - round((len(text) - i) * self._advance)
+            glyph = self._letters[letter]
+            picture[self._rows, left : left + glyph.shape[1]] = glyph
+
+
+def _digits(step: float) -> int:
+    """Count the decimals that tell frames apart."""
+    return int(np.clip(np.ceil(-np.log10(max(step, 1e-6))) , 1, 6)) if step > 0.0 else 2
