@@ -4,12 +4,19 @@ from __future__ import annotations
 
 FORWARD, BACK = "#009e73", "#c8400f"
 """Slips forward and back, and facets of the stasis domain that allow motion in that direction."""
+BOTH = "#22303a"
+"""Slips forward and back that a picture cannot separate."""
 STICK, GREY = "#c8c8c8", "#8a8a8a"
+TEXT = "#5a5a5a"
+BAND, BOUND = "#f1efe9", "#8f8878"
+"""The range between two bounds, and the bounds."""
 TENSION, ACTUATION = "#2f5fc4", "#e08a1e"
 JUMP = "#9b2fae"
 """Jumps of contacts onto ground that holds less."""
 CONTACTS = ("#1f3fbf", "#1fa8c8")
 """The two contacts of a body, where both are drawn as lines."""
+LINES = ("#2f5fc4", "#e08a1e", "#1b1b1b", "#56b4e9", "#a3763f", "#8a8a8a", "#cc79a7", "#b3a800")
+"""Up to eight curves of one kind; none is the colour of a slip."""
 
 
 def rgb(color: str) -> tuple[int, int, int]:

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ROUNDING = 1e-12
+"""Numbers below this fraction of the size of what they were computed from are rounding."""
+_PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def write_length(value: Any, size: float) -> str:
@@ -18,3 +25,49 @@ def write_length(value: Any, size: float) -> str:
         The text.
     """
     return ", ".join(f"{0.0 if abs(v) <= 1e-13 * size else v:.12g}" for v in np.atleast_1d(value))
+
+
+def choose_prefix(size: float, unit: str) -> tuple[float, str]:
+    """Choose the decimal prefix with which numbers of a size are easy to read.
+
+    Args:
+        size: the largest number, >= 0.
+        unit: its unit; "1" has no prefix.
+
+    Returns:
+        What a number is divided by, and the unit with its prefix; empty for "1".
+    """
+    if unit == "1":
+        return 1.0, ""
+    if not 0.0 < size < np.inf or 0.05 <= size < 1e4:
+        return 1.0, unit
+    for scale, prefix in _PREFIXES:
+        if size >= scale:
+            return scale, prefix + unit
+    return 1.0, unit
+
+
+def label_values(axis: Axes, what: str, unit: str, size: float) -> float:
+    """Label a vertical axis in a unit that suits its numbers; numbers that are only rounding stay flat.
+
+    Args:
+        axis: the axes; its limits are those of the data.
+        what: the quantity.
+        unit: unit of the data.
+        size: size of the numbers from which the data were computed.
+
+    Returns:
+        What the numbers on the axis are divided by.
+    """
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    low, high = axis.get_ylim()
+    if high - low <= 1e3 * ROUNDING * size or high == low:
+        middle, half = 0.5 * (low + high), 0.05 * size or 1.0
+        axis.set_ylim(middle - half, middle + half)
+        low, high = axis.get_ylim()
+    scale, named = choose_prefix(max(abs(low), abs(high)), unit)
+    axis.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / scale:.10g}".replace("-", "\u2212")))
+    axis.set_ylabel(f"{what} [{named}]" if named else what)
+    return scale

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .body import Body
+
 
 def name_contacts(count: int) -> list[str]:
     """Name the isolated contacts.
@@ -25,3 +27,18 @@ def name_links(count: int) -> list[str]:
         link_0, link_1, ...
     """
     return [f"link_{i}" for i in range(count)]
+
+
+def name_every_contact(body: Body) -> tuple[str, ...]:
+    """Name all contacts, shown or not.
+
+    Args:
+        body: the body.
+
+    Returns:
+        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
+    """
+    names = dict(zip(body.isolated.tolist(), name_contacts(body.isolated.size), strict=True))
+    for segment in body.segments:
+        names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
+    return tuple(names[i] for i in range(body.contacts))

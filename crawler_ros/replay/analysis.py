@@ -12,12 +12,13 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
+from crawler_model.body.names import name_every_contact
 from crawler_model.run.simulate import TimedJump
 
 from ..recording.bag import BagError, recorded_scene
 from ..recording.recorded_robot import Robot
 from ..recording.versions import versions
-from ..wire.states import contact_names, every_contact_name, station_names
+from ..wire.states import contact_names, station_names
 from .cycle_table import Cycle, EnergyBalance, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
 from .margins import Margins, find_margins
@@ -132,7 +133,7 @@ class Replay:
         Returns:
             The run, and the attributes of `crawler_model.run.simulate.TimedJump`, with the name of the contact.
         """
-        names = () if self.scene is None else every_contact_name(self.scene.body)
+        names = () if self.scene is None else name_every_contact(self.scene.body)
         return [{"run": run, **asdict(jump), "contact": names[jump.contact]} for run, jump in self.table.jumps]
 
     def _plain_slips(self) -> list[dict[str, Any]]:

@@ -8,11 +8,10 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
+from crawler_model.body.names import name_every_contact
 from crawler_model.run.simulate import TimedJump
 from crawler_pictures.colors import JUMP, rgb
 from crawler_pictures.ground import Section, list_sections, trace_profile
-
-from ..wire.states import every_contact_name
 
 _ROWS = 12  # lines that fill a band: a single thick one would have round ends beyond its borders
 _LETTER = 0.0145  # width of a letter in a window of the usual size, in body lengths
@@ -101,7 +100,7 @@ class JumpMarks:
             length: length of the body [m].
         """
         self._rr, self._stream, self._length = rr, stream, length
-        self._names = every_contact_name(scene.body)
+        self._names = name_every_contact(scene.body)
         self._marked: list[TimedJump] = []
         self._origin = 0.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crawler_model.body.body import Body
-from crawler_model.body.names import name_contacts, name_links
+from crawler_model.body.names import name_contacts, name_every_contact, name_links
 
 _AXES = ("/x", "/y")
 
@@ -76,23 +76,8 @@ def contact_names(body: Body) -> list[str]:
     Returns:
         One name per shown contact; in the plane x and y of each.
     """
-    names = every_contact_name(body)
+    names = name_every_contact(body)
     return _each_axis([names[c] for c in shown_contacts(body)], body)
-
-
-def every_contact_name(body: Body) -> tuple[str, ...]:
-    """Name all contacts, shown or not.
-
-    Args:
-        body: the body.
-
-    Returns:
-        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
-    """
-    names = dict(zip(body.isolated.tolist(), name_contacts(body.isolated.size), strict=True))
-    for segment in body.segments:
-        names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
-    return tuple(names[i] for i in range(body.contacts))
 
 
 def tree_of_joints(body: Body) -> list[tuple[int, int, int, float]]:

@@ -1,0 +1,203 @@
+"""Tensions within their stasis bounds, and commands, over time: curves while they are few, else an image."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..colors import ACTUATION, BAND, BOUND, LINES, TENSION
+from ..numbers import choose_prefix, label_values
+from .arrays import Commands
+from .kymograph import HEIGHT, WIDTH, place_legend, write_title
+from .pixels import divide, join_extremes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_BANDS = 3
+"""Links whose tension has a panel with its bounds."""
+_SIGNED, _UNSIGNED = (TENSION, "#ffffff", ACTUATION), ("#ffffff", "#a9bce6", TENSION, "#14224d")
+
+
+def draw_tension(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike, name: str) -> None:
+    """Draw the tension of one link within its bounds.
+
+    Args:
+        axis: axes to draw on: s over N.
+        time: shape (T,) [s].
+        tension: shape (T,), in the plane (T, 2), of which the size is drawn [N].
+        least: least tension in the stasis domain, shape (T,) [N]; NaN where it is not known.
+        most: the greatest, likewise.
+        name: label of the axis, as "tension 0".
+    """
+    value, low, high = np.asarray(tension), np.asarray(least), np.asarray(most)
+    if value.ndim == 2:
+        value, name = np.linalg.norm(value, axis=1), f"|{name}|"
+    if np.isfinite(low).any():
+        axis.fill_between(np.asarray(time), low, high, color=BAND, linewidth=0.0, zorder=0)
+        for bound in (low, high):
+            axis.plot(np.asarray(time), bound, color=BOUND, linewidth=0.9, zorder=1)
+    axis.plot(np.asarray(time), value, color="white", linewidth=3.0, zorder=2)  # the bound does not shine through
+    axis.plot(np.asarray(time), value, color=TENSION, linewidth=1.6, zorder=3)
+    label_values(axis, name, "N", float(np.nanmax(np.abs(value), initial=0.0)))
+
+
+def explain_tension(axis: Axes, bounded: bool) -> None:
+    """Draw the legend of tensions above axes.
+
+    Args:
+        axis: the axes.
+        bounded: whether the bounds are drawn.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = [Line2D([], [], color=TENSION, linewidth=1.6, label="tension")]
+    handles += [Patch(facecolor=BAND, edgecolor=BOUND, label="stasis bounds, other tensions fixed")] * bounded
+    place_legend(axis, handles)
+
+
+def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike) -> None:
+    """Draw many tensions as an image: 1 and -1 at the bounds, where something slips, 0 in the middle between them.
+
+    Without bounds, the unit is the largest tension of the run.
+
+    Args:
+        axis: axes to draw on.
+        time: shape (T,) [s].
+        tension: shape (T, J), in the plane (T, J, 2), of which the size is drawn [N].
+        least: least tension in the stasis domain, shape (T, J) [N]; NaN where it is not known.
+        most: the greatest, likewise.
+    """
+    value, low, high = np.asarray(tension), np.asarray(least), np.asarray(most)
+    count = value.shape[1]
+    axis.set_ylabel("link")
+    if value.ndim == 2 and np.isfinite(low).all():
+        half = 0.5 * (high - low)
+        open_range = half > 1e-9 * np.abs(value).max(initial=0.0)
+        part = np.where(open_range, (value - 0.5 * (low + high)) / np.where(open_range, half, 1.0), 0.0)
+        draw_image(axis, time, np.clip(part, -1.0, 1.0), 1.0, ("at the lower bound", "middle", "at the upper bound"))
+        write_title(axis, f"tension of {count} links, in units of the distance to the stasis bounds")
+        return
+    value = np.linalg.norm(value, axis=2) if value.ndim == 3 else value
+    size = float(np.nanmax(np.abs(value), initial=0.0))
+    scale, unit = choose_prefix(size, "N")
+    largest = f"{size / scale:.3g} {unit}"
+    signed = bool((value < 0.0).any())
+    draw_image(axis, time, value, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
+    write_title(axis, f"tension of {count} links; their bounds are drawn only for chains of contacts")
+
+
+def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, words: Sequence[str]) -> None:
+    """Draw values over time as an image, one row each; a pixel shows the value of greatest size in it.
+
+    Args:
+        axis: axes to draw on.
+        time: shape (T,) [s].
+        values: at these times, shape (T, K).
+        size: the value of the strongest colour.
+        words: the lowest, middle and highest value of the colours, for the legend; the first is 0 without negative ones.
+    """
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+    from matplotlib.patches import Patch
+
+    at, rows = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    if at.size < 2:
+        return
+    count = rows.shape[1]
+    image = join_extremes(rows[1:], *divide(at, WIDTH)).T
+    edges = np.arange(count + 1) - 0.5
+    if count > HEIGHT:
+        image = join_extremes(image, *divide(edges, HEIGHT))
+    signed = words[0] != "0"
+    colors = LinearSegmentedColormap.from_list("values", _SIGNED if signed else _UNSIGNED)
+    limits = Normalize(-size if signed else 0.0, size or 1.0)
+    extent: Any = (at[0], at[-1], edges[0], edges[-1])
+    axis.imshow(image, extent=extent, origin="lower", aspect="auto", interpolation="nearest", cmap=colors, norm=limits)
+    axis.yaxis.get_major_locator().set_params(integer=True)
+    shown = zip((0.0, 0.5, 1.0), words, strict=True)
+    place_legend(axis, [Patch(facecolor=colors(x), edgecolor=BOUND, linewidth=0.5, label=w) for x, w in shown if w])
+
+
+def draw_commands(axis: Axes, time: ArrayLike, commands: Commands) -> None:
+    """Draw commands of one kind: up to eight different curves, else an image of all.
+
+    Args:
+        axis: axes to draw on.
+        time: shape (T,) [s].
+        commands: the commands.
+    """
+    from matplotlib.lines import Line2D
+
+    curves: dict[bytes, tuple[np.ndarray, list[str]]] = {}
+    values = np.asarray(commands.values)
+    for name, column in zip(commands.names, values.T, strict=True):
+        curves.setdefault(column.tobytes(), (column, []))[1].append(name)
+    size = float(np.abs(values).max(initial=0.0))
+    if len(curves) <= len(LINES):
+        handles = []
+        for (curve, names), color in zip(curves.values(), LINES, strict=False):
+            axis.plot(np.asarray(time), curve, color=color, linewidth=1.4)
+            text = "all" if len(names) == len(commands.names) > 1 else join_names(names)
+            handles.append(Line2D([], [], color=color, linewidth=1.6, label=text))
+        place_legend(axis, handles)
+        label_values(axis, commands.what, commands.unit, size)
+        write_title(axis, f"command: {commands.what}")
+        return
+    scale, unit = choose_prefix(size, commands.unit)
+    largest = f"{size / scale:.3g} {unit}".strip()
+    signed = bool((values < 0.0).any())
+    draw_image(axis, time, values, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
+    names = commands.names
+    axis.set_ylabel("link" if names[0].startswith("link") else "element" if "element" in names[0] else "contact")
+    write_title(axis, f"command: {commands.what}, {names[0]} (below) to {names[-1]} (above)")
+
+
+def describe_constant(commands: Commands) -> str:
+    """Write commands that never change.
+
+    Args:
+        commands: the commands.
+
+    Returns:
+        A clause such as "friction 1 N forward, 2 N backward, constant".
+    """
+    row = commands.values[0]
+    forward = [v for name, v in zip(commands.names, row, strict=True) if name.endswith("/forward")]
+    backward = [v for name, v in zip(commands.names, row, strict=True) if name.endswith("/backward")]
+    unit = "" if commands.unit == "1" else f" {commands.unit}"
+    if forward and len(forward) + len(backward) == row.size:
+        return f"{commands.what} {_span(forward)}{unit} forward, {_span(backward)}{unit} backward, constant"
+    return f"{commands.what} {_span(row.tolist())}{unit}, constant"
+
+
+def _span(values: list[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:.4g}" if low == high else f"{low:.4g} .. {high:.4g}"
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join the names of equal curves.
+
+    Args:
+        names: such as "contact_0/forward".
+
+    Returns:
+        A text such as "contact 0, 1 forward".
+    """
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        found = re.fullmatch(r"(contact|link)_(\d+)(.*)", name)
+        if found:
+            groups.setdefault((f"{found[1]} ", found[3].replace("/", " ")), []).append(found[2])
+        else:
+            groups.setdefault((name.replace("/", " "), ""), []).append("")
+    texts = []
+    for (item, rest), numbers in groups.items():
+        inner = ", ".join(numbers) if len(numbers) <= 4 else f"{numbers[0]}, {numbers[1]} .. {numbers[-1]}"
+        texts.append(f"{item}{inner}{rest}")
+    return "; ".join(texts) if len(texts) <= 2 else f"{texts[0]} and {len(texts) - 1} more"

@@ -1,0 +1,221 @@
+"""The page of a run: its kymograph, net translation, tensions, commands and energy over one time axis, and its cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crawler_model import CrawlerError
+
+from ..colors import BACK, TENSION, TEXT
+from ..ground import draw_jumps, list_sections
+from ..numbers import label_values
+from .arrays import Commands, RunArrays
+from .cycles import MOST_BARS, draw_gains
+from .forces import (
+    MOST_BANDS,
+    describe_constant,
+    draw_commands,
+    draw_tension,
+    draw_tensions,
+    explain_tension,
+)
+from .kymograph import (
+    MOST_LINES,
+    MOST_NAMED,
+    draw_positions,
+    draw_states,
+    explain_states,
+    place_legend,
+    write_title,
+)
+from .pixels import BOTH
+from .plane import draw_friction, draw_plane
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_WIDTH, _DPI = 11.0, 110
+Panel = tuple[float, Callable[["Axes"], None]]
+"""Height of a panel [inch], and the function that draws it."""
+
+
+def draw_run(run: RunArrays, png: Path) -> None:
+    """Draw the page of a run.
+
+    Args:
+        run: the run.
+        png: the file to write.
+
+    Raises:
+        CrawlerError: when there is no state to draw.
+    """
+    if run.time.size == 0:
+        raise CrawlerError(f"{png}: there is no state to draw")
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    notes = [*run.notes, *_constants(run)]
+    heights = [0.42 + 0.17 * len(notes)]
+    panels = _panels(run)
+    if run.planar:
+        heights.append(5.2)
+    heights.append(sum(height + 0.28 for height, _ in panels) + 0.4)
+    if run.gains is not None:
+        heights.append(2.4)
+    figure = plt.figure(figsize=(_WIDTH, sum(heights)), layout="constrained")
+    parts: list[Any] = list(np.atleast_1d(figure.subfigures(len(heights), 1, height_ratios=heights)))  # type: ignore[arg-type]
+    _write_head(parts.pop(0), run.title, notes)
+    if run.planar:
+        _draw_above(parts.pop(0), run)
+    body = parts.pop(0)
+    axes = np.atleast_1d(body.subplots(len(panels), 1, sharex=True, height_ratios=[height for height, _ in panels]))
+    for axis, (_, draw) in zip(axes, panels, strict=True):
+        draw(axis)
+        axis.margins(x=0)
+        if run.cycles.size <= MOST_BARS:
+            for start in run.cycles:
+                axis.axvline(start, color="#c9c9c9", linewidth=0.5, zorder=0)
+    if run.time.size > 1:
+        axes[-1].set_xlim(run.time[0], run.time[-1])
+    axes[-1].set_xlabel("simulated time [s]")
+    body.align_ylabels(axes)
+    if run.gains is not None:
+        draw_gains(parts.pop(0).subplots(1, 2, width_ratios=[2, 1]), run.gains, _size(run), run.planar)
+    figure.savefig(png, dpi=_DPI)
+    plt.close(figure)
+
+
+def _size(run: RunArrays) -> float:
+    """Compute the size of the lengths of a run [m]."""
+    return float(max(np.ptp(run.positions), np.abs(run.net_translation).max(initial=0.0)))
+
+
+def _write_head(part: Any, title: str, notes: list[str]) -> None:
+    axis = part.subplots()
+    axis.set_axis_off()
+    axis.text(0.0, 1.0, title, fontsize=12, fontweight="bold", va="top", transform=axis.transAxes)
+    text = "\n".join(note if len(note) <= 170 else note[:167] + "..." for note in notes)
+    axis.text(0.0, 0.0, text, fontsize=8, color=TEXT, va="bottom", linespacing=1.4, transform=axis.transAxes)
+
+
+def _constants(run: RunArrays) -> list[str]:
+    """Write the commands that never change, and the ground."""
+    clauses = [describe_constant(c) for c in run.commands if not c.changes]
+    ground = None if run.scene is None else getattr(run.scene, "parts", None) and run.scene.parts.ground  # type: ignore[attr-defined]
+    if ground is not None and ground.slope != 0.0:
+        clauses.append(f"slope {ground.slope:g}\u00b0")
+    return ["; ".join(clauses)] if clauses else []
+
+
+def _draw_above(part: Any, run: RunArrays) -> None:
+    left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.scene is not None else (part.subplots(), None)
+    draw_plane(left, run.positions, run.state, run.net_translation, run.ends, list(run.contacts))
+    if right is not None:
+        draw_friction(right, run.scene)  # type: ignore[arg-type]
+
+
+def _panels(run: RunArrays) -> list[Panel]:
+    """List the panels over time."""
+    count, links = run.positions.shape[1], run.tension.shape[1]
+    lines = not run.planar and count <= MOST_LINES
+    panels: list[Panel] = []
+    if lines:
+        panels.append((3.0 if count <= MOST_NAMED else 4.0, lambda axis: _positions(axis, run)))
+    if count:
+        height = 0.2 + 0.15 * count if count <= MOST_NAMED else 2.2 if lines else 3.8
+        panels.append((height, lambda axis: _states(axis, run, not lines)))
+    panels.append((1.0, lambda axis: _translation(axis, run)))
+    if 0 < links <= MOST_BANDS:
+        panels += [(1.0, lambda axis, i=i: _tension(axis, run, i)) for i in range(links)]
+    elif links:
+        panels.append((1.8, lambda axis: draw_tensions(axis, run.time, run.tension, run.least, run.most)))
+    panels += [_command(run, commands) for commands in run.commands if commands.changes]
+    if run.energy:
+        panels.append((1.1, lambda axis: _energy(axis, run)))
+    return panels
+
+
+def _command(run: RunArrays, commands: Commands) -> Panel:
+    many = len({column.tobytes() for column in commands.values.T}) > MOST_NAMED
+    return 1.5 if many else 1.0, lambda axis: draw_commands(axis, run.time, commands)
+
+
+def _positions(axis: Axes, run: RunArrays) -> None:
+    draw_positions(axis, run.time, run.positions, run.state, run.contacts)
+    scale = float(np.ptp(run.positions))
+    label_values(axis, "position", "m", scale)
+    axis.margins(y=0.04)
+    limits = axis.get_ylim()
+    if run.scene is not None and getattr(run.scene, "parts", None) is not None:
+        for section in list_sections(run.scene, *limits):  # type: ignore[arg-type]
+            if section.color is not None:
+                axis.axhspan(section.start, section.end, color=section.color, alpha=0.45, linewidth=0.0, zorder=-1)
+                axis.text(run.time[0], section.middle, f" {section.text}", fontsize=8, va="center", zorder=5)
+    draw_jumps(axis, run.jumps)
+    axis.set_ylim(limits)
+    write_title(axis, "contacts over time")
+    explain_states(axis, False, bool((run.state == BOTH).any()))
+
+
+def _states(axis: Axes, run: RunArrays, explain: bool) -> None:
+    note = draw_states(axis, run.time, run.state, run.contacts, None if run.planar else run.place)
+    count = run.positions.shape[1]
+    write_title(axis, f"stick and slip of {count} contacts" + (f"; {note}" if note else ""))
+    if explain:
+        explain_states(axis, run.planar, bool(note) or bool((run.state == BOTH).any()))
+
+
+def _translation(axis: Axes, run: RunArrays) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    y = run.net_translation.reshape(run.time.size, -1)
+    handles: list[Any] = []
+    for k, (color, name) in enumerate(zip(("black", TENSION), "xy", strict=True)):
+        if k < y.shape[1]:
+            axis.plot(run.time, y[:, k], color=color, linewidth=1.4)
+            handles += [Line2D([], [], color=color, linewidth=1.4, label=name)] * (y.shape[1] == 2)
+    for start, end in run.rests:
+        axis.axvspan(start, end, color="#e8e4d8", linewidth=0.0, zorder=0)
+    handles += [Patch(facecolor="#e8e4d8", label="at rest")] * bool(len(run.rests))
+    label_values(axis, "y" if y.shape[1] == 1 else "x, y", "m", _size(run))
+    write_title(axis, "net translation")
+    if handles:
+        place_legend(axis, handles)
+
+
+def _tension(axis: Axes, run: RunArrays, link: int) -> None:
+    draw_tension(
+        axis,
+        run.time,
+        run.tension[:, link],
+        run.least[:, link],
+        run.most[:, link],
+        f"T {run.links[link].removeprefix('link_')}",
+    )
+    if link == 0:
+        bounded = bool(np.isfinite(run.least).any())
+        segments = any(not name.startswith("link_") for name in run.links)
+        why = "" if bounded else "; no bounds" + (": a segment's mean tension has none" if segments else "")
+        write_title(axis, f"tension{why}")
+        explain_tension(axis, bounded)
+
+
+def _energy(axis: Axes, run: RunArrays) -> None:
+    from matplotlib.lines import Line2D
+
+    styles = zip(run.energy.items(), (("black", "-"), (BACK, "--"), (TENSION, "-"), ("#a3763f", "-")), strict=False)
+    handles = []
+    for (name, values), (color, dash) in styles:
+        axis.plot(run.time, values, color=color, linewidth=1.4, linestyle=dash)
+        handles.append(Line2D([], [], color=color, linewidth=1.4, linestyle=dash, label=name))
+    size = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in run.energy.values())
+    label_values(axis, "energy", "J", size)
+    write_title(axis, "energy since the start")
+    place_legend(axis, handles)

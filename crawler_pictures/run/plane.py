@@ -1,0 +1,122 @@
+"""A run in the plane, seen from above: the path of every contact and of the body, slips, and the friction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crawler_model.body.plan import Plan
+
+from ..colors import BOUND, FORWARD, LINES
+from .kymograph import place_legend, write_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MOST_ARROWS = 60
+_SHORTEST = 0.02
+"""Part of the picture's extent below which a slip has no arrow."""
+
+
+def draw_plane(
+    axis: Axes, positions: ArrayLike, state: ArrayLike, net_translation: ArrayLike, ends: ArrayLike, names: list[str]
+) -> None:
+    """Draw the paths of all contacts and of the mean of the body, with an arrow for each slip.
+
+    Args:
+        axis: axes to draw on: m over m, of equal scale.
+        positions: shape (T, N, 2) [m].
+        state: 1 sliding from the sample before to this one, 0 stuck, shape (T, N).
+        net_translation: shape (T, 2) [m].
+        ends: the two contacts of each link, shape (J, 2).
+        names: names of the contacts.
+    """
+    from matplotlib.lines import Line2D
+
+    place, moving = np.asarray(positions), np.asarray(state) != 0
+    mean = place[0].mean(axis=0) + np.asarray(net_translation) - np.asarray(net_translation)[0]
+    for row, color, width in ((0, "#c4c4c4", 1.4), (-1, "#505050", 2.0)):
+        for a, b in np.asarray(ends):
+            axis.plot(*place[row, [a, b]].T, color=color, linewidth=width, zorder=1)
+        axis.plot(*place[row].T, "o", color=color, markersize=5, zorder=4, linestyle="none")
+    for i in range(place.shape[1]):
+        color = LINES[i] if place.shape[1] <= len(LINES) else "#a0a0a0"
+        axis.plot(*place[:, i].T, color=color, linewidth=1.0, zorder=2)
+        if place.shape[1] <= len(LINES):
+            text = names[i].removeprefix("contact_")
+            axis.annotate(text, place[-1, i], (6, 6), textcoords="offset points", fontsize=8, color=color)
+    axis.plot(*mean.T, color="black", linewidth=1.6, linestyle="--", zorder=3)
+    axis.plot(*mean[-1], "x", color="black", markersize=6, zorder=4)
+    drawn, count = _draw_slips(axis, place, moving)
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(0.08)
+    axis.set(xlabel="x [m]", ylabel="y [m]")
+    which = f"all {count} slips" if drawn == count else f"arrows: the {drawn} longest of {count} slips"
+    write_title(axis, f"from above; {which}")
+    place_legend(
+        axis,
+        [
+            Line2D([], [], color="#c4c4c4", marker="o", linewidth=1.4, label="start"),
+            Line2D([], [], color="#505050", marker="o", linewidth=2.0, label="end"),
+            Line2D([], [], color="black", linestyle="--", linewidth=1.6, label="mean of the body"),
+            Line2D([], [], color=FORWARD, marker=">", linewidth=2.0, label="slip"),
+        ],
+    )
+
+
+def _draw_slips(axis: Axes, place: np.ndarray, moving: np.ndarray) -> tuple[int, int]:
+    """Draw the longest slips as arrows; return how many are drawn, and how many there are."""
+    starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for i in range(place.shape[1]):
+        edges = np.diff(np.concatenate(([False], moving[1:, i], [False])).astype(np.int8))
+        starts.append(place[np.flatnonzero(edges == 1), i])
+        ends.append(place[np.flatnonzero(edges == -1), i])
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    length = np.linalg.norm(end - start, axis=1)
+    extent = float(np.ptp(place.reshape(-1, 2), axis=0).max())
+    chosen = np.argsort(-length, kind="stable")[:_MOST_ARROWS]
+    chosen = chosen[length[chosen] > _SHORTEST * extent]
+    for k in chosen.tolist():
+        arrow = {"arrowstyle": "-|>", "color": FORWARD, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0, "alpha": 0.85}
+        axis.annotate("", end[k], start[k], arrowprops=arrow, zorder=3)
+    return chosen.size, length.size
+
+
+def draw_friction(axis: Axes, scene: Plan) -> None:
+    """Draw the set of forces that the ground bears under each contact, at the start of the drive.
+
+    Args:
+        axis: axes to draw on: N over N, of equal scale.
+        scene: a scene in the plane.
+    """
+    columns, directions = scene.columns, scene.drive.columns.directions
+    values = scene.drive.rows[0, columns.lengths : columns.lengths + columns.frictions].reshape(columns.contacts, -1)
+    angle = np.linspace(0.0, 2.0 * np.pi, 721)
+    unit = np.column_stack((np.cos(angle), np.sin(angle)))
+    groups: dict[bytes, list[int]] = {}
+    for i in range(columns.contacts):
+        groups.setdefault(values[i].tobytes(), []).append(i)
+    for (_, contacts), color in zip(groups.items(), LINES, strict=False):
+        bound = values[contacts[0]]
+        if directions is None or directions.size == 0:
+            reach = np.full(angle.size, bound[0])
+        else:
+            along = unit @ directions.T
+            reach = np.where(along > 1e-12, bound / np.maximum(along, 1e-12), np.inf).min(axis=1)
+        label = f"contact {', '.join(map(str, contacts))}" if len(groups) > 1 else None
+        axis.plot(*(reach[:, None] * unit).T, color=color if len(groups) > 1 else "#404040", linewidth=1.4, label=label)
+    axis.axhline(0.0, color=BOUND, linewidth=0.5, zorder=0)
+    axis.axvline(0.0, color=BOUND, linewidth=0.5, zorder=0)
+    for direction in np.zeros((0, 2)) if directions is None else directions:
+        size = 0.6 * float(values.max())
+        axis.annotate("", size * direction, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BOUND})
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(0.12)
+    axis.set(xlabel="x [N]", ylabel="y [N]")
+    left = len(groups) - len(LINES)
+    more = f" ({left} more kinds are left out)" if left > 0 else ""
+    write_title(axis, f"spring forces that friction holds{more}")
+    if len(groups) > 1:
+        axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.15))

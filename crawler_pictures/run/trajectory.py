@@ -1,0 +1,58 @@
+"""A `Trajectory` as the arrays of a page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crawler_model import Trajectory
+from crawler_model.body.drive import NS
+from crawler_model.body.names import name_every_contact, name_links
+from crawler_model.theory.stasis import stasis_bounds
+
+from .arrays import Gains, RunArrays, sort_commands
+
+
+def read_trajectory(run: Trajectory) -> RunArrays:
+    """Convert a run of the model to the arrays of its page.
+
+    Args:
+        run: the run.
+
+    Returns:
+        The arrays; the tensions are those of all springs, with bounds on ground that is the same everywhere.
+    """
+    scene, body, drive = run.scene, run.scene.body, run.scene.drive
+    _, way, before, after, part = drive.locate(np.rint(run.time * NS).astype(np.int64))
+    start = drive.rows[way[before]]
+    rows = start + part[:, None] * (drive.rows[way[after]] - start)
+    least = most = np.full((run.time.size, body.springs), np.nan)
+    if body.is_chain and scene.ground.track is None:
+        target = drive.columns.target(rows)
+        s, n = body.springs, body.contacts
+        least, most = stasis_bounds(run.tension, target[:, s : s + n], target[:, s + n : s + 2 * n])
+    gains = None
+    if run.per_period.size:
+        gained = run.per_period.reshape(run.per_period.shape[0], -1)[:, 0]
+        gains = Gains(gained, np.zeros(gained.size, bool))
+    period = drive.period
+    places = body.position + run.displacement
+    return RunArrays(
+        title=scene.name,
+        notes=(f"simulated: {run.method}, {run.ticks} ticks at {run.rate:g} Hz",),
+        time=run.time,
+        positions=places,
+        state=run.contact_state if body.dimension == 1 else np.abs(run.contact_state),
+        net_translation=run.net_translation,
+        tension=run.tension,
+        least=least,
+        most=most,
+        contacts=name_every_contact(body),
+        links=tuple(name_links(body.springs)),
+        place=body.position,
+        ends=body.ends,
+        commands=sort_commands(drive.columns, rows),
+        cycles=np.zeros(0) if period is None else np.arange(0.0, float(run.time[-1]), period),
+        gains=gains,
+        jumps=run.jumps,
+        scene=scene,
+    )
