@@ -13,6 +13,7 @@ import typer
 from crawler_model import CrawlerError, gallery, load_scene
 from crawler_ros.node.life.leave import STOPPED
 
+from .animate import animate
 from .bench import bench
 from .check import check
 from .executables import describe_missing
@@ -101,6 +102,7 @@ def sweep(
 
 
 app.command("optimise")(optimise_command)
+app.command()(animate)
 app.command()(view)
 app.command("replay")(replay)
 app.command("compare")(compare)

@@ -59,3 +59,53 @@ def fit(low: np.ndarray, high: np.ndarray, ratio: float) -> tuple[np.ndarray, np
     middle, size = 0.5 * (low + high), np.maximum(high - low, 1e-12)
     size = np.array([max(size[0], ratio * size[1]), max(size[1], size[0] / ratio)])
     return middle - 0.5 * size, middle + 0.5 * size
+
+
+def watch_track(place: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Choose the part of the track that each frame shows.
+
+    Args:
+        place: positions of the contacts, shape (F, N) [m].
+        frames: number of frames in a period.
+
+    Returns:
+        Both ends, each shape (F,) [m].
+    """
+    low, high = place.min(axis=1), place.max(axis=1)
+    reach = float((high - low).max()) or 1.0
+    return follow(low - 0.25 * reach, high + 0.25 * reach, 4.0 * reach, frames)
+
+
+def watch_set(outline: np.ndarray, ratio: float, frames: int) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
+    """Choose the part of the plane of a moving set that each frame shows, in equal units along both axes.
+
+    Args:
+        outline: corners of the set, shape (F, V, 2).
+        ratio: width of the axes over their height.
+        frames: number of frames in a period.
+
+    Returns:
+        Left and right end, each shape (F,), and the lower and the upper end.
+    """
+    low, high = outline.min(axis=1), outline.max(axis=1)
+    bottom, top = widen(float(low[:, 1].min()), float(high[:, 1].max()), 0.06)
+    most = max(1.05 * ratio * (top - bottom), 2.5 * float((high - low)[:, 0].max()))
+    left, right = follow(low[:, 0], high[:, 0], most, frames)
+    ends = widen(0.0, float(right[0] - left[0]), 0.06)
+    corner, far = fit(np.array([ends[0], bottom]), np.array([ends[1], top]), ratio)
+    return left + corner[0], left + far[0], (float(corner[1]), float(far[1]))
+
+
+def watch_plane(place: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+    """Choose the part of the plane in which a body moves, in equal units along both axes.
+
+    Args:
+        place: positions of the contacts, shape (F, N, 2) [m].
+        ratio: width of the axes over their height.
+
+    Returns:
+        Lower left and upper right corner, each shape (2,) [m].
+    """
+    low, high = place.min(axis=(0, 1)), place.max(axis=(0, 1))
+    margin = 0.12 * (float((high - low).max()) or 1.0)
+    return fit(low - margin, high + margin, ratio)

@@ -14,6 +14,7 @@ from .stage import Stage
 _GIF_SIZE = (960, 540)
 _PALETTE_FRAMES = 12
 _QUALITY = "20"
+_WHITE = 250
 
 
 def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], None]) -> None:
@@ -61,6 +62,8 @@ def write_gif(film: Film, file: Path, fps: float, progress: Callable[[float], No
     some = np.unique(np.linspace(0, count - 1, _PALETTE_FRAMES).round().astype(int))
     shown = np.concatenate([stage.draw(int(k)) for k in some])
     palette = Image.fromarray(shown).quantize(255, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    colors = np.array(palette.getpalette())
+    palette.putpalette(np.where(colors >= _WHITE, 255, colors).tolist())
     ends = np.rint(100.0 / fps * np.arange(1, count + 1)).astype(int)
     before: np.ndarray | None = None
     with file.open("wb") as out:

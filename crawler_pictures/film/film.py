@@ -8,6 +8,7 @@ import numpy as np
 
 from crawler_model import CrawlerError, Trajectory
 from crawler_model.body.drive import NS
+from crawler_model.body.names import name_every_contact
 from crawler_model.body.plan import Plan
 
 from ..ground import has_stasis_bounds, local_bounds
@@ -61,6 +62,11 @@ class Film:
     def step(self) -> float:
         """Simulated time between frames [s]."""
         return float(self.time[-1] - self.time[0]) / max(self.time.size - 1, 1)
+
+    @property
+    def cycle_frames(self) -> int:
+        """Number of frames in a period of the drive, or in a second."""
+        return max(round((self.scene.drive.period or 1.0) / self.step), 1) if self.step > 0.0 else 1
 
     @property
     def net_translation(self) -> np.ndarray:
@@ -117,7 +123,7 @@ def film_of_run(run: Trajectory) -> Film:
         targets = scene.drive.sample(np.rint(run.time * NS).astype(np.int64))
         bounds = [local_bounds(scene, target, x) for target, x in zip(targets, run.displacement, strict=True)]
         forward, backward = (np.array(side) for side in zip(*bounds, strict=True))
-    names = tuple(body.name_of(i).removeprefix("contact ") for i in range(body.contacts))
+    names = tuple(name.removeprefix("contact_") for name in name_every_contact(body))
     return Film(
         scene,
         names,

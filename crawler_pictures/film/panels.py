@@ -9,7 +9,7 @@ import numpy as np
 from ..colors import BACK, FORWARD, GREY, STICK
 from ..domain_text import FACE, SECTION
 from ..ground import list_sections
-from .camera import fit, follow, widen
+from .camera import watch_plane, watch_set, watch_track
 from .film import Film
 from .moving_set import MovingSet
 
@@ -54,6 +54,20 @@ def chosen_springs(film: Film, chosen: np.ndarray) -> np.ndarray:
     return np.column_stack((np.arange(chosen.size - 1), np.arange(1, chosen.size)))
 
 
+def bows(rest: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Count the contacts over which each spring of a body on a line passes; these springs are drawn as arches.
+
+    Args:
+        rest: reference positions, shape (N,) [m].
+        joints: the two contacts of each spring, shape (J, 2).
+
+    Returns:
+        Shape (J,).
+    """
+    rank = np.argsort(np.argsort(rest))
+    return np.asarray(np.abs(np.diff(rank[joints], axis=1)[:, 0]) - 1.0)
+
+
 def coils(start: np.ndarray, end: np.ndarray, width: float, bow: np.ndarray, teeth: int) -> np.ndarray:
     """Draw springs between points as zigzags, one after another, separated by NaN.
 
@@ -93,12 +107,8 @@ class LinePanel:
         chosen = chosen_contacts(film)
         self._place, self._state = film.place[:, chosen], film.state[:, chosen]
         self._joints = chosen_springs(film, chosen)
-        rank = np.argsort(np.argsort(film.rest[chosen]))
-        self._bow = 0.55 * np.maximum(np.abs(np.diff(rank[self._joints], axis=1)[:, 0]) - 1.0, 0.0)
-        low, high = self._place.min(axis=1), self._place.max(axis=1)
-        reach = float((high - low).max()) or 1.0
-        period = film.scene.drive.period or 1.0
-        self._left, self._right = follow(low - 0.25 * reach, high + 0.25 * reach, 4.0 * reach, round(period / film.step))
+        self._bow = 0.55 * bows(film.rest[chosen], self._joints)
+        self._left, self._right = watch_track(self._place, film.cycle_frames)
         self.moves = bool(np.ptp(self._left) > 0.0)
         n = chosen.size
         self._teeth = 4 if self._joints.shape[0] <= MOST_COILS else 0
@@ -191,10 +201,8 @@ class PlanePanel:
         self._place, self._state = film.place[:, chosen], film.state[:, chosen]
         self._joints = chosen_springs(film, chosen)
         self._mean = film.net_translation + film.share @ film.rest
-        flat = self._place.reshape(-1, 2)
-        low, high = flat.min(axis=0), flat.max(axis=0)
-        self._reach = float((high - low).max()) or 1.0
-        low, high = fit(low - 0.12 * self._reach, high + 0.12 * self._reach, ratio)
+        low, high = watch_plane(self._place, ratio)
+        self._reach = float((high - low).min())
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$x$ [m]", ylabel="$y$ [m]")
         axes.grid(alpha=0.3)
         moved = np.linalg.norm(np.diff(self._place, axis=0, prepend=self._place[:1]), axis=2)
@@ -229,7 +237,7 @@ class PlanePanel:
         if place.shape[0] <= MOST_ARROWS:
             past = np.concatenate((self._place[: k + 1], np.full((1, place.shape[0], 2), np.nan)))
             self._trails.set_data(*past.transpose(1, 0, 2).reshape(-1, 2).T)
-            arrow = self._velocity[k] * slides[:, None] * (0.22 * self._reach / self._most)
+            arrow = self._velocity[k] * slides[:, None] * (0.2 * self._reach / self._most)
             self._arrows.set_offsets(place)
             self._arrows.set_UVC(*arrow.T)
 
@@ -247,15 +255,9 @@ class SetPanel:
             ratio: width of the axes over their height.
         """
         self._axes, self._set = axes, moving
-        low, high = moving.outline.min(axis=1), moving.outline.max(axis=1)
-        bottom, top = widen(float(low[:, 1].min()), float(high[:, 1].max()), 0.06)
-        frames = round((film.scene.drive.period or 1.0) / film.step)
-        left, right = follow(low[:, 0], high[:, 0], max(1.05 * ratio * (top - bottom), 2.5 * float((high - low)[:, 0].max())), frames)
-        self.moves = bool(np.ptp(left) > 0.0)
-        widths = widen(0.0, float(right[0] - left[0]), 0.06)
-        corner, far = fit(np.array([widths[0], bottom]), np.array([widths[1], top]), ratio)
-        self._left, self._right = left + corner[0], left + far[0]
-        axes.set(xlim=(self._left[0], self._right[0]), ylim=(corner[1], far[1]), xlabel=moving.labels[0], ylabel=moving.labels[1])
+        self._left, self._right, heights = watch_set(moving.outline, ratio, film.cycle_frames)
+        self.moves = bool(np.ptp(self._left) > 0.0)
+        axes.set(xlim=(self._left[0], self._right[0]), ylim=heights, xlabel=moving.labels[0], ylabel=moving.labels[1])
         axes.grid(alpha=0.3)
         axes.locator_params(nbins=6)
         (self._face,) = axes.fill(*moving.outline[0].T, facecolor=FACE, edgecolor=GREY, linewidth=1.2, zorder=1)

@@ -327,7 +327,7 @@ def main() -> int:
     except Exception as error:  # a port in use, a folder that cannot be written: rerun's errors have no common type
         print(f"viewer: {' '.join(str(error).split())[:300]}", file=sys.stderr)
         return 1
-    for frame in in_sequence(read_frames(source, scene.body)):
+    for frame in in_sequence(read_frames(source, scene)):
         drawing.draw(frame)
     drawing.close()
     return 0

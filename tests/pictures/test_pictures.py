@@ -65,8 +65,8 @@ def entities(rrd: Path) -> dict[str, int]:
 
 def test_frames_survive_the_pipe():
     frame = frames("three_contacts_two_ways")[77]
-    same = Frame.unpack(frame.pack(), load_scene("three_contacts_two_ways").body)
-    for name in ("time_ns", "displacement", "tension", "state", "forward", "backward"):
+    same = Frame.unpack(frame.pack(), load_scene("three_contacts_two_ways"))
+    for name in ("time_ns", "displacement", "tension", "state", "forward", "backward", "row"):
         assert np.array_equal(getattr(frame, name), getattr(same, name))
 
 
