@@ -40,10 +40,14 @@ def bench(
     search: Annotated[
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Measure films instead: frames per second, drawn and written.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    instead = (("node", node), ("replay", replay), ("sweep", sweep), ("gradients", gradients), ("search", search))
-    chosen = [name for name, is_chosen in instead if is_chosen]
+    instead = {"node": node, "replay": replay, "sweep": sweep, "gradients": gradients, "search": search}
+    instead["animate"] = animate
+    chosen = [name for name, is_chosen in instead.items() if is_chosen]
     if chosen:
         if case:
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
@@ -80,7 +84,7 @@ def bench(
 
 
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs many times in this process: variations, derivatives, or the search for a gait."""
+    """Measure what runs many times in this process: variations, derivatives, the search for a gait, or films."""
     measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
     size: Any
     if name == "sweep":
@@ -91,6 +95,12 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
         from crawler_bench import gradients
 
         measure, size = gradients.measure_gradients, gradients.QUICK if quick else gradients.CONTACTS
+    elif name == "animate":
+        import matplotlib as _needed  # noqa: F401
+
+        from crawler_bench import films
+
+        measure, size = films.measure_films, films.QUICK if quick else films.FRAMES
     else:
         from crawler_bench import search
 

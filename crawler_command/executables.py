@@ -25,6 +25,7 @@ _EXTRA_OF = {
     "distributed": "sweep",
     "dask": "sweep",
     "cma": "optimise",
+    "av": "animate",
     "osqp": "bench",
     "mujoco": "bench",
 }

@@ -66,7 +66,7 @@ def moving_set(film: Film) -> MovingSet | None:
         centre, point = moved, stretch
     else:
         shapes = [_box(domain) for domain in domains]
-        title = "sweeping process: the box moves up and down with $kL$,\nits ends push the point, to the right where the body goes forward"
+        title = "sweeping process: $kL$ moves the box up and down,\nits ends push the point; to the right is forward"
         labels = ("net translation $2 k y$ [N]", "stretch $k z$ [N]")
         along = 2.0 * stiffness * film.net_translation[:, None]
         centre, point = np.hstack((along, moved)), np.hstack((along, stretch))

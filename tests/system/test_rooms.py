@@ -25,6 +25,7 @@ ROOMS = {
         "wire",
         "examples",
     ),
+    "crawler_pictures": ("film", "run"),
     "crawler_model": (
         "optimise",
         "derivative",

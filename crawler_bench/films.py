@@ -1,0 +1,73 @@
+"""The rate at which films are drawn and written."""
+
+from __future__ import annotations
+
+import importlib.util
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from crawler_model import load_scene, simulate
+from crawler_pictures.film import encode, player
+from crawler_pictures.film.film import Film, film_of_run, frame_times
+from crawler_pictures.film.stage import Stage
+
+from .cases import CASES
+
+FRAMES, QUICK = 100, 25
+_FPS = 25.0
+_ROUNDS = 3
+_SCENES = ("two_anchor_a", "three_contacts_two_ways", "ten_contact_wave", "planar_three_points")
+_LONG = "wave_1000"
+
+
+def measure_films(frames: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
+    """Measure films of four scenes and of a wave along a thousand contacts.
+
+    Args:
+        frames: frames of each film.
+        progress: called with the fraction done, in [0, 1].
+
+    Returns:
+        A row for each scene and output: frames drawn alone, mp4 where PyAV is installed, gif, and html; frames per
+        second (of frames the median of three rounds), seconds before the first frame, size of the file [byte].
+    """
+    rows = []
+    scenes = [*map(load_scene, _SCENES), CASES[_LONG]().scene]
+    for done, scene in enumerate(scenes):
+        times = frame_times(0.0, (frames - 1) / _FPS, _FPS, 1.0)
+        film = film_of_run(simulate(scene, float(times[-1]), _FPS)).sample(times)
+        about = {"case": "animate", "scene": scene.name, "n": scene.body.contacts, "frames": times.size}
+        rows.append(about | {"output": "frames"} | _draw(film))
+        writers = {"gif": encode.write_gif, "html": player.write_html}
+        if importlib.util.find_spec("av") is not None:
+            writers["mp4"] = encode.write_mp4
+        for suffix, write in writers.items():
+            rows.append(about | {"output": suffix} | _write(film, write, suffix))
+        progress((done + 1) / len(scenes))
+    return rows
+
+
+def _draw(film: Film) -> dict[str, float]:
+    begin = time.perf_counter()
+    stage = Stage(film)
+    stage.draw(0)
+    first, spent = time.perf_counter() - begin, []
+    for _ in range(_ROUNDS):
+        begin = time.perf_counter()
+        for k in range(film.time.size):
+            stage.draw(k)
+        spent.append(time.perf_counter() - begin)
+    return {"frames_per_s": film.time.size / statistics.median(spent), "first_s": first}
+
+
+def _write(film: Film, write: Callable[..., None], suffix: str) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"film.{suffix}"
+        begin = time.perf_counter()
+        write(film, file, _FPS, lambda part: None)
+        spent = time.perf_counter() - begin
+        return {"frames_per_s": film.time.size / spent, "bytes": file.stat().st_size}
