@@ -35,20 +35,21 @@ def measure_films(frames: int, progress: Callable[[float], None]) -> list[dict[s
         A row for each scene and output: frames drawn alone, mp4 where PyAV is installed, gif, and html; frames per
         second (of frames the median of three rounds), seconds before the first frame, size of the file [byte].
     """
-    rows = []
+    drawn: list[dict[str, Any]] = []
+    written: list[dict[str, Any]] = []
     scenes = [*map(load_scene, _SCENES), CASES[_LONG]().scene]
     for done, scene in enumerate(scenes):
         times = frame_times(0.0, (frames - 1) / _FPS, _FPS, 1.0)
-        film = film_of_run(simulate(scene, float(times[-1]), _FPS)).sample(times)
-        about = {"case": "animate", "scene": scene.name, "n": scene.body.contacts, "frames": times.size}
-        rows.append(about | {"output": "frames"} | _draw(film))
-        writers = {"gif": encode.write_gif, "html": player.write_html}
+        film = film_of_run(scene, simulate(scene, float(times[-1]), _FPS)).sample(times)
+        about: dict[str, Any] = {"scene": scene.name, "n": scene.body.contacts, "frames": times.size}
+        drawn.append({"case": "frames drawn"} | about | _draw(film))
+        writers: dict[str, Callable[..., None]] = {"gif": encode.write_gif, "html": player.write_html}
         if importlib.util.find_spec("av") is not None:
             writers["mp4"] = encode.write_mp4
         for suffix, write in writers.items():
-            rows.append(about | {"output": suffix} | _write(film, write, suffix))
+            written.append({"case": "films written"} | about | {"output": suffix} | _write(film, write, suffix))
         progress((done + 1) / len(scenes))
-    return rows
+    return drawn + written
 
 
 def _draw(film: Film) -> dict[str, float]:

@@ -60,7 +60,9 @@ def animate(
         film = _shoot(source, start, end, fps, speed, progress)
     with progress_bar("drawing") as progress, whole_file(out) as part:
         write(film, part, fps, progress)
-    screen.print(f"written: {out}: {film.time.size} frames, {film.time[0]:g} to {film.time[-1]:g} s of {film.scene.name}")
+    screen.print(
+        f"written: {out}: {film.time.size} frames, {film.time[0]:g} to {film.time[-1]:g} s of {film.scene.name}"
+    )
 
 
 def _choose_writer(
@@ -113,7 +115,9 @@ def _shoot(
         first, last = float(film.time[0]), float(film.time[-1])
         begin, stop = max(start, first), last if end is None else end
         if not first - 1e-9 <= begin < stop <= last + 1e-9:
-            raise CrawlerError(f"--from, --to: {start:g} to {stop:g} s; the recording goes from {first:g} to {last:g} s")
+            raise CrawlerError(
+                f"--from, --to: {start:g} to {stop:g} s; the recording goes from {first:g} to {last:g} s"
+            )
         return film.sample(frame_times(begin, stop, fps, speed))
     scene = load_scene(source)
     if scene.drive.holds:
@@ -124,4 +128,4 @@ def _shoot(
     times = frame_times(start, end, fps, speed)
     prepare(scene)
     run = simulate(scene, float(times[-1]), fps / speed, progress=progress)
-    return film_of_run(run).sample(times)
+    return film_of_run(scene, run).sample(times)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +14,7 @@ import typer
 
 from crawler_model import CrawlerError
 
-from .screen import check_picture, screen
+from .screen import check_picture, screen, whole_file
 
 
 def view(
@@ -26,9 +28,11 @@ def view(
 ) -> None:
     """Open a recording in rerun with our blueprint, or render that view without a display.
 
-    --png needs a Vulkan driver: on Debian and Ubuntu, apt install mesa-vulkan-drivers.
+    --png renders exactly the instant --at. It needs a Vulkan driver: on Debian and Ubuntu, apt install
+    mesa-vulkan-drivers. Without one, a line on standard error reports this and matplotlib draws the body at that
+    instant, its contacts over time and its stasis domain; an .rrd file is then refused.
     """
-    from crawler_ros.viewer.page import screenshot, viewer_binary
+    from crawler_ros.viewer.page import viewer_binary
 
     if not recording.exists():
         raise CrawlerError(f"{recording}: no such file or folder")
@@ -40,6 +44,8 @@ def view(
         raise CrawlerError(f"{recording}: not a rerun recording")
     if at is not None and png is None:
         raise CrawlerError("--at needs --png: it is the time to render")
+    if at is not None and not math.isfinite(at):
+        raise CrawlerError(f"--at: {at:g} s; it must be a time in the recording")
     check_picture(png)
     if png is None and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise CrawlerError(
@@ -54,7 +60,24 @@ def view(
             rrd = Path(folder) / "recording.rrd"
             draw_recording(recording, rrd, jumps=find_jumps(recording))
         if png is not None:
-            screenshot(rrd, png, at)
+            _render(recording, rrd, png, at)
             screen.print(f"rendered: {png}")
             return
         raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
+
+
+def _render(recording: Path, rrd: Path, png: Path, at: float | None) -> None:
+    """Render an instant by the viewer, or by matplotlib where the viewer finds no driver."""
+    from crawler_ros.viewer.page import DriverError, draw_instant, screenshot
+
+    with whole_file(png) as part:
+        try:
+            screenshot(rrd, part, at)
+        except DriverError as error:
+            if rrd == recording:
+                raise CrawlerError(f"{error}; without it, name the recording instead of its .rrd file") from error
+            from crawler_ros.viewer.frames import frames_of_recording
+
+            print(f"crawler: {error}; drawn by matplotlib instead", file=sys.stderr)
+            scene, frames = frames_of_recording(recording)
+            draw_instant(scene, list(frames), part, at)

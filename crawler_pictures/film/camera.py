@@ -23,7 +23,9 @@ def follow(low: np.ndarray, high: np.ndarray, most: float, frames: int) -> tuple
     count = int(np.clip(frames, 1, middle.size)) | 1
     half = count // 2
     # mirrored through both ends, so that a steady motion stays steady there
-    padded = np.concatenate((2.0 * middle[0] - middle[half:0:-1], middle, 2.0 * middle[-1] - middle[-2 : -half - 2 : -1]))
+    padded = np.concatenate(
+        (2.0 * middle[0] - middle[half:0:-1], middle, 2.0 * middle[-1] - middle[-2 : -half - 2 : -1])
+    )
     padded = np.pad(padded, (0, max(middle.size + 2 * half - padded.size, 0)), mode="edge")
     smooth = np.convolve(padded, np.full(count, 1.0 / count), "valid")
     reach = max(float((high - smooth).max()), float((smooth - low).max()))

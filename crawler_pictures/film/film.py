@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crawler_model import CrawlerError, Trajectory
+from crawler_model import CrawlerError, Scene, Trajectory
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
-from crawler_model.body.plan import Plan
 
 from ..ground import has_stasis_bounds, local_bounds
 
@@ -36,7 +35,7 @@ class Film:
         backward: likewise.
     """
 
-    scene: Plan
+    scene: Scene
     names: tuple[str, ...]
     rest: np.ndarray
     ends: np.ndarray
@@ -107,16 +106,17 @@ class Film:
         )
 
 
-def film_of_run(run: Trajectory) -> Film:
+def film_of_run(scene: Scene, run: Trajectory) -> Film:
     """Take all contacts and springs of a run, with its ticks as instants.
 
     Args:
+        scene: the scene that ran.
         run: the run.
 
     Returns:
         The film.
     """
-    scene, body = run.scene, run.scene.body
+    body = scene.body
     tension = run.tension if body.dimension == 1 else np.linalg.norm(run.tension, axis=2)
     forward = backward = np.zeros((run.time.size, 0))
     if has_stasis_bounds(body):

@@ -81,7 +81,9 @@ def coils(start: np.ndarray, end: np.ndarray, width: float, bow: np.ndarray, tee
     Returns:
         Shape (J (2 teeth + 4), 2).
     """
-    part = np.concatenate(([0.0, 0.12], 0.12 + 0.76 * (np.arange(2 * teeth) + 0.5) / (2 * teeth) if teeth else [], [0.88, 1.0]))
+    part = np.concatenate(
+        ([0.0, 0.12], 0.12 + 0.76 * (np.arange(2 * teeth) + 0.5) / (2 * teeth) if teeth else [], [0.88, 1.0])
+    )
     side = np.concatenate(([0.0, 0.0], width * (1.0 - 2.0 * (np.arange(2 * teeth) % 2)), [0.0, 0.0]))
     along = end - start
     size = np.linalg.norm(along, axis=1, keepdims=True)
@@ -122,19 +124,41 @@ class LinePanel:
         for section in shown:
             if section.color is not None:
                 ground.append(axes.axvspan(section.start, section.end, 0.0, 0.75 / (top + 0.75), color=section.color))
-            ground.append(axes.text(section.middle, -0.4, section.text, ha="center", va="center", fontsize=9, clip_on=True))
-        spacing = float(np.median(np.diff(np.sort(self._place[0])))) / float(self._right[0] - self._left[0]) if n > 1 else 1.0
+            ground.append(
+                axes.text(section.middle, -0.4, section.text, ha="center", va="center", fontsize=9, clip_on=True)
+            )
+        spacing = (
+            float(np.median(np.diff(np.sort(self._place[0])))) / float(self._right[0] - self._left[0]) if n > 1 else 1.0
+        )
         size = float(np.clip(0.7 * _WIDTH_PT * spacing, 3.0, 17.0))
         (self._links,) = axes.plot([], [], color=_DARK, linewidth=1.4 if self._teeth else 1.0, zorder=2)
         self._dots: dict[int, Any] = {}
         self._arrows: dict[int, Any] = {}
         for state, color in _COLORS.items():
-            (self._dots[state],) = axes.plot([], [], "o", color=color, markersize=size, markeredgecolor=_DARK if size > 6 else "none", zorder=3)
+            (self._dots[state],) = axes.plot(
+                [], [], "o", color=color, markersize=size, markeredgecolor=_DARK if size > 6 else "none", zorder=3
+            )
             if state and n <= MOST_ARROWS:
                 arrow = Path([(state * x, y) for x, y in _ARROW], closed=True)
-                (self._arrows[state],) = axes.plot([], [], marker=arrow, linestyle="", color=color, markersize=min(1.3 * size, 20.0), markeredgewidth=0.0, zorder=4)
+                (self._arrows[state],) = axes.plot(
+                    [],
+                    [],
+                    marker=arrow,
+                    linestyle="",
+                    color=color,
+                    markersize=min(1.3 * size, 20.0),
+                    markeredgewidth=0.0,
+                    zorder=4,
+                )
         self._names = [_write_marker(axes, film.names[i]) for i in chosen] if n <= _MOST_NAMED else []
-        self.moving: list[Artist] = [*([axes.xaxis] if self.moves else []), *ground, self._links, *self._dots.values(), *self._arrows.values(), *self._names]
+        self.moving: list[Artist] = [
+            *([axes.xaxis] if self.moves else []),
+            *ground,
+            self._links,
+            *self._dots.values(),
+            *self._arrows.values(),
+            *self._names,
+        ]
         if not self.moves:
             self.moving = [a for a in self.moving if a not in ground]
         title = "contacts: grey stick, green slip forward, red slip back"
@@ -182,7 +206,9 @@ def _write_marker(axes: Axes, text: str) -> Any:
     # a marker is scaled so that its greatest coordinate is half of its size
     vertices = path.vertices - middle
     size = 2.0 * float(np.abs(vertices).max()) * 10.0
-    return axes.plot([], [], marker=Path(vertices, path.codes), linestyle="", color=_DARK, markersize=size, markeredgewidth=0.0)[0]
+    return axes.plot(
+        [], [], marker=Path(vertices, path.codes), linestyle="", color=_DARK, markersize=size, markeredgewidth=0.0
+    )[0]
 
 
 class PlanePanel:
@@ -214,11 +240,34 @@ class PlanePanel:
         (self._path,) = axes.plot([], [], color=_DARK, linewidth=1.8, zorder=1.6)
         (self._links,) = axes.plot([], [], color=_DARK, linewidth=1.3, zorder=2)
         size = float(np.clip(500.0 / chosen.size, 3.0, 14.0))
-        self._dots = {state: axes.plot([], [], "o", color=color, markersize=size, markeredgecolor=_DARK, zorder=3)[0] for state, color in ((0, _COLORS[0]), (1, FORWARD))}
+        self._dots = {
+            state: axes.plot([], [], "o", color=color, markersize=size, markeredgecolor=_DARK, zorder=3)[0]
+            for state, color in ((0, _COLORS[0]), (1, FORWARD))
+        }
         (self._middle,) = axes.plot([], [], "+", color=_DARK, markersize=11, markeredgewidth=2.0, zorder=3)
-        self._arrows = axes.quiver(*np.zeros((4, chosen.size if chosen.size <= MOST_ARROWS else 0)), color=FORWARD, angles="xy", scale_units="xy", scale=1.0, width=0.006, minlength=0.0, zorder=4)
-        self.moving: list[Artist] = [self._trails, self._path, self._links, *self._dots.values(), self._middle, self._arrows]
-        axes.set_title("from above; contacts: grey stick, green slide, arrows along the motion; + mean of the contacts", loc="left", fontsize=10)
+        self._arrows = axes.quiver(
+            *np.zeros((4, chosen.size if chosen.size <= MOST_ARROWS else 0)),
+            color=FORWARD,
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            width=0.006,
+            minlength=0.0,
+            zorder=4,
+        )
+        self.moving: list[Artist] = [
+            self._trails,
+            self._path,
+            self._links,
+            *self._dots.values(),
+            self._middle,
+            self._arrows,
+        ]
+        axes.set_title(
+            "from above; contacts: grey stick, green slide, arrows along the motion; + mean of the contacts",
+            loc="left",
+            fontsize=10,
+        )
 
     def move(self, k: int) -> None:
         """Move everything to a frame.
@@ -229,7 +278,9 @@ class PlanePanel:
         place, slides = self._place[k], self._state[k] != 0
         start, end = place[self._joints[:, 0]], place[self._joints[:, 1]]
         width = 0.02 * self._reach
-        self._links.set_data(*coils(start, end, width, np.zeros(start.shape[0]), 5 if start.shape[0] <= MOST_COILS else 0).T)
+        self._links.set_data(
+            *coils(start, end, width, np.zeros(start.shape[0]), 5 if start.shape[0] <= MOST_COILS else 0).T
+        )
         self._dots[0].set_data(*place[~slides].T)
         self._dots[1].set_data(*place[slides].T)
         self._middle.set_data(*self._mean[k : k + 1].T)
@@ -261,10 +312,19 @@ class SetPanel:
         axes.grid(alpha=0.3)
         axes.locator_params(nbins=6)
         (self._face,) = axes.fill(*moving.outline[0].T, facecolor=FACE, edgecolor=GREY, linewidth=1.2, zorder=1)
-        self._sides = {d: axes.plot([], [], color=c, linewidth=4.0, solid_capstyle="butt", zorder=2)[0] for d, c in ((0, SECTION), (1, FORWARD), (-1, BACK))}
+        self._sides = {
+            d: axes.plot([], [], color=c, linewidth=4.0, solid_capstyle="butt", zorder=2)[0]
+            for d, c in ((0, SECTION), (1, FORWARD), (-1, BACK))
+        }
         (self._trail,) = axes.plot([], [], color=_DARK, linewidth=1.2, zorder=3)
         (self._point,) = axes.plot([], [], "o", color=_DARK, markersize=8, zorder=4)
-        self.moving: list[Artist] = [*([axes.xaxis] if self.moves else []), self._face, *self._sides.values(), self._trail, self._point]
+        self.moving: list[Artist] = [
+            *([axes.xaxis] if self.moves else []),
+            self._face,
+            *self._sides.values(),
+            self._trail,
+            self._point,
+        ]
         axes.set_title(moving.title, loc="left", fontsize=9)
 
     def move(self, k: int) -> None:

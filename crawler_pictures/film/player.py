@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import Scene
-
 from ..colors import BACK, BOTH, FORWARD, GREY, STICK
 from ..domain_text import FACE, SECTION
 from ..ground import list_sections
@@ -107,8 +105,6 @@ def _pack(values: np.ndarray, kind: str = "<f4") -> str:
 
 def _list_ground(film: Film) -> list[dict[str, Any]]:
     """List the marked stretches of the track that the film passes."""
-    if not isinstance(film.scene, Scene):
-        return []
     place = film.place
     reach = float(np.ptp(place))
     sections = list_sections(film.scene, float(place.min()) - reach, float(place.max()) + reach)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..ground import draw_jumps
 from ..run.kymograph import MOST_LINES, draw_positions, draw_states
 from .film import Film
 from .moving_set import moving_set
@@ -15,11 +14,15 @@ from .panels import LinePanel, PlanePanel, SetPanel
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
 _DPI = 100
-_STYLE: dict[Any, Any] = {"font.size": 10, "axes.titlesize": 10, "mathtext.fontset": "dejavusans", "axes.unicode_minus": True}
+_STYLE: dict[Any, Any] = {
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "mathtext.fontset": "dejavusans",
+    "axes.unicode_minus": True,
+}
 _MOST_ROWS = 48
 
 
@@ -52,7 +55,7 @@ class Stage:
         with matplotlib.rc_context(_STYLE):
             scale = width / 1280.0
             self._figure = Figure(figsize=(12.8, 12.8 * height / width), dpi=_DPI * scale)
-            self._canvas = FigureCanvasAgg(self._figure)
+            self._canvas: Any = FigureCanvasAgg(self._figure)  # typed in part
             self._panels: list[Panel] = []
             self._moving: list[tuple[Axes, Artist]] = []
             timed = self._build()
@@ -143,7 +146,9 @@ class Stage:
 
     def _draw_net(self, axes: Axes) -> None:
         film = self._film
-        for values, color, name in zip(film.net_translation.reshape(film.time.size, -1).T, ("black", "#888888"), "xy", strict=False):
+        for values, color, name in zip(
+            film.net_translation.reshape(film.time.size, -1).T, ("black", "#888888"), "xy", strict=False
+        ):
             axes.plot(film.time, values, color=color, linewidth=1.5, label=f"along {name}")
         axes.set_ylabel("net transl. [m]")
         if film.planar:
@@ -155,7 +160,7 @@ class Stage:
 class _Clock:
     """Writes text of equally wide letters as pixels, which takes less time than laying it out."""
 
-    def __init__(self, figure: Figure, canvas: FigureCanvasAgg) -> None:
+    def __init__(self, figure: Figure, canvas: Any) -> None:
         """Draw each letter once; the canvas is left unchanged.
 
         Args:
@@ -194,4 +199,4 @@ class _Clock:
 
 def _digits(step: float) -> int:
     """Count the decimals that tell frames apart."""
-    return int(np.clip(np.ceil(-np.log10(max(step, 1e-6))) , 1, 6)) if step > 0.0 else 2
+    return int(np.clip(np.ceil(-np.log10(max(step, 1e-6))), 1, 6)) if step > 0.0 else 2

@@ -32,7 +32,7 @@ class Frame:
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
     tension of each joint, in the plane its size; bounds of the spring forces on each station where a chain has no
-    segments: friction of the ground there, shifted by the loads; command row in force; the jumps since the frame before.
+    segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame before.
     """
 
     time_ns: int
