@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Stage:
         with matplotlib.rc_context(_STYLE):
             scale = width / 1280.0
             self._figure = Figure(figsize=(12.8, 12.8 * height / width), dpi=_DPI * scale)
-            self._canvas: Any = FigureCanvasAgg(self._figure)  # typed in part
+            self._canvas = cast(Any, FigureCanvasAgg(self._figure))  # typed in part
             self._panels: list[Panel] = []
             self._moving: list[tuple[Axes, Artist]] = []
             timed = self._build()
