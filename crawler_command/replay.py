@@ -165,26 +165,44 @@ class _Outputs:
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(help="The first recording; for a folder of bags, the newest.")],
-    second: Annotated[Path, typer.Argument(help="The second recording, likewise.")],
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Two recordings or more, each compared with the first; or one folder of bags, in the order of their "
+            "names. Where several are named, a folder of bags stands for its newest."
+        ),
+    ],
     scene: SceneOption = None,
     as_json: JsonOption = False,
-    png: Annotated[Path | None, typer.Option(help="Draw both runs to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the runs to this file.")] = None,
     namespace: NamespaceOption = None,
 ) -> None:
-    """Compare two recorded runs on simulated time: commands, translation per cycle, energy, slips."""
+    """Compare recorded runs on simulated time: commands, translation of cycles at the same time, energy, slips."""
     from crawler_ros.recording.bag import newest
-    from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
+    from crawler_ros.recording.bag_folder import list_bags
+    from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
 
     check_picture(png)
     loaded = None if scene is None else load_scene(scene)
+    paths = list_bags(recordings[0]) if len(recordings) == 1 else [newest(path) for path in recordings]
+    if len(paths) < 2:
+        raise CrawlerError(f"{recordings[0]}: 1 recording; a comparison needs two, or a folder of at least two bags")
     with progress_bar("comparing") as progress:
-        found = compare_recordings(newest(first), newest(second), loaded, namespace, progress)
+        found = compare_all(paths, loaded, namespace, progress)
     if png is not None:
-        draw_comparison(found, png)
+        from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
+
+        if len(found) == 1:
+            draw_comparison(found[0], png)
+        else:
+            draw_all(found, png)
     if as_json:
-        print(json.dumps(found.as_plain(), allow_nan=False))
+        plain = [compared.as_plain() for compared in found]
+        print(json.dumps(plain[0] if len(plain) == 1 else {"schema": 1, "comparisons": plain}, allow_nan=False))
         return
-    print_comparison(found, screen)
+    if len(found) == 1:
+        print_comparison(found[0], screen)
+    else:
+        print_all(found, screen)
     if png is not None:
         screen.print(f"drawn: {png}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,7 +12,7 @@ from rich.table import Table
 from crawler_model import CrawlerError, Scene, Trajectory, load_scene, prepare, simulate
 from crawler_pictures.numbers import write_length
 
-from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar, screen
+from .screen import DurationOption, MethodName, MethodOption, SceneArgument, check_picture, progress_bar, screen
 
 _MISSED = 1e-6
 """An energy residual above this fraction of the work is more than rounding."""
@@ -40,16 +41,20 @@ def simulate_command(
     rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = 100.0,
     method: MethodOption = MethodName.auto,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
 ) -> None:
     """Run a scene offline, without ROS, and print its net translation.
 
     In the JSON output, displacement is that of the isolated contacts, then of both ends of each segment; events counts
     linear pieces, including ticks; energy.residual is relative to the work.
     """
+    check_picture(png)
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
+    if png is not None:
+        _draw(run, png)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         return
@@ -74,6 +79,15 @@ def simulate_command(
         table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size), "")
     screen.print(table)
     _print_account(run)
+    if png is not None:
+        screen.print(f"drawn: {png}")
+
+
+def _draw(run: Trajectory, png: Path) -> None:
+    from crawler_pictures.run.page import draw_run
+    from crawler_pictures.run.trajectory import read_trajectory
+
+    draw_run(read_trajectory(run), png)
 
 
 def _print_account(run: Trajectory) -> None:

@@ -133,9 +133,9 @@ def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:
             else:
                 curves.append((name.removesuffix("/friction"), rows[:, lengths + k]))
         if curves:
-            kinds.append(
-                Commands("friction", unit, tuple(n for n, _ in curves), np.column_stack([v for _, v in curves]))
-            )
+            what = "friction of segments" if unit == "N/m" and alone else "friction"
+            table = np.column_stack([curve for _, curve in curves])
+            kinds.append(Commands(what, unit, tuple(name for name, _ in curves), table))
     if columns.loads:
         first = lengths + columns.frictions
         kinds.append(Commands("load", "N", tuple(n.removesuffix("/load") for n in names[first:]), rows[:, first:]))

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MOST_BANDS = 3
 """Links whose tension has a panel with its bounds."""
+_CLOSED = "#cfcabb"
 _SIGNED, _UNSIGNED = (TENSION, "#ffffff", ACTUATION), ("#ffffff", "#a9bce6", TENSION, "#14224d")
 
 
@@ -64,6 +65,7 @@ def explain_tension(axis: Axes, bounded: bool) -> None:
 def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike) -> None:
     """Draw many tensions as an image: 1 and -1 at the bounds, where something slips, 0 in the middle between them.
 
+    A link has no room between its bounds while the contacts at both of its ends slip in the same direction.
     Without bounds, the unit is the largest tension of the run.
 
     Args:
@@ -79,8 +81,9 @@ def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayL
     if value.ndim == 2 and np.isfinite(low).all():
         half = 0.5 * (high - low)
         open_range = half > 1e-9 * np.abs(value).max(initial=0.0)
-        part = np.where(open_range, (value - 0.5 * (low + high)) / np.where(open_range, half, 1.0), 0.0)
-        draw_image(axis, time, np.clip(part, -1.0, 1.0), 1.0, ("at the lower bound", "middle", "at the upper bound"))
+        part = np.where(open_range, (value - 0.5 * (low + high)) / np.where(open_range, half, 1.0), np.nan)
+        words = ("at the lower bound", "in the middle", "at the upper bound", "no room: both ends slip alike")
+        draw_image(axis, time, np.clip(part, -1.0, 1.0), 1.0, words)
         write_title(axis, f"tension of {count} links, in units of the distance to the stasis bounds")
         return
     value = np.linalg.norm(value, axis=2) if value.ndim == 3 else value
@@ -100,10 +103,12 @@ def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, word
         time: shape (T,) [s].
         values: at these times, shape (T, K).
         size: the value of the strongest colour.
-        words: the lowest, middle and highest value of the colours, for the legend; the first is 0 without negative ones.
+        words: the lowest, middle and highest value of the colours, for the legend; the first is "0" without negative
+            ones; a fourth names the values that are NaN.
     """
     from matplotlib.colors import LinearSegmentedColormap, Normalize
     from matplotlib.patches import Patch
+    from matplotlib.ticker import MaxNLocator
 
     at, rows = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if at.size < 2:
@@ -115,12 +120,13 @@ def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, word
         image = join_extremes(image, *divide(edges, HEIGHT))
     signed = words[0] != "0"
     colors = LinearSegmentedColormap.from_list("values", _SIGNED if signed else _UNSIGNED)
+    colors = colors.with_extremes(bad=_CLOSED)
     limits = Normalize(-size if signed else 0.0, size or 1.0)
     extent: Any = (at[0], at[-1], edges[0], edges[-1])
     axis.imshow(image, extent=extent, origin="lower", aspect="auto", interpolation="nearest", cmap=colors, norm=limits)
-    axis.yaxis.get_major_locator().set_params(integer=True)
-    shown = zip((0.0, 0.5, 1.0), words, strict=True)
-    place_legend(axis, [Patch(facecolor=colors(x), edgecolor=BOUND, linewidth=0.5, label=w) for x, w in shown if w])
+    axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    shown = zip((*colors([0.0, 0.5, 1.0]), _CLOSED), words, strict=False)
+    place_legend(axis, [Patch(facecolor=c, edgecolor=BOUND, linewidth=0.5, label=w) for c, w in shown if w])
 
 
 def draw_commands(axis: Axes, time: ArrayLike, commands: Commands) -> None:
@@ -152,9 +158,9 @@ def draw_commands(axis: Axes, time: ArrayLike, commands: Commands) -> None:
     largest = f"{size / scale:.3g} {unit}".strip()
     signed = bool((values < 0.0).any())
     draw_image(axis, time, values, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
-    names = commands.names
-    axis.set_ylabel("link" if names[0].startswith("link") else "element" if "element" in names[0] else "contact")
-    write_title(axis, f"command: {commands.what}, {names[0]} (below) to {names[-1]} (above)")
+    low, high = commands.names[0], commands.names[-1]
+    axis.set_ylabel("link" if low.startswith("link") else "element" if "element" in low else "contact")
+    write_title(axis, f"command: {commands.what}, {low} (below) to {high} (above)")
 
 
 def describe_constant(commands: Commands) -> str:

@@ -7,6 +7,7 @@ directions share a pixel, it has a colour of its own.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -44,9 +45,7 @@ def draw_positions(axis: Axes, time: ArrayLike, positions: ArrayLike, state: Arr
     for value, color in ((1, FORWARD), (-1, BACK), (2, BOTH)):
         slides = moving == value
         if slides.any():
-            before = np.vstack(
-                (slides[1:], np.zeros_like(slides[:1]))
-            )  # a line leads to its sample from the one before
+            before = np.vstack((slides[1:], np.zeros_like(slides[:1])))  # the line to a sample starts at the one before
             shown = np.where(slides | before, place, np.nan)
             short = slides & ~np.vstack((slides[:1], slides[:-1])) & ~before
             width = 1.4 if many else 2.2
@@ -114,7 +113,7 @@ def _arrange(place: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.nd
     order = np.argsort(place, kind="stable")
     parts = [names[i].partition("/")[0] if "/" in names[i] else f"/{i}" for i in order]
     at, length = place[order], float(np.ptp(place)) or 1.0
-    joined = np.array([a == b for a, b in zip(parts[:-1], parts[1:], strict=True)], bool)
+    joined = np.array([a == b for a, b in itertools.pairwise(parts)], bool)
     middle, half = 0.5 * (at[1:] + at[:-1]), 0.5 * np.diff(at)
     thin_half = np.minimum(0.5 * _THINNEST * length, 0.45 * 2.0 * half)
     alone = ~(np.append(False, joined) | np.append(joined, False))
@@ -134,6 +133,8 @@ def _arrange(place: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.nd
 
 
 def _name_rows(axis: Axes, count: int, names: Sequence[str], inside: bool) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     if inside:
         axis.set_ylabel("place along\nthe body [m]")
         return
@@ -144,7 +145,7 @@ def _name_rows(axis: Axes, count: int, names: Sequence[str], inside: bool) -> No
         for row in range(1, count):
             axis.axhline(row - 0.5, color="white", linewidth=2.0)
     else:
-        axis.yaxis.get_major_locator().set_params(integer=True)
+        axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
 
 
 def explain_states(axis: Axes, planar: bool, joined: bool) -> None:

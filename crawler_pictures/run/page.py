@@ -1,14 +1,15 @@
-"""The page of a run: its kymograph, net translation, tensions, commands and energy over one time axis, and its cycles."""
+"""The page of a run: kymograph, net translation, tensions, commands and energy over one time axis, and cycles."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import CrawlerError
+from crawler_model import CrawlerError, Scene
 
 from ..colors import BACK, TENSION, TEXT
 from ..ground import draw_jumps, list_sections
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _WIDTH, _DPI = 11.0, 110
+MOST_CYCLES = 150
+"""More cycles are too narrow for their curves to be told apart."""
 Panel = tuple[float, Callable[["Axes"], None]]
 """Height of a panel [inch], and the function that draws it."""
 
@@ -61,7 +64,7 @@ def draw_run(run: RunArrays, png: Path) -> None:
     from matplotlib import pyplot as plt
 
     notes = [*run.notes, *_constants(run)]
-    heights = [0.42 + 0.17 * len(notes)]
+    heights = [0.3 + 0.15 * len(notes)]
     panels = _panels(run)
     if run.planar:
         heights.append(5.2)
@@ -80,13 +83,16 @@ def draw_run(run: RunArrays, png: Path) -> None:
         axis.margins(x=0)
         if run.cycles.size <= MOST_BARS:
             for start in run.cycles:
-                axis.axvline(start, color="#c9c9c9", linewidth=0.5, zorder=0)
+                axis.axvline(start, color="#c9c9c9", linewidth=0.5, zorder=-1)
     if run.time.size > 1:
         axes[-1].set_xlim(run.time[0], run.time[-1])
     axes[-1].set_xlabel("simulated time [s]")
     body.align_ylabels(axes)
     if run.gains is not None:
-        draw_gains(parts.pop(0).subplots(1, 2, width_ratios=[2, 1]), run.gains, _size(run), run.planar)
+        draw_gains(parts.pop(0), run.gains, _size(run), run.planar)
+    layout: Any = figure.get_layout_engine()
+    layout.execute(figure)
+    figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
     figure.savefig(png, dpi=_DPI)
     plt.close(figure)
 
@@ -107,10 +113,14 @@ def _write_head(part: Any, title: str, notes: list[str]) -> None:
 def _constants(run: RunArrays) -> list[str]:
     """Write the commands that never change, and the ground."""
     clauses = [describe_constant(c) for c in run.commands if not c.changes]
-    ground = None if run.scene is None else getattr(run.scene, "parts", None) and run.scene.parts.ground  # type: ignore[attr-defined]
+    ground = run.scene.parts.ground if isinstance(run.scene, Scene) else None
     if ground is not None and ground.slope != 0.0:
         clauses.append(f"slope {ground.slope:g}\u00b0")
-    return ["; ".join(clauses)] if clauses else []
+    found = ["; ".join(clauses)] if clauses else []
+    if run.cycles.size > MOST_CYCLES:
+        text = f"{run.cycles.size} cycles: of curves only the range in a cycle can be seen; colours show every slip"
+        found.append(text)
+    return found
 
 
 def _draw_above(part: Any, run: RunArrays) -> None:
@@ -132,7 +142,7 @@ def _panels(run: RunArrays) -> list[Panel]:
         panels.append((height, lambda axis: _states(axis, run, not lines)))
     panels.append((1.0, lambda axis: _translation(axis, run)))
     if 0 < links <= MOST_BANDS:
-        panels += [(1.0, lambda axis, i=i: _tension(axis, run, i)) for i in range(links)]
+        panels += [(1.0, partial(_tension, run=run, link=i)) for i in range(links)]
     elif links:
         panels.append((1.8, lambda axis: draw_tensions(axis, run.time, run.tension, run.least, run.most)))
     panels += [_command(run, commands) for commands in run.commands if commands.changes]
@@ -152,8 +162,8 @@ def _positions(axis: Axes, run: RunArrays) -> None:
     label_values(axis, "position", "m", scale)
     axis.margins(y=0.04)
     limits = axis.get_ylim()
-    if run.scene is not None and getattr(run.scene, "parts", None) is not None:
-        for section in list_sections(run.scene, *limits):  # type: ignore[arg-type]
+    if isinstance(run.scene, Scene):
+        for section in list_sections(run.scene, *limits):
             if section.color is not None:
                 axis.axhspan(section.start, section.end, color=section.color, alpha=0.45, linewidth=0.0, zorder=-1)
                 axis.text(run.time[0], section.middle, f" {section.text}", fontsize=8, va="center", zorder=5)
@@ -202,7 +212,10 @@ def _tension(axis: Axes, run: RunArrays, link: int) -> None:
     if link == 0:
         bounded = bool(np.isfinite(run.least).any())
         segments = any(not name.startswith("link_") for name in run.links)
-        why = "" if bounded else "; no bounds" + (": a segment's mean tension has none" if segments else "")
+        patched = run.scene is not None and run.scene.ground.track is not None
+        body = "the mean tension of a segment" if segments else "a graph of springs"
+        where = "in the plane" if run.planar else "on patches of ground" if patched else f"for {body}"
+        why = "" if bounded else f"; without its bounds, which are not computed {where}"
         write_title(axis, f"tension{why}")
         explain_tension(axis, bounded)
 
@@ -210,7 +223,7 @@ def _tension(axis: Axes, run: RunArrays, link: int) -> None:
 def _energy(axis: Axes, run: RunArrays) -> None:
     from matplotlib.lines import Line2D
 
-    styles = zip(run.energy.items(), (("black", "-"), (BACK, "--"), (TENSION, "-"), ("#a3763f", "-")), strict=False)
+    styles: Any = zip(run.energy.items(), (("black", "-"), (BACK, "--"), (TENSION, "-")), strict=True)
     handles = []
     for (name, values), (color, dash) in styles:
         axis.plot(run.time, values, color=color, linewidth=1.4, linestyle=dash)

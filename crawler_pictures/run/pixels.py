@@ -21,9 +21,11 @@ def divide(edges: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         For each pixel the first of its intervals, and the one after its last, each shape (P,).
     """
     span = float(edges[-1] - edges[0])
-    at = np.rint((edges - edges[0]) * (count / span if span > 0.0 else 0.0)).astype(np.int64)
-    begin = np.minimum(at[:-1], count - 1)
-    end = np.maximum(at[1:], begin + 1)
+    exact = (edges - edges[0]) * (count / span if span > 0.0 else 0.0)
+    at = np.rint(exact).astype(np.int64)
+    inside = np.floor(0.5 * (exact[:-1] + exact[1:])).astype(np.int64)  # the pixel of one that rounding would close
+    begin = np.minimum(np.where(at[1:] > at[:-1], at[:-1], inside), count - 1)
+    end = np.where(at[1:] > at[:-1], at[1:], begin + 1)
     end[-1] = count
     pixel = np.arange(count)
     return np.searchsorted(end, pixel, side="right"), np.searchsorted(begin, pixel, side="right")

@@ -46,7 +46,8 @@ def draw_plane(
         axis.plot(*place[:, i].T, color=color, linewidth=1.0, zorder=2)
         if place.shape[1] <= len(LINES):
             text = names[i].removeprefix("contact_")
-            axis.annotate(text, place[-1, i], (6, 6), textcoords="offset points", fontsize=8, color=color)
+            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+            axis.annotate(text, place[-1, i], (6, 6), textcoords="offset points", fontsize=9, color=color, bbox=box)
     axis.plot(*mean.T, color="black", linewidth=1.6, linestyle="--", zorder=3)
     axis.plot(*mean[-1], "x", color="black", markersize=6, zorder=4)
     drawn, count = _draw_slips(axis, place, moving)
@@ -105,18 +106,18 @@ def draw_friction(axis: Axes, scene: Plan) -> None:
         else:
             along = unit @ directions.T
             reach = np.where(along > 1e-12, bound / np.maximum(along, 1e-12), np.inf).min(axis=1)
-        label = f"contact {', '.join(map(str, contacts))}" if len(groups) > 1 else None
-        axis.plot(*(reach[:, None] * unit).T, color=color if len(groups) > 1 else "#404040", linewidth=1.4, label=label)
+        several = len(groups) > 1
+        axis.plot(*(reach[:, None] * unit).T, color=color if several else "#404040", linewidth=1.4)
+        text = f"contact {', '.join(map(str, contacts))}" if several else ""
+        axis.annotate(text, (0.0, -reach[540]), (3, -10), textcoords="offset points", fontsize=8, color=color)
     axis.axhline(0.0, color=BOUND, linewidth=0.5, zorder=0)
     axis.axvline(0.0, color=BOUND, linewidth=0.5, zorder=0)
-    for direction in np.zeros((0, 2)) if directions is None else directions:
-        size = 0.6 * float(values.max())
-        axis.annotate("", size * direction, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BOUND})
+    for direction, bound in zip([] if directions is None else directions, values[0], strict=False):
+        x, y = (bound * direction).tolist()
+        axis.annotate("", (x, y), (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BOUND, "shrinkB": 0})
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.12)
     axis.set(xlabel="x [N]", ylabel="y [N]")
     left = len(groups) - len(LINES)
     more = f" ({left} more kinds are left out)" if left > 0 else ""
     write_title(axis, f"spring forces that friction holds{more}")
-    if len(groups) > 1:
-        axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.15))

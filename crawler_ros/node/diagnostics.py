@@ -97,6 +97,28 @@ def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
     return [(key, str(count)) for key, count in counts.items()]
 
 
+def _late_times(stepper: Stepper) -> list[tuple[str, str]]:
+    """Write when ticks were late, and the worst delay."""
+    if stepper.late == 0:
+        return []
+    return [
+        ("first late tick at [s]", f"{stepper.first_late_ns / NS:.9f}"),
+        ("worst late tick at [s]", f"{stepper.worst_late_ns / NS:.9f}"),
+        ("worst late tick by [s]", f"{stepper.worst_delay_ns / NS:.9f}"),
+    ]
+
+
+def _reasons(intake: Intake) -> list[tuple[str, str]]:
+    """Write how many messages were refused for each reason, and when: replay reads these entries."""
+    return [
+        (
+            f"refused on {reason.topic}: {reason.why}",
+            f"{reason.count}, first at {reason.first_ns / NS:.9f} s, last at {reason.last_ns / NS:.9f} s",
+        )
+        for reason in intake.refusals.reasons
+    ]
+
+
 def _simulation(node: Diagnosed, rival: str) -> Part:
     late = node.stepper.late
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
@@ -124,6 +146,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("simulated time [s]", f"{node.stepper.now_ns / NS:.9f}"),
             ("ticks", str(node.stepper.tick)),
             ("late ticks", str(late)),
+            *_late_times(node.stepper),
             ("least friction of the scene", f"{node.regularity.least:.3e} ({node.regularity.where})"),
             ("uniqueness margin", "not decided" if node.margin is None else f"{node.margin:.3e}"),
             ("visited margin", f"{node.crawler.visited_margin:.3e}"),
@@ -168,6 +191,7 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
             *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),
             *((f"lost on {name}", str(a.lost)) for name, a in intake.arrivals.items() if a.lost),
             *((f"refused on {name}", str(count)) for name, count in sorted(counts.items())),
+            *_reasons(intake),
         ],
     )
 

@@ -342,7 +342,8 @@ class Simulator(QuietNode):
             outlet.send(encode_diagnostics(time.time_ns(), diagnose(self)))
 
     def close(self) -> None:
-        """Close the recording and the viewer and remove the node from the graph."""
+        """Report for the last time, close the recording and the viewer, and remove the node from the graph."""
+        self._report(self._next_diagnostics_ns)
         if self.recorder is not None:
             self.recorder.close()
             if self.recorder.error is None:
@@ -363,9 +364,7 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when the scene or a parameter was invalid or the recording failed.
     """
-    sys.setswitchinterval(
-        0.0005
-    )  # the loop must not wait five milliseconds for a callback to release the interpreter's lock
+    sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to release the lock
     return run_node("simulator", _build, _spin, args, " ".join(read_parameters()))
 
 

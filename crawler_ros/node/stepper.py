@@ -26,6 +26,8 @@ class Stepper:
         """
         self.rate = rate
         self.late = 0
+        self.first_late_ns = self.worst_late_ns = self.worst_delay_ns = 0
+        """Simulated time at the start of the first late tick and of the one that began latest, and its delay [ns]."""
         self.paused = False
         self._factor = real_time_factor
         self._origin_wall_ns: int | None = None
@@ -81,6 +83,10 @@ class Stepper:
             return
         behind = wall_ns - self._deadline()
         if behind > (self.next_ns - self.now_ns) / self._factor:
+            if self.late == 0:
+                self.first_late_ns = self.now_ns
+            if behind > self.worst_delay_ns:
+                self.worst_late_ns, self.worst_delay_ns = self.now_ns, behind
             self.late += 1
             self._origin_wall_ns += behind
 

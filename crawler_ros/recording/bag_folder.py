@@ -52,3 +52,17 @@ def make_folder(parent: Path, name: str) -> Path:
         except OSError as error:
             raise OSError(f"record: {parent}: no folder can be created in it: {error.strerror}") from None
     return folder
+
+
+def list_bags(parent: Path) -> list[Path]:
+    """List the recordings in a folder.
+
+    Args:
+        parent: a folder of bag folders, or a recording.
+
+    Returns:
+        The bag folders by name; the path itself if it is a recording or holds none.
+    """
+    if not parent.is_dir() or any(parent.glob("*.mcap")):
+        return [parent]
+    return sorted({file.parent for file in parent.glob("*/*.mcap") if file.is_file()}) or [parent]

@@ -16,6 +16,7 @@ from crawler_model.body.names import name_every_contact
 from crawler_model.run.simulate import TimedJump
 
 from ..recording.bag import BagError, recorded_scene
+from ..recording.incidents import Incidents, find_incidents
 from ..recording.recorded_robot import Robot
 from ..recording.versions import versions
 from ..wire.states import contact_names, station_names
@@ -23,11 +24,11 @@ from .cycle_table import Cycle, EnergyBalance, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
 from .margins import Margins, find_margins
 from .midrun import fit_start
-from .observe import observe
+from .observe import is_planar, observe
 from .ramps import RampTable, Sink
 from .resimulate import Comparison, Resimulation
 from .slips import Slips, SlipSink
-from .standstill import Standstill, find_standstill
+from .standstill import Rest, Standstill, find_rests, find_standstill
 
 _SURVEYED = 0.2
 """Fraction of the work that the survey takes."""
@@ -59,6 +60,8 @@ class Replay:
         energy: energy account of the whole run; None when the scene is not known.
         margins: margins of the whole run; None when the scene is not known.
         standstill: the rest at the end of the run; None when the crawler moved to the end.
+        rests: the rests before it that last at least a cycle of the commands, without cycles a second.
+        incidents: refused commands and late ticks; None when /diagnostics was not recorded.
     """
 
     path: Path
@@ -80,6 +83,8 @@ class Replay:
     energy: EnergyBalance | None
     margins: Margins | None
     standstill: Standstill | None
+    rests: tuple[Rest, ...]
+    incidents: Incidents | None
 
     @property
     def healthy(self) -> bool:
@@ -116,6 +121,8 @@ class Replay:
             "energy": None if self.energy is None else self.energy.as_plain(),
             "margins": None if self.margins is None else self.margins.as_plain(),
             "standstill": None if self.standstill is None else self.standstill.as_plain(),
+            "rests": [rest.as_plain() for rest in self.rests],
+            "incidents": None if self.incidents is None else self.incidents.as_plain(),
             "resimulation": {
                 "ticks": 0 if compared is None else compared.ticks,
                 "max_difference": None if compared is None else compared.max_difference,
@@ -182,7 +189,7 @@ def analyse(
     recorded = recorded_scene(survey.path, survey.attachments)
     other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
-    planar = (scene is not None and scene.dimension == 2) or (scene is None and _is_planar(survey, robot))
+    planar = (scene is not None and scene.dimension == 2) or (scene is None and is_planar(survey, robot))
     finder = SlipSink()
     receivers: list[Sink] = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
@@ -201,6 +208,7 @@ def analyse(
     known = compared is not None
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
+    standstill = find_standstill(table, survey, robot)
     return Replay(
         path=path,
         survey=survey,
@@ -220,7 +228,9 @@ def analyse(
         slips=finder.finish(),
         energy=account_of(table) if known else None,
         margins=find_margins(table, scene) if known and scene is not None else None,
-        standstill=find_standstill(table, survey, robot),
+        standstill=standstill,
+        rests=find_rests(table, cycles, standstill),
+        incidents=find_incidents(survey.diagnostics, robot.namespace),
     )
 
 
@@ -265,16 +275,6 @@ def find_jumps(path: Path) -> list[tuple[int, TimedJump]]:
     next(iter(bag.read(path, head)), None)  # attachments precede the first message
     scene = recorded_scene(path, head.attachments)
     return [] if scene is None or scene.ground.track is None else analyse(path).table.jumps
-
-
-def _is_planar(survey: Survey, robot: Robot) -> bool:
-    """Return whether a recording is of a planar body, judging by the names of its joints."""
-    from ..recording import bag
-
-    for record in bag.read(survey.path):
-        if record.topic in (robot.recorded("joint_states"), robot.recorded("contact_states")):
-            return b"contact_0/x\0" in record.data
-    return False
 
 
 def _follow(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from crawler_model.body.drive import NS
 from crawler_model.run.ticks import rational_rate
 
 from ..recording import bag
+from ..recording.incidents import DIAGNOSTICS, Parts, read_diagnostics
 from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY
 from ..recording.recorded_robot import Robot, noted_robot, robot_in
 
@@ -59,6 +60,7 @@ class Survey:
         damaged: number of chunks that could not be read.
         lost: number of messages counted at the end of the file but not found; None when that end is missing.
         topics: stamps of each topic by name.
+        diagnostics: the last message of each node on /diagnostics.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class Survey:
     damaged: int
     lost: int | None
     topics: dict[str, Stamps]
+    diagnostics: dict[str, Parts] = field(default_factory=dict)
 
     @property
     def messages(self) -> int:
@@ -91,6 +94,7 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
     stamps: dict[str, array[int]] = {}
     received: dict[str, array[int]] = {}
     types: dict[str, str] = {}
+    diagnostics: dict[str, Parts] = {}
     for block in bag.read_blocks(path, head, progress):
         for channel in np.unique(block.channel).tolist():
             if channel not in head.channels:
@@ -102,6 +106,9 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
                 stamps[topic], received[topic] = array("q"), array("q")
             which = np.flatnonzero(block.channel == channel)
             received[topic].frombytes(block.log_ns[which].tobytes())
+            if schema.name == DIAGNOSTICS:
+                for first, size in zip(block.first[which], block.size[which], strict=True):
+                    diagnostics |= read_diagnostics(block.data[first : first + size].tobytes())
             if schema.name in _STAMPED:
                 which = which[block.size[which] >= 12]
                 words = block.data[block.first[which][:, None] + np.arange(4, 12)].copy().view("<i4").astype(np.int64)
@@ -110,7 +117,7 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
         name: Stamps(kind, np.array(stamps[name], np.int64), np.array(received[name], np.int64))
         for name, kind in types.items()
     }
-    return Survey(path, head.attachments, head.complete, head.damaged, head.lost, topics)
+    return Survey(path, head.attachments, head.complete, head.damaged, head.lost, topics, diagnostics)
 
 
 def choose_robot(survey: Survey, namespace: str | None) -> Robot:

@@ -72,6 +72,22 @@ def observe(
     return (names_of if states == "contact_states" else names_of[:1]), stations
 
 
+def is_planar(survey: Survey, robot: Robot) -> bool:
+    """Determine whether a recording is of a planar body, judging by the names of its joints.
+
+    Args:
+        survey: survey of the recording.
+        robot: the crawler.
+
+    Returns:
+        Whether it is; False where no state was recorded.
+    """
+    for record in bag.read(survey.path):
+        if record.topic in (robot.recorded("joint_states"), robot.recorded("contact_states")):
+            return b"contact_0/x\0" in record.data
+    return False
+
+
 def _in_order(groups: list[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
     """Put groups of messages of one kind back in order: stamps (K,), the last three sequences or fewer (K, n, M)."""
     stamps = np.zeros(count, np.int64)

@@ -1,7 +1,8 @@
-"""Detection of a rest at the end of a run, and its reason: no commands, or forces too small."""
+"""Detection of rests in a run and at its end, and their reasons: no commands, or forces too small."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from crawler_model.body.drive import NS
 
 from ..recording.recorded_robot import Robot
+from .cycle_table import Cycle
 from .health import Survey
 from .ramps import RampTable
 
@@ -20,6 +22,81 @@ COMMANDS = (
     "friction_controller/commands",
     "load_controller/commands",
 )
+
+
+_LEAST_S = 1.0
+"""A shorter rest is not reported where the commands do not repeat."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A rest that lasts at least a cycle of the commands.
+
+    Attributes:
+        run: number of the run between resets.
+        since: when the slip before it ended [s]; the start of the run when there was none.
+        until: when the next slip begins [s]; the end of the run when there is none.
+        commanded: whether commands changed meanwhile.
+        margin: least distance of a spring force from its bound meanwhile [N]; None when forces are not known.
+    """
+
+    run: int
+    since: float
+    until: float
+    commanded: bool
+    margin: float | None
+
+    def as_plain(self) -> dict[str, Any]:
+        """Convert to plain values for JSON.
+
+        Returns:
+            The attributes by name.
+        """
+        return dict(self.__dict__)
+
+    def explain(self) -> str:
+        """Describe the rest in one line.
+
+        Returns:
+            Its time and its reason.
+        """
+        rest = f"at rest from {self.since:g} s to {self.until:g} s"
+        if not self.commanded:
+            return f"{rest}: no command changed"
+        near = "" if self.margin is None else f" (the nearest stayed {self.margin:.3g} N away)"
+        return f"{rest}: commands changed, but no spring force exceeded its bound{near}"
+
+
+def find_rests(table: RampTable, cycles: Sequence[Cycle], standstill: Standstill | None) -> tuple[Rest, ...]:
+    """Find the rests that last at least as long as the longest cycle, without cycles at least a second.
+
+    Args:
+        table: the ramps of the recording.
+        cycles: its cycles.
+        standstill: the rest at its end, which is left out.
+
+    Returns:
+        The rests in order.
+    """
+    least = max((cycle.end - cycle.start for cycle in cycles), default=_LEAST_S) * NS
+    found = []
+    for run in np.unique(table.run).tolist():
+        rows = np.flatnonzero(table.run == run)
+        start, end, margin = table.start_ns[rows], table.end_ns[rows], table.margin[rows]
+        slides = (table.forward + table.backward)[rows] > 0.0
+        since = np.concatenate((start[:1], end[slides]))
+        until = np.append(start[slides], end[-1])
+        _, path = table.path(run)
+        changes = path.time_ns[np.flatnonzero(path.moved()) + 1]  # ends of the ramps that change a command
+        for k in np.flatnonzero(until - since >= max(least, 1.0)).tolist():
+            if standstill is not None and run == table.run[-1] and k == since.size - 1:
+                continue
+            inside = margin[(end > since[k]) & (end <= until[k])]
+            first, last = np.searchsorted(changes, (since[k], until[k]), side="right")
+            known = inside.size > 0 and bool(np.isfinite(inside).all())
+            nearest = max(float(inside.min()), 0.0) if known else None
+            found.append(Rest(run, float(since[k]) / NS, float(until[k]) / NS, bool(last > first), nearest))
+    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from crawler_model import Scene, load_scene
 from crawler_ros.recording.bag import BagError
-from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
+from crawler_ros.replay.show.compare import compare_recordings, print_comparison
+from crawler_ros.replay.show.compare_page import draw_comparison
 
 from ..recordings import record
 from .test_replay import crawler
@@ -96,3 +97,45 @@ def test_of_a_folder_of_recordings_the_newest_is_compared(tmp_path):
     told = crawler("compare", str(tmp_path / "bags"), str(new), "--json")
     assert told.returncode == 0, told.stderr
     assert json.loads(told.stdout) == json.loads(crawler("compare", str(new), str(new), "--json").stdout)
+
+
+def test_cycles_are_paired_by_time_and_not_by_number(pair, tmp_path):
+    """A run that waits two periods longer: its first cycle takes place during the third of the other."""
+    later = record(tmp_path / "later", longer("two_anchor_b", 4), 3, wait=2.3)
+    found = compare_recordings(pair[0], later)
+    assert found.pairs == ((2, 0),)
+    assert found.unpaired == "cycles: 2 of A and 2 of B without a partner at the same time"
+    assert len(found.translation) == 1
+    assert found.as_plain()["cycles"]["pairs"] == [[2, 0]]
+
+
+def test_cycles_at_other_times_are_not_compared_and_it_says_why(pair, tmp_path, capsys):
+    later = record(tmp_path / "later", longer("two_anchor_b", 4), 2, wait=0.8)
+    found = compare_recordings(pair[0], later)
+    assert found.pairs == found.translation == ()
+    print_comparison(found, Console(width=200))
+    wanted = "not at the same times: those of A last 1 s from 0.3 s on, those of B last 1 s from 0.8 s on"
+    assert wanted in capsys.readouterr().out
+    draw_comparison(found, tmp_path / "x.png")
+    assert Image.open(tmp_path / "x.png").size[0] > 800
+
+
+def test_a_folder_of_recordings_is_compared_with_its_first(tmp_path):
+    for name, length in (("c", 6), ("a", 4), ("b", 4)):
+        record(tmp_path / "bags" / name, longer("two_anchor_b", length), 2)
+    done = crawler("compare", tmp_path / "bags", "--json", "--png", tmp_path / "x.png")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["comparisons"]
+    assert [[run["recording"][-1] for run in one["runs"]] for one in found] == [["a", "b"], ["a", "c"]]
+    assert found[0]["motion"]["first_difference"] is None
+    assert found[1]["motion"]["first_difference"] is not None
+    assert Image.open(tmp_path / "x.png").size[0] > 800
+    text = crawler("compare", *(tmp_path / "bags" / name for name in "bac")).stdout
+    assert "3 runs, each compared with b" in text
+    assert "never" in text
+
+
+def test_a_single_recording_has_nothing_to_be_compared_with(pair):
+    done = crawler("compare", pair[0])
+    assert done.returncode == 1
+    assert "a comparison needs two, or a folder of at least two bags" in done.stderr

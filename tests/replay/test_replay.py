@@ -383,3 +383,113 @@ def test_reading_in_blocks_gives_every_message(tmp_path):
         ]
         assert blocks == [(r.topic, r.data) for r in bag.read(source)]
         assert head.complete
+
+
+def pausing(*rows: tuple[float, float]) -> Scene:
+    """Two contacts whose link follows a drive once."""
+    plain = load_scene("two_contacts_anisotropic").document()
+    plain["drive"] = {"times": [time for time, _ in rows], "actuation": [[length] for _, length in rows]}
+    return Scene.model_validate(plain)
+
+
+def play_once(folder: Path, scene: Scene) -> Path:
+    last = round(float(scene.drive.times[-1]) * NS)
+    return write(folder, messages(scene, play(scene, 0, last)), attachments(scene))
+
+
+def test_a_rest_in_the_middle_is_told_with_its_reason(tmp_path):
+    """The link grows until 1 s, waits until 4 s, and pulls the body together after that."""
+    found = analyse(play_once(tmp_path / "a", pausing((0.0, 0.0), (1.0, 1.0), (4.0, 1.0), (5.0, 0.0))))
+    assert found.cycles == ()
+    (rest,) = found.rests
+    assert rest.since == pytest.approx(1.0)
+    assert 4.0 < rest.until < 5.0
+    assert rest.commanded  # from 4 s on, until the tension has turned round
+    assert "at rest from 1 s to 4." in rest.explain()
+    assert "commands changed, but no spring force exceeded its bound" in rest.explain()
+    assert found.as_plain()["rests"] == [rest.as_plain()]
+    assert found.standstill is None
+
+
+def test_a_rest_without_commands_says_so(tmp_path):
+    scene = pausing((0.0, 0.0), (1.0, 1.0))
+    sent = itertools.chain(play(scene, 0, NS), hold(100, 200))
+    again = [(start + 3 * NS, dues, [2.0 * row for row in rows]) for start, dues, rows in play(scene, 0, NS)]
+    path = write(tmp_path / "a", messages(scene, itertools.chain(sent, again)), attachments(scene))
+    (rest,) = analyse(path).rests
+    assert (rest.since, rest.run) == (1.0, 0)
+    assert rest.until >= 3.0
+
+
+def test_rests_within_cycles_are_the_gait_and_not_told(tmp_path):
+    assert analyse(record(tmp_path / "a", "three_contacts_two_ways", 3)).rests == ()
+
+
+def test_without_diagnostics_incidents_are_not_known(tmp_path, capsys):
+    found = analyse(record(tmp_path / "a", "two_anchor_a", 1))
+    assert found.incidents is None
+    assert found.as_plain()["incidents"] is None
+
+
+def diagnosed(folder: Path, *entries: tuple[str, list[tuple[str, str]]]) -> Path:
+    """A recording with one message on /diagnostics."""
+    from crawler_ros.recording.bag_writer import BagWriter
+    from crawler_ros.wire.messages import encode_diagnostics
+    from crawler_ros.wire.topics import read_topics
+
+    scene = load_scene("two_anchor_a")
+    bag_of = BagWriter(folder, attachments(scene))
+    channels = {name: bag_of.add_topic(read_topics()[name], name) for name in ("/diagnostics",)}
+    statuses = [(0, f"crawler: {part}", "", "", values) for part, values in entries]
+    bag_of.write(channels["/diagnostics"], 10**18, 10**18, encode_diagnostics(10**18, statuses))
+    sent = messages(scene, play(scene, 0, NS))
+    for k, (name, _, data) in enumerate(sent):
+        if name not in channels:
+            channels[name] = bag_of.add_topic(read_topics()[name], f"/{name}")
+        bag_of.write(channels[name], 10**18 + k, 10**18 + k, data)
+    bag_of.close()
+    return folder
+
+
+def test_refusals_of_recordings_without_reasons_are_counted_by_topic(tmp_path):
+    old = [
+        ("refused", "3"),
+        ("lost", "1"),
+        ("refused on joint_trajectory", "2"),
+        ("refused on load_controller/commands", "1"),
+    ]
+    path = diagnosed(tmp_path / "a", ("simulation", [("ticks", "100"), ("late ticks", "4")]), ("commands", old))
+    found = analyse(path).incidents
+    assert found is not None
+    assert [(r.topic, r.count, r.first) for r in found.refusals] == [
+        ("joint_trajectory", 2, None),
+        ("load_controller/commands", 1, None),
+    ]
+    assert found.explain() == [
+        "2 message(s) refused on joint_trajectory",
+        "1 message(s) refused on load_controller/commands",
+        "1 command message(s) lost on the way to the simulator",
+        "4 late tick(s)",
+    ]
+
+
+def test_rests_and_refusals_are_tables(tmp_path):
+    pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    reason = ("refused on joint_trajectory: point 3 at 1 s: too late", "2, first at 0.250000000 s, last at 0.5 s")
+    simulation = ("simulation", [("ticks", "100")])
+    path = diagnosed(tmp_path / "a", simulation, ("commands", [("refused", "2"), reason]))
+    assert crawler("replay", path, "--parquet", tmp_path / "tables").returncode == 0
+    (row,) = parquet.read_table(tmp_path / "tables" / "refusals.parquet").to_pylist()
+    assert row == {
+        "topic": "joint_trajectory",
+        "why": "point 3 at 1 s: too late",
+        "count": 2,
+        "first": 0.25,
+        "last": 0.5,
+    }
+    path = play_once(tmp_path / "b", pausing((0.0, 0.0), (1.0, 1.0), (4.0, 1.0), (5.0, 0.0)))
+    assert crawler("replay", path, "--parquet", tmp_path / "more").returncode == 0
+    (row,) = parquet.read_table(tmp_path / "more" / "rests.parquet").to_pylist()
+    assert (row["since"], row["commanded"]) == (1.0, True)

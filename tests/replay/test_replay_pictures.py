@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 pytest.importorskip("matplotlib")
 from crawler_model import Scene, load_scene
 from crawler_ros.replay import analyse
-from crawler_ros.replay.show.compare import compare_recordings, draw_comparison
+from crawler_ros.replay.show.compare import compare_recordings
+from crawler_ros.replay.show.compare_page import draw_comparison
 from crawler_ros.replay.show.page import draw_replay
 from crawler_ros.replay.show.samples import Samples
 
+from ..golden_pictures import GOLDEN, TOLERANCE, distance
 from ..recordings import record
-
-GOLDEN = Path(__file__).parent.parent / "golden"
-TOLERANCE = 8.0
-"""Of 255: matplotlib 3.9 is 4 to 6 away from 3.11, half the amplitude 24."""
 
 
 def strategy_b(name: str, length: float) -> Scene:
@@ -47,14 +43,6 @@ def drawn(tmp_path_factory):
     pages = {name: draw_page(bag, folder / f"{name}.png") for name, bag in bags.items()}
     draw_comparison(compare_recordings(bags["b3"], bags["b6"]), folder / "compare.png")
     return {**pages, "compare": folder / "compare.png"}
-
-
-def distance(drawn: Path, golden: Path) -> float:
-    """Root mean square of the difference of both pictures, made small."""
-    wanted = Image.open(golden).convert("RGB")
-    made = Image.open(drawn).convert("RGB").resize(wanted.size, Image.Resampling.BOX)
-    small = [np.asarray(picture.reduce(8), dtype=float) for picture in (made, wanted)]
-    return float(np.sqrt(np.mean((small[0] - small[1]) ** 2)))
 
 
 @pytest.mark.parametrize("name", ["b6", "compare"])

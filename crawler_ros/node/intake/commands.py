@@ -87,7 +87,7 @@ class CommandQueue:
             self._last_was_trajectory = False
             self._turns: deque[np.ndarray | Trajectory] = deque()
             self._pending = self._pending_beside = 0
-            self._now_ns = self._tick_ns = 0
+            self.now_ns = self._tick_ns = 0
             self.arrived.clear()
         self._in_force = np.array(in_force)
         self._anchor = Vertex(0, self._in_force)
@@ -108,7 +108,7 @@ class CommandQueue:
             in_force: the command row in force, shape (C,).
         """
         self._in_force = in_force
-        self._anchor = Vertex(self._now_ns, in_force)
+        self._anchor = Vertex(self.now_ns, in_force)
         self._path = []
 
     @property
@@ -232,7 +232,7 @@ class CommandQueue:
                     raise wrong_point(i, len(row), len(names))
         table = np.array(positions, dtype=np.float64).reshape(times.size, len(names))
         checks.check_points(names, columns, times, table, self._limits)
-        checks.check_times(stamp_ns, self._now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
+        checks.check_times(stamp_ns, self.now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
         checks.check_loads(self._columns, self._in_force, columns, table)
         trajectory = Trajectory(stamp_ns or None, columns, times, table)
         with self._lock:
@@ -265,7 +265,7 @@ class CommandQueue:
         Returns:
             The vertices; an empty list to hold.
         """
-        self._now_ns, self._tick_ns = end_ns, end_ns - start_ns
+        self.now_ns, self._tick_ns = end_ns, end_ns - start_ns
         if self._lock_step:
             return self._without_repeats(self._take_turn(start_ns, end_ns))
         if not (self._actuation or self._beside or self._trajectories or self._path):

@@ -68,7 +68,7 @@ class Intake:
                 arrivals.add(information["publication_sequence_number"])
             if len(data) > most:  # too large to be passed on or recorded
                 text = f"{len(data)} bytes; a command of this scene has at most {most}"
-                self.refusals.add(name, text)
+                self.refusals.add(name, text, self._commands.now_ns)
                 return
             if recorder is not None and channel is not None:
                 now = recorder.now_ns()
@@ -76,9 +76,9 @@ class Intake:
             try:
                 accept(data)
             except CommandError as error:
-                self.refusals.add(name, str(error))
+                self.refusals.add(name, str(error), self._commands.now_ns)
             except Exception as error:  # a message must not end the node
-                self.refusals.add(name, f"not a message of this type: {error!r}")
+                self.refusals.add(name, f"not a message of this type: {error!r}", self._commands.now_ns)
 
         # rclpy reads the signature to decide whether to pass the information; its EventsExecutor of 2025 passes message
         # and information as one tuple, later versions as two arguments

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 _QUIET_S = 1.0
 _MOST_CHARACTERS = 300
+_MOST_REASONS = 32
+_PARTICULAR = re.compile(r"'[^']*'|\"[^\"]*\"|\w*[-+.\d]*\d[\w.+-]*|\b(nan|inf)\b")
+"""Numbers, names with numbers and quotations in a reason."""
 
 
 class Throttle:
@@ -51,8 +56,30 @@ class Throttle:
             self._warn(f"{text} (and {count - 1} more like it)" if count > 1 else text)
 
 
+@dataclass
+class Reason:
+    """The messages that were refused on a topic for one reason.
+
+    Attributes:
+        topic: the topic.
+        why: the reason, in the words of the first of them.
+        first_ns: simulated time at which the first arrived [ns].
+        last_ns: the same of the last one.
+        count: number of messages.
+    """
+
+    topic: str
+    why: str
+    first_ns: int
+    last_ns: int
+    count: int = 0
+
+
 class Refusals:
-    """Counts refused messages and logs them, one a second and topic."""
+    """Counts refused messages by topic and reason and logs them, one a second and topic.
+
+    Reasons that differ only in numbers and quoted names count as one.
+    """
 
     def __init__(self, throttle: Throttle) -> None:
         """Start with none.
@@ -63,20 +90,32 @@ class Refusals:
         self.counts: dict[str, int] = {}
         self.last = ""
         self._throttle = throttle
+        self._reasons: dict[tuple[str, str], Reason] = {}
 
     @property
     def total(self) -> int:
         """Number of refused messages."""
         return sum(self.counts.values())
 
-    def add(self, topic: str, why: str) -> None:
+    @property
+    def reasons(self) -> list[Reason]:
+        """The reasons in the order of their first message."""
+        return list(self._reasons.values())
+
+    def add(self, topic: str, why: str, now_ns: int) -> None:
         """Count a refused message and log the reason, at most once a second for each topic.
 
         Args:
             topic: topic on which it arrived.
             why: the reason; it may quote the message.
+            now_ns: simulated time [ns].
         """
         why = why if len(why) <= _MOST_CHARACTERS else why[:_MOST_CHARACTERS] + " ..."
         self.counts[topic] = self.counts.get(topic, 0) + 1
         self.last = f"{topic}: {why}"
+        kind = topic, _PARTICULAR.sub("#", why)
+        if kind not in self._reasons and len(self._reasons) >= _MOST_REASONS:
+            kind, why = (topic, ""), "other reasons"
+        reason = self._reasons.setdefault(kind, Reason(topic, why, now_ns, now_ns))
+        reason.count, reason.last_ns = reason.count + 1, now_ns
         self._throttle.warn(f"refused {topic}", f"refused a message on {topic}: {why}")

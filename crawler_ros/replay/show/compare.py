@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,16 @@ from rich.table import Table
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
-from crawler_pictures.colors import BACK, FORWARD
 from crawler_pictures.numbers import write_length
 
 from ...recording.bag import BagError
 from ..analysis import Replay, analyse, size_of
+from ..cycle_table import Cycle
 from ..cycles import ROUNDING
 
 _MOST_SHOWN = 8
-_COLORS = ("#46688f", "#d07a1e")
+_OVERLAP = 0.9
+"""Part of the longer of two cycles that both have to share to be compared."""
 _RARE = {"loads_work": "work of loads", "jump_loss": "lost in jumps"}
 """Energies that are shown only where there are any, and their names in the table."""
 
@@ -37,7 +38,9 @@ class RunComparison:
         commands_differ: simulated time from which the commands differ [s]; None when they never do.
         motion_differs: simulated time from which the net translations differ [s]; None when they never do.
         max_difference: largest difference of the net translation [m].
-        translation: difference in each cycle that both have [m], in the plane for x and y.
+        pairs: cycles at the same time, by their numbers in both runs, from 0.
+        unpaired: why no or not all cycles have a partner at the same time; empty when all have.
+        translation: difference of each pair [m], in the plane for x and y.
         energy: differences of work, dissipation and stored energy [J]; None when one is not known.
         slips: for each contact and end of a segment, the differences of number and total distance [m].
     """
@@ -47,6 +50,8 @@ class RunComparison:
     commands_differ: float | None
     motion_differs: float | None
     max_difference: float
+    pairs: tuple[tuple[int, int], ...]
+    unpaired: str
     translation: tuple[Any, ...]
     energy: dict[str, float] | None
     slips: tuple[dict[str, Any], ...]
@@ -74,6 +79,7 @@ class RunComparison:
             "runs": runs,
             "commands": {"first_difference": self.commands_differ},
             "motion": {"first_difference": self.motion_differs, "max_difference": self.max_difference},
+            "cycles": {"pairs": [list(pair) for pair in self.pairs], "unpaired": self.unpaired or None},
             "translation": [v.tolist() for v in self.translation],
             "energy": self.energy,
             "slips": list(self.slips),
@@ -102,22 +108,62 @@ def compare_recordings(
     Raises:
         BagError: when one is not a recording of a crawler, or their contacts differ.
     """
-    report = progress or (lambda part: None)
-    one = analyse(first, scene, namespace, progress=lambda part: report(0.5 * part))
-    two = analyse(second, scene, namespace, progress=lambda part: report(0.5 + 0.5 * part))
+    return compare_all([first, second], scene, namespace, progress)[0]
+
+
+def compare_all(
+    paths: Sequence[Path],
+    scene: Scene | None = None,
+    namespace: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[RunComparison]:
+    """Read recordings and compare each with the first.
+
+    Args:
+        paths: two recordings or more.
+        scene: the scene that ran, for recordings that do not hold it.
+        namespace: namespace of the crawler, where several were recorded.
+        progress: called with the fraction done, in [0, 1].
+
+    Returns:
+        The comparison of each recording but the first.
+
+    Raises:
+        BagError: when one is not a recording of a crawler, or their contacts differ.
+    """
+    report, count = progress or (lambda part: None), len(paths)
+
+    def read(k: int) -> Replay:
+        return analyse(paths[k], scene, namespace, progress=lambda part: report((k + part) / count))
+
+    one = read(0)
+    return [compare_runs(one, read(k)) for k in range(1, count)]
+
+
+def compare_runs(one: Replay, two: Replay) -> RunComparison:
+    """Compare two analysed recordings.
+
+    Args:
+        one: the first.
+        two: the second.
+
+    Returns:
+        The comparison.
+
+    Raises:
+        BagError: when their contacts differ.
+    """
     if one.stations != two.stations:
         raise BagError(
-            f"{first} has the contacts {', '.join(one.stations[:6])} and {second} {', '.join(two.stations[:6])}: "
+            f"{one.path} has the contacts {', '.join(one.stations[:6])} and {two.path} {', '.join(two.stations[:6])}: "
             "runs of different bodies cannot be compared"
         )
     size = max(size_of(one.table), size_of(two.table))
     same_kind = one.table.place.any() == two.table.place.any()
     commands, _ = _first_difference(one, two, "place", ROUNDING * max(_largest(one, "place"), _largest(two, "place")))
     motion, most = _first_difference(one, two, "net_translation", ROUNDING * size)
-    both = min(len(one.cycles), len(two.cycles))
-    gains = [
-        np.subtract(b.translation, a.translation) for a, b in zip(one.cycles[:both], two.cycles[:both], strict=True)
-    ]
+    pairs, unpaired = _pair_cycles(one.cycles, two.cycles)
+    gains = [np.subtract(two.cycles[b].translation, one.cycles[a].translation) for a, b in pairs]
     energy = None
     if one.energy is not None and two.energy is not None:
         energy = {
@@ -130,10 +176,37 @@ def compare_recordings(
         commands_differ=commands if same_kind else 0.0,
         motion_differs=motion,
         max_difference=most,
+        pairs=pairs,
+        unpaired=unpaired,
         translation=tuple(gains),
         energy=energy,
         slips=tuple(_slips(one, two, contact) for contact in range(len(one.stations))),
     )
+
+
+def _pair_cycles(one: Sequence[Cycle], two: Sequence[Cycle]) -> tuple[tuple[tuple[int, int], ...], str]:
+    """Pair the cycles of two runs that take place at the same time; explain in a line why others have no partner."""
+    pairs, k = [], 0
+    for i, a in enumerate(one):
+        while k < len(two) and (two[k].run, two[k].end) <= (a.run, a.start):
+            k += 1
+        for j in range(k, min(k + 2, len(two))):
+            b = two[j]
+            shared = min(a.end, b.end) - max(a.start, b.start)
+            if a.run == b.run and shared >= _OVERLAP * max(a.end - a.start, b.end - b.start):
+                pairs.append((i, j))
+                k = j + 1
+                break
+    if not one or not two:
+        which = "both runs" if not one and not two else "A" if not one else "B"
+        return (), f"cycles: none are compared, as the commands of {which} do not repeat"
+    if not pairs:
+        spans = [
+            f"those of {n} last {c.end - c.start:g} s from {c.start:g} s on" for n, c in (("A", one[0]), ("B", two[0]))
+        ]
+        return (), f"cycles: none are compared, as they are not at the same times: {', '.join(spans)}"
+    left = [f"{n} of {name}" for name, n in (("A", len(one) - len(pairs)), ("B", len(two) - len(pairs))) if n]
+    return tuple(pairs), f"cycles: {' and '.join(left)} without a partner at the same time" if left else ""
 
 
 def _largest(run: Replay, name: str) -> float:
@@ -226,21 +299,26 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         screen.print(
             f"net translation: differs from {found.motion_differs:g} s on, by up to {found.max_difference:.6g} m"
         )
+    if found.unpaired:
+        screen.print(found.unpaired)
     table = Table()
     for column in ("", "A", "B", "B - A"):
         table.add_column(escape(column), justify="right")
     if abs(one.seconds - two.seconds) > 1e-6:
         screen.print("the runs have different durations: work, energy and slips below are sums over each whole run")
     size = max(size_of(one.table), size_of(two.table))
-    for k, gain in enumerate(found.translation[:_MOST_SHOWN]):
-        pair = one.cycles[k].translation, two.cycles[k].translation
-        table.add_row(f"cycle {k + 1}: translation, m", *(write_length(v, size) for v in (*pair, gain)))
+    for (a, b), gain in list(zip(found.pairs, found.translation, strict=True))[:_MOST_SHOWN]:
+        pair = one.cycles[a].translation, two.cycles[b].translation
+        number = f"{a + 1}" if a == b else f"{a + 1} / {b + 1}"
+        table.add_row(f"cycle {number}: translation, m", *(write_length(v, size) for v in (*pair, gain)))
     if len(found.translation) > _MOST_SHOWN:
         table.add_row(f"({len(found.translation) - _MOST_SHOWN} more)", "", "", "")
-    both = min(len(one.cycles), len(two.cycles))
-    if both and one.cycles[both - 1].energy is not None and two.cycles[both - 1].energy is not None:
-        works = [run.cycles[both - 1].energy.work for run in (one, two)]  # type: ignore[union-attr]
-        table.add_row(f"work in cycle {both}, J", *(f"{v:.6g}" for v in (*works, works[1] - works[0])))
+    if found.pairs and found.energy is not None:
+        last = one.cycles[found.pairs[-1][0]], two.cycles[found.pairs[-1][1]]
+        works = [cycle.energy.work for cycle in last if cycle.energy is not None]
+        table.add_row(
+            f"work in cycle {found.pairs[-1][0] + 1}, J", *(f"{v:.6g}" for v in (*works, works[1] - works[0]))
+        )
     if found.energy is not None and one.energy is not None and two.energy is not None:
         for name, change in found.energy.items():
             values = getattr(one.energy, name), getattr(two.energy, name), change
@@ -254,53 +332,39 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
     screen.print(table)
 
 
-def draw_comparison(found: RunComparison, png: Path) -> None:
-    """Draw both runs: net translation over time, translation of each cycle, slips, energy.
+def print_all(found: Sequence[RunComparison], screen: Console) -> None:
+    """Print comparisons of several runs with the first of them, a row each.
 
     Args:
-        found: the comparison.
-        png: the file to write.
+        found: the comparisons.
+        screen: the console to print to.
     """
-    import matplotlib
+    first = found[0].first
+    table = Table(title=f"{len(found) + 1} runs, each compared with {first.path.name}", title_justify="left")
+    table.add_column("run", no_wrap=True)
+    columns = ("commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]", "work [J]")
+    for column in (*columns, "cycles paired"):
+        table.add_column(escape(column), justify="right")
+    size = max(size_of(run.table) for run in (first, *(c.second for c in found)))
+    for run, compared in ((first, None), *((c.second, c) for c in found)):
+        y = run.table.net_translation
+        row = [run.path.name, "", "", ""]
+        if compared is not None:
+            row[1:] = [
+                _when(compared.commands_differ),
+                _when(compared.motion_differs),
+                f"{compared.max_difference:.4g}",
+            ]
+        work = "" if run.energy is None else f"{run.energy.work:.6g}"
+        paired = "" if compared is None else f"{len(compared.pairs)} of {len(run.cycles)}"
+        table.add_row(*row, write_length(y[-1] - y[0], size) if len(y) else "", work, paired)
+    screen.print(table)
+    for compared in found:
+        if compared.unpaired:
+            screen.print(f"{compared.second.path.name}: {compared.unpaired}")
+        if not compared.second.healthy:
+            screen.print(f"{compared.second.path.name}: [yellow]problem:[/] {compared.second.problems[0]}")
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(2, 2, figsize=(11, 7), width_ratios=[2, 1], layout="constrained")
-    runs = (found.first, found.second)
-    labels = [f"{letter}: {run.path.name}" for letter, run in zip("AB", runs, strict=True)]
-    for run, label, color in zip(runs, labels, _COLORS, strict=True):
-        rows = np.flatnonzero(run.table.run == 0)
-        rows = rows[:: max(rows.size // 5000, 1)]
-        time, y = run.table.end_ns[rows] / NS, run.table.net_translation[rows, 0]
-        axes[0, 0].plot(time, y - y[0], color=color, linewidth=1.6, label=label)
-        if run.energy is not None:
-            every = run.table.run == 0
-            axes[1, 0].plot(
-                run.table.end_ns[every] / NS, np.cumsum(run.table.dissipation[every]), color=color, linewidth=1.6
-            )
-    for when, axis in ((found.motion_differs, axes[0, 0]), (found.commands_differ, axes[1, 0])):
-        if when is not None:
-            axis.axvline(when, color="#8a8a8a", linewidth=0.8, linestyle="--")
-    axes[0, 0].set_ylabel("net translation [m]")
-    axes[0, 0].legend(fontsize=8, frameon=False)
-    axes[0, 0].set_title(
-        "dashed: first difference of the motion (above) and of the commands (below)", fontsize=8, loc="left"
-    )
-    axes[1, 0].set_ylabel("dissipation [J]")
-    axes[1, 0].set_xlabel("simulated time [s]")
-    for k, (run, color) in enumerate(zip(runs, _COLORS, strict=True)):
-        gained = np.array([np.atleast_1d(c.translation)[0] for c in run.cycles])
-        axes[0, 1].bar(np.arange(gained.size) + 1 + 0.38 * k - 0.19, gained, width=0.36, color=color)
-        forward, back = (
-            sum(getattr(c, f"slip_{direction}") for c in run.cycles) for direction in ("forward", "backward")
-        )
-        axes[1, 1].bar([k - 0.2, k + 0.2], [forward, -back], width=0.36, color=[FORWARD, BACK])
-    axes[0, 1].axhline(0.0, color="#9a9a9a", linewidth=0.8)
-    axes[0, 1].set_xlabel("cycle")
-    axes[0, 1].set_ylabel("gained [m]")
-    axes[1, 1].axhline(0.0, color="#9a9a9a", linewidth=0.8)
-    axes[1, 1].set_xticks([0, 1], ["A", "B"])
-    axes[1, 1].set_ylabel("slips forward, back\nin all cycles [m]")
-    figure.savefig(png, dpi=110)
-    plt.close(figure)
+def _when(seconds: float | None) -> str:
+    return "never" if seconds is None else f"{seconds:g}"

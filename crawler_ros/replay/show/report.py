@@ -13,8 +13,10 @@ from crawler_pictures.numbers import write_length
 from ..analysis import Replay
 from ..cycle_table import Cycle
 from ..health import TopicHealth
+from ..standstill import Rest
 
 _MOST_CYCLES, _MOST_CONTACTS = 6, 6
+_MOST_RESTS, _MOST_REASONS = 4, 6
 
 
 def print_replay(replay: Replay, screen: Console) -> None:
@@ -42,8 +44,8 @@ def print_replay(replay: Replay, screen: Console) -> None:
     _print_slips(replay, screen)
     _print_jumps(replay, screen)
     _print_account(replay, screen)
-    if replay.standstill is not None:
-        screen.print(replay.standstill.explain())
+    _print_rests(replay, screen)
+    _print_incidents(replay, screen)
     for problem in replay.problems:
         screen.print(f"[yellow]problem:[/] {problem}")
 
@@ -131,6 +133,33 @@ def _print_jumps(replay: Replay, screen: Console) -> None:
         f"{len(jumps)} jump(s) onto ground that holds less, {loss:.6g} J lost; the longest: {longest['contact']} at "
         f"{longest['time']:g} s, {longest['distance']:.6g} m from the border at {longest['border']:g} m"
     )
+
+
+def _print_rests(replay: Replay, screen: Console) -> None:
+    longest = sorted(sorted(replay.rests, key=lambda rest: rest.since - rest.until)[:_MOST_RESTS], key=_begin)
+    for rest in longest:
+        screen.print((f"run {rest.run}: " if rest.run else "") + rest.explain())
+    if len(replay.rests) > _MOST_RESTS:
+        screen.print(f"{len(replay.rests) - _MOST_RESTS} shorter rest(s)")
+    if replay.standstill is not None:
+        screen.print(replay.standstill.explain())
+
+
+def _begin(rest: Rest) -> tuple[int, float]:
+    return rest.run, rest.since
+
+
+def _print_incidents(replay: Replay, screen: Console) -> None:
+    if replay.incidents is None:
+        screen.print("refused commands and late ticks: not known, as /diagnostics was not recorded")
+        return
+    lines = replay.incidents.explain()
+    for line in lines[:_MOST_REASONS]:
+        screen.print(f"[yellow]incident:[/] {escape(line)}")
+    if len(lines) > _MOST_REASONS:
+        screen.print(f"{len(lines) - _MOST_REASONS} more kind(s) of incidents")
+    if not lines:
+        screen.print("no command was refused or lost, and no tick was late")
 
 
 def _print_account(replay: Replay, screen: Console) -> None:

@@ -8,30 +8,34 @@ import numpy as np
 
 from crawler_model.body.drive import NS
 from crawler_model.run.simulate import TimedJump
+from crawler_pictures.run.pixels import join_states
 
 from ...recording.layouts import JOINT_STATE, TRAJECTORY
 from ..health import Survey
 from ..ramps import Piece
 from ..slips import sliding
 
-_MOST = 4000
-_SAMPLED = ("end_ns", "position", "tension", "least", "most", "net_translation", "stored")
+_MOST, _LEAST, _MOST_NUMBERS = 4000, 1000, 4_000_000
+_SAMPLED = ("end_ns", "position", "tension", "least", "most", "net_translation", "stored", "command")
 
 
 class Samples:
     """Samples the ramps of pieces at equal intervals: a `Sink`. Runs between resets are joined in time."""
 
     def __init__(self, survey: Survey) -> None:
-        """Choose the number of ramps per sample.
+        """Store the number of ramps to expect.
 
         Args:
             survey: survey of the recording.
         """
-        most = max((t.stamp_ns.size for t in survey.topics.values() if t.type in (TRAJECTORY, JOINT_STATE)), default=0)
-        self.every = max(-(-most // _MOST), 1)
+        self._expected = max(
+            (t.stamp_ns.size for t in survey.topics.values() if t.type in (TRAJECTORY, JOINT_STATE)), default=0
+        )
+        self.every = 1
+        """Ramps per sample; fewer samples are taken of large bodies."""
         self._parts: dict[str, list[np.ndarray]] = {name: [] for name in (*_SAMPLED, "state", "work", "dissipation")}
+        self._rest: dict[str, np.ndarray] | None = None
         self._count = 0
-        self._moved: np.ndarray | None = None
         self._sums = np.zeros(2)
         self._run, self._offset, self._last = 0, 0, 0
         self.jumps: list[TimedJump] = []
@@ -43,30 +47,26 @@ class Samples:
         if rows == 0:
             return
         state = sliding(piece.gained)
-        work, dissipation = (np.cumsum(np.nan_to_num(v)) for v in (piece.work, piece.dissipation))
+        if self._count == 0:
+            most = min(_MOST, max(_LEAST, _MOST_NUMBERS // max(state.shape[1], 1)))
+            self.every = max(-(-self._expected // most), 1)
+        taken = {name: getattr(piece, name) for name in _SAMPLED} | {"end_ns": self._in_sequence(piece)}
+        for k, name in enumerate(("work", "dissipation")):
+            taken[name] = self._sums[k] + np.cumsum(np.nan_to_num(getattr(piece, name)))
+            self._sums[k] = taken[name][-1]
         last = np.flatnonzero((np.arange(self._count, self._count + rows) % self.every) == 0)
-        begin = 0
-        states = []
-        for row in last.tolist():
-            states.append(self._last_state(state[begin : row + 1]))
-            self._moved, begin = None, row + 1
-        if begin < rows:
-            self._moved = self._last_state(state[begin:])
-        for name in _SAMPLED:
-            self._parts[name].append(getattr(piece, name)[last].copy())
-        self._parts["end_ns"][-1] = self._in_sequence(piece)[last]
-        self._parts["state"].append(np.array(states, np.int8).reshape(last.size, state.shape[1]))
-        for k, (name, sums) in enumerate((("work", work), ("dissipation", dissipation))):
-            self._parts[name].append(self._sums[k] + sums[last])
-            self._sums[k] += sums[-1]
+        ends = np.append(last, rows - 1) if last.size == 0 or last[-1] < rows - 1 else last
+        joined = join_states(state, np.append(0, ends[:-1] + 1), ends + 1)
+        if self._rest is not None:  # the first sample of this piece begins in the one before
+            pair = np.vstack((self._rest["state"], joined[:1]))
+            joined[0] = join_states(pair, np.zeros(1, np.int64), np.full(1, 2))[0]
+        for name, values in taken.items():
+            self._parts[name].append(values[last].copy())
+        self._parts["state"].append(joined[: last.size])
+        self._rest = None
+        if ends.size > last.size:
+            self._rest = {name: values[-1:].copy() for name, values in taken.items()} | {"state": joined[-1:].copy()}
         self._count += rows
-
-    def _last_state(self, state: np.ndarray) -> np.ndarray:
-        """Return the last motion of each contact in some ramps; it sticks only if it sticks in all of them."""
-        seen = np.zeros(state.shape[1], np.int8) if self._moved is None else self._moved
-        moving = state != 0
-        last = state.shape[0] - 1 - moving[::-1].argmax(axis=0)
-        return np.where(moving.any(axis=0), state[last, np.arange(state.shape[1])], seen)
 
     def _in_sequence(self, piece: Piece) -> np.ndarray:
         """Shift the times of runs so that each follows the one before."""
@@ -81,14 +81,16 @@ class Samples:
         return ns
 
     def get(self, name: str) -> np.ndarray:
-        """Join the samples of one quantity.
+        """Join the samples of one quantity; the last one ends with the run.
 
         Args:
-            name: end_ns, position, tension, least, most, net_translation, stored, state, work or dissipation; the last
-                two are sums since the start.
+            name: end_ns, position, tension, least, most, net_translation, stored, command, state, work or dissipation;
+                the last two are sums since the start.
 
         Returns:
-            Shape (T, ...).
+            Shape (T, ...); the state of a sample joins those of its ramps, as `pixels.join_states` does.
         """
         parts = self._parts[name]
+        if self._rest is not None:
+            parts = [*parts, self._rest[name]]
         return np.concatenate(parts) if parts else np.zeros((0, 0))

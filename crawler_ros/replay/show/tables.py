@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,23 @@ from ..analysis import Replay
 from ..ramps import Piece
 
 _AXES = ("x", "y")
+_FOUND: dict[str, list[tuple[str, Any, str]]] = {
+    "rests": [
+        ("run", pa.int32(), "1"),
+        ("since", pa.float64(), "s"),
+        ("until", pa.float64(), "s"),
+        ("commanded", pa.bool_(), "1"),
+        ("margin", pa.float64(), "N"),
+    ],
+    "refusals": [
+        ("topic", pa.string(), "1"),
+        ("why", pa.string(), "1"),
+        ("count", pa.int64(), "1"),
+        ("first", pa.float64(), "s"),
+        ("last", pa.float64(), "s"),
+    ],
+}
+"""Tables that are written only where there is something to write: name, type and unit of their columns."""
 
 
 def _schema(table: str, planar: bool) -> pa.Schema:
@@ -77,12 +95,13 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             ("least_margin", real, "N"),
             ("transient", pa.bool_(), "1"),
         ],
+        **_FOUND,
     }[table]
     return pa.schema([pa.field(name, kind, metadata={"unit": unit}) for name, kind, unit in columns])
 
 
 class TableWriter:
-    """Writes ticks, contacts and links piece by piece; slips, cycles and, on patches of ground, jumps at the end."""
+    """Writes ticks, contacts and links piece by piece; at the end slips, cycles, and jumps, rests, refusals if any."""
 
     def __init__(self, folder: Path, scene: Scene | None) -> None:
         """Store the folder; files are opened with the first piece.
@@ -157,7 +176,7 @@ class TableWriter:
         self._writers[name].write_table(pa.Table.from_arrays(arrays, schema=schema))
 
     def finish(self, replay: Replay) -> list[str]:
-        """Write slips, cycles and jumps and close the files.
+        """Write slips, cycles, jumps, rests and refusals and close the files.
 
         Args:
             replay: the analysed recording.
@@ -182,6 +201,12 @@ class TableWriter:
             self._open_one("jumps")
             jumps = replay.plain_jumps()
             self._write("jumps", [[jump[field.name] for jump in jumps] for field in _schema("jumps", self._planar)])
+        refusals = () if replay.incidents is None else replay.incidents.refusals
+        found = {"rests": [rest.as_plain() for rest in replay.rests], "refusals": [asdict(r) for r in refusals]}
+        for name, plain in found.items():
+            if plain:
+                self._open_one(name)
+                self._write(name, [[row[field.name] for row in plain] for field in _schema(name, self._planar)])
         for writer in self._writers.values():
             writer.close()
         return [f"{name}.parquet" for name in self._writers]

@@ -1,0 +1,128 @@
+"""The figure of a comparison: two runs beside each other, or several over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crawler_model.body.drive import NS
+from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
+from crawler_pictures.numbers import ROUNDING, label_values
+from crawler_pictures.run.kymograph import place_legend, write_title
+
+from ..analysis import Replay, size_of
+from .compare import RunComparison
+
+_COLORS = ("#46688f", "#d07a1e")
+_MOST_POINTS, _MOST_BARS = 5000, 60
+
+
+def draw_comparison(found: RunComparison, png: Path) -> None:
+    """Draw both runs: net translation over time, translation of each cycle, slips, energy.
+
+    Args:
+        found: the comparison.
+        png: the file to write.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(2, 2, figsize=(11, 7), width_ratios=[2, 1], layout="constrained")
+    runs = (found.first, found.second)
+    labels = [f"{letter}: {run.path.name}" for letter, run in zip("AB", runs, strict=True)]
+    _draw_translations(axes[0, 0], runs, labels, _COLORS)
+    energy = 0.0
+    for run, color in zip(runs, _COLORS, strict=True):
+        if run.energy is not None:
+            every = run.table.run == 0
+            lost = np.cumsum(run.table.dissipation[every])
+            energy = max(energy, float(lost.max(initial=0.0)))
+            axes[1, 0].plot(run.table.end_ns[every] / NS, lost, color=color, linewidth=1.6)
+    for when, axis in ((found.motion_differs, axes[0, 0]), (found.commands_differ, axes[1, 0])):
+        if when is not None:
+            axis.axvline(when, color=GREY, linewidth=0.8, linestyle="--")
+    write_title(axes[0, 0], "net translation; dashed: first difference")
+    label_values(axes[1, 0], "dissipation", "J", energy)
+    write_title(axes[1, 0], "dissipated energy; dashed: first difference of the commands")
+    axes[1, 0].set_xlabel("simulated time [s]")
+    _draw_cycles(axes[:, 1], runs)
+    figure.savefig(png, dpi=110)
+    plt.close(figure)
+
+
+def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
+    """Draw the translation of the cycles of two runs at their times, and the sums of their slips."""
+    size = max(size_of(run.table) for run in runs)
+    for k, (run, color) in enumerate(zip(runs, _COLORS, strict=True)):
+        gained = np.array([np.atleast_1d(c.translation)[0] for c in run.cycles])
+        gained = np.where(np.abs(gained) > ROUNDING * size, gained, 0.0)
+        middle = np.array([0.5 * (c.start + c.end) for c in run.cycles])
+        length = np.array([c.end - c.start for c in run.cycles])
+        if gained.size <= _MOST_BARS:
+            axes[0].bar(middle, gained, width=(0.84, 0.42)[k] * length, color=color)
+        else:
+            axes[0].plot(middle, gained, color=color, linewidth=1.2)
+        slips = [sum(getattr(c, f"slip_{way}") for c in run.cycles) for way in ("forward", "backward")]
+        forward, back = (v if v > ROUNDING * size else 0.0 for v in slips)
+        axes[1].bar([k - 0.2, k + 0.2], [forward, -back], width=0.36, color=[FORWARD, BACK])
+    for axis in axes:
+        axis.axhline(0.0, color="#9a9a9a", linewidth=0.8)
+    label_values(axes[0], "gained", "m", size)
+    write_title(axes[0], "translation of each cycle, at its time")
+    axes[0].set_xlabel("simulated time [s]")
+    axes[1].set_xticks([0, 1], ["A", "B"])
+    label_values(axes[1], "slip", "m", size)
+    write_title(axes[1], "slips forward and back in all cycles")
+
+
+def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str], colors: Sequence[str]) -> None:
+    """Draw the net translation of the first run of each recording between resets, from its start."""
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for run, label, color in zip(runs, labels, colors, strict=True):
+        rows = np.flatnonzero(run.table.run == 0)
+        rows = rows[:: max(rows.size // _MOST_POINTS, 1)]
+        time, y = run.table.end_ns[rows] / NS, run.table.net_translation[rows, 0]
+        axis.plot(time, y - y[0], color=color, linewidth=1.6)
+        handles.append(Line2D([], [], color=color, linewidth=1.6, label=label))
+    label_values(axis, "net translation", "m", max(size_of(run.table) for run in runs))
+    place_legend(axis, handles)
+
+
+def draw_all(found: Sequence[RunComparison], png: Path) -> None:
+    """Draw several runs: net translation over time, and in all.
+
+    Args:
+        found: the comparisons of each run but the first with the first.
+        png: the file to write.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    runs = [found[0].first, *(compared.second for compared in found)]
+    few = len(runs) <= len(LINES)
+    colors = LINES[: len(runs)] if few else ("#000000", *["#9a9a9a"] * len(found))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 2.6 + 0.22 * len(runs)), layout="constrained")
+    _draw_translations(left, runs, [run.path.name for run in runs], colors)
+    left.get_legend().remove()
+    left.set_xlabel("simulated time [s]")
+    write_title(left, f"net translation of {len(runs)} runs" + ("" if few else f"; black: {runs[0].path.name}"))
+    size = max(size_of(run.table) for run in runs)
+    y = [run.table.net_translation for run in runs]
+    total = np.array([v[-1, 0] - v[0, 0] if len(v) else 0.0 for v in y])
+    total = np.where(np.abs(total) > ROUNDING * size, total, 0.0)
+    right.barh(np.arange(len(runs)), total, color=colors, height=0.7)
+    right.set_yticks(np.arange(len(runs)), [run.path.name for run in runs], fontsize=8)
+    right.invert_yaxis()
+    right.axvline(0.0, color="#9a9a9a", linewidth=0.8)
+    right.set_xlabel("net translation in all [m]")
+    figure.savefig(png, dpi=110)
+    plt.close(figure)
