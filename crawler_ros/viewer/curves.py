@@ -122,7 +122,12 @@ class Curves:
         """Name the colours of a few curves; the viewer names more of them where the pointer is."""
         if len(columns) > _MOST_NAMED:
             return ""
-        return ": " + ", ".join(f"{self._scene.columns.names[k]} {LINE_NAMES[i]}" for i, k in enumerate(columns))
+        names, listed = self._scene.columns.names, []
+        for number, k in enumerate(columns):
+            both = names[k].removesuffix("/forward")
+            alone = both != names[k] and names.index(f"{both}/backward") not in columns
+            listed.append(f"{both if alone else names[k]} {LINE_NAMES[number]}")
+        return ": " + ", ".join(listed)
 
     def build_views(self, rrb: Any) -> tuple[list[Any], list[float], list[Any]]:
         """Build the views, whose time axes are linked.

@@ -13,10 +13,11 @@ from std_msgs.msg import Float64MultiArray
 from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.crawler.readout import Readout
+from crawler_pictures.run.page import draw_run
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
+from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.frames import frames_of_recording
-from crawler_ros.viewer.page import draw_page
 from crawler_ros.viewer.visualizer import draw_recording
 from crawler_ros.wire.states import StationReader, contact_names, joint_state_names, shown_contacts
 
@@ -58,7 +59,7 @@ def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
     assert again.ticks > 300
     assert draw_recording(path, tmp_path / "x.rrd") > 100
     found, frames = frames_of_recording(path)
-    draw_page(found, list(frames), tmp_path / "x.png")
+    draw_run(run_of_frames(found, list(frames)), tmp_path / "x.png")
     assert (tmp_path / "x.png").stat().st_size > 20_000
 
 
