@@ -111,3 +111,30 @@ def watch_plane(place: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray
     low, high = place.min(axis=(0, 1)), place.max(axis=(0, 1))
     margin = 0.12 * (float((high - low).max()) or 1.0)
     return fit(low - margin, high + margin, ratio)
+
+
+def round_step(size: float) -> float:
+    """Round a size to 1, 2 or 5 times a power of ten.
+
+    Args:
+        size: > 0.
+
+    Returns:
+        The nearest one.
+    """
+    power = 10.0 ** np.floor(np.log10(size))
+    return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - size)))
+
+
+def mark_ticks(low: float, high: float, step: float) -> np.ndarray:
+    """List the multiples of a step in an interval.
+
+    Args:
+        low: lower end.
+        high: upper end.
+        step: > 0.
+
+    Returns:
+        The multiples, shape (K,).
+    """
+    return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 MOST_CONTACTS, MOST_ARROWS, MOST_COILS = 400, 60, 60
 """Contacts that are drawn, contacts with an arrow while they slide, and springs that are drawn as coils."""
 _MOST_NAMED = 16
-_WIDTH_PT = 860.0
+_WIDTH_PT, _ROOM_PT = 860.0, 17.0
+"""Width of the track, and room for the numbers of an axis that moves along [points]."""
+Rolling: TypeAlias = "tuple[Axes, np.ndarray, np.ndarray]"
+"""Axes, and their left and right limits in each frame."""
 _DARK = "#202020"
 _COLORS = {0: "#9a9a9a", 1: FORWARD, -1: BACK}
 _ARROW = ((-1.0, 0.16), (0.1, 0.16), (0.1, 0.5), (1.0, 0.0), (0.1, -0.5), (0.1, -0.16), (-1.0, -0.16), (-1.0, 0.16))
@@ -111,12 +114,14 @@ class LinePanel:
         self._joints = chosen_springs(film, chosen)
         self._bow = 0.55 * bows(film.rest[chosen], self._joints)
         self._left, self._right = watch_track(self._place, film.cycle_frames)
-        self.moves = bool(np.ptp(self._left) > 0.0)
+        self.rolling: Rolling | None = (axes, self._left, self._right) if np.ptp(self._left) > 0.0 else None
         n = chosen.size
         self._teeth = 4 if self._joints.shape[0] <= MOST_COILS else 0
         top = 1.5 + min(float(self._bow.max(initial=0.0)), 1.5)
         axes.set(ylim=(-0.75, top), yticks=[], xlim=(self._left[0], self._right[0]))
-        axes.set_xlabel("position on the track [m]", labelpad=1)
+        axes.set_xlabel("position on the track [m]", labelpad=1 if self.rolling is None else _ROOM_PT)
+        if self.rolling is not None:
+            axes.set_xticks([])
         axes.spines[["left", "right", "top"]].set_visible(False)
         axes.spines["bottom"].set_position(("data", -0.75))
         ground: list[Artist] = [axes.axhline(0.0, color=GREY, linewidth=1.2, zorder=1)]
@@ -152,14 +157,13 @@ class LinePanel:
                 )
         self._names = [_write_marker(axes, film.names[i]) for i in chosen] if n <= _MOST_NAMED else []
         self.moving: list[Artist] = [
-            *([axes.xaxis] if self.moves else []),
             *ground,
             self._links,
             *self._dots.values(),
             *self._arrows.values(),
             *self._names,
         ]
-        if not self.moves:
+        if self.rolling is None:
             self.moving = [a for a in self.moving if a not in ground]
         title = "contacts: grey stick, green slip forward, red slip back"
         left_out = f"; {chosen.size} of {len(film.names)} contacts are drawn" if chosen.size < len(film.names) else ""
@@ -172,7 +176,7 @@ class LinePanel:
             k: its number.
         """
         height, place, state = 0.35, self._place[k], self._state[k]
-        if self.moves:
+        if self.rolling is not None:
             self._axes.set_xlim(self._left[k], self._right[k])
         points = np.column_stack((place, np.full(place.size, height)))
         self._links.set_data(*self._springs(points).T)
@@ -226,6 +230,7 @@ class PlanePanel:
         chosen = chosen_contacts(film)
         self._place, self._state = film.place[:, chosen], film.state[:, chosen]
         self._joints = chosen_springs(film, chosen)
+        self.rolling: Rolling | None = None
         self._mean = film.net_translation + film.share @ film.rest
         low, high = watch_plane(self._place, ratio)
         self._reach = float((high - low).min())
@@ -307,10 +312,13 @@ class SetPanel:
         """
         self._axes, self._set = axes, moving
         self._left, self._right, heights = watch_set(moving.outline, ratio, film.cycle_frames)
-        self.moves = bool(np.ptp(self._left) > 0.0)
+        self.rolling: Rolling | None = (axes, self._left, self._right) if np.ptp(self._left) > 0.0 else None
         axes.set(xlim=(self._left[0], self._right[0]), ylim=heights, xlabel=moving.labels[0], ylabel=moving.labels[1])
         axes.grid(alpha=0.3)
         axes.locator_params(nbins=6)
+        if self.rolling is not None:
+            axes.set_xticks([])
+            axes.xaxis.labelpad = _ROOM_PT
         (self._face,) = axes.fill(*moving.outline[0].T, facecolor=FACE, edgecolor=GREY, linewidth=1.2, zorder=1)
         self._sides = {
             d: axes.plot([], [], color=c, linewidth=4.0, solid_capstyle="butt", zorder=2)[0]
@@ -319,7 +327,6 @@ class SetPanel:
         (self._trail,) = axes.plot([], [], color=_DARK, linewidth=1.2, zorder=3)
         (self._point,) = axes.plot([], [], "o", color=_DARK, markersize=8, zorder=4)
         self.moving: list[Artist] = [
-            *([axes.xaxis] if self.moves else []),
             self._face,
             *self._sides.values(),
             self._trail,
@@ -334,7 +341,7 @@ class SetPanel:
             k: its number.
         """
         moving = self._set
-        if self.moves:
+        if self.rolling is not None:
             self._axes.set_xlim(self._left[k], self._right[k])
         self._face.set_xy(moving.outline[k])
         for direction, line in self._sides.items():

@@ -9,12 +9,12 @@ import numpy as np
 from ..run.kymograph import MOST_LINES, draw_positions, draw_states
 from .film import Film
 from .moving_set import moving_set
-from .panels import LinePanel, PlanePanel, SetPanel
+from .panels import LinePanel, PlanePanel, Rolling, SetPanel
+from .pixels import Clock, RollingAxis
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _DPI = 100
 _STYLE: dict[Any, Any] = {
@@ -27,9 +27,10 @@ _MOST_ROWS = 48
 
 
 class Panel(Protocol):
-    """Axes whose content moves from frame to frame."""
+    """Axes whose content moves from frame to frame; `rolling` holds the axes and limits of those that move along."""
 
     moving: list[Artist]
+    rolling: Rolling | None
 
     def move(self, k: int) -> None:
         """Move everything to frame `k`."""
@@ -65,7 +66,9 @@ class Stage:
                     artist.set_animated(True)
             self._canvas.draw()
             self._spans = [self._span(axes) for axes in timed]
-            self._clock = _Clock(self._figure, self._canvas)
+            self._clock = Clock(self._figure, self._canvas)
+            sides = [panel.rolling for panel in self._panels if panel.rolling is not None]
+            self._axes = [RollingAxis(self._figure, self._canvas, *side) for side in sides]
             self._background = self._canvas.copy_from_bbox(self._figure.bbox)
         self._ahead = np.asarray(self._canvas.buffer_rgba())[..., :3] // 3 + 170
 
@@ -83,12 +86,16 @@ class Stage:
         Returns:
             Red, green and blue, uint8, shape (height, width, 3); valid until the next frame is drawn.
         """
+        for axis in self._axes:
+            axis.prepare(k)
         self._canvas.restore_region(self._background)
         for panel in self._panels:
             panel.move(k)
             for artist in panel.moving:
                 self._figure.draw_artist(artist)
         picture = np.asarray(self._canvas.buffer_rgba())[..., :3]
+        for axis in self._axes:
+            axis.draw(picture, k)
         film = self._film
         part = k / max(film.time.size - 1, 1)
         for rows, left, right in self._spans:
@@ -155,46 +162,6 @@ class Stage:
             axes.set_title("net translation: black along x, grey along y", loc="left", fontsize=9)
         axes.locator_params(axis="y", nbins=5)
         axes.grid(alpha=0.3)
-
-
-class _Clock:
-    """Writes text of equally wide letters as pixels, which takes less time than laying it out."""
-
-    def __init__(self, figure: Figure, canvas: Any) -> None:
-        """Draw each letter once; the canvas is left unchanged.
-
-        Args:
-            figure: the figure.
-            canvas: its canvas, drawn.
-        """
-        saved = canvas.copy_from_bbox(figure.bbox)
-        width, height = canvas.get_width_height()
-        text = figure.text(0.5, 0.965, "0" * 10, va="center", fontsize=13, family="monospace")
-        self._advance = text.get_window_extent(canvas.get_renderer()).width / 10.0
-        rows = slice(round(0.005 * height), round(0.065 * height))
-        left = round(0.5 * width)
-        self._letters = {}
-        blank = np.asarray(canvas.buffer_rgba())[rows, left : left + round(self._advance) + 1, :3].copy()
-        for letter in "0123456789.-+=ts ":
-            canvas.restore_region(saved)
-            text.set_text(letter)
-            figure.draw_artist(text)
-            self._letters[letter] = np.asarray(canvas.buffer_rgba())[rows, left : left + blank.shape[1], :3].copy()
-        text.remove()
-        canvas.restore_region(saved)
-        self._rows, self._right = rows, round(0.985 * width)
-
-    def write(self, picture: np.ndarray, text: str) -> None:
-        """Write a text so that it ends at the right margin.
-
-        Args:
-            picture: the frame, changed in place.
-            text: of the letters of a time.
-        """
-        for i, letter in enumerate(text):
-            left = self._right - round((len(text) - i) * self._advance)
-            glyph = self._letters[letter]
-            picture[self._rows, left : left + glyph.shape[1]] = glyph
 
 
 def _digits(step: float) -> int:

@@ -8,11 +8,12 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_pictures.colors import FORWARD, JUMP, rgb
+from crawler_pictures.film.camera import mark_ticks, round_step
 from crawler_pictures.film.panels import MOST_ARROWS, bows
 
 from .frames import Frame
 from .ground import JumpMarks, draw_ground
-from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, color_of, draw_grid, mark_ticks, round_step
+from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, color_of, draw_grid
 
 MOST_CONTACTS = 400
 """Contacts that are drawn; of larger bodies evenly spaced ones."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from crawler_pictures.colors import BACK, FORWARD, rgb
+from crawler_pictures.film.camera import mark_ticks
 
 BACKGROUND = [13, 16, 17]
 """The background of rerun's plots."""
@@ -26,33 +27,6 @@ MOVING, BOTH = (235, 235, 235), (240, 205, 70)
 def color_of(number: int) -> tuple[int, int, int]:
     """Return the colour of a link or a curve."""
     return LINES[number % len(LINES)]
-
-
-def round_step(size: float) -> float:
-    """Round a size to 1, 2 or 5 times a power of ten.
-
-    Args:
-        size: > 0.
-
-    Returns:
-        The nearest one.
-    """
-    power = 10.0 ** np.floor(np.log10(size))
-    return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - size)))
-
-
-def mark_ticks(low: float, high: float, step: float) -> np.ndarray:
-    """List the multiples of a step in an interval.
-
-    Args:
-        low: lower end.
-        high: upper end.
-        step: > 0.
-
-    Returns:
-        The multiples, shape (K,).
-    """
-    return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
 
 
 def draw_grid(rr: Any, stream: Any, entity: str, low: np.ndarray, high: np.ndarray, step: float, unit: str) -> None:

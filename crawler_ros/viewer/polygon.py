@@ -10,9 +10,10 @@ import numpy as np
 from crawler_model import Scene
 from crawler_model.theory.stasis import StasisDomain
 from crawler_pictures.domain_many import sides_of
+from crawler_pictures.film.camera import round_step
 
 from .frames import Frame
-from .looks import BACKGROUND, BOUND, MOVING, STATES, draw_grid, round_step
+from .looks import BACKGROUND, BOUND, MOVING, STATES, draw_grid
 
 _TRAIL = 100
 
