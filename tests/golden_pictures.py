@@ -19,15 +19,17 @@ def distance(drawn: Path, golden: Path) -> float:
     made = Image.open(drawn).convert("RGB")
     if abs(made.height / made.width - wanted.height / wanted.width) > 0.02:
         return 255.0
-    size = (made.width // _BLOCK, round(made.width / _BLOCK * wanted.height / wanted.width))
-    small = [np.asarray(picture.resize(size, Image.Resampling.BOX), dtype=float) for picture in (made, wanted)]
+    size = made.width // _BLOCK, made.height // _BLOCK
+    # a filter that weighs parts of pixels: sizes are not multiples of each other
+    small = [np.asarray(picture.resize(size, Image.Resampling.BILINEAR), dtype=float) for picture in (made, wanted)]
     return float(np.sqrt(np.mean((small[0] - small[1]) ** 2)))
 
 
 def keep(drawn: Path, golden: Path) -> None:
     """Keep a picture that was looked at, a quarter as large in few colours: `python -m tests.golden_pictures A B`."""
     picture = Image.open(drawn).convert("RGB")
-    small = picture.resize((picture.width // 4, picture.height // 4), Image.Resampling.BOX)
+    size = 2 * (picture.width // _BLOCK), 2 * (picture.height // _BLOCK)
+    small = picture.resize(size, Image.Resampling.BILINEAR)
     small.quantize(96).save(golden, optimize=True)
 
 

@@ -119,8 +119,7 @@ def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, word
     if count > HEIGHT:
         image = join_extremes(image, *divide(edges, HEIGHT))
     signed = words[0] != "0"
-    colors = LinearSegmentedColormap.from_list("values", _SIGNED if signed else _UNSIGNED)
-    colors = colors.with_extremes(bad=_CLOSED)
+    colors = LinearSegmentedColormap.from_list("values", _SIGNED if signed else _UNSIGNED).with_extremes(bad=_CLOSED)
     limits = Normalize(-size if signed else 0.0, size or 1.0)
     extent: Any = (at[0], at[-1], edges[0], edges[-1])
     axis.imshow(image, extent=extent, origin="lower", aspect="auto", interpolation="nearest", cmap=colors, norm=limits)

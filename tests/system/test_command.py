@@ -72,6 +72,12 @@ def test_a_pipe_gets_json_and_nothing_else():
     assert len(done.stdout.splitlines()) == 1
 
 
+def test_simulate_draws_the_page_of_a_run(tmp_path):
+    png = tmp_path / "run.png"
+    assert f"drawn: {png}" in good("simulate", "two_anchor_a", "--duration", "1", "--png", png)
+    assert png.read_bytes().startswith(b"\x89PNG")
+
+
 def test_simulate_for_people():
     text = good("simulate", "three_contacts_two_ways")
     assert "0.07" in text
@@ -256,6 +262,7 @@ MISTAKES = [
     (["simulate", "planar_rectilinear", "--method", "exact"], "in the plane they are curved: use catch_up"),
     (["simulate", "two_ancor_a"], "nearest is 'two_anchor_a'"),
     (["simulate", "none.yaml"], "none.yaml: no such file"),
+    (["simulate", "two_anchor_a", "--png", "run.jpg"], "--png: run.jpg must end in .png"),
     (["simulate", "two_anchor_a", "--rate", "0"], "rate: 0 Hz"),
     (["simulate", "two_anchor_a", "--duration", "-1"], "duration: -1 s"),
     (["simulate", "two_anchor_a", "--method", "rk4"], "rk4"),
