@@ -73,6 +73,10 @@ def sweep(
     png: Annotated[
         Path | None, typer.Option(help="The picture to write, for one or two keys; by default beside the table.")
     ] = None,
+    plot: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMN", help="The result that the picture shows; by default the net translation."),
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
     ] = None,
@@ -93,7 +97,7 @@ def sweep(
     from . import sweep as sweeps
 
     settings = Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
-    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite)
+    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite, plot)
     with progress_bar("sweeping") as progress:
         runs = sweeps.run_sweep(plan, workers, scheduler, progress)
     print(json.dumps(sweeps.summarise(plan, runs)) if as_json else "\n".join(sweeps.describe_sweep(plan, runs)))

@@ -15,6 +15,7 @@ from pyarrow import parquet
 
 from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
 from crawler_model.sweep.many import Settings
+from crawler_model.sweep.results import COLUMNS
 from crawler_model.sweep.vary import MOST_VARIATIONS, key_steps
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.versions import installed_version
@@ -43,6 +44,10 @@ _UNITS = {
 }
 
 
+PLOTTED = (*(name for name in COLUMNS if name != "status"), "efficiency", "period_efficiency")
+"""Results that a picture can show."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Sweep:
     """The variations, settings and output files of a sweep.
@@ -53,6 +58,7 @@ class Sweep:
         specs: the values requested for each key, as text.
         out: the table.
         png: the picture; None to draw none.
+        column: the result that the picture shows; None for the net translation.
     """
 
     variations: Variations
@@ -60,6 +66,7 @@ class Sweep:
     specs: Mapping[str, str]
     out: Path
     png: Path | None
+    column: str | None = None
 
 
 def parse_axis(text: str) -> tuple[str, np.ndarray]:
@@ -106,7 +113,13 @@ def _number(text: str, help_text: str) -> float:
 
 
 def plan_sweep(
-    scene: Scene, axes: Sequence[str], settings: Settings, out: Path, png: Path | None, overwrite: bool
+    scene: Scene,
+    axes: Sequence[str],
+    settings: Settings,
+    out: Path,
+    png: Path | None,
+    overwrite: bool,
+    column: str | None = None,
 ) -> Sweep:
     """Check all that can be checked before anything runs.
 
@@ -117,6 +130,7 @@ def plan_sweep(
         out: the table to write.
         png: the picture to write; None for one beside the table if the axes allow one.
         overwrite: whether these files may exist.
+        column: the result that the picture shows; None for the net translation.
 
     Returns:
         The sweep.
@@ -131,6 +145,8 @@ def plan_sweep(
         if key in values:
             raise CrawlerError(f"--vary {key}: the key is repeated")
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
+    if column is not None and column not in PLOTTED:
+        raise CrawlerError(f"--plot: {column!r} is not a column of results; the columns are {', '.join(PLOTTED)}")
     variations = vary(scene, values)
     settings.check()
     if scene.drive.holds and settings.duration is None:
@@ -148,7 +164,9 @@ def plan_sweep(
             raise CrawlerError(f"{option}: the folder {file.absolute().parent} does not exist")
         if file.exists() and not overwrite:
             raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
-    return Sweep(variations, settings, specs, out, png)
+    if column is not None and png is None:
+        raise CrawlerError(f"--plot: a picture needs one or two keys that vary; this sweep has {len(values)}")
+    return Sweep(variations, settings, specs, out, png, column)
 
 
 def run_sweep(
@@ -187,7 +205,7 @@ def run_sweep(
             with whole_file(sweep.png) as part:
                 units = {key: unit_of(sweep.variations.base, key) for key in sweep.specs}
                 logarithmic = [key for key, spec in sweep.specs.items() if spec.startswith("log:")]
-                draw_sweep(sweep.variations, units, logarithmic, runs, part)
+                draw_sweep(sweep.variations, units, logarithmic, runs, part, sweep.column)
     return runs
 
 

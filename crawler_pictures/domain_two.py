@@ -84,7 +84,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
     if swept:
         draw_sweeping(axes["sweep"], run, marks)
     for i, row in enumerate(marks):
-        text, fontsize = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.4g} s", 7)
+        text, fontsize = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.3g}", 7)
         frame: Any = ("data", "axes fraction")
         where = (float(run.time[row]), 1.0)
         axes["motion"].annotate(
