@@ -13,7 +13,6 @@ import typer
 from crawler_model import CrawlerError, gallery, load_scene
 from crawler_ros.node.life.leave import STOPPED
 
-from .animate import animate
 from .bench import bench
 from .check import check
 from .executables import describe_missing
@@ -21,7 +20,7 @@ from .optimise import optimise_command
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar
 from .simulate import simulate_command
-from .view import view
+from .view import animate, view
 
 app = typer.Typer(
     help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists the gallery.",

@@ -53,10 +53,8 @@ def bench(
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
         if len(chosen) > 1:
             raise CrawlerError(f"--{chosen[0]} and --{chosen[1]} cannot be combined; run one after the other")
-        if chosen[0] in ("node", "replay"):
-            _bench_processes(chosen[0], quick, as_json, out)
-        else:
-            _bench_model(chosen[0], quick, as_json, out)
+        measure = _bench_processes if chosen[0] in ("node", "replay") else _bench_model
+        measure(chosen[0], quick, as_json, out)
         return
     import matplotlib as _required_later  # noqa: F401
 

@@ -19,16 +19,18 @@ pytest.importorskip("rerun")
 from PIL import Image
 
 from crawler_bench.node.processes import wait_until
+from crawler_command.app import main
 from crawler_model import Crawler, CrawlerError, load_scene
 from crawler_pictures.colors import BACK, FORWARD, TENSION, rgb
 from crawler_pictures.run.page import draw_run
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import LIVE_PORT, ViewerFeed, is_free
-from crawler_ros.viewer.frames import Frame, frame_of, thin
+from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, thin
 from crawler_ros.viewer.looks import STICK
 from crawler_ros.viewer.page import DriverError, draw_instant, screenshot
 from crawler_ros.viewer.visualizer import Drawing, to_file
 
+from ..recordings import record
 from ..sockets import addresses
 
 GREEN, RED, GREY = rgb(FORWARD), rgb(BACK), STICK
@@ -165,6 +167,26 @@ def test_without_a_driver_one_line_names_what_to_install(graphics, tmp_path, mon
         screenshot(rrd, tmp_path / "x.png")
     assert len(str(error.value).splitlines()) == 1
     assert not (tmp_path / "x.png").exists()
+
+
+def test_without_a_driver_the_instant_is_drawn_all_the_same(tmp_path, monkeypatch, capsys):
+    bag = record(tmp_path / "bag", load_scene("two_anchor_a"), 2, wait=0.0)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "empty"))
+    monkeypatch.setenv("VK_ICD_FILENAMES", str(tmp_path / "empty"))
+    with pytest.raises(SystemExit) as end:
+        main(["view", str(bag), "--png", str(tmp_path / "x.png"), "--at", "1.5"])
+    assert end.value.code == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no Vulkan driver" in line
+    assert "apt install mesa-vulkan-drivers); drawn by matplotlib instead" in line
+    drawn = np.asarray(Image.open(tmp_path / "x.png").convert("RGB")).astype(int)
+    scene, shown = frames_of_recording(bag)
+    every = list(shown)
+    for at, near in ((1.5, True), (0.7, False)):
+        draw_instant(scene, every, tmp_path / "y.png", at)
+        same = np.abs(np.asarray(Image.open(tmp_path / "y.png").convert("RGB")).astype(int) - drawn).max() == 0
+        assert same == near
 
 
 def test_the_page_shows_slips_in_their_colours(tmp_path):

@@ -18,6 +18,7 @@ from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
 from crawler_bench.gradients import measure_gradients
 from crawler_bench.search import measure_search
+from crawler_bench.films import measure_films
 from crawler_bench.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
 
@@ -266,3 +267,12 @@ def test_the_search_is_measured_beside_general_optimisers():
     assert max(row["within_1_percent"] for row in rows.values()) >= 1
     for row in rows.values():
         assert 0.0 < row["median"] <= row["best"] <= 0.22 + 1e-9
+
+
+def test_films_are_measured():
+    pytest.importorskip("matplotlib")
+    rows = measure_films(5, lambda part: None)
+    assert {row["case"] for row in rows} == {"frames drawn", "films written"}
+    assert {row["n"] for row in rows} == {2, 3, 10, 1000}
+    assert {row["output"] for row in rows if "output" in row} >= {"gif", "html"}
+    assert all(row["frames_per_s"] > 0.0 for row in rows)
