@@ -106,8 +106,6 @@ class LinePanel:
             axes: axes of the panel.
             film: the film.
         """
-        from matplotlib.path import Path
-
         self._axes = axes
         chosen = chosen_contacts(film)
         self._place, self._state = film.place[:, chosen], film.state[:, chosen]
@@ -124,50 +122,47 @@ class LinePanel:
             axes.set_xticks([])
         axes.spines[["left", "right", "top"]].set_visible(False)
         axes.spines["bottom"].set_position(("data", -0.75))
-        ground: list[Artist] = [axes.axhline(0.0, color=GREY, linewidth=1.2, zorder=1)]
-        shown = list_sections(film.scene, float(self._left.min()), float(self._right.max()))
-        for section in shown:
-            if section.color is not None:
-                ground.append(axes.axvspan(section.start, section.end, 0.0, 0.75 / (top + 0.75), color=section.color))
-            ground.append(
-                axes.text(section.middle, -0.4, section.text, ha="center", va="center", fontsize=9, clip_on=True)
-            )
+        ground = self._draw_ground(film, top)
         spacing = (
             float(np.median(np.diff(np.sort(self._place[0])))) / float(self._right[0] - self._left[0]) if n > 1 else 1.0
         )
         size = float(np.clip(0.7 * _WIDTH_PT * spacing, 3.0, 17.0))
         (self._links,) = axes.plot([], [], color=_DARK, linewidth=1.4 if self._teeth else 1.0, zorder=2)
-        self._dots: dict[int, Any] = {}
-        self._arrows: dict[int, Any] = {}
-        for state, color in _COLORS.items():
-            (self._dots[state],) = axes.plot(
-                [], [], "o", color=color, markersize=size, markeredgecolor=_DARK if size > 6 else "none", zorder=3
-            )
-            if state and n <= MOST_ARROWS:
-                arrow = Path([(state * x, y) for x, y in _ARROW], closed=True)
-                (self._arrows[state],) = axes.plot(
-                    [],
-                    [],
-                    marker=arrow,
-                    linestyle="",
-                    color=color,
-                    markersize=min(1.3 * size, 20.0),
-                    markeredgewidth=0.0,
-                    zorder=4,
-                )
+        self._create_contacts(n, size)
         self._names = [_write_marker(axes, film.names[i]) for i in chosen] if n <= _MOST_NAMED else []
-        self.moving: list[Artist] = [
-            *ground,
-            self._links,
-            *self._dots.values(),
-            *self._arrows.values(),
-            *self._names,
-        ]
-        if self.rolling is None:
-            self.moving = [a for a in self.moving if a not in ground]
+        self.moving: list[Artist] = [] if self.rolling is None else ground
+        self.moving += [self._links, *self._dots.values(), *self._arrows.values(), *self._names]
         title = "contacts: grey stick, green slip forward, red slip back"
         left_out = f"; {chosen.size} of {len(film.names)} contacts are drawn" if chosen.size < len(film.names) else ""
         axes.set_title(title + left_out, loc="left", fontsize=10)
+
+    def _draw_ground(self, film: Film, top: float) -> list[Artist]:
+        """Draw the ground and its patches, up to a height of the axes; return all of it."""
+        axes = self._axes
+        drawn: list[Artist] = [axes.axhline(0.0, color=GREY, linewidth=1.2, zorder=1)]
+        style: Any = {"ha": "center", "va": "center", "fontsize": 9, "clip_on": True}
+        for section in list_sections(film.scene, float(self._left.min()), float(self._right.max())):
+            if section.color is not None:
+                drawn.append(axes.axvspan(section.start, section.end, 0.0, 0.75 / (top + 0.75), color=section.color))
+            drawn.append(axes.text(section.middle, -0.4, section.text, **style))
+        return drawn
+
+    def _create_contacts(self, count: int, size: float) -> None:
+        """Create the markers of contacts in each state, and the arrows of those that slide."""
+        from matplotlib.path import Path
+
+        self._dots: dict[int, Any] = {}
+        self._arrows: dict[int, Any] = {}
+        for state, color in _COLORS.items():
+            edge = _DARK if size > 6.0 else "none"
+            style: Any = {"linestyle": "", "color": color}
+            (self._dots[state],) = self._axes.plot(
+                [], [], "o", markersize=size, markeredgecolor=edge, zorder=3, **style
+            )
+            if state and count <= MOST_ARROWS:
+                arrow = Path([(state * x, y) for x, y in _ARROW], closed=True)
+                style |= {"marker": arrow, "markersize": min(1.3 * size, 20.0), "markeredgewidth": 0.0}
+                (self._arrows[state],) = self._axes.plot([], [], zorder=4, **style)
 
     def move(self, k: int) -> None:
         """Move everything to a frame.

@@ -16,9 +16,9 @@ from crawler_bench.entrants import ours
 from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
+from crawler_bench.films import measure_films
 from crawler_bench.gradients import measure_gradients
 from crawler_bench.search import measure_search
-from crawler_bench.films import measure_films
 from crawler_bench.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
 
