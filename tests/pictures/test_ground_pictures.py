@@ -120,7 +120,7 @@ def test_jumps_survive_the_pipe_and_thinning(tmp_path):
     packed = tmp_path / "frames"
     packed.write_bytes(b"".join(f.pack() for f in every) + every[0].pack()[:-1])
     with packed.open("rb") as source:
-        again = list(read_frames(source, scene.body))
+        again = list(read_frames(source, scene))
     assert [f.time_ns for f in again] == [f.time_ns for f in every]
     assert [f.jumps for f in again] == [f.jumps for f in every]
     assert all((a.displacement == b.displacement).all() for a, b in zip(again, every, strict=True))
