@@ -47,6 +47,7 @@ bench: $(READY)
 	$(BIN)/crawler bench --out benchmarks/results
 	$(BIN)/crawler bench --node --out benchmarks/results
 	$(BIN)/crawler bench --replay --out benchmarks/results
+	$(BIN)/crawler bench --animate --out benchmarks/results
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

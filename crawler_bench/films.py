@@ -6,7 +6,7 @@ import importlib.util
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +20,19 @@ from .cases import CASES
 FRAMES, QUICK = 100, 25
 _FPS = 25.0
 _ROUNDS = 3
-_SCENES = ("two_anchor_a", "three_contacts_two_ways", "ten_contact_wave", "planar_three_points")
-_LONG = "wave_1000"
+SCENES = ("two_anchor_a", "three_contacts_two_ways", "ten_contact_wave", "planar_three_points", "wave_1000")
+"""Scenes of the gallery, or cases of the comparison of methods."""
 
 
-def measure_films(frames: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    """Measure films of four scenes and of a wave along a thousand contacts.
+def measure_films(
+    frames: int, progress: Callable[[float], None], names: Sequence[str] = SCENES
+) -> list[dict[str, Any]]:
+    """Measure films of bodies of two to a thousand contacts.
 
     Args:
         frames: frames of each film.
         progress: called with the fraction done, in [0, 1].
+        names: scenes or cases to measure.
 
     Returns:
         A row for each scene and output: frames drawn alone, mp4 where PyAV is installed, gif, and html; frames per
@@ -37,7 +40,7 @@ def measure_films(frames: int, progress: Callable[[float], None]) -> list[dict[s
     """
     drawn: list[dict[str, Any]] = []
     written: list[dict[str, Any]] = []
-    scenes = [*map(load_scene, _SCENES), CASES[_LONG]().scene]
+    scenes = [CASES[name]().scene if name in CASES else load_scene(name) for name in names]
     for done, scene in enumerate(scenes):
         times = frame_times(0.0, (frames - 1) / _FPS, _FPS, 1.0)
         film = film_of_run(scene, simulate(scene, float(times[-1]), _FPS)).sample(times)
