@@ -134,6 +134,7 @@ class LinePanel:
         self.moving += [self._links, *self._dots.values(), *self._arrows.values(), *self._names]
         title = "contacts: grey stick, green slip forward, red slip back"
         left_out = f"; {chosen.size} of {len(film.names)} contacts are drawn" if chosen.size < len(film.names) else ""
+        left_out += "; of segments the ends are drawn" if len(film.names) < film.scene.body.contacts else ""
         axes.set_title(title + left_out, loc="left", fontsize=10)
 
     def _draw_ground(self, film: Film, top: float) -> list[Artist]:

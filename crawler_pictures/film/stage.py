@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
-from ..run.kymograph import MOST_LINES, draw_positions, draw_states
+from ..run.kymograph import MOST_LINES, MOST_NAMED, draw_positions, draw_states
 from .film import Film
 from .moving_set import moving_set
 from .panels import LinePanel, PlanePanel, Rolling, SetPanel
@@ -125,7 +125,8 @@ class Stage:
         else:
             self._panels.append(LinePanel(axes(0.03, 0.655, 0.94, 0.25), film))
             swept = moving_set(film)
-            wide = 0.91 if swept is None else 0.50
+            longest = max(map(len, film.names)) if len(film.names) <= MOST_NAMED else 0
+            wide = 0.50 if swept is not None else 0.93 - 0.008 * longest
             states, net = axes(0.06, 0.31, wide, 0.235), axes(0.06, 0.075, wide, 0.17)
             if swept is not None:
                 right = axes(0.645, 0.09, 0.335, 0.44)

@@ -41,6 +41,7 @@ class Shape:
         self.length = find_length(scene)
         self.planar = body.dimension == 2
         self.note = "" if n <= MOST_CONTACTS else f", {MOST_CONTACTS} of {n} contacts"
+        self.note += ", of segments the ends" if body.segments else ""
         self.many = self.chosen.size > MOST_ARROWS
         self.radius = self.length * min(0.045, 0.045 if self.planar else 0.35 / self.chosen.size)
         self.bows = 0.06 * self.length * bows(self.rest, self.joints) if not self.planar else np.zeros(len(self.joints))

@@ -147,7 +147,8 @@ class Curves:
         n, links = len(self._contacts), len(self._joints)
         colors = "green slides" if self._planar else "green slips forward, red slips back"
         if self.as_lines:
-            named = f"Contacts over time [m]: {colors}, grey sticks"
+            ends = ", of segments the ends" if self._scene.body.segments else ""
+            named = f"Contacts over time [m]{ends}: {colors}, grey sticks"
             left = [rrb.TimeSeriesView(origin="contacts", name=named, **common)]
         else:
             named = f"Contacts over time, one row each: {colors}, grey sticks"
