@@ -1,7 +1,7 @@
 # `make demo` and `make test` do all the set-up: a virtual environment from pyproject.toml, created again when that changes.
 PYTHON ?= python3
 VENV ?= .venv
-EXTRAS ?= ros,viz,bench,sweep,optimise,gym,docs,test
+EXTRAS ?= ros,viz,bench,sweep,optimise,animate,gym,docs,test
 DEMO_EXTRAS := ros,viz
 BIN := $(VENV)/bin
 MADE := $(VENV)/.made
@@ -47,6 +47,7 @@ bench: $(READY)
 	$(BIN)/crawler bench --out benchmarks/results
 	$(BIN)/crawler bench --node --out benchmarks/results
 	$(BIN)/crawler bench --replay --out benchmarks/results
+	$(BIN)/crawler bench --animate --out benchmarks/results
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
@@ -57,6 +58,7 @@ figures: $(READY)
 	$(BIN)/python docs/hard_cases.py
 	$(BIN)/python docs/loads.py
 	$(BIN)/python docs/phase_diagram.py
+	$(BIN)/python docs/rerun.py
 	$(BIN)/python docs/tutorial.py
 
 soak: $(READY)

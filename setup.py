@@ -16,7 +16,11 @@ setup(
     name="crawler_ros",
     version="0.1.0",
     packages=find_packages(include=["crawler_*", "msgs_config"]),
-    package_data={"crawler_model": ["py.typed"], "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"]},
+    package_data={
+        "crawler_model": ["py.typed"],
+        "crawler_pictures.film": ["player.html"],
+        "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/crawler_ros"]),
         ("share/crawler_ros", ["package.xml"]),

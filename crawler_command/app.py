@@ -22,7 +22,7 @@ from .optimise import optimise_command
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar
 from .simulate import simulate_command
-from .view import view
+from .view import animate, view
 
 app = typer.Typer(
     help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists the gallery.",
@@ -74,6 +74,10 @@ def sweep(
     png: Annotated[
         Path | None, typer.Option(help="The picture to write, for one or two keys; by default beside the table.")
     ] = None,
+    plot: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMN", help="The result that the picture shows; by default the net translation."),
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
     ] = None,
@@ -94,7 +98,7 @@ def sweep(
     from .many import sweep as sweeps
 
     settings = Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
-    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite)
+    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite, plot)
     with progress_bar("sweeping") as progress:
         runs = sweeps.run_sweep(plan, workers, scheduler, progress)
     print(json.dumps(sweeps.summarise(plan, runs)) if as_json else "\n".join(sweeps.describe_sweep(plan, runs)))
@@ -103,6 +107,7 @@ def sweep(
 
 
 app.command("optimise")(optimise_command)
+app.command()(animate)
 app.command()(view)
 app.command("identify")(identify_command)
 app.command("excite")(excite_command)

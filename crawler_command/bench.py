@@ -47,19 +47,21 @@ def bench(
         bool,
         typer.Option("--gym", help="Measure the Gymnasium environments instead: steps a second, beside MuJoCo's."),
     ] = False,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Measure films instead: frames per second, drawn and written.")
+    ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
     models = {"sweep": sweep, "gradients": gradients, "search": search, "identify": identify, "gym": gym}
+    models["animate"] = animate
     chosen = [name for name, is_chosen in ({"node": node, "replay": replay} | models).items() if is_chosen]
     if chosen:
         if case:
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
         if len(chosen) > 1:
             raise CrawlerError(f"--{chosen[0]} and --{chosen[1]} cannot be combined; run one after the other")
-        if chosen[0] in ("node", "replay"):
-            _bench_processes(chosen[0], quick, as_json, out)
-        else:
-            _bench_model(chosen[0], quick, as_json, out)
+        measure = _bench_processes if chosen[0] in ("node", "replay") else _bench_model
+        measure(chosen[0], quick, as_json, out)
         return
     import matplotlib as _required_later  # noqa: F401
 
@@ -87,7 +89,7 @@ def bench(
 
 
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs many times in this process: variations, derivatives, the search, fits, or environments."""
+    """Measure what runs many times in this process: variations, fits, environments, films and so on."""
     measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
     size: Any
     if name == "sweep":
@@ -109,6 +111,12 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
         from crawler_bench import environments
 
         measure, size = environments.measure_environments, environments.QUICK if quick else environments.STEPS
+    elif name == "animate":
+        import matplotlib as _needed  # noqa: F401
+
+        from crawler_bench import films
+
+        measure, size = films.measure_films, films.QUICK if quick else films.FRAMES
     else:
         from crawler_bench import search
 

@@ -64,8 +64,9 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
     """
     import rclpy  # noqa: F401  (report a missing package before anything is started)
 
+    from crawler_pictures.run.page import draw_run
+    from crawler_ros.viewer.arrays import run_of_frames
     from crawler_ros.viewer.frames import frames_of_recording, thin
-    from crawler_ros.viewer.page import draw_page
     from crawler_ros.viewer.visualizer import draw_recording
 
     began = time.monotonic()
@@ -91,7 +92,7 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
     rrd, png = out / f"{recording.name}.rrd", out / f"{recording.name}.png"
     draw_recording(recording, rrd)
     scene, frames = frames_of_recording(recording)
-    draw_page(scene, list(thin(frames)), png)
+    draw_run(run_of_frames(scene, list(thin(frames))), png)
     return _summary(recording, rrd, png, time.monotonic() - began)
 
 

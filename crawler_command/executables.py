@@ -26,6 +26,7 @@ _EXTRA_OF = {
     "dask": "sweep",
     "cma": "optimise",
     "gymnasium": "gym",
+    "av": "animate",
     "osqp": "bench",
     "mujoco": "bench",
 }

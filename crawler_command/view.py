@@ -1,18 +1,29 @@
-"""The verb `view`: a recording in rerun, or rendered to a picture."""
+"""The verbs `view` and `animate`: a recording in rerun or as a picture; a scene or a recording as a film."""
 
 from __future__ import annotations
 
+import importlib.util
+import math
 import os
 import subprocess
+import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crawler_model import CrawlerError
+from crawler_model import CrawlerError, gallery, load_scene
 
-from .screen import check_picture, screen
+from .screen import check_picture, progress_bar, screen, whole_file
+
+if TYPE_CHECKING:
+    from crawler_pictures.film.film import Film
+
+_SUFFIXES = (".mp4", ".gif", ".html")
+_PERIODS = 4
+_FASTEST_GIF = 50.0
 
 
 def view(
@@ -26,9 +37,11 @@ def view(
 ) -> None:
     """Open a recording in rerun with our blueprint, or render that view without a display.
 
-    --png needs a Vulkan driver: on Debian and Ubuntu, apt install mesa-vulkan-drivers.
+    --png renders exactly the instant --at. It needs a Vulkan driver: on Debian and Ubuntu, apt install
+    mesa-vulkan-drivers. Without one, a line on standard error reports this and matplotlib draws the body at that
+    instant, its contacts over time and its stasis domain; an .rrd file is then refused.
     """
-    from crawler_ros.viewer.page import screenshot, viewer_binary
+    from crawler_ros.viewer.page import viewer_binary
 
     if not recording.exists():
         raise CrawlerError(f"{recording}: no such file or folder")
@@ -40,6 +53,8 @@ def view(
         raise CrawlerError(f"{recording}: not a rerun recording")
     if at is not None and png is None:
         raise CrawlerError("--at needs --png: it is the time to render")
+    if at is not None and not math.isfinite(at):
+        raise CrawlerError(f"--at: {at:g} s; it must be a time in the recording")
     check_picture(png)
     if png is None and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise CrawlerError(
@@ -54,7 +69,134 @@ def view(
             rrd = Path(folder) / "recording.rrd"
             draw_recording(recording, rrd, jumps=find_jumps(recording))
         if png is not None:
-            screenshot(rrd, png, at)
+            _render(recording, rrd, png, at)
             screen.print(f"rendered: {png}")
             return
         raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
+
+
+def _render(recording: Path, rrd: Path, png: Path, at: float | None) -> None:
+    """Render an instant by the viewer, or by matplotlib where the viewer finds no driver."""
+    from crawler_ros.viewer.page import DriverError, draw_instant, screenshot
+
+    with whole_file(png) as part:
+        try:
+            screenshot(rrd, part, at)
+        except DriverError as error:
+            if rrd == recording:
+                raise CrawlerError(f"{error}; without it, name the recording instead of its .rrd file") from error
+            from crawler_ros.viewer.frames import frames_of_recording
+
+            print(f"crawler: {error}; drawn by matplotlib instead", file=sys.stderr)
+            scene, frames = frames_of_recording(recording)
+            draw_instant(scene, list(frames), part, at)
+
+
+def animate(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE|BAG", help="A scene file or gallery name, or a recording: a bag folder or an .mcap file."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="The film to write: .mp4, .gif, or .html with a time slider.")],
+    fps: Annotated[float, typer.Option(help="Frames per second of the film.", min=1.0, max=240.0)] = 25.0,
+    speed: Annotated[float, typer.Option(help="Simulated seconds per second of the film.")] = 1.0,
+    start: Annotated[float, typer.Option("--from", help="Simulated time at which the film begins, s.")] = 0.0,
+    end: Annotated[float | None, typer.Option("--to", help="Simulated time at which it ends, s.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Simulated time that it shows, s; instead of --to.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+) -> None:
+    """Make a film of a scene or a recording: the crawling body, its contacts over time, and the sweeping process.
+
+    crawler animate two_anchor_a --out film.mp4
+    crawler animate bags --out film.html --from 2 --to 6 --speed 0.5
+
+    For two contacts the film shows the sweeping process, a moving set and the point that it pushes; for three, the
+    point in the moving polygon; for more, the contacts over time. By default it shows four periods of a scene, or the
+    whole recording. mp4 needs PyAV: pip install 'crawler-ros[animate]'; gif and html need no codec.
+    """
+    if seconds is not None and end is not None:
+        raise CrawlerError("--seconds and --to cannot be combined: both set the end of the film")
+    for option, value in (("--speed", speed), ("--seconds", seconds)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise CrawlerError(f"{option}: {value:g}; it must be > 0")
+    if not 0.0 <= start < float("inf"):
+        raise CrawlerError(f"--from: {start:g} s; it must be >= 0")
+    end = start + seconds if seconds is not None else end
+    if end is not None and not start < end < float("inf"):
+        raise CrawlerError(f"--to: {end:g} s; it must be after the start of the film, {start:g} s")
+    write = _choose_writer(out, fps, overwrite)
+    with progress_bar("reading" if _is_recording(source) else "simulating") as progress:
+        film = _shoot(source, start, end, fps, speed, progress)
+    with progress_bar("drawing") as progress, whole_file(out) as part:
+        write(film, part, fps, progress)
+    screen.print(
+        f"written: {out}: {film.time.size} frames, {film.time[0]:g} to {film.time[-1]:g} s of {film.scene.name}"
+    )
+
+
+def _choose_writer(
+    out: Path, fps: float, overwrite: bool
+) -> Callable[[Film, Path, float, Callable[[float], None]], None]:
+    """Check the output before anything runs; return the function that writes it."""
+    if out.suffix not in _SUFFIXES:
+        raise CrawlerError(f"--out: {out} must end in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
+    if not out.absolute().parent.is_dir():
+        raise CrawlerError(f"--out: the folder {out.absolute().parent} does not exist")
+    if out.exists() and not overwrite:
+        raise CrawlerError(f"--out: {out} exists already; choose another name, or use --overwrite")
+    if out.suffix == ".html":
+        from crawler_pictures.film.player import write_html
+
+        return write_html
+    import matplotlib as _needed  # noqa: F401
+
+    from crawler_pictures.film import encode
+
+    if out.suffix == ".gif":
+        if fps > _FASTEST_GIF:
+            raise CrawlerError(f"--fps: {fps:g}; a .gif has at most {_FASTEST_GIF:g} frames per second")
+        return encode.write_gif
+    if importlib.util.find_spec("av") is None:
+        raise CrawlerError(
+            f"--out: {out} needs PyAV; install it with: pip install 'crawler-ros[animate]', or write a .gif or an .html"
+        )
+    return encode.write_mp4
+
+
+def _is_recording(source: str) -> bool:
+    return source not in gallery() and (Path(source).is_dir() or Path(source).suffix == ".mcap")
+
+
+def _shoot(
+    source: str, start: float, end: float | None, fps: float, speed: float, progress: Callable[[float], None]
+) -> Film:
+    """Run a scene or read a recording, and sample it at the frames of the film."""
+    from crawler_model import prepare, simulate
+    from crawler_pictures.film.film import film_of_run, frame_times
+
+    if _is_recording(source):
+        from crawler_ros.recording.bag import newest
+        from crawler_ros.viewer.arrays import film_of_frames
+        from crawler_ros.viewer.frames import frames_of_recording
+
+        scene, frames = frames_of_recording(newest(Path(source)))
+        film = film_of_frames(scene, list(frames))
+        first, last = float(film.time[0]), float(film.time[-1])
+        begin, stop = max(start, first), last if end is None else end
+        if not first - 1e-9 <= begin < stop <= last + 1e-9:
+            raise CrawlerError(
+                f"--from, --to: {start:g} to {stop:g} s; the recording goes from {first:g} to {last:g} s"
+            )
+        return film.sample(frame_times(begin, stop, fps, speed))
+    scene = load_scene(source)
+    if scene.drive.holds:
+        raise CrawlerError(f"{source}: the scene has no drive, so nothing moves; record a run, or add a drive")
+    period = scene.drive.period
+    if end is None:
+        end = float(scene.drive.times[-1]) if period is None else start + _PERIODS * period
+    times = frame_times(start, end, fps, speed)
+    prepare(scene)
+    run = simulate(scene, float(times[-1]), fps / speed, progress=progress)
+    return film_of_run(scene, run).sample(times)

@@ -86,9 +86,13 @@ def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
             outline = _friction_outline(mu, scene.directions)
             axis.fill(*outline.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
         axis.plot(*force[:, i].T, color="black", linewidth=1.0)
-        axis.plot(*np.where(slides[:, i, None], force[:, i], np.nan).T, color=FORWARD, linewidth=3.0)
+        axis.plot(
+            *np.where(slides[:, i, None], force[:, i], np.nan).T, "o-", color=FORWARD, linewidth=3.0, markersize=7
+        )
         axis.set_title(f"contact {i}: green while it slides")
-        axis.set_aspect("equal")
+        reach = 1.1 * float(friction.max())
+        axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
+        axis.locator_params(nbins=5)
         axis.set_xlabel("$g_x$ [N]")
         axis.set_ylabel("$g_y$ [N]")
     return figure

@@ -99,7 +99,7 @@ def draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large: 
     if corners.shape[0] < 3:
         axis.plot(*corners.T, "o-", color=GREY, linewidth=2.0, zorder=2)
         return
-    for facet, a, b in _sides(domain):
+    for facet, a, b in sides_of(domain):
         color = FORWARD if facet.direction > 0 else BACK
         axis.plot(*np.array([a, b]).T, color=color, linewidth=5.0, solid_capstyle="round", zorder=2)
         out = facet.normal / np.abs(facet.normal).max()
@@ -117,8 +117,15 @@ def draw_polygon(axis: Axes, domain: StasisDomain, names: Sequence[str], large: 
         )
 
 
-def _sides(domain: StasisDomain) -> Iterator[tuple[Facet, np.ndarray, np.ndarray]]:
-    """Yield the facets of a polygon with both ends of each, of shape (2,) [N]."""
+def sides_of(domain: StasisDomain) -> Iterator[tuple[Facet, np.ndarray, np.ndarray]]:
+    """Find the sides of a polygon at which motion begins.
+
+    Args:
+        domain: domain of three contacts with at least three vertices.
+
+    Yields:
+        The facet, and both ends of its side, each shape (2,) [N].
+    """
     corners = domain.vertices()
     following = np.roll(corners, -1, axis=0)
     for facet in domain.facets():
@@ -146,7 +153,7 @@ def draw_box_in_space(axis: Axes3D, domain: StasisDomain) -> None:
     axis.add_collection3d(Line3DCollection(edges, colors=GREY, linewidths=0.9))
     section = spring_force(domain.vertices())
     axis.add_collection3d(Poly3DCollection([section], facecolor=SECTION, alpha=0.45, edgecolor="none"))
-    for facet, a, b in _sides(domain):
+    for facet, a, b in sides_of(domain):
         color = FORWARD if facet.direction > 0 else BACK
         axis.plot(*spring_force(np.array([a, b])).T, color=color, linewidth=3.5)
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))

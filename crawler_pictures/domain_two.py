@@ -84,7 +84,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
     if swept:
         draw_sweeping(axes["sweep"], run, marks)
     for i, row in enumerate(marks):
-        text, fontsize = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.4g} s", 7)
+        text, fontsize = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.3g}", 7)
         frame: Any = ("data", "axes fraction")
         where = (float(run.time[row]), 1.0)
         axes["motion"].annotate(
@@ -109,7 +109,15 @@ def _turned(force: np.ndarray) -> np.ndarray:
     return np.stack((g[..., 0] + g[..., 1], g[..., 0] - g[..., 1]), axis=-1) / 2.0
 
 
-def _box_corners(domain: StasisDomain) -> np.ndarray:
+def box_corners(domain: StasisDomain) -> np.ndarray:
+    """Compute the corners of the box of both spring forces in the turned plane of `_turned`.
+
+    Args:
+        domain: domain of two contacts.
+
+    Returns:
+        Shape (4, 2) [N].
+    """
     plus, minus = domain.forward, domain.backward
     corners = [[plus[0], plus[1]], [-minus[0], plus[1]], [-minus[0], -minus[1]], [plus[0], -minus[1]]]
     return _turned(np.array(corners))
@@ -134,7 +142,7 @@ def draw_box(axis: Axes, domain: StasisDomain, reach: float, large: bool = True)
         axis.plot(*ends.T, color=GREY, linewidth=0.8, linestyle="--", zorder=1)
         tip = _turned(force) * 2.55 * reach
         axis.annotate(f"$g_{i}$", tuple(tip), ha="center", va="bottom" if i == 0 else "top", color=GREY)
-    axis.fill(*_box_corners(domain).T, facecolor="#e8e8e8", edgecolor="#303030", linewidth=1.2, zorder=2)
+    axis.fill(*box_corners(domain).T, facecolor="#e8e8e8", edgecolor="#303030", linewidth=1.2, zorder=2)
     ends = domain.vertices()[:, 0]
     axis.plot([0.0, 0.0], ends, color=SECTION, linewidth=4.0 if large else 3.0, solid_capstyle="butt", zorder=3)
     facets = domain.facets()
@@ -266,7 +274,7 @@ def draw_sweeping(axis: Axes, run: Trajectory, marks: Sequence[int]) -> None:
     place = 2.0 * stiffness * run.net_translation
     centre = stiffness * _actuation(run)[:, 0]
     ends = domain.vertices()[:, 0]
-    corners = _box_corners(domain) * (-1.0, 1.0)
+    corners = box_corners(domain) * (-1.0, 1.0)
     right = float(corners[:, 0].max())
     used = slice(0, marks[-1] + 1)
     axis.plot(place[used], shape[used], "--", color="black", linewidth=1.3, zorder=3)

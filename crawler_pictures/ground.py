@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crawler_model import Scene
+from crawler_model.body.body import Body
+from crawler_model.body.plan import Plan
 from crawler_model.run.simulate import TimedJump
 
 from .colors import JUMP
@@ -136,3 +138,34 @@ def draw_jumps(axis: Axes, jumps: Sequence[TimedJump]) -> None:
         axis.plot(time, start, "D", color=JUMP, markersize=4.5, zorder=4, label="jumps over a border (dotted)")
         ends = [jump.border + jump.distance for jump in jumps]
         axis.vlines(time, start, ends, color=JUMP, linewidth=2.2, zorder=4)
+
+
+def has_stasis_bounds(body: Body) -> bool:
+    """Return whether the bounds of each link's tension follow from its neighbours.
+
+    Args:
+        body: the body.
+
+    Returns:
+        True for a chain of isolated contacts.
+    """
+    return body.is_chain and not body.segments
+
+
+def local_bounds(scene: Plan, target: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the bounds of the spring forces on a body on a line, by the ground under each contact.
+
+    Args:
+        scene: the scene.
+        target: the target in force, shape (S + 2 N,) or with loads (S + 3 N,) [m, N].
+        x: displacement of each contact, shape (N,) [m].
+
+    Returns:
+        Bounds forward and backward, each shape (N,) [N].
+    """
+    body, track = scene.body, scene.ground.track
+    target, n = target[body.springs :], body.contacts
+    if track is None:
+        return target[:n], target[n : 2 * n]
+    forward, backward, _ = track.bounds(target, track.find_places(body.position, x))
+    return forward, backward

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import ManyRuns, Variations
+from crawler_model import CrawlerError, ManyRuns, Variations
+from crawler_model.sweep.results import UNITS
 
 from .colors import ACTUATION, TENSION
 
@@ -17,14 +18,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INVALID = "#d8d8d8"
-_ROUNDING = 1e-9
+_ROUNDING, _GAP = 1e-9, 2.5
 _WORDS = {"per_period": "net translation in the last period [m]", "gained": "net translation over the run [m]"}
 
 
 def draw_sweep(
-    variations: Variations, units: Mapping[str, str], logarithmic: Collection[str], runs: ManyRuns, png: Path
+    variations: Variations,
+    units: Mapping[str, str],
+    logarithmic: Collection[str],
+    runs: ManyRuns,
+    png: Path,
+    column: str | None = None,
 ) -> None:
-    """Draw the net translation over the keys that vary, one or two of them.
+    """Draw a result over the keys that vary, one or two of them.
 
     Args:
         variations: the scenes that ran.
@@ -32,6 +38,10 @@ def draw_sweep(
         logarithmic: keys with a logarithmic axis.
         runs: the results.
         png: the file to write.
+        column: name of the result in `ManyRuns`; None for the net translation.
+
+    Raises:
+        CrawlerError: when no variation has a value of the result.
     """
     import matplotlib
 
@@ -39,28 +49,35 @@ def draw_sweep(
     from matplotlib import pyplot as plt
 
     keys = [key for key, n in zip(variations.values, variations.shape, strict=True) if n > 1]
-    name, gain = shown_gain(runs)
+    name, gain = shown_gain(runs) if column is None else shown_column(runs, column)
     figure, axes = plt.subplots(figsize=(8, 5.5 if len(keys) == 2 else 4.5), layout="constrained")
-    label = _WORDS[name].replace("translation", "translation along x" if runs.gained.ndim == 2 else "translation")
+    unit = UNITS.get(name, "1")
+    label = _WORDS.get(name, name.replace("_", " ") + (f" [{unit}]" if unit != "1" else ""))
+    if runs.gained.ndim == 2 and getattr(runs, name).ndim == 2:
+        label = label.replace("translation", "translation along x") if name in _WORDS else f"{label}, along x"
     if len(keys) == 1:
-        _draw_line(axes, variations.values[keys[0]], gain, runs)
+        _draw_line(axes, variations.values[keys[0]], gain, runs, keys[0] in logarithmic)
         axes.set_ylabel(label)
     else:
-        _draw_map(figure, axes, [variations.values[key] for key in keys], gain, runs, label)
+        axes_values = [variations.values[key] for key in keys]
+        _draw_map(figure, axes, axes_values, [key in logarithmic for key in keys], gain, runs, label)
     for key, axis in zip(keys, "xy", strict=False):
         getattr(axes, f"set_{axis}label")(f"{key} [{units[key]}]".replace(" [1]", ""))
         if key in logarithmic:
             getattr(axes, f"set_{axis}scale")("log")
     stopped = ", stopped early" if runs.interrupted else ""
-    axes.set_title(f"{variations.base.name}: {len(runs)} variations{stopped}", fontsize=10)
+    axes.set_title(f"{variations.base.name}: {len(runs)} variations{stopped}", fontsize=10, loc="left")
     figure.savefig(png, dpi=110)
     plt.close(figure)
 
 
-def _draw_line(axes: Axes, values: np.ndarray, gain: np.ndarray, runs: ManyRuns) -> None:
+def _draw_line(axes: Axes, values: np.ndarray, gain: np.ndarray, runs: ManyRuns, logarithmic: bool) -> None:
     order = np.argsort(values, kind="stable")
+    at, shown = values[order], gain[order]
+    breaks = np.flatnonzero(find_gaps(np.log(at) if logarithmic else at)) + 1  # the line does not cross them
     axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
-    axes.plot(values[order], gain[order], color=TENSION, linewidth=1.4, marker="o" if values.size <= 60 else "", ms=3)
+    style: Any = {"color": TENSION, "linewidth": 1.4, "marker": "o" if values.size <= 60 else "", "ms": 3}
+    axes.plot(np.insert(at, breaks, np.nan), np.insert(shown, breaks, np.nan), **style)
     opened = (runs.status == "done") & ~runs.unique
     if opened.any():
         axes.plot(values[opened], gain[opened], "o", color=ACTUATION, ms=4, label="translation not unique")
@@ -71,8 +88,42 @@ def _draw_line(axes: Axes, values: np.ndarray, gain: np.ndarray, runs: ManyRuns)
     axes.grid(alpha=0.25)
 
 
+def find_gaps(values: np.ndarray) -> np.ndarray:
+    """Find gaps in a grid, for example between wavelengths of both signs.
+
+    Args:
+        values: increasing, shape (K,); equal values are allowed.
+
+    Returns:
+        Whether the distance to the next value is more than two and a half times the usual one, shape (K - 1,).
+    """
+    steps = np.diff(values)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    return np.asarray(steps > _GAP * usual)
+
+
+def _cells(values: np.ndarray, logarithmic: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the edges of cells around increasing values, and the value of each cell, -1 for a gap."""
+    at = np.log(values) if logarithmic else values
+    steps = np.diff(at)
+    usual = float(np.median(steps)) if steps.size else 1.0
+    gap = find_gaps(at)
+    edges, owner = [at[0] - 0.5 * (steps[0] if steps.size and not gap[0] else usual)], [0]
+    for k in range(steps.size):
+        edges += [at[k] + 0.5 * usual, at[k + 1] - 0.5 * usual] if gap[k] else [at[k] + 0.5 * steps[k]]
+        owner += [-1, k + 1] if gap[k] else [k + 1]
+    edges.append(at[-1] + 0.5 * (steps[-1] if steps.size and not gap[-1] else usual))
+    return np.exp(edges) if logarithmic else np.array(edges), np.array(owner)
+
+
 def _draw_map(
-    figure: Figure, axes: Axes, columns: list[np.ndarray], gain: np.ndarray, runs: ManyRuns, label: str
+    figure: Figure,
+    axes: Axes,
+    columns: list[np.ndarray],
+    logarithmic: list[bool],
+    gain: np.ndarray,
+    runs: ManyRuns,
+    label: str,
 ) -> None:
     from matplotlib.patches import Patch
 
@@ -85,7 +136,9 @@ def _draw_map(
     cmap = "PRGn" if least and most else "Purples_r" if least else "Greens"
     scale: Any = {"cmap": cmap, "vmin": -limit if least else 0.0, "vmax": limit if most or not least else 0.0}
     axes.set_facecolor(_INVALID)
-    drawn = axes.pcolormesh(x, y, table, shading="nearest", rasterized=True, **scale)
+    (across, x_of), (upwards, y_of) = (_cells(v, log) for v, log in zip((x, y), logarithmic, strict=True))
+    cells = np.where((y_of >= 0)[:, None] & (x_of >= 0), table[np.maximum(y_of, 0)][:, np.maximum(x_of, 0)], np.nan)
+    drawn = axes.pcolormesh(across, upwards, cells, rasterized=True, **scale)
     figure.colorbar(drawn, ax=axes, label=label)
     handles = []
     opened = np.zeros(table.shape)
@@ -94,10 +147,11 @@ def _draw_map(
         at = np.nonzero(opened)
         axes.plot(x[at[1]], y[at[0]], ".", color=ACTUATION, ms=2)
         handles.append(Patch(color=ACTUATION, label="translation not unique"))
-    if not np.isfinite(table).all():
+    if not np.isfinite(cells).all():
         handles.append(Patch(color=_INVALID, label="invalid or not run"))
     if handles:
-        axes.legend(handles=handles, fontsize=8, loc="upper left")
+        where: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+        axes.legend(handles=handles, fontsize=8, ncols=2, frameon=False, **where)
 
 
 def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
@@ -112,3 +166,23 @@ def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
     name = "per_period" if np.isfinite(runs.per_period).any() else "gained"
     column = getattr(runs, name)
     return name, column if column.ndim == 1 else column[:, 0]
+
+
+def shown_column(runs: ManyRuns, column: str) -> tuple[str, np.ndarray]:
+    """Read a column to show; in the plane of a vector the component along x.
+
+    Args:
+        runs: the results.
+        column: its name in `ManyRuns`.
+
+    Returns:
+        The name, and the values, NaN where a variation is not done, shape (M,).
+
+    Raises:
+        CrawlerError: when no variation has a value.
+    """
+    values = np.asarray(getattr(runs, column), dtype=np.float64)
+    values = np.where(runs.status == "done", values if values.ndim == 1 else values[:, 0], np.nan)
+    if not np.isfinite(values).any():
+        raise CrawlerError(f"--plot: no variation has a value of {column}")
+    return column, values

@@ -17,7 +17,7 @@ from pyarrow import parquet
 
 from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
 from crawler_model.sweep.many import Settings, run_chunk
-from crawler_model.sweep.results import gather
+from crawler_model.sweep.results import COLUMNS, gather
 from crawler_model.sweep.rows import ROW
 from crawler_model.sweep.vary import MOST_VARIATIONS
 from crawler_pictures.sweep import shown_gain
@@ -27,6 +27,10 @@ from ..screen import check_output, whole_file
 from .units import unit_of
 
 _CHUNKS_A_THREAD, _MOST_IN_A_CHUNK = 8, 512
+
+
+PLOTTED = (*(name for name in COLUMNS if name != "status"), "efficiency", "period_efficiency")
+"""Results that a picture can show."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +43,7 @@ class Sweep:
         specs: the values requested for each key, as text.
         out: the table.
         png: the picture; None to draw none.
+        column: the result that the picture shows; None for the net translation.
     """
 
     variations: Variations
@@ -46,6 +51,7 @@ class Sweep:
     specs: Mapping[str, str]
     out: Path
     png: Path | None
+    column: str | None = None
 
 
 def parse_axis(text: str) -> tuple[str, np.ndarray]:
@@ -92,7 +98,13 @@ def _number(text: str, help_text: str) -> float:
 
 
 def plan_sweep(
-    scene: Scene, axes: Sequence[str], settings: Settings, out: Path, png: Path | None, overwrite: bool
+    scene: Scene,
+    axes: Sequence[str],
+    settings: Settings,
+    out: Path,
+    png: Path | None,
+    overwrite: bool,
+    column: str | None = None,
 ) -> Sweep:
     """Check all that can be checked before anything runs.
 
@@ -103,6 +115,7 @@ def plan_sweep(
         out: the table to write.
         png: the picture to write; None for one beside the table if the axes allow one.
         overwrite: whether these files may exist.
+        column: the result that the picture shows; None for the net translation.
 
     Returns:
         The sweep.
@@ -117,6 +130,8 @@ def plan_sweep(
         if key in values:
             raise CrawlerError(f"--vary {key}: the key is repeated")
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
+    if column is not None and column not in PLOTTED:
+        raise CrawlerError(f"--plot: {column!r} is not a column of results; the columns are {', '.join(PLOTTED)}")
     variations = vary(scene, values)
     settings.check()
     if scene.drive.holds and settings.duration is None:
@@ -127,7 +142,9 @@ def plan_sweep(
         raise CrawlerError(f"--png: a picture needs one or two keys that vary; this sweep has {len(values)}")
     for option, file, suffix in (("--out", out, ".parquet"), ("--png", png, ".png")):
         check_output(option, file, suffix, overwrite)
-    return Sweep(variations, settings, specs, out, png)
+    if column is not None and png is None:
+        raise CrawlerError(f"--plot: a picture needs one or two keys that vary; this sweep has {len(values)}")
+    return Sweep(variations, settings, specs, out, png, column)
 
 
 def run_sweep(
@@ -164,7 +181,7 @@ def run_sweep(
             with whole_file(sweep.png) as part:
                 units = {key: unit_of(sweep.variations.base, key) for key in sweep.specs}
                 logarithmic = [key for key, spec in sweep.specs.items() if spec.startswith("log:")]
-                draw_sweep(sweep.variations, units, logarithmic, runs, part)
+                draw_sweep(sweep.variations, units, logarithmic, runs, part, sweep.column)
     return runs
 
 

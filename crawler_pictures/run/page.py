@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crawler_model import CrawlerError, Scene
+from crawler_model.run.orientation import shape_orientation
 
 from ..colors import BACK, TENSION, TEXT
 from ..ground import draw_jumps, list_sections
@@ -117,6 +118,10 @@ def _constants(run: RunArrays) -> list[str]:
     if ground is not None and ground.slope != 0.0:
         clauses.append(f"slope {ground.slope:g}\u00b0")
     found = ["; ".join(clauses)] if clauses else []
+    if run.planar:
+        angle = np.degrees(shape_orientation(run.place, run.positions - run.place))
+        first, last, low, high = (f"{v + 0.0:.4g}\u00b0" for v in (angle[0], angle[-1], angle.min(), angle.max()))
+        found.append(f"orientation of the shape: {first} at the start, {last} at the end, between {low} and {high}")
     if run.cycles.size > MOST_CYCLES:
         text = f"{run.cycles.size} cycles: of curves only the range in a cycle can be seen; colours show every slip"
         found.append(text)

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from crawler_model import Crawler
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
+from crawler_model.run.orientation import shape_orientation
 from crawler_model.theory.regularity import Regularity
 
 from ..viewer.feed import ViewerFeed
@@ -97,6 +98,14 @@ def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
     return [(key, str(count)) for key, count in counts.items()]
 
 
+def _orientation(node: Diagnosed) -> list[tuple[str, str]]:
+    """Write the orientation of a shape in the plane; that of the pose is the identity, because springs are vectors."""
+    if node.scene.body.dimension == 1:
+        return []
+    angle = float(shape_orientation(node.scene.body.position, node.crawler.displacement))
+    return [("orientation of the shape [rad]", f"{angle:.6g}")]
+
+
 def _late_times(stepper: Stepper) -> list[tuple[str, str]]:
     """Write when ticks were late, and the worst delay."""
     if stepper.late == 0:
@@ -153,6 +162,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("ticks without a determined translation", str(node.ambiguous)),
             ("ticks over the budget of work", str(node.overspent)),
             ("ticks not solved", str(node.unsolved)),
+            *_orientation(node),
             *_on_patches(node),
             ("largest energy residual of a tick [J]", residual),
             ("largest violation of a bound [N]", violation),

@@ -13,11 +13,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from crawler_model import Crawler, Scene
-from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.motion.jump import Jump
 from crawler_model.run.simulate import TimedJump
+from crawler_pictures.ground import has_stasis_bounds, local_bounds
 
 from ..recording.recorded_robot import Robot, noted_robot
 from ..wire.states import StationReader
@@ -32,7 +32,7 @@ class Frame:
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
     tension of each joint, in the plane its size; bounds of the spring forces on each station where a chain has no
-    segments: friction of the ground there, shifted by the loads; the jumps since the frame before.
+    segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame before.
     """
 
     time_ns: int
@@ -41,69 +41,59 @@ class Frame:
     state: np.ndarray
     forward: np.ndarray
     backward: np.ndarray
+    row: np.ndarray
     jumps: tuple[TimedJump, ...] = ()
 
     def pack(self) -> bytes:
         """Encode the frame as bytes: the time, the number of jumps, all numbers as doubles, the jumps."""
-        numbers = (self.displacement, self.tension, self.state, self.forward, self.backward)
+        numbers = (self.displacement, self.tension, self.state, self.forward, self.backward, self.row)
         jumps = b"".join(_JUMP.pack(j.time, j.contact, j.border, j.distance, j.loss) for j in self.jumps)
         return _HEAD.pack(self.time_ns, len(self.jumps)) + np.concatenate(numbers).astype("<f8").tobytes() + jumps
 
     @staticmethod
-    def unpack(data: bytes, body: Body) -> Frame:
+    def unpack(data: bytes, scene: Plan) -> Frame:
         """Decode the bytes of `pack`."""
         ns, count = _HEAD.unpack_from(data)
-        cuts = np.cumsum(frame_sizes(body))
-        x, tension, state, forward, backward = np.split(
+        cuts = np.cumsum(frame_sizes(scene))
+        x, tension, state, forward, backward, row = np.split(
             np.frombuffer(data, "<f8", int(cuts[-1]), _HEAD.size), cuts[:-1]
         )
         begin = _HEAD.size + 8 * int(cuts[-1])
         jumps = tuple(TimedJump(*_JUMP.unpack_from(data, begin + k * _JUMP.size)) for k in range(count))
-        return Frame(ns, x, tension, state.astype(np.int8), forward, backward, jumps)
+        return Frame(ns, x, tension, state.astype(np.int8), forward, backward, row, jumps)
 
 
-def read_frames(source: BinaryIO, body: Body) -> Iterator[Frame]:
+def read_frames(source: BinaryIO, scene: Plan) -> Iterator[Frame]:
     """Read the frames that `Frame.pack` wrote one after another; an incomplete one at the end is left out.
 
     Args:
         source: stream that waits for all bytes requested.
-        body: the body.
+        scene: the scene.
 
     Yields:
         The frames.
     """
-    numbers = 8 * sum(frame_sizes(body))
+    numbers = 8 * sum(frame_sizes(scene))
     while len(head := source.read(_HEAD.size)) == _HEAD.size:
         size = numbers + _HEAD.unpack(head)[1] * _JUMP.size
         rest = source.read(size)
         if len(rest) == size:
-            yield Frame.unpack(head + rest, body)
+            yield Frame.unpack(head + rest, scene)
 
 
-def frame_sizes(body: Body) -> list[int]:
+def frame_sizes(scene: Plan) -> list[int]:
     """Count the numbers of a frame.
 
     Args:
-        body: the body.
+        scene: the scene.
 
     Returns:
-        Entries of displacement, tension, state, forward and backward.
+        Entries of displacement, tension, state, forward, backward and the command row.
     """
+    body = scene.body
     stations, joints = body.stations.size, body.joints.shape[0]
     friction = stations if has_stasis_bounds(body) else 0
-    return [stations * body.dimension, joints, stations, friction, friction]
-
-
-def has_stasis_bounds(body: Body) -> bool:
-    """Return whether the bounds of each link's tension follow from its neighbours.
-
-    Args:
-        body: the body.
-
-    Returns:
-        True for a chain of isolated contacts.
-    """
-    return body.is_chain and not body.segments
+    return [stations * body.dimension, joints, stations, friction, friction, scene.drive.rows.shape[-1]]
 
 
 def time_jumps(jumps: Iterable[Jump], start_ns: int, ends_ns: Sequence[int]) -> tuple[TimedJump, ...]:
@@ -125,25 +115,6 @@ def time_jumps(jumps: Iterable[Jump], start_ns: int, ends_ns: Sequence[int]) -> 
     return tuple(made)
 
 
-def local_bounds(scene: Plan, row: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the bounds of the spring forces on a body on a line, by the ground under each contact.
-
-    Args:
-        scene: the scene.
-        row: the command row in force, shape (C,).
-        x: displacement of each contact, shape (N,) [m].
-
-    Returns:
-        Bounds forward and backward, each shape (N,) [N].
-    """
-    body, track = scene.body, scene.ground.track
-    target, n = scene.columns.target(row)[body.springs :], body.contacts
-    if track is None:
-        return target[:n], target[n : 2 * n]
-    forward, backward, _ = track.bounds(target, track.find_places(body.position, x))
-    return forward, backward
-
-
 def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[TimedJump, ...] = ()) -> Frame:
     """Build a frame of a crawler.
 
@@ -163,8 +134,9 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
         tension = np.linalg.norm(tension, axis=1)
     forward = backward = np.zeros(0)
     if has_stasis_bounds(body):
-        forward, backward = (side[at] for side in local_bounds(crawler.scene, crawler.row, crawler.displacement))
-    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward, jumps)
+        target = crawler.scene.columns.target(crawler.row)
+        forward, backward = (side[at] for side in local_bounds(crawler.scene, target, crawler.displacement))
+    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward, crawler.row, jumps)
 
 
 def frames_of_recording(
@@ -244,9 +216,9 @@ def _frames(
             while ahead and (ahead[0][0], round(ahead[0][1].time * NS)) <= (run, stamp):
                 passed.append(ahead.popleft()[1])
             if bounded:
-                forward, backward = local_bounds(scene, row, x)
+                forward, backward = local_bounds(scene, scene.columns.target(row), x)
             state = (np.sign(v) * moving).astype(np.int8)
-            yield Frame(stamp, x.ravel(), tension, state, forward, backward, tuple(passed))
+            yield Frame(stamp, x.ravel(), tension, state, forward, backward, row, tuple(passed))
 
 
 def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:

@@ -1,4 +1,4 @@
-"""Pictures of a run: one page by matplotlib, and screenshots of the rerun view without a display."""
+"""Pictures of an instant without a display: screenshots of the rerun view, or drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -15,100 +15,69 @@ import numpy as np
 
 from crawler_model import CrawlerError, Scene
 from crawler_model.body.drive import NS
-from crawler_model.theory.stasis import stasis_bounds
-from crawler_pictures.colors import BACK, FORWARD, STICK, TENSION
 from crawler_pictures.domain import draw_domain as draw_domain
-from crawler_pictures.ground import draw_jumps
 
-from ..wire.states import station_names
-from .frames import has_stasis_bounds
+from .arrays import film_of_frames
 
 if TYPE_CHECKING:
     from .frames import Frame
 
-_MOST_LINKS, _MOST_NAMED = 4, 12
+_MOST_SAMPLES = 2000
 _TIMELINE = "sim_time"
+_MENU = 36  # rows of the menu, which holds the viewer's own warnings [pixels]
 _PATIENCE_S = 60.0
 _AT_REST_S = 3.0  # at its start the viewer shows notices that cover a corner and vanish
 _NO_DRIVER = ("No graphics adapter", "render context", "create render state", "Vulkan", "wgpu")
-_INSTALL = "rendering without a display needs one (Debian, Ubuntu: apt install mesa-vulkan-drivers)"
+INSTALL = "rendering without a display needs one (Debian, Ubuntu: apt install mesa-vulkan-drivers)"
 
 
 class PictureError(CrawlerError):
     """A picture that cannot be drawn on this machine."""
 
 
-def draw_page(scene: Scene, frames: Sequence[Frame], png: Path) -> None:
-    """Draw positions and jumps, tensions in their bounds, stick and slip, and net translation over time, on one page.
+class DriverError(PictureError):
+    """The viewer needs a Vulkan driver."""
+
+
+def draw_instant(scene: Scene, frames: Sequence[Frame], png: Path, at_s: float | None = None) -> None:
+    """Draw the body at an instant, its contacts over time and its stasis domain by matplotlib, without a viewer.
 
     Args:
         scene: the scene that ran.
-        frames: the frames, at least one.
+        frames: the frames in sequence.
         png: the file to write.
+        at_s: simulated time to show [s]; None for the end.
 
     Raises:
-        PictureError: when there is no frame.
+        PictureError: when the recording has no such time.
+        CrawlerError: when there is no frame.
     """
-    if not frames:
-        raise PictureError(f"{png}: there is no state to draw")
-    import matplotlib
+    from PIL import Image
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-    from matplotlib.colors import ListedColormap
+    from crawler_pictures.film.stage import Stage
 
-    time_s = np.array([f.time_ns for f in frames]) / NS
-    x = np.array([f.displacement for f in frames])
-    tension = np.array([f.tension for f in frames])
-    state = np.array([f.state for f in frames])
-    friction = [np.array([getattr(f, side) for f in frames]) for side in ("forward", "backward")]
-    mesh = scene.body
-    bounded = has_stasis_bounds(mesh)
-    least, most = stasis_bounds(tension, *friction) if bounded else (tension, tension)
-    contacts, plots = state.shape[1], min(tension.shape[1], _MOST_LINKS)
-    x = x.reshape(time_s.size, contacts, -1)[:, :, 0]  # in the plane, along x
-    at = mesh.position[mesh.stations].reshape(contacts, -1)[:, 0]
+    film = film_of_frames(scene, frames)
+    start, end = float(film.time[0]), float(film.time[-1])
+    shown = end if at_s is None else at_s
+    check_instant(shown, start, end)
+    times = np.unique(np.append(np.linspace(start, end, min(film.time.size, _MOST_SAMPLES)), shown))
+    picture = Stage(film.sample(times), 1920, 1080).draw(int(np.searchsorted(times, shown)))
+    Image.fromarray(picture).save(png)
 
-    heights = [2.2] + [1.0] * plots + [0.35 + 0.12 * min(contacts, 12), 1.4]
-    figure, axes = plt.subplots(
-        len(heights), 1, sharex=True, figsize=(11, 1.5 * sum(heights)), height_ratios=heights, layout="constrained"
-    )
-    figure.suptitle(f"crawler: {scene.name}")
-    place = at + x
-    names = [name.removeprefix("contact_") for name in station_names(mesh)]
-    axes[0].plot(time_s, place, color="#9a9a9a", linewidth=0.8)
-    for sign, color in ((1, FORWARD), (-1, BACK)):
-        axes[0].plot(time_s, np.where(state == sign, place, np.nan), color=color, linewidth=2.2)
-    draw_jumps(axes[0], [jump for frame in frames for jump in frame.jumps])
-    if axes[0].get_legend_handles_labels()[0]:
-        axes[0].legend(fontsize=8, loc="upper left", frameon=False)
-    axes[0].set_ylabel("contacts [m]")
-    for i in range(contacts if contacts <= _MOST_NAMED else 0):
-        axes[0].annotate(names[i], (time_s[0], place[0, i]), (4, 3), textcoords="offset points", fontsize=8)
-    axes[0].set_title(
-        "green: slips forward, red: slips back, grey: sticks; tensions (blue)"
-        + (" between their bounds" if bounded else ""),
-        fontsize=8,
-    )
-    for i in range(plots):
-        axes[1 + i].fill_between(time_s, least[:, i], most[:, i], color="#f2dcda", linewidth=0, label="bounds")
-        for bound in (least, most):
-            axes[1 + i].plot(time_s, bound[:, i], color="#c83c3c", linewidth=0.6)
-        axes[1 + i].plot(time_s, tension[:, i], color=TENSION, linewidth=1.4)
-        axes[1 + i].set_ylabel(f"$T_{{{i}}}$ [N]")
-    edges = np.append(time_s, time_s[-1] + (time_s[-1] - time_s[-2] if time_s.size > 1 else 1.0))
-    colors = ListedColormap([BACK, STICK, FORWARD])
-    axes[-2].pcolormesh(edges, np.arange(contacts + 1) - 0.5, state.T, cmap=colors, vmin=-1, vmax=1)
-    shown = range(contacts) if contacts <= _MOST_NAMED else [0, contacts - 1]
-    axes[-2].set_yticks(shown, [names[i] for i in shown])
-    axes[-2].set_ylabel("contact")
-    axes[-1].plot(time_s, x @ mesh.station_share, color="black")
-    axes[-1].set_ylabel("net translation [m]" + (",\nfrom the ends of segments" if mesh.segments else ""))
-    axes[-1].set_xlabel("simulated time [s]")
-    for axis in axes:
-        axis.margins(x=0)
-    figure.savefig(png, dpi=110)
-    plt.close(figure)
+
+def check_instant(at_s: float, start: float, end: float) -> None:
+    """Check that a time is in a recording.
+
+    Args:
+        at_s: the time [s].
+        start: of the recording [s].
+        end: of the recording [s].
+
+    Raises:
+        PictureError: when it is not.
+    """
+    if not start <= at_s <= end:
+        raise PictureError(f"--at: {at_s:g} s; the recording goes from {start:g} to {end:g} s")
 
 
 def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
@@ -120,7 +89,8 @@ def screenshot(rrd: Path, png: Path, at_s: float | None = None) -> None:
         at_s: simulated time to show [s]; None for the end.
 
     Raises:
-        PictureError: when there is no driver, the recording has no such time, or the viewer does not show it.
+        DriverError: when there is no driver.
+        PictureError: when the recording has no such time, or the viewer does not show it.
     """
     from rerun.experimental import ViewerClient
 
@@ -172,7 +142,7 @@ class _Viewer:
             if found is not None:
                 return found
             if self._process.poll() is not None:
-                raise PictureError(f"{self.png}: {self._why_ended()}")
+                raise self._why_ended()
             time.sleep(0.1)
         raise PictureError(f"{self.png}: {what}{last}")
 
@@ -186,16 +156,20 @@ class _Viewer:
         """Move the cursor and pause it there."""
         self.client.set_time(_TIMELINE, duration=np.timedelta64(ns, "ns"), **self._pause)
 
-    def _why_ended(self) -> str:
+    def _why_ended(self) -> PictureError:
         text = self._log.read_text(encoding="utf-8", errors="replace")
         if any(word in text for word in _NO_DRIVER):
-            return f"this machine has no Vulkan driver; {_INSTALL}"
+            return DriverError(f"this machine has no Vulkan driver; {INSTALL}")
         panic = text[text.find("panicked at") :].splitlines()[:1] if "panicked at" in text else text.splitlines()[-1:]
-        return f"the viewer ended: {' '.join(panic)[:200]}; if this machine has no Vulkan driver, {_INSTALL}"
+        what = f"the viewer ended: {' '.join(panic)[:200]}"
+        return DriverError(f"{what}; if this machine has no Vulkan driver, {INSTALL}")
 
 
 def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
-    """Move to a time, wait until it is shown, and save the picture once it no longer changes."""
+    """Move to a time, wait until it is shown, and save the picture without menu once it no longer changes."""
+    import io
+
+    from PIL import Image
 
     def range_ns() -> tuple[int, int] | None:
         recording = viewer.shown()
@@ -206,8 +180,8 @@ def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
 
     start, end = viewer.wait("the viewer shows no recording with simulated time", range_ns)
     ns = end if at_s is None else round(at_s * NS)
-    if not start <= ns <= end:
-        raise PictureError(f"--at: {at_s:g} s; the recording goes from {start / NS:g} to {end / NS:g} s")
+    if at_s is not None:
+        check_instant(at_s, start / NS, end / NS)
 
     def stands() -> bool | None:
         recording = viewer.shown()
@@ -228,7 +202,9 @@ def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
         return before if time.monotonic() - since > _AT_REST_S else None
 
     viewer.wait(f"the viewer does not go to {ns / NS:g} s", stands)
-    viewer.png.write_bytes(viewer.wait(f"the view does not come to rest at {ns / NS:g} s", same))
+    picture = viewer.wait(f"the view does not come to rest at {ns / NS:g} s", same)
+    whole = Image.open(io.BytesIO(picture))
+    whole.crop((0, _MENU, *whole.size)).save(viewer.png)
 
 
 def viewer_binary() -> str:

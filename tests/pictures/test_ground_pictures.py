@@ -17,11 +17,13 @@ from crawler_model.run.simulate import TimedJump
 from crawler_pictures.body import draw_body
 from crawler_pictures.colors import JUMP, rgb
 from crawler_pictures.ground import list_sections, trace_profile
+from crawler_pictures.run.page import draw_run
 from crawler_ros.replay import analyse
 from crawler_ros.replay.analysis import find_jumps
+from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import ViewerFeed
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_sequence, read_frames, thin
-from crawler_ros.viewer.page import draw_page, screenshot
+from crawler_ros.viewer.page import screenshot
 from crawler_ros.viewer.visualizer import draw_recording
 
 from ..recordings import attachments, messages, play, record, write
@@ -118,7 +120,7 @@ def test_jumps_survive_the_pipe_and_thinning(tmp_path):
     packed = tmp_path / "frames"
     packed.write_bytes(b"".join(f.pack() for f in every) + every[0].pack()[:-1])
     with packed.open("rb") as source:
-        again = list(read_frames(source, scene.body))
+        again = list(read_frames(source, scene))
     assert [f.time_ns for f in again] == [f.time_ns for f in every]
     assert [f.jumps for f in again] == [f.jumps for f in every]
     assert all((a.displacement == b.displacement).all() for a, b in zip(again, every, strict=True))
@@ -193,7 +195,7 @@ def test_the_page_of_the_viewer_marks_jumps(tmp_path):
     scene = icy()
     every = frames(scene)
     for name, shown in (("jumps", every), ("none", [dataclasses.replace(f, jumps=()) for f in every])):
-        draw_page(scene, shown, tmp_path / f"{name}.png")
+        draw_run(run_of_frames(scene, shown), tmp_path / f"{name}.png")
     with_jumps, without = (
         np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int) for name in ("jumps", "none")
     )

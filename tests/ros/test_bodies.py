@@ -13,10 +13,11 @@ from std_msgs.msg import Float64MultiArray
 from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.crawler.readout import Readout
+from crawler_pictures.run.page import draw_run
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
+from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.frames import frames_of_recording
-from crawler_ros.viewer.page import draw_page
 from crawler_ros.viewer.visualizer import draw_recording
 from crawler_ros.wire.states import StationReader, contact_names, joint_state_names, shown_contacts
 
@@ -58,7 +59,7 @@ def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
     assert again.ticks > 300
     assert draw_recording(path, tmp_path / "x.rrd") > 100
     found, frames = frames_of_recording(path)
-    draw_page(found, list(frames), tmp_path / "x.png")
+    draw_run(run_of_frames(found, list(frames)), tmp_path / "x.png")
     assert (tmp_path / "x.png").stat().st_size > 20_000
 
 
@@ -142,3 +143,20 @@ def test_a_translation_that_is_not_determined_warns_while_it_lasts(tmp_path):
         wait_until(lambda: not said()[-1])
         values = {v.key: v.value for v in ros.heard["/diagnostics"][-1].status[0].values}
         assert values["ticks without a determined translation"] == "1"
+
+
+def test_the_orientation_of_a_shape_in_the_plane_is_a_diagnostic_and_the_pose_keeps_none(tmp_path):
+    with graph(tmp_path) as ros:
+        ros.simulator("scene:=planar_three_points", hear=("joint_states", "pose", "/diagnostics"))
+        start = load_scene("planar_three_points")
+        turned = 0.2 * np.array([[0.0, -1.0], [1.0, 0.0]])  # R - 1 of a small turn, but for the stretch
+        links = np.diff(start.body.position[start.body.ends], axis=1)[:, 0] @ turned.T
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=links.ravel().tolist()))
+
+        def angles():
+            statuses = [s for m in ros.heard["/diagnostics"] for s in m.status if s.name.endswith("simulation")]
+            return [float(v.value) for s in statuses for v in s.values if v.key == "orientation of the shape [rad]"]
+
+        wait_until(lambda: angles() and angles()[-1] > 0.02)
+        assert angles()[-1] < 0.2
+        assert {(p.pose.orientation.z, p.pose.orientation.w) for p in ros.heard["pose"]} == {(0.0, 1.0)}

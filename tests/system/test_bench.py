@@ -16,6 +16,7 @@ from crawler_bench.entrants import ours
 from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
+from crawler_bench.films import measure_films
 from crawler_bench.gradients import measure_gradients
 from crawler_bench.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
 from crawler_bench.search import measure_search
@@ -331,3 +332,12 @@ def test_without_mujoco_sysid_our_identification_is_measured_alone(tmp_path):
         assert row["of_these_not"] == row["missed"] == 0
         if row["worst_error"] is not None:
             assert row["worst_error"] < (0.02 if row["noise"] else 1e-9)
+
+
+def test_films_are_measured():
+    pytest.importorskip("matplotlib")
+    rows = measure_films(5, lambda part: None, ("two_anchor_a",))
+    assert {row["case"] for row in rows} == {"frames drawn", "films written"}
+    assert {(row["n"], row["frames"]) for row in rows} == {(2, 5)}
+    assert {row["output"] for row in rows if "output" in row} >= {"gif", "html"}
+    assert all(row["frames_per_s"] > 0.0 for row in rows)

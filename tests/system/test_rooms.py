@@ -27,7 +27,7 @@ ROOMS = {
         "wire",
         "examples",
     ),
-    "crawler_pictures": ("run",),
+    "crawler_pictures": ("film", "run"),
     "crawler_model": (
         "identify",
         "optimise",

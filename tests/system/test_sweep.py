@@ -200,6 +200,11 @@ MISTAKES = [
     ([*LENGTHS, "--out", "x.csv"], "must end in .parquet"),
     ([*LENGTHS, "--out", "nodir/x.parquet"], "the folder"),
     ([*LENGTHS, "--png", "x.jpg"], "must end in .png"),
+    (
+        [*LENGTHS, "--plot", "cost"],
+        "--plot: 'cost' is not a column of results; the columns are net_translation, gained",
+    ),
+    (["--vary", "drive.length=2", "--plot", "work"], "--plot: a picture needs one or two keys that vary"),
     (["--vary", "drive.length=2", "--png", "x.png"], "one or two keys that vary"),
     ([*LENGTHS, "--duration", "-1"], "duration: -1 s"),
     ([*LENGTHS, "--workers", "0"], "'--workers'"),

@@ -1,0 +1,163 @@
+"""A run sampled at the frames of a film, as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crawler_model import CrawlerError, Scene, Trajectory
+from crawler_model.body.drive import NS
+from crawler_model.body.names import name_every_contact
+
+from ..ground import has_stasis_bounds, local_bounds
+
+MOST_FRAMES = 20_000
+"""More frames are refused: at 25 a second they are a film of 13 minutes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A run at F instants, of N contacts and J springs that are drawn.
+
+    Attributes:
+        scene: the scene.
+        names: of the contacts, shape (N,).
+        rest: reference positions, shape (N,), in the plane (N, 2) [m].
+        ends: the two contacts of each spring, shape (J, 2).
+        share: weight of each contact in the net translation, shape (N,).
+        time: simulated time, increasing, shape (F,) [s].
+        displacement: shape (F, N), in the plane (F, N, 2) [m].
+        state: sliding since the instant before, 1 forward, -1 back, in the plane 1 in any direction, else 0, shape
+            (F, N).
+        tension: of each spring, in the plane its size, shape (F, J) [N].
+        forward: bounds of the spring force on each contact where tensions have bounds, shape (F, N), else (F, 0) [N].
+        backward: likewise.
+    """
+
+    scene: Scene
+    names: tuple[str, ...]
+    rest: np.ndarray
+    ends: np.ndarray
+    share: np.ndarray
+    time: np.ndarray
+    displacement: np.ndarray
+    state: np.ndarray
+    tension: np.ndarray
+    forward: np.ndarray
+    backward: np.ndarray
+
+    @property
+    def planar(self) -> bool:
+        """Whether the body moves in the plane."""
+        return self.displacement.ndim == 3
+
+    @property
+    def place(self) -> np.ndarray:
+        """Positions of the contacts, shaped as the displacement [m]."""
+        return self.rest + self.displacement
+
+    @property
+    def step(self) -> float:
+        """Simulated time between frames [s]."""
+        return float(self.time[-1] - self.time[0]) / max(self.time.size - 1, 1)
+
+    @property
+    def cycle_frames(self) -> int:
+        """Number of frames in a period of the drive, or in a second."""
+        return max(round((self.scene.drive.period or 1.0) / self.step), 1) if self.step > 0.0 else 1
+
+    @property
+    def net_translation(self) -> np.ndarray:
+        """Mean displacement y, shape (F,), in the plane (F, 2) [m]."""
+        return np.asarray(np.tensordot(self.displacement, self.share, (1, 0)))
+
+    def sample(self, times: np.ndarray) -> Film:
+        """Sample the run at the frames of a film: positions and forces linearly, and every slip since the frame before.
+
+        Args:
+            times: instants within the run, increasing, shape (K,) [s].
+
+        Returns:
+            The run at these instants.
+        """
+        after = np.clip(np.searchsorted(self.time, times), 1, self.time.size - 1) if self.time.size > 1 else times * 0
+        after = after.astype(np.int64)
+        before = np.maximum(after - 1, 0)
+        gap = self.time[after] - self.time[before]
+        part = np.clip((times - self.time[before]) / np.where(gap > 0.0, gap, 1.0), 0.0, 1.0)
+
+        def blend(values: np.ndarray) -> np.ndarray:
+            weight = part.reshape(-1, *(1,) * (values.ndim - 1))
+            return np.asarray(values[before] + weight * (values[after] - values[before]))
+
+        first = np.append(after[:1], np.searchsorted(self.time, times[:-1], side="right"))
+        last = np.minimum(np.searchsorted(self.time, times), self.time.size - 1)
+        slid = np.maximum.accumulate(np.where(self.state != 0, np.arange(self.time.size)[:, None], -1), axis=0)[last]
+        state = np.take_along_axis(self.state, np.maximum(slid, 0), axis=0)
+        return replace(
+            self,
+            time=times,
+            displacement=blend(self.displacement),
+            state=np.where(slid >= np.minimum(first, last)[:, None], state, 0),
+            tension=blend(self.tension),
+            forward=blend(self.forward),
+            backward=blend(self.backward),
+        )
+
+
+def film_of_run(scene: Scene, run: Trajectory) -> Film:
+    """Take all contacts and springs of a run, with its ticks as instants.
+
+    Args:
+        scene: the scene that ran.
+        run: the run.
+
+    Returns:
+        The film.
+    """
+    body = scene.body
+    tension = run.tension if body.dimension == 1 else np.linalg.norm(run.tension, axis=2)
+    forward = backward = np.zeros((run.time.size, 0))
+    if has_stasis_bounds(body):
+        targets = scene.drive.sample(np.rint(run.time * NS).astype(np.int64))
+        bounds = [local_bounds(scene, target, x) for target, x in zip(targets, run.displacement, strict=True)]
+        forward, backward = (np.array(side) for side in zip(*bounds, strict=True))
+    names = tuple(name.removeprefix("contact_") for name in name_every_contact(body))
+    return Film(
+        scene,
+        names,
+        body.position,
+        body.ends,
+        body.share,
+        run.time,
+        run.displacement,
+        run.contact_state,
+        tension,
+        forward,
+        backward,
+    )
+
+
+def frame_times(start: float, end: float, fps: float, speed: float) -> np.ndarray:
+    """Compute the instants of the frames of a film.
+
+    Args:
+        start: simulated time of the first frame [s].
+        end: simulated time of the last one, not before the first [s].
+        fps: frames per second of the film [Hz].
+        speed: simulated seconds per second of the film [1].
+
+    Returns:
+        Shape (F,) [s].
+
+    Raises:
+        CrawlerError: when there would be too many frames, or fewer than two.
+    """
+    count = (end - start) * fps / speed
+    if not 1.0 - 1e-9 <= count < MOST_FRAMES:
+        raise CrawlerError(
+            f"the film would have {count + 1:.6g} frames; it must have 2 .. {MOST_FRAMES}: choose the simulated time "
+            "with --from and --to, and --fps or --speed"
+        )
+    return start + np.arange(int(count + 1e-9) + 1) * (speed / fps)

@@ -1,0 +1,170 @@
+"""The frames of a film: figure and artists are made once, after that only what moves is drawn again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+import numpy as np
+
+from ..run.kymograph import MOST_LINES, MOST_NAMED, draw_positions, draw_states
+from .film import Film
+from .moving_set import moving_set
+from .panels import LinePanel, PlanePanel, Rolling, SetPanel
+from .pixels import Clock, RollingAxis
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+_DPI = 100
+_STYLE: dict[Any, Any] = {
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "mathtext.fontset": "dejavusans",
+    "axes.unicode_minus": True,
+}
+_MOST_ROWS = 48
+
+
+class Panel(Protocol):
+    """Axes whose content moves from frame to frame; `rolling` holds the axes and limits of those that move along."""
+
+    moving: list[Artist]
+    rolling: Rolling | None
+
+    def move(self, k: int) -> None:
+        """Move everything to frame `k`."""
+        ...
+
+
+class Stage:
+    """Draws the frames of a film, each in a few milliseconds."""
+
+    def __init__(self, film: Film, width: int = 1280, height: int = 720) -> None:
+        """Draw all that does not move.
+
+        Args:
+            film: the run, sampled at the frames.
+            width: width of the frames [pixels].
+            height: height of the frames [pixels].
+        """
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._film = film
+        with matplotlib.rc_context(_STYLE):
+            scale = width / 1280.0
+            self._figure = Figure(figsize=(12.8, 12.8 * height / width), dpi=_DPI * scale)
+            self._canvas = cast(Any, FigureCanvasAgg(self._figure))  # typed in part
+            self._panels: list[Panel] = []
+            self._moving: list[tuple[Axes, Artist]] = []
+            timed = self._build()
+            self._figure.text(0.015, 0.965, film.scene.name, va="center", fontsize=13, weight="bold")
+            for panel in self._panels:
+                for artist in panel.moving:
+                    artist.set_animated(True)
+            self._canvas.draw()
+            self._spans = [self._span(axes) for axes in timed]
+            self._clock = Clock(self._figure, self._canvas)
+            sides = [panel.rolling for panel in self._panels if panel.rolling is not None]
+            self._axes = [RollingAxis(self._figure, self._canvas, *side) for side in sides]
+            self._background = self._canvas.copy_from_bbox(self._figure.bbox)
+        self._ahead = np.asarray(self._canvas.buffer_rgba())[..., :3] // 3 + 170
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the frames [pixels]."""
+        return self._canvas.get_width_height()
+
+    def draw(self, k: int) -> np.ndarray:
+        """Draw a frame.
+
+        Args:
+            k: its number.
+
+        Returns:
+            Red, green and blue, uint8, shape (height, width, 3); valid until the next frame is drawn.
+        """
+        for axis in self._axes:
+            axis.prepare(k)
+        self._canvas.restore_region(self._background)
+        for panel in self._panels:
+            panel.move(k)
+            for artist in panel.moving:
+                self._figure.draw_artist(artist)
+        picture = np.asarray(self._canvas.buffer_rgba())[..., :3]
+        for axis in self._axes:
+            axis.draw(picture, k)
+        film = self._film
+        part = k / max(film.time.size - 1, 1)
+        for rows, left, right in self._spans:
+            now = left + round(part * (right - left))
+            picture[rows, now:right] = self._ahead[rows, now:right]
+            picture[rows, now - 1 : now + 1] = 0
+        self._clock.write(picture, f"t = {film.time[k]:.{_digits(film.step)}f} s")
+        return picture
+
+    def _span(self, axes: Axes) -> tuple[slice, int, int]:
+        """Find the rows, the first and the last column of axes over time [pixels]."""
+        box, height = axes.get_window_extent(), self.size[1]
+        return slice(height - round(box.y1) + 1, height - round(box.y0) - 1), round(box.x0) + 1, round(box.x1) - 1
+
+    def _build(self) -> list[Axes]:
+        """Create the panels; return the axes over time."""
+        film, figure = self._film, self._figure
+        shape = figure.get_figheight() / figure.get_figwidth()
+
+        def axes(left: float, bottom: float, width: float, height: float, **more: Any) -> Axes:
+            return figure.add_axes((left, bottom, width, height), **more)
+
+        if film.planar:
+            above = axes(0.06, 0.09, 0.52, 0.80)
+            self._panels.append(PlanePanel(above, film, 0.52 / (0.80 * shape)))
+            states, net = axes(0.66, 0.50, 0.32, 0.39), axes(0.66, 0.09, 0.32, 0.33)
+        else:
+            self._panels.append(LinePanel(axes(0.03, 0.655, 0.94, 0.25), film))
+            swept = moving_set(film)
+            longest = max(map(len, film.names)) if len(film.names) <= MOST_NAMED else 0
+            wide = 0.50 if swept is not None else 0.93 - 0.008 * longest
+            states, net = axes(0.06, 0.31, wide, 0.235), axes(0.06, 0.075, wide, 0.17)
+            if swept is not None:
+                right = axes(0.645, 0.09, 0.335, 0.44)
+                self._panels.append(SetPanel(right, film, swept, 0.335 / (0.44 * shape)))
+        self._draw_states(states)
+        self._draw_net(net)
+        states.set_xlim(film.time[0], film.time[-1])
+        states.tick_params(labelbottom=False)
+        net.set_xlim(film.time[0], film.time[-1])
+        net.set_xlabel("simulated time [s]", labelpad=1)
+        return [states, net]
+
+    def _draw_states(self, axes: Axes) -> None:
+        """Draw the kymograph: lines at their positions on the track, or an image of many contacts and in the plane."""
+        film, n = self._film, len(self._film.names)
+        if film.planar or n > min(MOST_LINES, _MOST_ROWS):
+            joined = draw_states(axes, film.time, film.state, film.names, film.rest if not film.planar else None)
+            title = "contacts over time" + (f"; {joined}" if joined else "")
+            axes.set_ylabel("contact")
+        else:
+            draw_positions(axes, film.time, film.place, film.state, film.names)
+            axes.set_ylabel("contacts [m]")
+            title = "contacts over time: a line that rises goes forward"
+        axes.set_title(title, loc="left", fontsize=9)
+
+    def _draw_net(self, axes: Axes) -> None:
+        film = self._film
+        for values, color, name in zip(
+            film.net_translation.reshape(film.time.size, -1).T, ("black", "#888888"), "xy", strict=False
+        ):
+            axes.plot(film.time, values, color=color, linewidth=1.5, label=f"along {name}")
+        axes.set_ylabel("net transl. [m]")
+        if film.planar:
+            axes.set_title("net translation: black along x, grey along y", loc="left", fontsize=9)
+        axes.locator_params(axis="y", nbins=5)
+        axes.grid(alpha=0.3)
+
+
+def _digits(step: float) -> int:
+    """Count the decimals that tell frames apart."""
+    return int(np.clip(np.ceil(-np.log10(max(step, 1e-6))), 1, 6)) if step > 0.0 else 2

@@ -1,0 +1,305 @@
+"""The body in the rerun view: on its track, or in the plane from above."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crawler_model import Scene
+from crawler_pictures.colors import FORWARD, JUMP, rgb
+from crawler_pictures.film.camera import mark_ticks, round_step
+from crawler_pictures.film.panels import MOST_ARROWS, bows
+
+from .frames import Frame
+from .ground import JumpMarks, draw_ground
+from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, color_of, draw_grid
+
+MOST_CONTACTS = 400
+"""Contacts that are drawn; of larger bodies evenly spaced ones."""
+_MOST_WAYPOINTS = 32
+_PAGE = 1.6  # distance that the body walks before the page turns, in body lengths
+_PATH_POINTS, _PATH_STEP = 2000, 0.01
+"""Points of all paths in the plane, and the motion in body lengths between two of them."""
+
+
+class Shape:
+    """The contacts and springs that are drawn."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Choose them.
+
+        Args:
+            scene: the scene.
+        """
+        body = scene.body
+        n = body.stations.size
+        self.rest = body.position[body.stations]
+        self.chosen = np.arange(n) if n <= MOST_CONTACTS else np.linspace(0, n - 1, MOST_CONTACTS).astype(np.int64)
+        neighbours = np.column_stack((np.arange(self.chosen.size - 1), np.arange(1, self.chosen.size)))
+        self.joints = body.joints if n <= MOST_CONTACTS else neighbours
+        self.length = find_length(scene)
+        self.planar = body.dimension == 2
+        self.note = "" if n <= MOST_CONTACTS else f", {MOST_CONTACTS} of {n} contacts"
+        self.note += ", of segments the ends" if body.segments else ""
+        self.many = self.chosen.size > MOST_ARROWS
+        self.radius = self.length * min(0.045, 0.045 if self.planar else 0.35 / self.chosen.size)
+        self.bows = 0.06 * self.length * bows(self.rest, self.joints) if not self.planar else np.zeros(len(self.joints))
+
+    def place(self, frame: Frame) -> np.ndarray:
+        """Compute the positions of the chosen contacts, shape (K,), in the plane (K, 2) [m]."""
+        return np.asarray((self.rest + frame.displacement.reshape(self.rest.shape))[self.chosen])
+
+
+def find_length(scene: Scene) -> float:
+    """Find the length of a body: the largest at rest, at its start and at the waypoints of its drive without friction.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The length, in the plane the larger of both sides [m].
+    """
+    body, drive = scene.body, scene.drive
+    some = np.unique(np.linspace(0, drive.times.size - 1, _MOST_WAYPOINTS).astype(np.int64))
+    shapes = [np.zeros(body.position.shape), scene.start_displacement, *map(body.relaxed, drive.actuation[some])]
+    return max(float(np.ptp(body.position + shape, axis=0).max()) for shape in shapes)
+
+
+class TrackView:
+    """The body on its track: it walks across a page of track, then the page turns."""
+
+    entity = "world"
+
+    def __init__(self, rr: Any, stream: Any, scene: Scene) -> None:
+        """Prepare the first page.
+
+        Args:
+            rr: the module rerun.
+            stream: the recording to log to.
+            scene: the scene.
+        """
+        self._rr, self._stream, self._scene = rr, stream, scene
+        self._shape = Shape(scene)
+        self._share, rest = scene.body.station_share, self._shape.rest
+        self._middle, self._length = float(self._share @ rest), self._shape.length
+        self._window = float(rest.min()) + np.array([-0.6, 3.4]) * self._length
+        self._page: int | None = None
+        self._marks = JumpMarks(rr, stream, scene, self._length)
+        self.paved = scene.parts.ground is not None
+
+    def build_view(self, rrb: Any) -> Any:
+        """Build the view.
+
+        Args:
+            rrb: the module rerun.blueprint.
+        """
+        below = 0.42 if self.paved else 0.22
+        bounds = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-0.25 * self._length, below * self._length])
+        name = f"Crawler on its track{self._shape.note}: green slips forward, red slips back, grey sticks"
+        return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
+
+    def draw(self, frame: Frame, seconds: float) -> None:
+        """Log a frame.
+
+        Args:
+            frame: the frame.
+            seconds: its time [s], which is set.
+        """
+        shape, stations = self._shape, self._shape.rest + frame.displacement
+        y = float(self._share @ stations)
+        if frame.jumps:
+            self._marks.add(frame.jumps, self._turn(y) if self._page is None else self._page * _PAGE * self._length)
+            self._stream.set_time("sim_time", duration=seconds)
+        origin = self._turn(y)
+        self._marks.age(frame.time_ns, origin)
+        place, state = shape.place(frame) - origin, frame.state[shape.chosen]
+        points = np.column_stack((place, np.full(place.size, -shape.radius)))
+        colors = [STATES[int(s)] for s in state]
+        jumping = np.isin(self._scene.body.stations[shape.chosen], self._marks.contacts)
+        for k in np.flatnonzero(jumping).tolist():
+            colors[k] = rgb(JUMP)
+        log_body(self._rr, self._stream, shape, points, colors)
+        log_slips(
+            self._rr,
+            self._stream,
+            shape,
+            points - np.array([0.0, 2.2 * shape.radius]),
+            np.column_stack((state, 0 * state)),
+            colors,
+        )
+
+    def _turn(self, middle: float) -> float:
+        """Draw the page of track around the body's middle; return the position of its origin [m]."""
+        page = int(np.floor((middle - self._middle) / (_PAGE * self._length)))
+        origin = page * _PAGE * self._length
+        if page == self._page:
+            return origin
+        self._page = page
+        rr, depth = self._rr, 0.05 * self._length
+        left, right = self._window + origin
+        marks = mark_ticks(left, right, round_step(self._length / 3.0))
+        at = marks - origin
+        lines = [[[x, 0.0], [x, depth]] for x in at] + [[[self._window[0], 0.0], [self._window[1], 0.0]]]
+        track = rr.LineStrips2D(lines, colors=[(150, 150, 150)], radii=rr.Radius.ui_points(1.0))
+        self._stream.log("world/track", track)
+        labels = rr.Points2D(
+            np.column_stack((at, np.full(at.size, 2.4 * depth))),
+            labels=[f"{m + 0.0:.6g} m" for m in marks],
+            colors=[TEXT],
+            radii=rr.Radius.ui_points(0.0),
+            show_labels=True,
+        )
+        self._stream.log("world/marks", labels)
+        draw_ground(rr, self._stream, self._scene, self._window + origin, origin, self._length)
+        return origin
+
+
+class PlaneView:
+    """The body in the plane from above, with the path of every contact and of their mean."""
+
+    entity = "world"
+
+    def __init__(self, rr: Any, stream: Any, scene: Scene, extent: tuple[np.ndarray, np.ndarray] | None) -> None:
+        """Choose the part of the plane that is shown first.
+
+        Args:
+            rr: the module rerun.
+            stream: the recording to log to.
+            scene: the scene.
+            extent: smallest and largest positions, each shape (2,) [m]; None where they are not known beforehand.
+        """
+        self._rr, self._stream, self._scene = rr, stream, scene
+        self._shape = Shape(scene)
+        self._share = scene.body.station_share
+        room = 2.0 if extent is None else 0.35
+        low, high = (self._shape.rest.min(axis=0), self._shape.rest.max(axis=0)) if extent is None else extent
+        self._low, self._high = low - room * self._shape.length, high + room * self._shape.length
+        self._kept: list[np.ndarray] = []
+        self._before: np.ndarray | None = None
+        far = float((self._high - self._low).max())
+        step = round_step(far / 6.0)
+        draw_grid(rr, stream, "world", self._low, self._high, step, "m")
+
+    def build_view(self, rrb: Any) -> Any:
+        """Build the view.
+
+        Args:
+            rrb: the module rerun.blueprint.
+        """
+        margin = 0.1 * float((self._high - self._low).max())
+        bounds = rrb.VisualBounds2D(
+            x_range=[self._low[0] - margin, self._high[0] + margin],
+            y_range=[-self._high[1] - margin, -self._low[1] + margin],
+        )
+        directions = (
+            "short strokes: directions of friction"
+            if len(self._scene.directions)
+            else "friction equal in all directions"
+        )
+        name = f"Crawler from above{self._shape.note}: green slides, grey sticks; white: path of the mean; {directions}"
+        return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
+
+    def draw(self, frame: Frame, seconds: float) -> None:
+        """Log a frame.
+
+        Args:
+            frame: the frame.
+            seconds: its time [s], which is set.
+        """
+        shape = self._shape
+        place = shape.place(frame)
+        points = place * (1.0, -1.0)  # y points down in rerun
+        slides = frame.state[shape.chosen] != 0
+        colors = [STATES[int(s)] for s in slides]
+        log_body(self._rr, self._stream, shape, points, colors)
+        moved = np.zeros(points.shape) if self._before is None else points - self._before
+        size = np.linalg.norm(moved, axis=1, keepdims=True)
+        log_slips(
+            self._rr, self._stream, shape, points, slides[:, None] * moved / np.where(size > 0.0, size, 1.0), colors
+        )
+        self._before = points
+        self._log_directions(points)
+        mean = self._share @ (self._shape.rest + frame.displacement.reshape(self._shape.rest.shape)) * (1.0, -1.0)
+        now = np.vstack((points[:MOST_ARROWS], mean[None]))
+        if not self._kept or np.abs(now - self._kept[-1]).max() > _PATH_STEP * shape.length:
+            self._kept = [*self._kept, now][-max(_PATH_POINTS // now.shape[0], 20) :]
+            paths = np.array(self._kept).transpose(1, 0, 2)
+            paths_colors = [*(color_of(i) for i in range(now.shape[0] - 1)), MOVING]
+            radii = [self._rr.Radius.ui_points(1.0)] * (now.shape[0] - 1) + [self._rr.Radius.ui_points(2.0)]
+            drawn = self._rr.LineStrips2D(list(paths), colors=paths_colors, radii=radii, draw_order=-5.0)
+            self._stream.log("world/paths", drawn)
+        self._stream.log("world/mean", self._rr.Points2D([mean], colors=[MOVING], radii=self._rr.Radius.ui_points(4.0)))
+
+    def _log_directions(self, points: np.ndarray) -> None:
+        """Log short strokes along the directions of friction under each contact."""
+        directions = self._scene.directions
+        if len(directions) == 0 or points.shape[0] > MOST_ARROWS:
+            return
+        reach = 2.2 * self._shape.radius * directions * (1.0, -1.0)
+        lines = [[p, p + d] for p in points for d in reach]
+        self._stream.log(
+            "world/friction",
+            self._rr.LineStrips2D(lines, colors=[FAINT], radii=self._rr.Radius.ui_points(1.5), draw_order=-2.0),
+        )
+
+
+def log_body(rr: Any, stream: Any, shape: Shape, points: np.ndarray, colors: list[Any]) -> None:
+    """Log contacts and springs.
+
+    Args:
+        rr: the module rerun.
+        stream: the recording to log to.
+        shape: what is drawn.
+        points: the contacts in the view, shape (K, 2) [m].
+        colors: of the contacts.
+    """
+    radii = rr.Radius.ui_points(2.5) if shape.many else shape.radius
+    stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radii, draw_order=2.0))
+    springs: Any = points[shape.joints]
+    thickness = rr.Radius.ui_points(0.5)
+    if not shape.many:
+        ends = zip(springs, shape.bows, strict=True)
+        springs = [_spring(start, end, shape.radius, bow) for (start, end), bow in ends]
+        thickness = 0.1 * shape.radius
+    colors = [color_of(i) for i in range(len(springs))]
+    drawn = rr.LineStrips2D(springs, colors=colors, radii=thickness, draw_order=1.0)
+    stream.log("world/links", drawn)
+
+
+def log_slips(rr: Any, stream: Any, shape: Shape, points: np.ndarray, ways: np.ndarray, colors: list[Any]) -> None:
+    """Log an arrow at each contact that slides, where there is room for arrows.
+
+    Args:
+        rr: the module rerun.
+        stream: the recording to log to.
+        shape: what is drawn.
+        points: where the arrows are, shape (K, 2) [m].
+        ways: their directions, 0 for none, shape (K, 2).
+        colors: of the contacts.
+    """
+    if points.shape[0] > MOST_ARROWS:
+        return
+    reach = 0.14 * shape.length if shape.planar else 2.6 * shape.radius
+    slides = np.flatnonzero(np.abs(ways).max(axis=1) > 0.0)
+    start = points[slides] - (0.0 if shape.planar else 0.5 * reach * ways[slides])
+    arrows = rr.Arrows2D(
+        origins=start,
+        vectors=reach * ways[slides],
+        colors=[rgb(FORWARD) if shape.planar else colors[k] for k in slides.tolist()] or None,
+        radii=0.2 * shape.radius,
+        draw_order=5.0,
+    )
+    stream.log("world/slips", arrows)
+
+
+def _spring(start: np.ndarray, end: np.ndarray, radius: float, bow: float, teeth: int = 4) -> np.ndarray:
+    """Draw a spring between two points as a zigzag, arched upwards by `bow`, shape (2 teeth + 3, 2) [m]."""
+    length = max(float(np.hypot(*(end - start))), 1e-9 * radius)
+    along = (end - start) / length
+    across = np.array([along[1], -along[0]])
+    x = np.concatenate(([0.0], np.linspace(radius, length - radius, 2 * teeth + 1), [length]))
+    y = 4.0 * bow * (x / length) * (1.0 - x / length)
+    y[2:-2:2] += 0.9 * radius
+    y[3:-2:2] -= 0.9 * radius
+    return np.asarray(start + x[:, None] * along + y[:, None] * across)

@@ -1,0 +1,57 @@
+"""Colours and ticks of the rerun view, which is dark as rerun's plots are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crawler_pictures.colors import BACK, FORWARD, rgb
+from crawler_pictures.film.camera import mark_ticks
+
+BACKGROUND = [13, 16, 17]
+"""The background of rerun's plots."""
+STICK = (125, 125, 125)
+STATES = {-1: rgb(BACK), 0: STICK, 1: rgb(FORWARD)}
+"""Colours of the states of a contact."""
+LINES = (
+    *((86, 140, 250), (236, 150, 50), (190, 120, 240), (40, 185, 185)),
+    *((240, 120, 160), (170, 170, 60), (150, 110, 80), (200, 200, 200)),
+)
+"""Colours of links and curves."""
+LINE_NAMES = ("blue", "orange", "violet", "turquoise", "pink", "olive", "brown", "white")
+BOUND, FAINT, TEXT = (150, 150, 150), (70, 74, 76), (225, 225, 225)
+MOVING, BOTH = (235, 235, 235), (240, 205, 70)
+
+
+def color_of(number: int) -> tuple[int, int, int]:
+    """Return the colour of a link or a curve."""
+    return LINES[number % len(LINES)]
+
+
+def draw_grid(rr: Any, stream: Any, entity: str, low: np.ndarray, high: np.ndarray, step: float, unit: str) -> None:
+    """Draw a grid with numbers along its lower and left side, in a view in which y points down.
+
+    Args:
+        rr: the module rerun.
+        stream: the recording to log to.
+        entity: parent of what is logged.
+        low: lower left corner, shape (2,).
+        high: upper right corner, shape (2,).
+        step: distance of the lines.
+        unit: unit of the numbers.
+    """
+    across, upwards = (mark_ticks(low[i], high[i], step) for i in range(2))
+    lines = [[[x, -low[1]], [x, -high[1]]] for x in across] + [[[low[0], -y], [high[0], -y]] for y in upwards]
+    zero = [x == 0.0 for x in np.concatenate((np.abs(across) > 0.5 * step, np.abs(upwards) > 0.5 * step))]
+    colors = [BOUND if z else FAINT for z in zero]
+    grid = rr.LineStrips2D(lines, colors=colors, radii=rr.Radius.ui_points(0.5), draw_order=-30.0)
+    stream.log(f"{entity}/grid", grid, static=True)
+    across, upwards = (v[v > low[i] + 0.3 * step] for i, v in enumerate((across, upwards)))  # the corner stays free
+    numbers = [*(f"{v + 0.0:.6g}" for v in across), *(f"{v + 0.0:.6g}" for v in upwards)]
+    if numbers:
+        numbers[across.size - 1] += f" {unit}" if across.size else ""
+        numbers[-1] += f" {unit}"
+    places = [(x, -low[1]) for x in across] + [(low[0], -y) for y in upwards]
+    labels = rr.Points2D(places, labels=numbers, colors=[TEXT], radii=rr.Radius.ui_points(0.0), show_labels=True)
+    stream.log(f"{entity}/numbers", labels, static=True)

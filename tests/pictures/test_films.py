@@ -1,0 +1,248 @@
+"""Films: frames beside pictures that were looked at, files read back, and the arrays from which they are drawn."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+from PIL import Image, ImageSequence
+
+from crawler_bench.cases import CASES
+from crawler_command.app import main
+from crawler_model import load_scene, simulate
+from crawler_model.theory.stasis import is_in_stasis
+from crawler_pictures.film.camera import follow
+from crawler_pictures.film.encode import write_gif, write_mp4
+from crawler_pictures.film.film import Film, film_of_run, frame_times
+from crawler_pictures.film.moving_set import moving_set
+from crawler_pictures.film.player import write_html
+from crawler_pictures.film.stage import Stage
+
+from ..recordings import record
+
+GOLDEN = Path(__file__).parent.parent / "golden"
+TOLERANCE = 8.0
+"""Of 255, as for the pages of replays."""
+INSTANTS = {
+    "two_anchor_a": 2.4,
+    "three_contacts_two_ways": 1.6,
+    "ten_contact_wave": 2.4,
+    "hybrid_body": 2.6,
+    "planar_three_points": 2.4,
+}
+
+
+def film_of(name: str, seconds: float = 3.0, fps: float = 25.0) -> Film:
+    scene = load_scene(name)
+    return film_of_run(scene, simulate(scene, seconds, fps)).sample(frame_times(0.0, seconds, fps, 1.0))
+
+
+def distance(drawn: np.ndarray, golden: Path) -> float:
+    """Root mean square of the difference of both pictures, made small."""
+    wanted = Image.open(golden).convert("RGB")
+    made = Image.fromarray(drawn).resize(wanted.size, Image.Resampling.BOX)
+    small = [np.asarray(picture.reduce(4), dtype=float) for picture in (made, wanted)]
+    return float(np.sqrt(np.mean((small[0] - small[1]) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def films():
+    return {name: film_of(name) for name in INSTANTS}
+
+
+@pytest.mark.parametrize("name", INSTANTS)
+def test_a_frame_is_the_one_that_was_looked_at(films, name):
+    stage, at = Stage(films[name]), INSTANTS[name]
+    wanted = GOLDEN / f"film_{name}.png"
+    stage.draw(0)  # nothing of an earlier frame remains
+    assert distance(stage.draw(round(at * 25)), wanted) < TOLERANCE
+    other = GOLDEN / f"film_{'ten_contact_wave' if name != 'ten_contact_wave' else 'two_anchor_a'}.png"
+    assert distance(stage.draw(round(at * 25)), other) > 2.0 * TOLERANCE
+
+
+def test_an_mp4_has_every_frame_in_order(films, tmp_path):
+    av = pytest.importorskip("av")
+    film = films["two_anchor_a"].sample(frame_times(0.0, 1.0, 25.0, 1.0))
+    write_mp4(film, tmp_path / "x.mp4", 25.0, lambda part: None)
+    with av.open(str(tmp_path / "x.mp4")) as container:
+        (stream,) = container.streams
+        assert (stream.codec_context.name, stream.average_rate, stream.width, stream.height) == ("h264", 25, 1280, 720)
+        shown = [frame.to_ndarray(format="rgb24").astype(int) for frame in container.decode(stream)]
+    assert len(shown) == film.time.size == 26
+    stage = Stage(film)
+    for k in (0, 13, 25):
+        errors = [np.abs(picture - stage.draw(k)).mean() for picture in shown]
+        assert int(np.argmin(errors)) == k
+
+
+def test_a_gif_shows_every_frame_for_its_time(films, tmp_path):
+    film = films["three_contacts_two_ways"].sample(frame_times(0.0, 1.0, 30.0, 1.0))
+    write_gif(film, tmp_path / "x.gif", 30.0, lambda part: None)
+    image = Image.open(tmp_path / "x.gif")
+    assert image.size == (960, 540)
+    assert image.info["loop"] == 0
+    shown = [frame.convert("RGB") for frame in ImageSequence.Iterator(image)]
+    assert len(shown) == film.time.size == 31
+    durations = [frame.info["duration"] for frame in ImageSequence.Iterator(image)]
+    assert sum(durations) == pytest.approx(1000 * 31 / 30, abs=6)
+    stage = Stage(film, 960, 540)
+    for k in (0, 15, 30):
+        assert np.abs(np.asarray(shown[k]).astype(int) - stage.draw(k)).mean() < 1.0
+
+
+def read_page(file: Path) -> tuple[str, dict]:
+    text = file.read_text(encoding="utf-8")
+    (data,) = re.findall(r'<script id="data" type="application/json">(.*?)</script>', text, re.DOTALL)
+    return text.replace(data, ""), json.loads(data)
+
+
+def unpack(text: str, kind: str = "<f4") -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+@pytest.mark.parametrize("name", INSTANTS)
+def test_a_page_holds_the_run_and_needs_no_network(films, name, tmp_path):
+    film = films[name]
+    write_html(film, tmp_path / "x.html", 25.0, lambda part: None)
+    page, data = read_page(tmp_path / "x.html")
+    assert not re.search(r"https?:|src=|@import|fetch\(", page)
+    assert np.allclose(unpack(data["time"], "<f8"), film.time)
+    assert np.allclose(unpack(data["place"]).reshape(film.place.shape), film.place, rtol=1e-6, atol=1e-7)
+    assert np.array_equal(unpack(data["state"], "i1").reshape(film.state.shape), film.state)
+    assert data["planar"] == film.planar
+    assert (data["set"] is not None) == (len(film.names) in (2, 3) and not film.planar)
+    if film.planar:
+        left, low, right, high = data["window"]
+        assert (right - left) / (high - low) == pytest.approx(1.2)
+        assert len(unpack(data["kymograph"]["state"], "i1")) == data["kymograph"]["rows"] * data["kymograph"]["columns"]
+
+
+def test_a_page_of_many_contacts_names_how_many_it_draws(tmp_path):
+    scene = CASES["wave_1000"]().scene
+    film = film_of_run(scene, simulate(scene, 0.2, 25.0))
+    write_html(film, tmp_path / "x.html", 25.0, lambda part: None)
+    _, data = read_page(tmp_path / "x.html")
+    assert (data["contacts"], len(data["names"])) == (1000, 400)
+    assert data["kymograph"]["rows"] == 400
+    image = unpack(data["kymograph"]["state"], "i1").reshape(400, -1)
+    assert image.any(axis=1).sum() == np.maximum.reduceat(film.state[1:].any(axis=0), np.arange(400) * 5 // 2).sum()
+
+
+def test_a_sampled_run_keeps_positions_and_every_slip():
+    scene = load_scene("three_contacts_two_ways")
+    run = simulate(scene, 2.0, 100.0)
+    film = film_of_run(scene, run).sample(np.array([0.0, 0.5, 1.0, 1.005, 2.0]))
+    assert np.array_equal(film.displacement[[0, 1, 2, 4]], run.displacement[[0, 50, 100, 200]])
+    middle = 0.5 * (run.displacement[100] + run.displacement[101])
+    assert film.displacement[3] == pytest.approx(middle, abs=1e-15)
+    for k, (first, last) in enumerate(((1, 50), (51, 100)), start=1):
+        slid = (run.contact_state[first : last + 1] != 0).any(axis=0)
+        assert np.array_equal(film.state[k] != 0, slid)
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "slope_climber", "three_contacts_two_ways"])
+def test_the_point_stays_in_the_set_that_moves_with_the_actuation(name):
+    film = film_of(name)
+    swept = moving_set(film)
+    assert swept is not None
+    size = float(np.abs(film.tension).max())
+    slack = 1e-9 * size
+    for k in range(film.time.size):
+        assert is_in_stasis(film.tension[k], film.forward[k] + slack, film.backward[k] + slack)
+    lengths = np.column_stack(
+        [np.interp(film.time, film.scene.drive.times, c, period=1.0) for c in film.scene.drive.actuation.T]
+    )
+    moved = swept.point[:, -lengths.shape[1] :] - film.tension
+    assert moved == pytest.approx(film.scene.body.stiffness * lengths, abs=1e-9 * size)
+    # corners surround the point, which is on a side while a contact slides
+    low, high = swept.outline.min(axis=1), swept.outline.max(axis=1)
+    assert (swept.point >= low - slack).all()
+    assert (swept.point <= high + slack).all()
+
+
+def test_the_camera_keeps_the_body_in_sight_and_moves_steadily():
+    walk = 0.1 * np.arange(200.0)
+    left, right = follow(walk, walk + 1.0, 4.0, 25)
+    assert (left <= walk).all()
+    assert (right >= walk + 1.0).all()
+    assert np.diff(left) == pytest.approx(0.1, abs=1e-9)
+    assert np.ptp(right - left) == pytest.approx(0.0, abs=1e-9)
+    still, end = follow(walk[:20], walk[:20] + 1.0, 4.0, 25)
+    assert (still == 0.0).all()
+    assert (end == walk[19] + 1.0).all()
+
+
+def test_a_recording_becomes_a_film_of_the_times_asked_for(tmp_path, capsys):
+    bag = record(tmp_path / "bag", load_scene("two_anchor_a"), 3, wait=0.0)
+    with pytest.raises(SystemExit) as end:
+        main(["animate", str(bag), "--out", str(tmp_path / "x.html"), "--from", "0.5", "--to", "2", "--speed", "0.5"])
+    assert end.value.code == 0
+    assert "x.html: 76 frames, 0.5 to 2 s of two_anchor_a" in capsys.readouterr().out
+    _, data = read_page(tmp_path / "x.html")
+    run = simulate(load_scene("two_anchor_a"), 2.0, 100.0)
+    shown = unpack(data["place"]).reshape(76, 2)
+    assert shown[[0, 75]] == pytest.approx(run.displacement[[50, 200]] + [0.0, 1.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--out", "x.avi"], "--out: x.avi must end in .mp4, .gif or .html"),
+        (["--out", "no/x.gif"], "no does not exist"),
+        (["--out", "x.gif", "--fps", "60"], "--fps: 60; a .gif has at most 50 frames per second"),
+        (["--out", "x.gif", "--speed", "0"], "--speed: 0; it must be > 0"),
+        (["--out", "x.gif", "--from", "2", "--to", "1"], "--to: 1 s; it must be after the start of the film, 2 s"),
+        (["--out", "x.gif", "--to", "1", "--seconds", "1"], "--seconds and --to cannot be combined"),
+        (["--out", "x.html", "--speed", "1e-6"], "the film would have 1e+08 frames; it must have 2 .. 20000"),
+    ],
+)
+def test_a_film_that_cannot_be_made_is_refused_in_one_line(arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        main(["animate", "two_anchor_a", *arguments])
+    assert end.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_an_encoder_one_line_names_the_extra_and_what_needs_none(tmp_path):
+    code = (
+        "import importlib.util, sys; find = importlib.util.find_spec\n"
+        "importlib.util.find_spec = lambda name, *rest: None if name == 'av' else find(name, *rest)\n"
+        "from crawler_command.app import main\n"
+        f"main(['animate', 'two_anchor_a', '--out', {str(tmp_path / 'x.mp4')!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.endswith("needs PyAV; install it with: pip install 'crawler-ros[animate]', or write a .gif or an .html")
+
+
+def test_an_interrupt_leaves_nothing_behind(tmp_path):
+    command = [sys.executable, "-c", "from crawler_command.app import main; main()"]
+    film = subprocess.Popen(
+        [*command, "animate", "two_anchor_a", "--out", str(tmp_path / "x.gif"), "--seconds", "60"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 120.0
+    while not any(part.stat().st_size > 10_000 for part in tmp_path.iterdir()):  # it is being written
+        assert film.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    film.send_signal(signal.SIGINT)
+    _, said = film.communicate(timeout=60)
+    assert film.returncode == 130
+    assert said.decode().splitlines()[-1] == "crawler: stopped"
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,49 @@
+"""The pictures of sweeps: the column that is asked for, and gaps between values that stay open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+from PIL import Image
+
+from crawler_model import CrawlerError, load_scene, simulate_many, vary
+from crawler_pictures.sweep import draw_sweep, find_gaps, shown_column
+
+UNITS = {"drive.wave.wavelength": "m", "drive.wave.amplitude": "m"}
+
+
+def wave_of_both_signs():
+    plain = load_scene("ten_contact_wave").document()
+    plain["start"] = "relaxed"
+    scene = type(load_scene("ten_contact_wave")).model_validate(plain)
+    lengths = np.array([-0.8, -0.6, -0.4, 0.4, 0.6, 0.8])
+    return vary(scene, {"drive.wave.wavelength": lengths, "drive.wave.amplitude": [0.01, 0.02]})
+
+
+def test_gaps_are_found_where_a_grid_is_left_out():
+    assert find_gaps(np.array([-0.8, -0.6, -0.4, 0.4, 0.6])).tolist() == [False, False, True, False]
+    assert not find_gaps(np.log(np.geomspace(1.0, 100.0, 7))).any()
+    assert not find_gaps(np.array([2.0])).any()
+
+
+def test_a_map_stays_open_between_wavelengths_of_both_signs_and_shows_the_column(tmp_path):
+    variations = wave_of_both_signs()
+    runs = simulate_many(variations, duration=2.0, workers=1)
+    pictures = []
+    for column in (None, "work"):
+        draw_sweep(variations, UNITS, [], runs, tmp_path / "x.png", column)
+        pictures.append(np.asarray(Image.open(tmp_path / "x.png").convert("RGB")).astype(int))
+    grey = (np.abs(pictures[0] - 0xD8).max(axis=2) < 3).sum(axis=0)
+    middle = np.flatnonzero(grey > 0.5 * grey.max())  # the band of no wavelength
+    assert np.ptp(middle) + 1 == pytest.approx(middle.size, abs=2)
+    assert middle.size == pytest.approx(0.6 / 1.8 * 660, abs=40)
+    assert np.abs(pictures[0] - pictures[1]).mean() > 2.0
+    assert shown_column(runs, "work")[1] == pytest.approx(runs.work)
+
+
+def test_a_column_without_values_is_refused():
+    runs = simulate_many(vary(load_scene("two_anchor_a"), {"drive.length": [1.0, 2.0]}), duration=0.5, workers=1)
+    with pytest.raises(CrawlerError, match="--plot: no variation has a value of per_period"):
+        shown_column(runs, "per_period")
