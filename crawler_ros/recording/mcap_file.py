@@ -37,6 +37,8 @@ _MESSAGE = int(Opcode.MESSAGE)
 _SIZED = 9
 """Bytes of a record not counted in its size: the opcode and the size."""
 _HEAD_REST = _MESSAGE_HEAD.size - _SIZED
+HEAD_SEQUENCE, HEAD_TIMES, HEAD_SIZE = 11, 15, _MESSAGE_HEAD.size
+"""In the head of a message record: place of its number on its channel (u32) and of its two times (u64); its size."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _MAGIC = b"\x89MCAP0\r\n"
 
