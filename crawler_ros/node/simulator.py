@@ -17,7 +17,7 @@ from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
 from crawler_model.motion.state import AMBIGUOUS, OVERSPENT, UNSOLVED
-from crawler_model.run.ticks import rational_rate, tick_end_ns
+from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
@@ -290,15 +290,13 @@ class Simulator(QuietNode):
         """Run many ticks at once if nothing has to be waited for and no command waits; return whether any were run."""
         if self._ahead is None or self.stepper.paused or not (self.lock_step or self.stepper.real_time_factor == 0.0):
             return False
-        start_ns, first = self.stepper.now_ns, self.stepper.tick
-        ends = [tick_end_ns(k, self.stepper.rate) for k in range(first + 1, first + 1 + self._ahead.ticks)]
+        start_ns, ends = self.stepper.now_ns, self.stepper.ends_ns(self._ahead.ticks)
         taken = self.commands.take_ahead(start_ns, ends)
         if taken is None:
             return False
-        accounts = self._ahead.run(self.crawler, taken, first, start_ns, ends[: taken.first.size - 1])
-        for account in accounts:
-            self.stepper.finish()
-            self.certificates.add(account)
+        accounts = self._ahead.run(self.crawler, taken, self.stepper.tick, start_ns, ends[: taken.first.size - 1])
+        self.stepper.finish(len(accounts))
+        self.certificates.add(accounts)
         self.ambiguous += int(np.count_nonzero(accounts[:, AMBIGUOUS]))
         self.overspent += int(accounts[:, OVERSPENT].sum())
         self.unsolved += int(accounts[:, UNSOLVED].sum())

@@ -2,7 +2,7 @@
 
 The bytes are those that `mcap.writer.Writer` writes, and the record classes of mcap write all but the messages. These
 arrive as records already, so that building a chunk means copying them and reading the head of each, instead of a dozen
-calls per message; the heads of ticks that repeat are read all at once. A second thread compresses chunks.
+calls per message.
 """
 
 from __future__ import annotations
@@ -11,10 +11,8 @@ import struct
 import zlib
 from array import array
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import IO, Any
 
-import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -41,8 +39,6 @@ _SIZED = 9
 _HEAD_REST = _MESSAGE_HEAD.size - _SIZED
 HEAD_SEQUENCE, HEAD_TIMES, HEAD_SIZE = 11, 15, _MESSAGE_HEAD.size
 """In the head of a message record: place of its number on its channel (u32) and of its two times (u64); its size."""
-_KIND = 11
-"""Bytes at the beginning of a message record that are equal for equal sizes and channels."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _MAGIC = b"\x89MCAP0\r\n"
 
@@ -78,11 +74,8 @@ class McapFile:
         self._stream = stream
         self._chunk_size = chunk_size
         self._chunk = bytearray()
-        # on repeating names and changing numbers, level -1 compresses to 2 .. 10 % more bytes than the default in half
-        # of the time
+        # on repeating names and changing numbers, level -1 compresses to a tenth more than the default in half the time
         self._compress = zstandard.ZstdCompressor(level=-1).compress
-        self._helper = ThreadPoolExecutor(1)
-        self._finished: tuple[bytearray, dict[int, array[int]], Future[tuple[bytes, int]]] | None = None
         self._indices: dict[int, array[int]] = {}  # log time and offset in the chunk of each message, by channel
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
@@ -140,7 +133,6 @@ class McapFile:
         view, unpack, indices, total = memoryview(data), _MESSAGE_HEAD.unpack_from, self._indices, len(data)
         begin = place = 0  # start of the data not yet in the chunk; start of the record
         shift = len(self._chunk)
-        seen: dict[bytes, int] = {}  # where a record of each kind began last
         while total - place >= _MESSAGE_HEAD.size:
             _, size, channel, _, log_ns, _ = unpack(view, place)
             end = place + _SIZED + size
@@ -149,85 +141,33 @@ class McapFile:
             if channel not in indices:
                 indices[channel] = array("Q")
             indices[channel].extend((log_ns, shift + place))
-            kind = bytes(view[place : place + _KIND])
-            before, seen[kind] = seen.get(kind, place), place
-            after = 2 * place - before
-            if place > before and view[after : after + _KIND] == kind:  # all records since `before` may repeat
-                most = min(total, self._chunk_size - shift)
-                end = max(self._add_repeats(view, before, place, most, shift), end)
-                seen.clear()
             place = end
             if shift + place > self._chunk_size:
                 self._chunk += view[begin:place]
                 self._finish_chunk()
-                begin, shift, indices = place, -place, self._indices
-                seen.clear()
+                begin, shift = place, -place
         self._chunk += view[begin:place]
         return place
 
-    def _add_repeats(self, view: memoryview, model: int, first: int, last: int, shift: int) -> int:
-        """Index the records from `first` to at most `last` that repeat those from `model` to `first` in size and channel.
-
-        The record at `first` is indexed already.
-
-        Returns:
-            Where the last repetition ends.
-        """
-        period = first - model
-        repeats = (last - first) // period
-        if repeats < 2:
-            return first
-        offsets, channels, place = [], [], 0
-        while place < period:
-            _, size, channel, _, _, _ = _MESSAGE_HEAD.unpack_from(view, model + place)
-            offsets.append(place)
-            channels.append(channel)
-            place += _SIZED + size
-        table = np.frombuffer(view, np.uint8, repeats * period, first).reshape(repeats, period)
-        kinds = (np.array(offsets)[:, None] + np.arange(_KIND)).ravel()
-        same = (table[:, kinds] == np.frombuffer(view, np.uint8, period, model)[kinds]).all(axis=1)
-        repeats = repeats if same.all() else int(np.argmin(same))
-        if repeats == 0:
-            return first
-        places = shift + first + period * np.arange(repeats, dtype=np.uint64)
-        for channel in dict.fromkeys(channels):
-            own = [offset for offset, other in zip(offsets, channels, strict=True) if other == channel]
-            entries = np.empty((repeats, len(own), 2), np.uint64)
-            for k, offset in enumerate(own):
-                entries[:, k, 0] = np.ndarray(repeats, "<u8", view, first + offset + HEAD_TIMES, (period,))
-                entries[:, k, 1] = places + np.uint64(offset)
-            self._indices[channel].frombytes(entries.reshape(-1, 2)[channel == channels[0] :].tobytes())
-        return first + repeats * period
-
     def _finish_chunk(self) -> None:
-        """Begin a new chunk; the one before is compressed by the other thread, and written when the next one is full."""
         if not self._indices:  # schemas and channels wait for the first message
             return
-        self._write_finished()
-        chunk, self._chunk = self._chunk, bytearray()
-        indices, self._indices = self._indices, {}
-        self._finished = chunk, indices, self._helper.submit(lambda: (self._compress(chunk), zlib.crc32(chunk)))
-
-    def _write_finished(self) -> None:
-        if self._finished is None:
-            return
-        (chunk, indices, compressed), self._finished = self._finished, None
-        first = min(min(index[::2]) for index in indices.values())
-        last = max(max(index[::2]) for index in indices.values())
-        data, crc = compressed.result()
+        first = min(min(index[::2]) for index in self._indices.values())
+        last = max(max(index[::2]) for index in self._indices.values())
+        data = self._compress(self._chunk)
         place, length = self._write(
             Chunk(
                 compression="zstd",
                 data=data,
                 message_start_time=first,
                 message_end_time=last,
-                uncompressed_crc=crc,
-                uncompressed_size=len(chunk),
+                uncompressed_crc=zlib.crc32(self._chunk),
+                uncompressed_size=len(self._chunk),
             )
         )
         after = place + length
         offsets = {}
-        for channel, index in indices.items():
+        for channel, index in self._indices.items():
             offsets[channel] = self._stream.tell()
             size = 8 * len(index)
             self._stream.write(_INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, channel, size))
@@ -243,23 +183,22 @@ class McapFile:
                 message_index_length=self._stream.tell() - after,
                 compression="zstd",
                 compressed_size=len(data),
-                uncompressed_size=len(chunk),
+                uncompressed_size=len(self._chunk),
             )
         )
         self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
         self.last_ns = max(self.last_ns, last)
+        self._chunk.clear()
+        self._indices.clear()
 
     def flush(self) -> None:
         """End the chunk and pass everything to the operating system, so that a killed process loses none of it."""
         self._finish_chunk()
-        self._write_finished()
         self._stream.flush()
 
     def finish(self) -> None:
         """Write the summary and the end of the file."""
         self._finish_chunk()
-        self._write_finished()
-        self._helper.shutdown()
         self._write(DataEnd(0))
         statistics = Statistics(
             attachment_count=len(self._attachment_indices),
