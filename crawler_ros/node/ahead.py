@@ -182,7 +182,7 @@ class Ahead:
             table = self._ledgers.get(size)
             if table is None:
                 outlet, layout = self._outgoing.outlets["applied_commands"], self._outgoing.ledger.layout(size)
-                table = self._ledgers[size] = _Rows([outlet], [layout], self.ticks)
+                table = self._ledgers[size] = _Rows([outlet], [layout], len(self._moved))
             if size:
                 vertices = taken.first[which][:, None] + np.arange(size)
                 table.numbers[0][: which.size] = taken.rows[vertices]
