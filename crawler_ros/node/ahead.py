@@ -31,19 +31,20 @@ class _Rows:
     """A table of bytes with the messages of one tick in each row, behind the heads of their records if recorded."""
 
     def __init__(self, outlets: Sequence[Outlet], layouts: Sequence[MessageLayout], rows: int) -> None:
-        self.outlets = outlets
-        self.slices: list[tuple[int, int]] = []
+        self._outlets, slices = outlets, list[tuple[int, int]]()
         model = b""
         for outlet, layout in zip(outlets, layouts, strict=True):
             if outlet.channel >= 0:
                 model += message_head(outlet.channel + 1, 0, 0, 0, len(layout.data))
-            self.slices.append((len(model), len(model) + len(layout.data)))
+            slices.append((len(model), len(model) + len(layout.data)))
             model += layout.data
         self.size = len(model)
+        self.published = [(o.publish, *s) for o, s in zip(outlets, slices, strict=True) if o.publish is not None]
+        """The function that publishes each message, and where the message begins and ends in a row."""
         self._table = np.tile(np.frombuffer(model, np.uint8), (rows, 1))
-        placed = [(a, layout) for (a, _), layout in zip(self.slices, layouts, strict=True)]
+        placed = [(a, layout) for (a, _), layout in zip(slices, layouts, strict=True)]
         self._stamps = [self._view("<u4", a + m.stamp, (2,), (4,)) for a, m in placed]
-        heads = [a - HEAD_SIZE if o.channel >= 0 else 0 for o, (a, _) in zip(outlets, self.slices, strict=True)]
+        heads = [a - HEAD_SIZE if o.channel >= 0 else 0 for o, (a, _) in zip(outlets, slices, strict=True)]
         self._numbers_on_channel = [self._view("<u4", a + HEAD_SEQUENCE, (), ()) for a in heads]
         self._received = [self._view("<u8", a + HEAD_TIMES, (2,), (8,)) for a in heads]
         self.numbers = [self._view("<f8", a + m.numbers, m.shape, m.strides) for a, m in placed]
@@ -58,26 +59,14 @@ class _Rows:
     def encode(self, stamps: np.ndarray, times: np.ndarray, recorder: Any) -> bytes:
         """Fill in the stamps [ns] and the times of the records [ns, wall] of R rows, and return their bytes."""
         count = stamps.size
-        words = split_ns(stamps)
-        for k, outlet in enumerate(self.outlets):
-            self._stamps[k][:count] = words
+        s, ns = np.divmod(stamps, NS)
+        for k, outlet in enumerate(self._outlets):
+            self._stamps[k][:count, 0], self._stamps[k][:count, 1] = s, ns
             if outlet.channel >= 0:
                 first = recorder.number(outlet.channel, count)
                 self._numbers_on_channel[k][:count] = np.arange(first, first + count)
                 self._received[k][:count] = times[:, None]
         return self._table[:count].tobytes()
-
-
-def split_ns(ns: np.ndarray) -> np.ndarray:
-    """Split times into seconds and nanoseconds.
-
-    Args:
-        ns: the times, shape (...) [ns].
-
-    Returns:
-        Shape (..., 2).
-    """
-    return np.stack(np.divmod(ns, NS), axis=-1)
 
 
 class Ahead:
@@ -169,9 +158,8 @@ class Ahead:
         for tick in rows:
             for table, data, row in tick:
                 place = row * table.size
-                for outlet, (first, last) in zip(table.outlets, table.slices, strict=True):
-                    if outlet.publish is not None:
-                        outlet.publish(data[place + first : place + last])
+                for publish, first, last in table.published:
+                    publish(data[place + first : place + last])
 
     def _encode_ledger(
         self, taken: Vertices, starts_ns: np.ndarray, times: np.ndarray, rows: list[list[tuple[_Rows, bytes, int]]]
@@ -187,7 +175,8 @@ class Ahead:
                 vertices = taken.first[which][:, None] + np.arange(size)
                 table.numbers[0][: which.size] = taken.rows[vertices]
                 after = np.maximum(taken.due_ns[vertices] - starts_ns[which][:, None], 0)
-                table.times[0][: which.size] = split_ns(after)
+                times_of = table.times[0][: which.size]
+                times_of[..., 0], times_of[..., 1] = np.divmod(after, NS)
             data = table.encode(starts_ns[which], times[which], self._recorder)
             for row, tick in enumerate(which.tolist()):
                 rows[tick].append((table, data, row))
