@@ -6,14 +6,16 @@ import json
 from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-import yaml
 
-from crawler_model import CrawlerError, Front, Optimum, load_scene, optimise, pareto, prepare
+from crawler_model import CrawlerError
 
 from .screen import SceneArgument, check_picture, progress_bar, screen, whole_file
+
+if TYPE_CHECKING:
+    from crawler_model import Front, Optimum
 
 _SHOWN_ROWS = 12
 
@@ -145,6 +147,10 @@ def optimise_command(
         "seconds": seconds,
         "seed": seed,
     }
+    import yaml
+
+    from crawler_model import Front, Optimum, load_scene, optimise, pareto, prepare
+
     loaded = load_scene(scene)
     prepare(loaded)
     with progress_bar("optimising") as progress:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crawler_model import CrawlerError, Scene, load_scene, prepare
+from crawler_model import CrawlerError
 
 from .screen import check_picture, progress_bar, screen
 
 if TYPE_CHECKING:
+    from crawler_model import Scene
     from crawler_ros.replay.health import Survey
     from crawler_ros.replay.ramps import Sink
 
@@ -49,6 +50,7 @@ def replay(
     The exit status is 0 when the recording is complete and, if its scene is known, identical to the bit when simulated
     again.
     """
+    from crawler_model import load_scene
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay import analyse
 
@@ -135,6 +137,8 @@ class _Outputs:
     def open(self, survey: Survey, scene: Scene | None) -> Sequence[Sink]:
         """Open the sinks of all ramps."""
         if scene is not None:
+            from crawler_model import prepare
+
             prepare(scene)
         sinks: list[Sink] = []
         if self._parquet is not None:
@@ -173,6 +177,7 @@ def compare(
     namespace: NamespaceOption = None,
 ) -> None:
     """Compare two recorded runs on simulated time: commands, translation per cycle, energy, slips."""
+    from crawler_model import load_scene
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay.show.compare import compare_recordings, draw_comparison, print_comparison
 

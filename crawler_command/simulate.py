@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
-from crawler_model import CrawlerError, Scene, Trajectory, load_scene, prepare, simulate
-from crawler_pictures.numbers import write_length
+from crawler_model import CrawlerError
 
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar, screen
+
+if TYPE_CHECKING:
+    from crawler_model import Scene, Trajectory
 
 _MISSED = 1e-6
 """An energy residual above this fraction of the work is more than rounding."""
@@ -29,6 +31,8 @@ def run_scene(scene: Scene, duration: float | None, rate: float, method: str | N
     Returns:
         The run.
     """
+    from crawler_model import prepare, simulate
+
     prepare(scene)
     with progress_bar("simulating") as progress:
         return simulate(scene, duration, rate, method, progress)  # type: ignore[arg-type]
@@ -46,6 +50,9 @@ def simulate_command(
     In the JSON output, displacement is that of the isolated contacts, then of both ends of each segment; events counts
     linear pieces, including ticks; energy.residual is relative to the work.
     """
+    from crawler_model import load_scene
+    from crawler_pictures.numbers import write_length
+
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")

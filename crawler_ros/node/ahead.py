@@ -155,8 +155,8 @@ class Ahead:
             recorder.record_all(
                 [memoryview(data)[k * r.size : (k + 1) * r.size] for tick in rows for r, data, k in tick]
             )
-        for tick in rows:
-            for table, data, row in tick:
+        for sent in rows:
+            for table, data, row in sent:
                 place = row * table.size
                 for publish, first, last in table.published:
                     publish(data[place + first : place + last])
