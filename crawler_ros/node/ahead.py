@@ -23,8 +23,8 @@ from .outgoing import Outgoing
 from .outlet import Outlet
 
 _MOST_TICKS = 64
-_MOST_CONTACTS = 8192
-"""Contacts of all ticks of one call together: a call takes about a millisecond."""
+_MOST_CONTACTS = 16384
+"""Contacts of all ticks of one call together: a call takes one or two milliseconds."""
 
 
 class _Rows:
