@@ -14,7 +14,7 @@ import rclpy
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.node.node import write_chain
+from crawler_bench.node.drives import write_chain
 from crawler_bench.node.processes import wait_until
 from crawler_model import load_scene
 from crawler_ros.node.life.domains import reserved_domain
