@@ -16,7 +16,7 @@ from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
 from crawler_model.crawler.ticks import follow_ticks
 
-from ..recording.mcap_file import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
+from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
 from ..wire.messages import MessageLayout
 from .intake.path import Vertices
 from .outgoing import Outgoing

@@ -32,31 +32,10 @@ from mcap.records import (
     SummaryOffset,
 )
 
-_MESSAGE_HEAD = struct.Struct("<BQHIQQ")
-_MESSAGE = int(Opcode.MESSAGE)
-_SIZED = 9
-"""Bytes of a record not counted in its size: the opcode and the size."""
-_HEAD_REST = _MESSAGE_HEAD.size - _SIZED
-HEAD_SEQUENCE, HEAD_TIMES, HEAD_SIZE = 11, 15, _MESSAGE_HEAD.size
-"""In the head of a message record: place of its number on its channel (u32) and of its two times (u64); its size."""
+from .record_head import MESSAGE_HEAD, SIZED
+
 _INDEX_HEAD = struct.Struct("<BQHI")
 _MAGIC = b"\x89MCAP0\r\n"
-
-
-def message_head(channel: int, sequence: int, log_ns: int, publish_ns: int, size: int) -> bytes:
-    """Encode the head of a message record; its data follow.
-
-    Args:
-        channel: number of its channel.
-        sequence: number of the message on its channel.
-        log_ns: when it was received [ns, wall].
-        publish_ns: when it was sent [ns, wall].
-        size: bytes of its data.
-
-    Returns:
-        Its bytes.
-    """
-    return _MESSAGE_HEAD.pack(_MESSAGE, _HEAD_REST + size, channel, sequence, log_ns, publish_ns)
 
 
 class McapFile:
@@ -130,12 +109,12 @@ class McapFile:
         Returns:
             The number of bytes of the complete records, which are written.
         """
-        view, unpack, indices, total = memoryview(data), _MESSAGE_HEAD.unpack_from, self._indices, len(data)
+        view, unpack, indices, total = memoryview(data), MESSAGE_HEAD.unpack_from, self._indices, len(data)
         begin = place = 0  # start of the data not yet in the chunk; start of the record
         shift = len(self._chunk)
-        while total - place >= _MESSAGE_HEAD.size:
+        while total - place >= MESSAGE_HEAD.size:
             _, size, channel, _, log_ns, _ = unpack(view, place)
-            end = place + _SIZED + size
+            end = place + SIZED + size
             if end > total:
                 break
             if channel not in indices:

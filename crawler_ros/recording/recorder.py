@@ -22,7 +22,7 @@ from typing import Any
 from ..wire.topics import Topic
 from .bag_folder import make_folder
 from .bag_writer import BagWriter, describe_channel
-from .mcap_file import message_head
+from .record_head import message_head
 
 FLUSH_EVERY_S = 0.5
 

@@ -187,7 +187,14 @@ def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
 
 
 def states_every(survey: Survey) -> int:
-    """Return how many ticks lie between the states of a recording, from its parameters: `publish.every`, else 1."""
+    """Find how many ticks lie between the states of a recording.
+
+    Args:
+        survey: survey of the recording.
+
+    Returns:
+        The parameter `publish.every`; 1 when it is not recorded.
+    """
     parameters = survey.attachments.get("parameters")
     every = parameters.get("publish.every") if isinstance(parameters, dict) else None
     return every if isinstance(every, int) and every > 0 else 1

@@ -26,7 +26,8 @@ from crawler_bench.node.processes import children, wait_until
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.recording.mcap_file import McapFile, message_head
+from crawler_ros.recording.mcap_file import McapFile
+from crawler_ros.recording.record_head import message_head
 from crawler_ros.recording.recorder import Recorder
 from crawler_ros.wire.definitions import type_hash
 from crawler_ros.wire.topics import read_topics
