@@ -10,18 +10,17 @@ from typing import Annotated, Any
 
 import typer
 
-from crawler_model import CrawlerError, gallery, load_scene
+from crawler_model import CrawlerError
 from crawler_ros.node.life.leave import STOPPED
 
 from .bench import bench
-from .check import check
 from .executables import describe_missing
 from .identify.command import identify_command
 from .identify.excite import excite_command
 from .optimise import optimise_command
 from .replay import compare, replay
-from .screen import DurationOption, MethodName, MethodOption, SceneArgument, progress_bar
-from .simulate import simulate_command
+from .screen import DurationOption, MethodName, MethodOption, SceneArgument, check_picture, progress_bar, screen
+from .simulate import run_scene, simulate_command
 from .view import animate, view
 
 app = typer.Typer(
@@ -34,7 +33,27 @@ app = typer.Typer(
 _UsageError: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of it
 
 app.command("simulate")(simulate_command)
-app.command()(check)
+
+
+@app.command()
+def check(
+    scene: SceneArgument,
+    png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
+) -> None:
+    """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
+    from crawler_model import load_scene
+
+    from .check import print_report
+
+    check_picture(png)
+    loaded = load_scene(scene)
+    run = run_scene(loaded, None if not loaded.drive.holds else 0.0, 100.0, None)
+    print_report(run, screen)
+    if png is not None:
+        from crawler_pictures.domain import draw_domain
+
+        draw_domain(run.scene, png)
+        screen.print(f"drawn: {png}")
 
 
 @app.command()
@@ -42,6 +61,8 @@ def scenes(
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object of descriptions by name.")] = False,
 ) -> None:
     """List the scenes of the gallery, one per line."""
+    from crawler_model import gallery
+
     listed = gallery()
     if as_json:
         print(json.dumps(listed))
@@ -93,6 +114,7 @@ def sweep(
     translation is unique; an invalid variation is reported with its reason. After Ctrl-C the table holds the finished
     runs.
     """
+    from crawler_model import load_scene
     from crawler_model.sweep.many import Settings
 
     from .many import sweep as sweeps

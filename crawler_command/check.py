@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crawler_model import Trajectory, load_scene
+from crawler_model import Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
@@ -20,29 +18,10 @@ from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import write_length
 
 from .loads_report import print_holding, print_limits
-from .screen import SceneArgument, check_picture, screen
-from .simulate import run_scene
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
-
-
-def check(
-    scene: SceneArgument,
-    png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
-) -> None:
-    """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
-    check_picture(png)
-
-    loaded = load_scene(scene)
-    run = run_scene(loaded, None if not loaded.drive.holds else 0.0, 100.0, None)
-    print_report(run, screen)
-    if png is not None:
-        from crawler_pictures.domain import draw_domain
-
-        draw_domain(run.scene, png)
-        screen.print(f"drawn: {png}")
 
 
 def print_report(run: Trajectory, screen: Console) -> None:

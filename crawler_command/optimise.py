@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-import yaml
 
-from crawler_model import CrawlerError, Front, Optimum, load_scene, optimise, pareto, prepare
+from crawler_model import CrawlerError
 
 from .screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file
+
+if TYPE_CHECKING:
+    from crawler_model import Front, Optimum
 
 _SHOWN_ROWS = 12
 
@@ -112,6 +114,10 @@ def optimise_command(
         "seconds": seconds,
         "seed": seed,
     }
+    import yaml
+
+    from crawler_model import Front, Optimum, load_scene, optimise, pareto, prepare
+
     loaded = load_scene(scene)
     prepare(loaded)
     with progress_bar("optimising") as progress:

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crawler_model import CrawlerError, Scene, load_scene, prepare
+from crawler_model import CrawlerError
 from crawler_ros.node.life.leave import STOPPED
 
 from .screen import check_picture, progress_bar, screen
 
 if TYPE_CHECKING:
+    from crawler_model import Scene
     from crawler_ros.replay.analysis import Replay
     from crawler_ros.replay.health import Survey
     from crawler_ros.replay.ramps import Sink
@@ -69,6 +70,7 @@ def replay(
     Damaged recordings are skipped and named on standard error; the exit status is 0 when there are none. After Ctrl-C
     the data set holds the finished recordings.
     """
+    from crawler_model import load_scene
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay import analyse
 
@@ -137,6 +139,8 @@ def _replay_many(
             raise CrawlerError(f"{option}: a data set has none; replay one recording")
     if folder is None:
         raise CrawlerError("--parquet: missing; several recordings make a data set, in a folder to be named")
+    from crawler_model import load_scene
+
     from .many.recordings import plan_batch, print_skipped, run_batch
 
     loaded = None if scene is None else load_scene(scene)
@@ -199,6 +203,8 @@ class _Outputs:
     def open(self, survey: Survey, scene: Scene | None) -> Sequence[Sink]:
         """Open the sinks of all ramps."""
         if scene is not None:
+            from crawler_model import prepare
+
             prepare(scene)
         sinks: list[Sink] = []
         if self._parquet is not None:
@@ -242,6 +248,7 @@ def compare(
     namespace: NamespaceOption = None,
 ) -> None:
     """Compare recorded runs on simulated time: commands, translation of cycles at the same time, energy, slips."""
+    from crawler_model import load_scene
     from crawler_ros.recording.bag import newest
     from crawler_ros.recording.bag_folder import list_bags
     from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison

@@ -6,15 +6,12 @@ import json
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from crawler_model import CrawlerError, Scene, Trajectory, TrajectoryColumns, load_scene, prepare, simulate
-from crawler_model.run.arrow import load_library
-from crawler_pictures.numbers import write_length
-from crawler_ros.recording.versions import versions
+from crawler_model import CrawlerError
 
 from .screen import (
     DurationOption,
@@ -26,6 +23,9 @@ from .screen import (
     screen,
     whole_file,
 )
+
+if TYPE_CHECKING:
+    from crawler_model import Scene, Trajectory
 
 _MISSED = 1e-6
 """An energy residual above this fraction of the work is more than rounding."""
@@ -43,6 +43,8 @@ def run_scene(scene: Scene, duration: float | None, rate: float, method: str | N
     Returns:
         The run.
     """
+    from crawler_model import prepare, simulate
+
     prepare(scene)
     with progress_bar("simulating") as progress:
         return simulate(scene, duration, rate, method, progress)  # type: ignore[arg-type]
@@ -60,6 +62,9 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
     Raises:
         CrawlerError: if a segment has the name of a column.
     """
+    from crawler_model import Scene, TrajectoryColumns
+    from crawler_ros.recording.versions import versions
+
     columns = TrajectoryColumns(run.scene)
     schema = columns.build_schema(run)
     about = json.loads(schema.metadata[b"crawler_trajectory"]) | {"versions": versions()}
@@ -108,6 +113,10 @@ def simulate_command(
     In the JSON output, displacement is that of the isolated contacts, then of both ends of each segment; events counts
     linear pieces, including ticks; energy.residual is relative to the work.
     """
+    from crawler_model import load_scene
+    from crawler_model.run.arrow import load_library
+    from crawler_pictures.numbers import write_length
+
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")

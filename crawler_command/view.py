@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crawler_model import CrawlerError, gallery, load_scene
+from crawler_model import CrawlerError
 
 from .screen import check_picture, progress_bar, screen, whole_file
 
@@ -166,6 +166,8 @@ def _choose_writer(
 
 
 def _is_recording(source: str) -> bool:
+    from crawler_model import gallery
+
     return source not in gallery() and (Path(source).is_dir() or Path(source).suffix == ".mcap")
 
 
@@ -173,7 +175,7 @@ def _shoot(
     source: str, start: float, end: float | None, fps: float, speed: float, progress: Callable[[float], None]
 ) -> Film:
     """Run a scene or read a recording, and sample it at the frames of the film."""
-    from crawler_model import prepare, simulate
+    from crawler_model import load_scene, prepare, simulate
     from crawler_pictures.film.film import film_of_run, frame_times
 
     if _is_recording(source):

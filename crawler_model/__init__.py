@@ -5,26 +5,34 @@
 after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 """
 
-from .crawler.crawler import Crawler, prepare
-from .crawler.step import Certificate, Step
-from .derivative.sensitivities import Kink, Sensitivities, sensitivities
-from .errors import CommandError, CrawlerError, SceneError
-from .identify.excite import Excitation, excite
-from .identify.identify import Identification, identify
-from .identify.measurements import MeasurementError, Measurements
-from .optimise.optimise import optimise
-from .optimise.optimum import Optimum
-from .optimise.pareto import Front, pareto
-from .run.account import Energy
-from .run.cycle import LimitCycle, limit_cycle
-from .run.limits import Limit, largest_tow, steepest_climb
-from .run.simulate import Trajectory, simulate
-from .run.table import TrajectoryColumns
-from .scene.file import gallery, load_scene, parse_scene
-from .scene.scene import Scene
-from .sweep.many import simulate_many
-from .sweep.results import ManyRuns
-from .sweep.vary import Variations, vary
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .crawler.crawler import Crawler, prepare
+    from .crawler.step import Certificate, Step
+    from .derivative.sensitivities import Kink, Sensitivities, sensitivities
+    from .errors import CommandError, CrawlerError, SceneError
+    from .identify.excite import Excitation, excite
+    from .identify.identify import Identification, identify
+    from .identify.measurements import MeasurementError, Measurements
+    from .optimise.optimise import optimise
+    from .optimise.optimum import Optimum
+    from .optimise.pareto import Front, pareto
+    from .run.account import Energy
+    from .run.cycle import LimitCycle, limit_cycle
+    from .run.limits import Limit, largest_tow, steepest_climb
+    from .run.simulate import Trajectory, simulate
+    from .run.table import TrajectoryColumns
+    from .scene.file import gallery, load_scene, parse_scene
+    from .scene.scene import Scene
+    from .sweep.many import simulate_many
+    from .sweep.results import ManyRuns
+    from .sweep.vary import Variations, vary
 
 __all__ = [
     "Certificate",
@@ -65,3 +73,65 @@ __all__ = [
     "steepest_climb",
     "vary",
 ]
+
+_HOMES = {
+    "Certificate": "crawler.step",
+    "CommandError": "errors",
+    "Crawler": "crawler.crawler",
+    "CrawlerError": "errors",
+    "Energy": "run.account",
+    "Excitation": "identify.excite",
+    "Front": "optimise.pareto",
+    "Identification": "identify.identify",
+    "Kink": "derivative.sensitivities",
+    "Limit": "run.limits",
+    "LimitCycle": "run.cycle",
+    "ManyRuns": "sweep.results",
+    "MeasurementError": "identify.measurements",
+    "Measurements": "identify.measurements",
+    "Optimum": "optimise.optimum",
+    "Scene": "scene.scene",
+    "SceneError": "errors",
+    "Sensitivities": "derivative.sensitivities",
+    "Step": "crawler.step",
+    "Trajectory": "run.simulate",
+    "TrajectoryColumns": "run.table",
+    "Variations": "sweep.vary",
+    "excite": "identify.excite",
+    "gallery": "scene.file",
+    "identify": "identify.identify",
+    "largest_tow": "run.limits",
+    "limit_cycle": "run.cycle",
+    "load_scene": "scene.file",
+    "optimise": "optimise.optimise",
+    "pareto": "optimise.pareto",
+    "parse_scene": "scene.file",
+    "prepare": "crawler.crawler",
+    "sensitivities": "derivative.sensitivities",
+    "simulate": "run.simulate",
+    "simulate_many": "sweep.many",
+    "steepest_climb": "run.limits",
+    "vary": "sweep.vary",
+}
+"""The module of each public name, imported when the name is first used: most programs need few of them."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+class _Package(ModuleType):
+    """This package, in which two names are functions, even after the folders of these names are imported."""
+
+    identify = property(lambda self: __getattr__("identify"), lambda self, folder: None)
+    optimise = property(lambda self: __getattr__("optimise"), lambda self, folder: None)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -18,72 +18,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from crawler_model.body.names import name_links
-
-from .domain import TICK_HZ, Domain, drive
+from .domain import TICK_HZ, Domain
+from .drives import strokes, wave, write_chain, write_segment
+from .lock_step import measure_lock_step
 from .processes import PATIENCE_S, children, cpu_seconds, memory_mb, wait_until
 
 Row = dict[str, Any]
 Report = Callable[[str], None]
-PARTS = ("throughput", "latency", "real_time", "start", "ledger")
+PARTS = ("throughput", "latency", "lock_step", "real_time", "start", "ledger")
 QUICK: Row = {"contacts": (3, 10), "rates": (100.0, 1000.0), "seconds": 1.0, "repeats": 1, "trials": 50}
 """The settings of a quick run."""
 _OPTIONAL = ("contact_states", "pose", "odom", "applied_commands", "robot_description")
+_EVERY = 10
+"""The ticks between states in the rows with fewer states."""
 _MINIMAL = {f"publish.{name}": False for name in _OPTIONAL}
-
-
-def write_chain(folder: Path, contacts: int) -> Path:
-    """Write the scene of a chain that waits for commands.
-
-    Args:
-        folder: folder of the file.
-        contacts: number of contacts N.
-
-    Returns:
-        The file.
-    """
-    scene = {
-        "name": f"chain_{contacts}",
-        "body": {"contacts": [round(0.1 * i, 6) for i in range(contacts)], "links": {"stiffness": 10.0}},
-        "friction": {"forward": 0.2, "backward": 0.5},
-    }
-    path = folder / f"chain_{contacts}.yaml"
-    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
-    return path
-
-
-def write_segment(folder: Path, accuracy: float) -> Path:
-    """Write the gallery's continuous segment with another accuracy.
-
-    Args:
-        folder: folder of the file.
-        accuracy: accuracy of the scene's segment.
-
-    Returns:
-        The file.
-    """
-    from crawler_model import load_scene
-
-    scene = load_scene("continuous_segment").document()
-    scene["body"]["segments"][0]["accuracy"] = accuracy
-    path = folder / f"segment_{accuracy:g}.yaml"
-    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
-    return path
-
-
-def _wave(domain: Domain, contacts: int) -> None:
-    """Drive a chain by a travelling wave with a period of 1 s for the longest duration of a measurement."""
-    samples, periods = (64, 300) if contacts <= 100 else (16, 40)
-    time_in_period = np.arange(samples * periods)[:, None] / samples
-    rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
-    drive(domain, name_links(contacts - 1), rows, 1.0 / samples)
-
-
-def _strokes(domain: Domain) -> None:
-    rows = np.tile([[0.0], [0.2]], (300, 1))
-    drive(domain, ["trunk"], rows, 0.5)
 
 
 def _summary(values: Sequence[float], name: str) -> Row:
@@ -94,6 +43,8 @@ def measure_throughput(
     domain: Domain, contacts: Sequence[int], recording: Sequence[bool], seconds: float, repeats: int, report: Report
 ) -> list[Row]:
     """Measure the largest number of ticks per second: held and driven, recorded or not, with and without a subscriber.
+
+    Without a subscriber and driven it is also measured with states at every tenth tick.
 
     Args:
         domain: domain of the processes.
@@ -106,23 +57,28 @@ def measure_throughput(
     Returns:
         The rows.
     """
-    variants = list(itertools.product(contacts, recording, (False, True), (False, True)))
+    variants = list(itertools.product(contacts, recording, (False, True), (False, True), (1,)))
+    variants += [(n, record, False, True, _EVERY) for n, record in itertools.product(contacts, recording)]
     found: dict[Any, list[float]] = {variant: [] for variant in variants}
     for _, variant in itertools.product(range(repeats), variants):
-        n, record, subscribed, driven = variant
-        report(f"throughput N={n}" + " recorded" * record + " subscribed" * subscribed + " driven" * driven)
+        n, record, subscribed, driven, every = variant
+        what = " recorded" * record + " subscribed" * subscribed + " driven" * driven
+        report(f"throughput N={n}{what}, states at every {every}. tick")
         with contextlib.ExitStack() as stack:
             if subscribed:
                 stack.enter_context(domain.process("crawler_bench.node.companions", "listen"))
-            stack.enter_context(domain.simulator(write_chain(domain.folder, n), record=record))
+            stack.enter_context(
+                domain.simulator(write_chain(domain.folder, n), record=record, **{"publish.every": every})
+            )
             if driven:
-                _wave(domain, n)
+                wave(domain, n)
             if subscribed:
                 time.sleep(1.5)  # until it has discovered all topics
             found[variant].append(domain.rate(seconds))
     rows = []
-    for (n, record, subscribed, driven), rates in found.items():
+    for (n, record, subscribed, driven, every), rates in found.items():
         row = {"case": "throughput", "n": n, "recording": record, "subscriber": subscribed, "driven": driven}
+        row["every"] = every
         row |= _summary(rates, "ticks_per_s") | _summary([1e6 / r for r in rates], "us_per_tick")
         rows.append(row | {"real_time": row["ticks_per_s"] / TICK_HZ})
     return rows
@@ -254,11 +210,7 @@ def measure_ledger(
     Returns:
         The rows; `extra_us` is the time per tick beyond that of the row's `beside`.
     """
-    chain, wave, strokes = (
-        write_chain(domain.folder, contacts),
-        lambda: _wave(domain, contacts),
-        lambda: _strokes(domain),
-    )
+    chain = write_chain(domain.folder, contacts)
     base = "nothing optional"
     # name: compared with, scene, parameters, driver
     variants: dict[str, tuple[str, Path, dict[str, Any], Callable[[], None] | None]] = {
@@ -270,12 +222,17 @@ def measure_ledger(
     variants["/clock"] = (base, chain, _MINIMAL | {"publish_clock": True}, None)
     variants["recording"] = (base, chain, _MINIMAL | {"record": True}, None)
     variants["view to a file"] = (base, chain, _MINIMAL | {"view": str(domain.folder / "view.rrd")}, None)
-    variants["driven, exact"] = (base, chain, dict(_MINIMAL), wave)
-    variants["driven, catch_up"] = ("driven, exact", chain, _MINIMAL | {"method": "catch_up"}, wave)
+    variants["driven, exact"] = (base, chain, dict(_MINIMAL), lambda: wave(domain, contacts))
+    variants["driven, catch_up"] = (
+        "driven, exact",
+        chain,
+        _MINIMAL | {"method": "catch_up"},
+        lambda: wave(domain, contacts),
+    )
     coarse = "segment, accuracy 0.01"
     for accuracy in (1e-2, 1e-3, 1e-4, 1e-5):
         scene = write_segment(domain.folder, accuracy)
-        variants[f"segment, accuracy {accuracy:g}"] = (coarse, scene, dict(_MINIMAL), strokes)
+        variants[f"segment, accuracy {accuracy:g}"] = (coarse, scene, dict(_MINIMAL), lambda: strokes(domain))
 
     if features is not None:
         wanted = {*features, *(variants[name][0] for name in features)}
@@ -365,7 +322,7 @@ def measure_node(
         recording: off, on or both, for throughput.
         seconds: duration of one measurement [s].
         repeats: number of repetitions of all measurements but the latency.
-        trials: number of commands for the latency at each rate.
+        trials: number of commands for the latency at each rate; in lock-step ten times as many.
         parts: the parts to measure, out of PARTS.
         features: features of the ledger; None for all.
         progress: function that reports the present measurement.
@@ -383,6 +340,11 @@ def measure_node(
                 rows += measure_throughput(domain, contacts, recording, seconds, repeats, report)
             if "latency" in parts:
                 rows += measure_latency(domain, one, rates, trials, report)
+            if "lock_step" in parts:
+                scene, trips = write_chain(domain.folder, one), 10 * trials
+                rows += measure_lock_step(
+                    domain, scene, one, trips, seconds, repeats, lambda: wave(domain, one), report
+                )
             if "real_time" in parts:
                 rows += measure_real_time(domain, sorted({one, contacts[-1]}), 3.0 * seconds, repeats, report)
             if "start" in parts:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from crawler_model import CrawlerError, Identification, Measurements, Scene, identify, load_scene
+from crawler_model import CrawlerError
 
 from ..screen import check_output, parse_bounds, progress_bar, screen, whole_file
+
+if TYPE_CHECKING:
+    from crawler_model import Identification, Measurements, Scene
 
 _TABLES = (".csv", ".parquet")
 _TOPICS = ("joint_states", "contact_states", "applied_commands")
@@ -57,6 +60,8 @@ def identify_command(
     not excited by the recorded motion. The exit status is 0 only if the model fits the measurements. Ctrl-C ends the
     search for other starts and keeps the best so far.
     """
+    from crawler_model import identify, load_scene
+
     for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
         check_output(option, file, suffix, overwrite)
     if offset not in ("none", "frame", "each"):

@@ -9,11 +9,8 @@ from typing import Annotated
 import typer
 import yaml
 
-from crawler_model import excite, load_scene
-
 from ..screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file
 from .command import split_keys
-from .report import tabulate
 
 
 def excite_command(
@@ -48,6 +45,10 @@ def excite_command(
 
     The numbers of the scene are a guess. Positions of all contacts are measured. Ctrl-C keeps the drive so far.
     """
+    from crawler_model import excite, load_scene
+
+    from .report import tabulate
+
     check_output("--out", out, ".yaml", overwrite)
     strokes = parse_bounds("--stroke", stroke or ())
     with progress_bar("searching a drive") as progress:

@@ -26,14 +26,14 @@ class Readout:
             shown: the contacts to read, shape (M,).
         """
         self._body = body
-        self._shown = shown
+        self.shown = shown
         self._root = int(body.stations[0])
         self._pairs = body.stations[body.joints]
         if body.dimension == 1:
             springs = [*body.link_springs, *(s.first_spring for s in body.segments)]
             root = [[self._root, 0, 0]]
-            self._joints = np.vstack((root, np.column_stack((self._pairs, springs)))).astype(np.int64)
-            self._pull = np.zeros((2, body.contacts))
+            self.joints = np.vstack((root, np.column_stack((self._pairs, springs)))).astype(np.int64)
+            self.pull = np.zeros((2, body.contacts))
 
     def read(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
         """Read positions, mean velocities and efforts.
@@ -55,10 +55,10 @@ class Readout:
             state.contacts,
             state.links,
             body.ends,
-            self._joints,
-            self._shown,
+            self.joints,
+            self.shown,
             body.position,
-            self._pull,
+            self.pull,
             seconds,
             of_joints,
             of_contacts,
@@ -72,7 +72,7 @@ class Readout:
         x, force, velocity = crawler.displacement, crawler.spring_force, crawler.gained / seconds
         if crawler.loads.size:  # the ground carries the loads, too
             force = force + crawler.loads
-        root, (first, second), shown = slice(self._root, self._root + 1), self._pairs.T, self._shown
+        root, (first, second), shown = slice(self._root, self._root + 1), self._pairs.T, self.shown
         of_joints[0] = np.concatenate((x[root], crawler.joint_elongation)).ravel()
         of_joints[1] = np.concatenate((velocity[root], velocity[second] - velocity[first])).ravel()
         of_joints[2] = np.concatenate((-force[root], crawler.joint_tension)).ravel()

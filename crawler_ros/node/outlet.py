@@ -21,13 +21,16 @@ class Outlet:
             channel: the recorder's channel; None to record nothing.
         """
         # Publisher.publish calls this with bytes after checking their type, which takes as long again
-        self._publish = None if publisher is None else publisher.handle.publish_raw
+        self.publish = None if publisher is None else publisher.handle.publish_raw
+        """Publishes the bytes of a message; None if the topic is not published."""
         self._record = None if recorder is None or channel is None else recorder.record
         self._now_ns = time.time_ns if recorder is None else recorder.now_ns
-        self._channel = -1 if channel is None else channel
-        self.wanted = self._publish is not None or self._record is not None
+        self.channel = -1 if channel is None else channel
+        """The channel of the recording; -1 if the topic is not recorded."""
+        self.wanted = self.publish is not None or self._record is not None
         self._publisher = publisher
-        self._last = b""
+        self.last = b""
+        """The last message."""
         self._subscribers = 0
 
     def send(self, data: bytes) -> None:
@@ -36,12 +39,12 @@ class Outlet:
         Args:
             data: its CDR bytes.
         """
-        self._last = data
+        self.last = data
         if self._record is not None:  # before a subscriber can answer
             now = self._now_ns()
-            self._record(self._channel, now, now, data)
-        if self._publish is not None:
-            self._publish(data)
+            self._record(self.channel, now, now, data)
+        if self.publish is not None:
+            self.publish(data)
 
     def resend(self, newcomers: bool = True) -> None:
         """Publish the last message again if there are more subscribers than at the last call.
@@ -49,8 +52,8 @@ class Outlet:
         Args:
             newcomers: False when all present subscribers have received it already.
         """
-        if self._publish is None:
+        if self.publish is None:
             return
         before, self._subscribers = self._subscribers, self._publisher.get_subscription_count()
         if newcomers and self._subscribers > before:
-            self._publish(self._last)
+            self.publish(self.last)

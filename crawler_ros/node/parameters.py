@@ -10,6 +10,8 @@ from typing import Any
 
 from ..wire.topics import read_table
 
+_KINDS = {"double": "a number", "integer": "a whole number", "bool": "true or false", "string": "text"}
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -83,13 +85,14 @@ def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
     Raises:
         ValueError: when a value has the wrong type or is not one of the choices.
     """
-    from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
     from rclpy.exceptions import InvalidParameterTypeException
     from rclpy.parameter import Parameter as RosParameter
 
     kinds = {
         "string": RosParameter.Type.STRING,
         "double": RosParameter.Type.DOUBLE,
+        "integer": RosParameter.Type.INTEGER,
         "bool": RosParameter.Type.BOOL,
     }
     values = {}
@@ -98,15 +101,16 @@ def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
         descriptor = ParameterDescriptor(
             name=name, type=kinds[row.type].value, description=row.meaning, read_only=not row.runtime
         )
-        if row.range is not None:
+        if row.range is not None and row.type == "integer":
+            descriptor.integer_range = [IntegerRange(from_value=row.range[0], to_value=row.range[1], step=1)]
+        elif row.range is not None:
             descriptor.floating_point_range = [FloatingPointRange(from_value=row.range[0], to_value=row.range[1])]
         if row.choices:
             descriptor.additional_constraints = f"one of {', '.join(row.choices)}"
         try:
             values[name] = node.declare_parameter(name, row.default, descriptor).value
         except InvalidParameterTypeException as error:
-            kind = {"double": "a number", "bool": "true or false", "string": "text"}[row.type]
-            raise ValueError(f"parameter {name} takes {kind} ({row.meaning}) {error}") from None
+            raise ValueError(f"parameter {name} takes {_KINDS[row.type]} ({row.meaning}) {error}") from None
         if row.choices and values[name] not in row.choices:
             raise ValueError(f"parameter {name}: {values[name]!r}; it must be one of {', '.join(row.choices)}")
     return values

@@ -15,24 +15,17 @@ from rclpy.experimental.events_executor import EventsExecutor
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
-from crawler_model.crawler.step import Step
-from crawler_model.run.simulate import TimedJump
+from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
+from crawler_model.motion.state import AMBIGUOUS, OVERSPENT, UNSOLVED
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
 from ..viewer.frames import time_jumps
-from ..wire.messages import (
-    JointStateMessage,
-    OdometryMessage,
-    PoseMessage,
-    TrajectoryMessage,
-    encode_clock,
-    encode_diagnostics,
-    encode_string,
-)
-from ..wire.states import contact_names, joint_state_names, shown_contacts
+from ..wire.messages import JointStateMessage, encode_diagnostics, encode_string
+from ..wire.states import joint_state_names
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
+from .ahead import Ahead
 from .certificates import certificates_of
 from .diagnostics import diagnose
 from .intake.commands import CommandQueue
@@ -40,6 +33,7 @@ from .intake.intake import Intake
 from .intake.limits import command_limits
 from .life.quiet_node import QuietNode
 from .life.run import end_on_signals, run_node
+from .outgoing import STATES, Outgoing
 from .outlet import Outlet
 from .parameters import declare_parameters, expand_home, read_parameters
 from .stepper import Stepper
@@ -47,10 +41,6 @@ from .stepper import Stepper
 if TYPE_CHECKING:
     from ..recording.recorder import Recorder
     from ..viewer.feed import ViewerFeed
-
-
-STATES = ("joint_states", "contact_states", "pose", "applied_commands", "odom", "/clock")
-"""Topics that one node alone publishes."""
 
 
 class Simulator(QuietNode):
@@ -91,7 +81,7 @@ class Simulator(QuietNode):
         self.lock = threading.Lock()
         self.stopping = threading.Event()
 
-        self._prepare_messages()
+        self._hold = np.empty((0, self.columns.index.size))
         self.recorder: Recorder | None = None
         self.feed: ViewerFeed | None = None
         self._outlets: dict[str, Outlet] = {}
@@ -116,26 +106,16 @@ class Simulator(QuietNode):
             from ..viewer.feed import ViewerFeed
 
             self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
-        self._next_diagnostics_ns = self._last_ns = 0
+        self.every = int(self.values["publish.every"])
+        single = self.feed is not None or not runs_in_one_call(self.crawler)
+        self._ahead = None if single else Ahead(self.scene, self.outgoing, self.recorder, self.every)
+        self._next_diagnostics_ns = 0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
             f"{self.scene.name}: {self.scene.body.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
             f"for commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
             f"{name}/pause, {name}/step, {name}/reset"
         )
-
-    def _prepare_messages(self) -> None:
-        """Encode the constant parts of the messages of every tick."""
-        body = self.scene.body
-        self._hold = np.empty((0, self.columns.index.size))
-        frame = self.values["frame_id"]
-        self._ledger = TrajectoryMessage(list(self.columns.names))
-        shown = self.values["publish.contact_states"]
-        self._joints = JointStateMessage(joint_state_names(body))
-        self._contacts = JointStateMessage(contact_names(body) if shown else [], frame)
-        self._readout = Readout(body, shown_contacts(body) if shown else np.zeros(0, np.int64))
-        self._pose = PoseMessage(frame)
-        self._odometry = OdometryMessage(frame, "base_link") if self.values["publish.odom"] else None
 
     def _open_topics(self) -> None:
         wanted = {
@@ -150,7 +130,7 @@ class Simulator(QuietNode):
         }
         recorder = self.recorder
         self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count)
-        self.states = [n for n in STATES if wanted[n]]
+        self.states = [n for n in ("applied_commands", *STATES) if wanted[n]]
         for name, topic in read_topics().items():
             full = self.resolve_topic_name(name)
             if topic.direction == "out":
@@ -163,6 +143,7 @@ class Simulator(QuietNode):
             else:
                 channel = None if recorder is None else recorder.add_topic(topic, full)
                 self.intake.open(self, topic, channel)
+        self.outgoing = Outgoing(self.scene, self.values, self._outlets)
 
     def _open_services(self) -> None:
         handlers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
@@ -179,8 +160,7 @@ class Simulator(QuietNode):
             self.certificates = certificates_of(self.scene, self.crawler.method)
             self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
             self.reported = (0, 0, 0, self.reported[3])
-            self._resend_states(newcomers=False)  # later subscribers get the state, at worst twice
-            self._send_states(None)
+            self._send_start()
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
 
@@ -189,7 +169,7 @@ class Simulator(QuietNode):
             if not self.stepper.paused:
                 response.success, response.message = False, "not paused: call ~/pause with data true first"
                 return response
-            self._tick()
+            self._tick(shown=True)
             seconds = self.stepper.now_ns / NS
         response.success, response.message = True, f"at simulated time {seconds:.9f} s"
         return response
@@ -225,8 +205,7 @@ class Simulator(QuietNode):
 
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
-            self._resend_states(newcomers=False)  # later subscribers get the state, at worst twice
-            self._send_states(None)
+            self._send_start()
         try:
             while not self.stopping.is_set():
                 wall_ns = time.monotonic_ns()
@@ -238,7 +217,7 @@ class Simulator(QuietNode):
                     time.sleep(min(wait / NS, 0.1))
                 else:
                     with self.lock:
-                        if not self.stepper.paused:
+                        if not self.stepper.paused and not self._run_ahead():
                             self.stepper.begin(time.monotonic_ns())
                             self._tick()
                 self._push_recording(wall_ns)
@@ -262,11 +241,7 @@ class Simulator(QuietNode):
         self.commands.arrived.wait(0.01)
         with self.lock:
             if self.stepper.tick == 0 and self.commands.is_idle:
-                self._resend_states()
-
-    def _resend_states(self, newcomers: bool = True) -> None:
-        for name in ("/clock", "joint_states", "contact_states", "pose", "odom"):
-            self._outlets[name].resend(newcomers)
+                self.outgoing.resend()
 
     def _push_recording(self, wall_ns: int) -> None:
         if self.recorder is not None and self.recorder.error is None:
@@ -284,7 +259,8 @@ class Simulator(QuietNode):
             self.stopping.set()
         executor.remove_node(self)
 
-    def _tick(self) -> None:
+    def _tick(self, shown: bool = False) -> None:
+        """Run a tick; send its states if `shown`, or if they are due."""
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
         in_force = self.commands.in_force
         vertices = self.commands.take(start_ns, end_ns)
@@ -295,40 +271,43 @@ class Simulator(QuietNode):
             self.unheld += 1
             self.throttle.warn("ground", f"the commands of a tick are refused: {error}")
             self.commands.resume(in_force)
-            vertices, rows = [], []
+            vertices = []
             step = self.crawler.follow(self._hold)
         self.stepper.finish()
-        ledger = self._outlets["applied_commands"]
-        if ledger.wanted:
-            times = [max(v.due_ns - start_ns, 0) for v in vertices]
-            ledger.send(self._ledger.encode(start_ns, times, rows))
-        dues = [max(v.due_ns, start_ns) for v in vertices]
-        self._send_states(step, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
+        self.outgoing.send_ledger(start_ns, vertices)
+        if shown or self.commands.ended or self.stepper.tick % self.every == 0:
+            self.outgoing.send_states(self.crawler, end_ns, (end_ns - start_ns) / NS)
+        if self.feed is not None:
+            dues = [max(v.due_ns, start_ns) for v in vertices]
+            self.feed.show(end_ns, self.crawler, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
         self.certificates.add(step.account)
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
         self.jumps += len(step.jumps)
 
-    def _send_states(self, step: Step | None, jumps: tuple[TimedJump, ...] = ()) -> None:
-        crawler, now = self.crawler, self.stepper.now_ns
-        seconds = np.inf if step is None else (now - self._last_ns) / NS
-        self._last_ns = now
-        self._readout.read(crawler, seconds, self._joints.numbers, self._contacts.numbers)
-        outlets = self._outlets
-        outlets["joint_states"].send(self._joints.encode(now))
-        if outlets["contact_states"].wanted:
-            outlets["contact_states"].send(self._contacts.encode(now))
-        if outlets["pose"].wanted:
-            y = crawler.net_translation
-            outlets["pose"].send(self._pose.encode(now, y) if isinstance(y, float) else self._pose.encode(now, *y))
-        if self._odometry is not None:
-            y, gain = crawler.net_translation, crawler.body.share @ crawler.gained
-            outlets["odom"].send(self._odometry.encode(now, y, gain / seconds))
-        if outlets["/clock"].wanted:
-            outlets["/clock"].send(encode_clock(now))
+    def _run_ahead(self) -> bool:
+        """Run many ticks at once if nothing has to be waited for and no command waits; return whether any were run."""
+        if self._ahead is None or self.stepper.paused or not (self.lock_step or self.stepper.real_time_factor == 0.0):
+            return False
+        start_ns, ends = self.stepper.now_ns, self.stepper.ends_ns(self._ahead.ticks)
+        taken = self.commands.take_ahead(start_ns, ends)
+        if taken is None:
+            return False
+        accounts = self._ahead.run(self.crawler, taken, self.stepper.tick, start_ns, ends[: taken.first.size - 1])
+        self.stepper.finish(len(accounts))
+        self.certificates.add(accounts)
+        self.ambiguous += int(np.count_nonzero(accounts[:, AMBIGUOUS]))
+        self.overspent += int(accounts[:, OVERSPENT].sum())
+        self.unsolved += int(accounts[:, UNSOLVED].sum())
+        return True
+
+    def _send_start(self) -> None:
+        """Send the state at simulated time 0."""
+        self.outgoing.resend(newcomers=False)  # later subscribers get the state, at worst twice
+        self.outgoing.send_states(self.crawler, 0, np.inf)
         if self.feed is not None:
-            self.feed.show(now, crawler, jumps)
+            self.feed.show(0, self.crawler, ())
 
     # -- reports ----------------------------------------------------------------------------------------------------
 
@@ -381,10 +360,21 @@ def _build() -> Simulator:
         from ..recording.bag_folder import check_parent
 
         check_parent(Path(expand_home(values["record"])))
+    _compile(scene)
+    return Simulator(scene)
+
+
+def _compile(scene: Scene) -> None:
+    """Compile the kernels of ticks, or load them."""
     prepare(scene)
     joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
-    Readout(scene.body, np.zeros(0, np.int64)).read(Crawler(scene), np.inf, joints.numbers, contacts.numbers)
-    return Simulator(scene)
+    crawler, readout = Crawler(scene), Readout(scene.body, np.zeros(0, np.int64))
+    readout.read(crawler, np.inf, joints.numbers, contacts.numbers)
+    if runs_in_one_call(crawler):
+        n, width = scene.body.contacts, scene.columns.index.size
+        tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]
+        nothing = np.zeros((0, width)), np.zeros(2, np.int64), np.ones(1), np.ones(1, bool)
+        follow_ticks(crawler, readout, *nothing, *tables)
 
 
 def _spin(node: Simulator) -> None:

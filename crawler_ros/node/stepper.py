@@ -90,10 +90,20 @@ class Stepper:
             self.late += 1
             self._origin_wall_ns += behind
 
-    def finish(self) -> None:
-        """Count the tick as done."""
-        self.tick += 1
-        self.now_ns, self.next_ns = self.next_ns, tick_end_ns(self.tick + 1, self.rate)
+    def finish(self, ticks: int = 1) -> None:
+        """Count the next tick as done, or several."""
+        self._go_to(self.tick + ticks)
+
+    def ends_ns(self, ticks: int) -> list[int]:
+        """Compute when the next ticks end.
+
+        Args:
+            ticks: their number.
+
+        Returns:
+            Simulated time at the end of each [ns].
+        """
+        return [tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)]
 
     def reset(self) -> None:
         """Return to simulated time 0; the count of late ticks is not reset."""

@@ -12,7 +12,8 @@ import yaml
 
 from ..wire.definitions import message_definition, type_hash
 from ..wire.topics import Topic, offered_qos
-from .mcap_file import McapFile, message_head
+from .mcap_file import McapFile
+from .record_head import message_head
 
 CHUNK_SIZE = 768 * 1024
 DISTRO = "jazzy"

@@ -15,13 +15,14 @@ import subprocess
 import sys
 import time
 from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from ..wire.topics import Topic
 from .bag_folder import make_folder
 from .bag_writer import BagWriter, describe_channel
-from .mcap_file import message_head
+from .record_head import message_head
 
 FLUSH_EVERY_S = 0.5
 
@@ -61,7 +62,7 @@ class Recorder:
         self._channels: list[tuple[str, str, str, dict[str, str]]] = []
         self._sequences: list[int] = []
         self._process: subprocess.Popen[bytes] | None = None
-        self._arrived: list[bytes] = []  # any thread appends, one empties it
+        self._arrived: list[bytes | memoryview] = []  # any thread appends, one empties it
         self._blocks: deque[memoryview] = deque()
         self._next_push_ns = self._next_listen_ns = 0
         self._output = b""
@@ -131,6 +132,29 @@ class Recorder:
         self._sequences[channel] = sequence + 1
         # one call, so that another thread's message comes before or after but never between; channels count from 1
         self._arrived.extend((message_head(channel + 1, sequence, log_ns, publish_ns, len(data)), data))
+
+    def number(self, channel: int, count: int) -> int:
+        """Reserve the numbers of messages that `record_all` will accept; call it as `record`.
+
+        Args:
+            channel: from `add_topic`.
+            count: number of messages.
+
+        Returns:
+            The number of the first.
+        """
+        first = self._sequences[channel]
+        self._sequences[channel] = first + count
+        return first
+
+    def record_all(self, records: Sequence[bytes | memoryview]) -> None:
+        """Accept message records, complete with their heads, as `record` accepts a message.
+
+        Args:
+            records: the records; each item holds any number of them.
+        """
+        if self.error is None:
+            self._arrived.extend(records)
 
     @property
     def messages(self) -> int:

@@ -28,8 +28,9 @@ _TYPES = {
     "pose": POSE,
     "odom": "nav_msgs/msg/Odometry",
 }
-"""The topics that have a message at every tick."""
-_ESSENTIAL = ("applied_commands", "joint_states")
+"""The topics that have a message at every tick, or states at every n-th one."""
+_LEDGER = "applied_commands"
+_ESSENTIAL = (_LEDGER, "joint_states")
 """A recording must have at least one of these topics of a crawler."""
 _MOST_GAPS = 20
 
@@ -192,6 +193,20 @@ def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
     return None
 
 
+def states_every(survey: Survey) -> int:
+    """Find how many ticks lie between the states of a recording.
+
+    Args:
+        survey: survey of the recording.
+
+    Returns:
+        The parameter `publish.every`; 1 when it is not recorded.
+    """
+    parameters = survey.attachments.get("parameters")
+    every = parameters.get("publish.every") if isinstance(parameters, dict) else None
+    return every if isinstance(every, int) and every > 0 else 1
+
+
 def next_tick_ns(stamp_ns: int, rate: Fraction | None) -> int:
     """Compute the end of the tick that begins at a stamp.
 
@@ -223,7 +238,7 @@ class TopicHealth:
         first: earliest stamp [s]; None when there are no stamps.
         last: latest stamp [s].
         gaps: (after, before, missing ticks) of the first twenty gaps; times in s.
-        missing: number of ticks without a message.
+        missing: number of ticks without a message that should have one.
         out_of_order: number of stamps that decrease, other than to 0.
         duplicates: number of stamps equal to the one before.
     """
@@ -259,13 +274,16 @@ def check_topics(survey: Survey, robot: Robot, rate: Fraction | None) -> dict[st
     Returns:
         The health of each topic by name.
     """
+    every = states_every(survey)
     return {
-        name: _check_topic(stamps, rate if robot.meant(name) in _TYPES else None)
+        name: _check_topic(
+            stamps, rate if robot.meant(name) in _TYPES else None, 1 if robot.meant(name) == _LEDGER else every
+        )
         for name, stamps in sorted(survey.topics.items())
     }
 
 
-def _check_topic(stamps: Stamps, rate: Fraction | None) -> TopicHealth:
+def _check_topic(stamps: Stamps, rate: Fraction | None, every: int) -> TopicHealth:
     count, ns = stamps.log_ns.size, stamps.stamp_ns
     if ns.size == 0:
         span = float(stamps.log_ns.max() - stamps.log_ns.min()) / NS if count > 1 else 0.0
@@ -277,8 +295,10 @@ def _check_topic(stamps: Stamps, rate: Fraction | None) -> TopicHealth:
     gaps: list[tuple[float, float, int]] = []
     missing = 0
     if rate is not None and ns.size > 1:
-        at = np.flatnonzero(step * float(rate) > 1.5 * NS)
-        counts = np.rint(step[at] * float(rate) / NS).astype(np.int64) - 1
+        at = np.flatnonzero(step * float(rate) > (every + 0.5) * NS)
+        before = np.rint(ns[at] * float(rate) / NS).astype(np.int64)
+        after = before + np.rint(step[at] * float(rate) / NS).astype(np.int64)
+        counts = (after - 1) // every - before // every
         missing = int(counts.sum())
         gaps = [(ns[i] / NS, ns[i + 1] / NS, int(n)) for i, n in zip(at[:_MOST_GAPS], counts, strict=False)]
     return TopicHealth(

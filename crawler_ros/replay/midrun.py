@@ -16,10 +16,10 @@ from .health import Survey, next_tick_ns
 
 
 def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | None) -> tuple[Crawler, int]:
-    """Find the first state that is fully known: the end of the first tick with a command.
+    """Find the first state that is fully known: the first one at or after the end of the first tick with a command.
 
-    Before it the friction in force is not recorded; after it the ledger holds every command, and the states hold the
-    positions of the contacts.
+    Before that tick the friction in force is not recorded; after it the ledger holds every command, and the states hold
+    the positions of the contacts.
 
     Args:
         survey: survey of the recording.
@@ -45,24 +45,23 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
     ledger = Decoder(robot.recorded("applied_commands"), TRAJECTORY)
     states = Decoder(robot.recorded(source), JOINT_STATE)
     head = bag.Bag({})
-    found: tuple[int, np.ndarray] | None = None
+    commands: list[tuple[int, np.ndarray]] = []
     seen: dict[int, np.ndarray] = {}
     for block in bag.read_blocks(survey.path, head):
         names = {d.topic: c for c, (d, _) in head.channels.items()}
-        if found is None:
-            which = np.flatnonzero(block.channel == names.get(ledger.topic, -1))
-            ends = [
-                (next_tick_ns(int(times[j, 0]), rate), numbers[-1][j])
-                for _, times, numbers in (ledger.read(block, which) if which.size else [])
-                for j in range(len(times) if numbers else 0)
-            ]
-            found = min(ends, key=lambda end: end[0], default=None)
+        which = np.flatnonzero(block.channel == names.get(ledger.topic, -1))
+        for _, times, numbers in ledger.read(block, which) if which.size else []:
+            ends = [next_tick_ns(int(ns), rate) for ns in times[:, 0]]
+            commands += zip(ends, numbers[-1], strict=True) if numbers else ()
         which = np.flatnonzero(block.channel == names.get(states.topic, -1))
         for _, times, numbers in states.read(block, which) if which.size else []:
             seen |= dict(zip(times[:, 0].tolist(), numbers[0], strict=True))
-        if found is not None and found[0] in seen:
-            return _place(crawler, source, seen[found[0]], found[1]), found[0]
-    what = "nothing is commanded in it" if found is None else "the state after its first command is missing"
+        first = min((end for end, _ in commands), default=None)
+        known = min((ns for ns in seen if first is not None and ns >= first), default=None)
+        if known is not None:
+            _, row = max((c for c in commands if c[0] <= known), key=lambda c: c[0])
+            return _place(crawler, source, seen[known], row), known
+    what = "no state after its first command is recorded" if commands else "nothing is commanded in it"
     raise bag.BagError(f"{begins}, and {what}")
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -72,6 +73,27 @@ def _put_stamp(buffer: bytearray, place: int, ns: int) -> None:
     _STAMP.pack_into(buffer, place, *divmod(ns, NS))
 
 
+@dataclass(frozen=True)
+class MessageLayout:
+    """An encoded message, and where the parts of it are that change from tick to tick.
+
+    Attributes:
+        data: the CDR bytes.
+        stamp: place of the stamp of the header.
+        numbers: place of the first number.
+        shape: shape of the numbers.
+        strides: bytes from one number to the next, for each axis of that shape.
+        times: place of the first of the times that have the first axis of the numbers in common; -1 without times.
+    """
+
+    data: bytes
+    stamp: int
+    numbers: int
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]
+    times: int = -1
+
+
 class JointStateMessage:
     """A sensor_msgs/JointState with fixed names."""
 
@@ -90,6 +112,7 @@ class JointStateMessage:
         # three sequences of equal length are equally spaced: they are the rows of one array
         self.numbers = np.ndarray((3, len(names)), np.float64, self._buffer, first, (second - first, 8))
         self.position, self.velocity, self.effort = self.numbers
+        self.layout = MessageLayout(bytes(self._buffer), self._stamp, first, self.numbers.shape, self.numbers.strides)
 
     def encode(self, stamp_ns: int) -> bytes:
         """Return the bytes for the present `position`, `velocity` and `effort`, the rows of `numbers`, (3, M)."""
@@ -113,6 +136,7 @@ class PoseMessage:
         self._buffer = cdr.buffer
         self._pose = np.frombuffer(self._buffer, np.float64, 7, place)
         self._pose[6] = 1.0  # orientation.w
+        self.layout = MessageLayout(bytes(self._buffer), self._stamp, place, (2,), (8,))
 
     def encode(self, stamp_ns: int, x: float, y: float = 0.0) -> bytes:
         """Return the bytes for position.x = x, position.y = y [m]."""
@@ -141,6 +165,7 @@ class OdometryMessage:
         numbers = np.frombuffer(self._buffer, np.float64, 7 + 36 + 6 + 36, place)
         numbers[6] = 1.0  # orientation.w
         self._position, self._velocity = numbers[:2], numbers[43:45]
+        self.layout = MessageLayout(bytes(self._buffer), self._stamp, place, (2, 2), (43 * 8, 8))
 
     def encode(self, stamp_ns: int, position: np.ndarray | float, velocity: np.ndarray | float) -> bytes:
         """Return the bytes for a net translation and its velocity: numbers on a line, shape (2,) in the plane."""
@@ -202,6 +227,23 @@ class TrajectoryMessage:
         _put_stamp(buffer, stamp, stamp_ns)
         return bytes(buffer)
 
+    def layout(self, points: int) -> MessageLayout:
+        """Return the layout of a trajectory.
+
+        Args:
+            points: number of its points P.
+
+        Returns:
+            The layout; its numbers are the positions, shape (P, M).
+        """
+        buffer, stamp, _, times = self._layout(points)
+        size = len(self._names)
+        if points == 0:
+            return MessageLayout(bytes(buffer), stamp, 0, (0, size), (0, 8))
+        after = 8 * size + 12  # positions, and the lengths of three empty sequences
+        spacing = times[1] - times[0] if points > 1 else 0
+        return MessageLayout(bytes(buffer), stamp, times[0] - after, (points, size), (spacing, 8), times[0])
+
 
 def read_stamp(data: bytes) -> int:
     """Read the stamp of a message that begins with a std_msgs/Header, without decoding the rest.
@@ -214,6 +256,10 @@ def read_stamp(data: bytes) -> int:
     """
     seconds, ns = struct.unpack_from("<iI", data, len(_ENCAPSULATION))
     return int(seconds * NS + ns)
+
+
+CLOCK = MessageLayout(_ENCAPSULATION + bytes(_STAMP.size), len(_ENCAPSULATION), 0, (0,), (8,))
+"""The layout of a rosgraph_msgs/Clock."""
 
 
 def encode_clock(ns: int) -> bytes:

@@ -26,7 +26,8 @@ from crawler_bench.node.processes import children, wait_until
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.recording.mcap_file import McapFile, message_head
+from crawler_ros.recording.mcap_file import McapFile
+from crawler_ros.recording.record_head import message_head
 from crawler_ros.recording.recorder import Recorder
 from crawler_ros.wire.definitions import type_hash
 from crawler_ros.wire.topics import read_topics
@@ -295,17 +296,23 @@ def test_when_recording_fails_the_crawler_goes_on_and_says_so(tmp_path):
         assert simulator.said.splitlines()[-1].startswith("simulator: recording stopped: ")
 
 
+@pytest.mark.parametrize("repeating", [False, True])
 @pytest.mark.parametrize("messages", [0, 1, 500])
-def test_the_file_is_that_of_the_mcap_library(tmp_path, monkeypatch, messages):
+def test_the_file_is_that_of_the_mcap_library(tmp_path, monkeypatch, messages, repeating):
     """The same records through our writer, torn into odd pieces, and through mcap's, byte for byte."""
     rng = np.random.default_rng(messages)
     ours, theirs = tmp_path / "ours.mcap", tmp_path / "theirs.mcap"
-    compress = zstandard.ZstdCompressor(level=1).compress  # theirs takes the default
+    compress = zstandard.ZstdCompressor(level=-1).compress  # theirs takes the default
     monkeypatch.setattr(mcap.writer.zstandard, "compress", compress)
     sent = [
         (1 + int(rng.integers(2)), 10**18 + int(rng.integers(10**9)), rng.bytes(int(rng.integers(400))))
         for _ in range(messages)
     ]
+    if repeating:  # as ticks do, now and then with another message between them
+        sizes = [(1, 40), (2, 30), (1, 50), (2, 30)]
+        for k in range(messages):
+            channel, size = sizes[k % 4] if rng.integers(40) else (2, 17)
+            sent[k] = channel, sent[k][1], rng.bytes(size)
     with ours.open("wb") as stream, theirs.open("wb") as other:
         mine = McapFile(stream, "ros2", "crawler", 20_000)
         library = mcap.writer.Writer(other, chunk_size=20_000)

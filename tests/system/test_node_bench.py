@@ -9,13 +9,15 @@ import pytest
 from rich.console import Console
 
 pytest.importorskip("rclpy")
-from crawler_bench.node.node import measure_node
+from crawler_bench.node.node import PARTS, measure_node
 from crawler_bench.node.replay import JOBS, measure_replay, run_job
 from crawler_bench.report import print_rows
 
 KEYS = {
-    "throughput": {"n", "recording", "subscriber", "driven", "ticks_per_s", "us_per_tick", "real_time"},
+    "throughput": {"n", "recording", "subscriber", "driven", "every", "ticks_per_s", "us_per_tick", "real_time"},
     "latency": {"n", "rate_hz", "trials", "median_ms", "p99_ms", "half_a_period_ms"},
+    "round_trips": {"n", "trips", "trips_per_s", "median_ms", "p99_ms"},
+    "lock_step": {"n", "ticks_per_s"},
     "real_time": {"n", "rate_hz", "ticks", "late_ticks", "late_ticks_of_an_empty_loop", "core_simulator"},
     "start": {"n", "ready_s", "first_state_s"},
     "ledger": {"n", "feature", "beside", "us_per_tick", "extra_us", "memory_mb", "start_s"},
@@ -23,10 +25,10 @@ KEYS = {
 MAY_BE_ZERO = {"late_ticks", "late_ticks_of_an_empty_loop", "extra_us", "core_recorder"}
 
 
-COUNTS = {"throughput": 4, "latency": 1, "real_time": 1, "start": 1, "ledger": 5}
+COUNTS = {"throughput": 5, "latency": 1, "round_trips": 1, "lock_step": 1, "real_time": 1, "start": 1, "ledger": 5}
 
 
-@pytest.fixture(scope="module", params=[("latency",), pytest.param(tuple(KEYS), marks=pytest.mark.slow)], ids=len)
+@pytest.fixture(scope="module", params=[("latency", "lock_step"), pytest.param(PARTS, marks=pytest.mark.slow)], ids=len)
 def rows(request):
     small = {"seconds": 1.0, "repeats": 1, "trials": 10, "parts": request.param}
     return measure_node(
@@ -36,7 +38,7 @@ def rows(request):
 
 def test_every_case_has_its_figures(rows):
     cases = {row["case"] for row in rows}
-    assert cases in ({"latency"}, KEYS.keys())
+    assert cases in ({"latency", "round_trips", "lock_step"}, KEYS.keys())
     assert len(rows) == sum(COUNTS[case] for case in cases)
     for row in rows:
         assert KEYS[row["case"]] <= row.keys()
@@ -51,7 +53,7 @@ def test_rows_are_plain_and_print(rows, capsys):
     assert json.loads(json.dumps(rows, allow_nan=False)) == rows
     print_rows(rows, Console())
     shown = capsys.readouterr().out
-    assert ("real time" if len(rows) > 1 else "latency") in shown
+    assert ("real time" if len(rows) > 3 else "latency") in shown
 
 
 def test_replay_is_measured_beside_readers():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import bisect
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,36 +14,12 @@ from crawler_model.errors import CommandError
 
 from . import checks
 from .limits import Limits
+from .path import Path, Trajectory, Vertex, Vertices
 from .received import wrong_point
 
 MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
 """The largest queue: command rows, and the memory that they take."""
 _ROW_BYTES = 128  # of an array or a vertex, beside its numbers
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """A checked trajectory: when it starts, and its waypoints.
-
-    Attributes:
-        start_ns: simulated time [ns]; None to start as soon as possible.
-        columns: the numbers of a command row that it sets, one array of indices per name.
-        times_ns: time_from_start of each point, shape (points,) [ns].
-        positions: shape (points, names).
-    """
-
-    start_ns: int | None
-    columns: list[np.ndarray]
-    times_ns: np.ndarray
-    positions: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Vertex:
-    """The end of a ramp within a tick: its simulated time [ns] and the row commanded there."""
-
-    due_ns: int
-    row: np.ndarray
 
 
 class CommandQueue:
@@ -74,6 +50,8 @@ class CommandQueue:
         """Messages refused because the queue was full."""
         self.unheld = 0
         """Rows dropped because no equilibrium holds their loads."""
+        self.ended = False
+        """Whether the commands ended in the tick that `take` took last: nothing that was taken goes on after it."""
         self._lengths = columns.lengths
         self._lock = threading.Lock()
         self.reset(in_force)
@@ -90,8 +68,8 @@ class CommandQueue:
             self.now_ns = self._tick_ns = 0
             self.arrived.clear()
         self._in_force = np.array(in_force)
-        self._anchor = Vertex(0, self._in_force)
-        self._path: list[Vertex] = []
+        self._path = Path(Vertex(0, self._in_force))
+        self.ended = False
 
     @property
     def in_force(self) -> np.ndarray:
@@ -108,13 +86,13 @@ class CommandQueue:
             in_force: the command row in force, shape (C,).
         """
         self._in_force = in_force
-        self._anchor = Vertex(self.now_ns, in_force)
-        self._path = []
+        self._path.end(Vertex(self.now_ns, in_force))
+        self.ended = True
 
     @property
     def waiting(self) -> int:
         """Number of waiting command rows, including those of a running trajectory."""
-        return self._pending + self._pending_beside + len(self._path)
+        return self._pending + self._pending_beside + len(self._path.ahead)
 
     @property
     def most_waiting(self) -> int:
@@ -248,7 +226,7 @@ class CommandQueue:
     @property
     def is_idle(self) -> bool:
         """Whether there is no message left that would trigger a tick in lock-step."""
-        return not (self._path or self._turns)
+        return not (self._path.ahead or self._turns)
 
     def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
@@ -266,9 +244,15 @@ class CommandQueue:
             The vertices; an empty list to hold.
         """
         self.now_ns, self._tick_ns = end_ns, end_ns - start_ns
+        vertices = self._take(start_ns, end_ns)
+        self.ended = bool(vertices) and not self._path.ahead
+        return self._without_repeats(vertices)
+
+    def _take(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        """Take the vertices of a tick, including those that repeat the row in force."""
         if self._lock_step:
-            return self._without_repeats(self._take_turn(start_ns, end_ns))
-        if not (self._actuation or self._beside or self._trajectories or self._path):
+            return self._take_turn(start_ns, end_ns)
+        if not (self._actuation or self._beside or self._trajectories or self._path.ahead):
             return []
         with self._lock:
             actuation, self._actuation = self._actuation, []
@@ -280,18 +264,42 @@ class CommandQueue:
         if arrays and trajectory_last:
             vertices = self._pair(actuation, beside, start_ns, start_ns)
             self._join_all(trajectories, start_ns, end_ns)
-            return self._without_repeats(vertices + self._follow_path(start_ns, end_ns))
+            return vertices + self._follow_path(start_ns, end_ns)
         self._join_all(trajectories, start_ns, end_ns)
         if not arrays:
-            return self._without_repeats(self._follow_path(start_ns, end_ns)) if self._path else []
-        past = [v for v in self._path if v.due_ns <= start_ns]
+            return self._follow_path(start_ns, end_ns)
+        past = [v for v in self._path.ahead if v.due_ns <= start_ns]
         if past:
-            self._anchor = past[-1]
-        return self._without_repeats(past + self._pair(actuation, beside, start_ns, end_ns))
+            self._path.anchor = past[-1]
+        return past + self._pair(actuation, beside, start_ns, end_ns)
+
+    def take_ahead(self, start_ns: int, ends_ns: Sequence[int]) -> Vertices | None:
+        """Take the vertices of the next ticks at once, as `take` would one after another.
+
+        Args:
+            start_ns: simulated time at the start of the first tick [ns].
+            ends_ns: simulated time at the end of each tick [ns].
+
+        Returns:
+            The vertices, in lock-step of fewer ticks if the trajectory ends before; None where `take` is needed,
+            because messages wait or, in lock-step, no trajectory is running.
+        """
+        path = self._path
+        if self._actuation or self._beside or self._trajectories or self._columns.loads:
+            return None
+        if self._lock_step:
+            if not path.ahead:
+                return None
+            ends_ns = ends_ns[: 1 + bisect.bisect_left(ends_ns, path.ahead[-1].due_ns)]
+        self.now_ns, self._tick_ns = ends_ns[-1], ends_ns[-1] - (ends_ns[-2] if len(ends_ns) > 1 else start_ns)
+        taken = path.follow(start_ns, ends_ns).without_repeats(self._in_force)
+        if taken.due_ns.size:
+            self._in_force = taken.rows[-1]
+        return taken
 
     def _take_turn(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of a tick in lock-step: of the running trajectory, else of the earliest message."""
-        if self._path:
+        if self._path.ahead:
             return self._follow_path(start_ns, end_ns)
         with self._lock:
             self.arrived.clear()
@@ -306,7 +314,7 @@ class CommandQueue:
                 self._pending -= 1
                 self._pending_beside = 0
         if isinstance(turn, Trajectory):
-            self._join(turn, start_ns, end_ns, 0)
+            self._path.join(turn, start_ns, end_ns, 0)
             return self._follow_path(start_ns, end_ns)
         return self._pair([turn], beside, start_ns, end_ns)
 
@@ -321,15 +329,16 @@ class CommandQueue:
                 self._in_force = vertex.row
             else:
                 self.unheld += 1
-                if self._anchor.row is vertex.row:  # commands that follow do not start from it
-                    self._anchor = Vertex(vertex.due_ns, self._in_force)
+                anchor = self._path.anchor
+                if anchor.row.tobytes() == vertex.row.tobytes():  # commands that follow do not start from it
+                    self._path.anchor = Vertex(anchor.due_ns, self._in_force)
         return kept
 
     def _pair(
         self, actuation: list[np.ndarray], beside: dict[int, list[np.ndarray]], start_ns: int, end_ns: int
     ) -> list[Vertex]:
         count = max(len(actuation), *map(len, beside.values()), 0)
-        row = self._value_at(start_ns) if self._path else self._anchor.row
+        row = self._path.value_at(start_ns)
         vertices = []
         for k in range(count):
             row = row.copy()
@@ -339,61 +348,16 @@ class CommandQueue:
                 if k < len(waiting):
                     row[first : first + waiting[k].size] = waiting[k]
             vertices.append(Vertex(start_ns + (end_ns - start_ns) * (k + 1) // count, row))
-        self._path = []
-        self._anchor = Vertex(end_ns, row)
+        self._path.end(Vertex(end_ns, row))
         return vertices
-
-    def _value_at(self, ns: int) -> np.ndarray:
-        before = self._anchor
-        for vertex in self._path:
-            if vertex.due_ns > ns:
-                if ns <= before.due_ns:
-                    return before.row
-                part = (ns - before.due_ns) / (vertex.due_ns - before.due_ns)
-                return before.row + part * (vertex.row - before.row)
-            before = vertex
-        return before.row
 
     def _join_all(self, trajectories: list[Trajectory], now_ns: int, end_ns: int) -> None:
         fresh = 0
         for trajectory in trajectories:
-            fresh = self._join(trajectory, now_ns, end_ns, fresh)
-
-    def _join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
-        """Let a trajectory replace the path from its start on.
-
-        Trajectories that arrive in the same tick lose no vertex that is due in it: of the last `fresh` vertices of the
-        path, those due by its end stay. Times never decrease along the path.
-
-        Returns:
-            The number of vertices of the path that belong to trajectories that arrived in this tick.
-        """
-        start = now_ns if trajectory.start_ns is None else trajectory.start_ns
-        cut = max(start, now_ns)
-        old = len(self._path) - fresh
-        kept_old = [v for v in self._path[:old] if v.due_ns <= cut]
-        kept_new = [v for v in self._path[old:] if v.due_ns <= max(cut, end_ns)]
-        row = kept_new[-1].row if kept_new and kept_new[-1].due_ns > cut else self._value_at(cut)
-        path = kept_old + kept_new
-        due = max(cut, path[-1].due_ns if path else cut)
-        rows = np.tile(row, (trajectory.times_ns.size, 1))
-        for column, values in zip(trajectory.columns, trajectory.positions.T, strict=True):
-            rows[:, column] = values[:, None]
-        dues = np.maximum(start + trajectory.times_ns, due).tolist()
-        joined = [Vertex(due, row), *map(Vertex, dues, rows)]
-        self._path = path + joined
-        return len(kept_new) + len(joined)
+            fresh = self._path.join(trajectory, now_ns, end_ns, fresh)
 
     def _follow_path(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        path = self._path
-        count = 0
-        while count < len(path) and path[count].due_ns <= end_ns:
-            count += 1
-        passed = path[:count]
-        vertices = [v if v.due_ns >= start_ns else Vertex(start_ns, v.row) for v in passed]
-        if count < len(path):
-            vertices.append(Vertex(end_ns, self._value_at(end_ns)))
-        if passed:
-            self._anchor = passed[-1]
-            del path[:count]
-        return vertices
+        if not self._path.ahead:
+            return []
+        taken = self._path.follow(start_ns, [end_ns])
+        return list(map(Vertex, taken.due_ns.tolist(), taken.rows))

@@ -1,0 +1,65 @@
+"""Scenes that wait for commands, and trajectories that drive them for longer than a measurement."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from crawler_model.body.names import name_links
+
+from .domain import Domain, drive
+
+
+def write_chain(folder: Path, contacts: int) -> Path:
+    """Write the scene of a chain that waits for commands.
+
+    Args:
+        folder: folder of the file.
+        contacts: number of contacts N.
+
+    Returns:
+        The file.
+    """
+    scene = {
+        "name": f"chain_{contacts}",
+        "body": {"contacts": [round(0.1 * i, 6) for i in range(contacts)], "links": {"stiffness": 10.0}},
+        "friction": {"forward": 0.2, "backward": 0.5},
+    }
+    path = folder / f"chain_{contacts}.yaml"
+    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    return path
+
+
+def write_segment(folder: Path, accuracy: float) -> Path:
+    """Write the gallery's continuous segment with another accuracy.
+
+    Args:
+        folder: folder of the file.
+        accuracy: accuracy of the scene's segment.
+
+    Returns:
+        The file.
+    """
+    from crawler_model import load_scene
+
+    scene = load_scene("continuous_segment").document()
+    scene["body"]["segments"][0]["accuracy"] = accuracy
+    path = folder / f"segment_{accuracy:g}.yaml"
+    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    return path
+
+
+def wave(domain: Domain, contacts: int) -> None:
+    """Drive a chain by a travelling wave with a period of 1 s for the longest duration of a measurement."""
+    samples, periods = (64, 300) if contacts <= 100 else (16, 40)
+    time_in_period = np.arange(samples * periods)[:, None] / samples
+    rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
+    drive(domain, name_links(contacts - 1), rows, 1.0 / samples)
+
+
+def strokes(domain: Domain) -> None:
+    """Stretch the segment of `write_segment` back and forth for the longest duration of a measurement."""
+    rows = np.tile([[0.0], [0.2]], (300, 1))
+    drive(domain, ["trunk"], rows, 0.5)

@@ -1,0 +1,176 @@
+"""The path of commands that trajectories lay ahead of the ticks: waypoints, with straight lines between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A checked trajectory: when it starts, and its waypoints.
+
+    Attributes:
+        start_ns: simulated time [ns]; None to start as soon as possible.
+        columns: the numbers of a command row that it sets, one array of indices per name.
+        times_ns: time_from_start of each point, shape (points,) [ns].
+        positions: shape (points, names).
+    """
+
+    start_ns: int | None
+    columns: list[np.ndarray]
+    times_ns: np.ndarray
+    positions: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Vertex:
+    """The end of a ramp within a tick: its simulated time [ns] and the row commanded there."""
+
+    due_ns: int
+    row: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Vertices:
+    """The vertices of K ticks in order.
+
+    Attributes:
+        due_ns: their times, shape (V,) [ns].
+        rows: the rows commanded there, shape (V, C).
+        first: the first vertex of each tick, then V, shape (K + 1,).
+        ended: the tick in which the commands ended; -1 if they go on after all of the ticks.
+    """
+
+    due_ns: np.ndarray
+    rows: np.ndarray
+    first: np.ndarray
+    ended: int
+
+    def without_repeats(self, in_force: np.ndarray) -> Vertices:
+        """Leave out the vertices that only repeat the row before them.
+
+        Args:
+            in_force: the row before the first one, shape (C,).
+
+        Returns:
+            The others.
+        """
+        bits = np.vstack((in_force, self.rows)).view(np.int64)
+        kept = (bits[1:] != bits[:-1]).any(axis=1)
+        if kept.all():
+            return self
+        first = np.concatenate(([0], np.cumsum(kept)))[self.first]
+        return Vertices(self.due_ns[kept], self.rows[kept], first, self.ended)
+
+
+class Path:
+    """The waypoints ahead, from the last one that was passed."""
+
+    def __init__(self, anchor: Vertex) -> None:
+        """Start with no waypoint ahead.
+
+        Args:
+            anchor: where the commands are.
+        """
+        self.anchor = anchor
+        """The last waypoint passed: the straight line to the next one starts from it."""
+        self.ahead: list[Vertex] = []
+
+    def end(self, anchor: Vertex) -> None:
+        """Drop the waypoints ahead.
+
+        Args:
+            anchor: where the commands are now.
+        """
+        self.anchor, self.ahead = anchor, []
+
+    def value_at(self, ns: int) -> np.ndarray:
+        """Compute the row commanded at a time.
+
+        Args:
+            ns: simulated time [ns].
+
+        Returns:
+            Shape (C,).
+        """
+        before = self.anchor
+        for vertex in self.ahead:
+            if vertex.due_ns > ns:
+                if ns <= before.due_ns:
+                    return before.row
+                part = (ns - before.due_ns) / (vertex.due_ns - before.due_ns)
+                return before.row + part * (vertex.row - before.row)
+            before = vertex
+        return before.row
+
+    def join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
+        """Let a trajectory replace the path from its start on.
+
+        Trajectories that arrive in the same tick lose no vertex that is due in it: of the last `fresh` vertices of the
+        path, those due by its end stay. Times never decrease along the path.
+
+        Args:
+            trajectory: the trajectory.
+            now_ns: simulated time at the start of the tick [ns].
+            end_ns: simulated time at its end [ns].
+            fresh: the number of vertices of the path that belong to trajectories that arrived in this tick.
+
+        Returns:
+            The same number with those of this trajectory.
+        """
+        start = now_ns if trajectory.start_ns is None else trajectory.start_ns
+        cut = max(start, now_ns)
+        old = len(self.ahead) - fresh
+        kept_old = [v for v in self.ahead[:old] if v.due_ns <= cut]
+        kept_new = [v for v in self.ahead[old:] if v.due_ns <= max(cut, end_ns)]
+        row = kept_new[-1].row if kept_new and kept_new[-1].due_ns > cut else self.value_at(cut)
+        path = kept_old + kept_new
+        due = max(cut, path[-1].due_ns if path else cut)
+        rows = np.tile(row, (trajectory.times_ns.size, 1))
+        for column, values in zip(trajectory.columns, trajectory.positions.T, strict=True):
+            rows[:, column] = values[:, None]
+        dues = np.maximum(start + trajectory.times_ns, due).tolist()
+        joined = [Vertex(due, row), *map(Vertex, dues, rows)]
+        self.ahead = path + joined
+        return len(kept_new) + len(joined)
+
+    def follow(self, start_ns: int, ends_ns: Sequence[int]) -> Vertices:
+        """Follow the path through consecutive ticks, and drop the waypoints that are passed.
+
+        Args:
+            start_ns: simulated time at the start of the first tick [ns].
+            ends_ns: simulated time at the end of each tick [ns].
+
+        Returns:
+            The waypoints passed, those already past at the start of the first tick, and where the path extends beyond
+            the end of a tick, the point on the straight line there.
+        """
+        ahead, last, count = self.ahead, ends_ns[-1], 0
+        while count < len(ahead) and ahead[count].due_ns <= last:
+            count += 1
+        near = [self.anchor, *ahead[: count + 1]]
+        ends = np.array(ends_ns, np.int64)
+        due = np.array([v.due_ns for v in near], np.int64)
+        # the waypoints before and after the end of each tick
+        before = np.searchsorted(due[1:], ends, side="right")
+        ends = ends[: np.searchsorted(before, len(near) - 1)]  # the path extends beyond these
+        before = before[: ends.size]
+        span = due[before + 1] - due[before]
+        part = np.maximum(ends - due[before], 0) / np.maximum(span, 1)
+        table = np.array([v.row for v in near])
+        between = table[before] + part[:, None] * (table[before + 1] - table[before])
+        between[part == 0.0] = table[before[part == 0.0]]
+        passed_in = np.searchsorted(ends_ns, due[1 : count + 1])
+        tick = np.concatenate((passed_in, np.arange(ends.size)))
+        order = np.argsort(tick, kind="stable")
+        self.anchor = near[count]
+        del ahead[:count]
+        return Vertices(
+            np.concatenate((np.maximum(due[1 : count + 1], start_ns), ends))[order],
+            np.concatenate((table[1 : count + 1], between))[order],
+            np.searchsorted(tick[order], np.arange(len(ends_ns) + 1)),
+            int(passed_in[-1]) if count and not ahead else -1,
+        )
