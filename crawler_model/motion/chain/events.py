@@ -21,6 +21,7 @@ from ..state import (
     AMBIGUOUS,
     AT_BACKWARD,
     BACKWARD,
+    COMPLIANCE,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
@@ -31,6 +32,7 @@ from ..state import (
     advance_loads,
 )
 from ..translation import choose_translation, is_wide
+from .long_blocks import begin_long, finish_long, release_long, solve_long
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -49,32 +51,11 @@ from .memory import (
     ROW_V_BEFORE,
 )
 from .rates import slack, solve, update
+from .tournament import sooner, update_tournament
 
 _FEW_FREE, FEW_CONTACTS = 2, 256
 """After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
 more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
-
-
-@compiled
-def _sooner(next_event, a, b):
-    """Return the one of two contacts (or -1) with the earlier event."""
-    if a < 0:
-        return b
-    if b < 0:
-        return a
-    return a if next_event[a] <= next_event[b] else b
-
-
-@compiled
-def _update_tournament(tree, leaves, floats, i):
-    """Update the tournament after the next event of contact i has changed."""
-    if floats[ROW_NEXT, i] == floats[ROW_ENTERED, i]:
-        return
-    floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
-    node = (leaves + i) >> 1
-    while node >= 1:
-        tree[node] = _sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
-        node >>= 1
 
 
 @compiled
@@ -153,6 +134,7 @@ def follow_events(
     bytes_,
     tree,
     stacks,
+    long,
     account,
     budget,
     elements,
@@ -170,10 +152,11 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, which also allocates the next three.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next four.
         bytes_: statuses within the ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
+        long: memory for long blocks.
         account: account of the ramp, shape (14,), added to.
         budget: upper limit of work: contacts solved plus breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
@@ -193,6 +176,8 @@ def follow_events(
         leaves *= 2
     hits = tree[2 * leaves :]
     whole = (0.0, 0.0)
+    may_be_long = long.ends.shape[0] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
+    any_long = False
     for i in range(n):
         floats[ROW_RATE, i] = 0.0
         floats[ROW_V, i] = 0.0
@@ -205,6 +190,8 @@ def follow_events(
             whole[0] + contacts[FORWARD, i] + contacts[BACKWARD, i],
             whole[1] + target[n - 1 + i] + target[2 * n - 1 + i],
         )
+        steady = floats[ROW_D_FORWARD, i] == 0.0 and floats[ROW_D_BACKWARD, i] == 0.0
+        may_be_long &= steady and contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0
         bytes_[ROW_LEAVING, i] = 0
         tree[leaves + i] = i
     for i in range(leaves + n, 2 * leaves):
@@ -217,7 +204,7 @@ def follow_events(
     for i in range(n):
         floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
     for node in range(leaves - 1, 0, -1):
-        tree[node] = _sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+        tree[node] = sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
     free = _count_free(bytes_)
     pieces = 1
     done = True
@@ -235,6 +222,8 @@ def follow_events(
         if critical or free_translation:
             # friction at the middle of the stretch, as it may be zero at its start
             middle = 0.5 * (s + until)
+            if any_long:
+                release_long(contacts, links, floats, bytes_, account, long, s)
             update(contacts, links, floats, account, s, 0, n - 1)
             for i in range(n):
                 floats[ROW_FORWARD, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
@@ -274,7 +263,7 @@ def follow_events(
                 blur += _uncertainty(contacts, links, floats, bytes_[ROW_COMING, first_hit], s, first_hit)
             status[first_hit] |= bytes_[ROW_COMING, first_hit]
             floats[ROW_NEXT, first_hit] = np.inf
-            _update_tournament(tree, leaves, floats, first_hit)
+            update_tournament(tree, leaves, floats, first_hit)
             hits[count] = first_hit
             count += 1
             first_hit = tree[1]
@@ -290,19 +279,38 @@ def follow_events(
                 for i in range(n):
                     _settle(status, floats, bytes_, s, i)
             else:
+                beside_long = False
                 first = contact
                 while first > 0:
                     _settle(status, floats, bytes_, s, first - 1)
                     if status[first - 1] == 0:
                         break
                     first -= 1
+                    if any_long and long.ends[first] >= 0:
+                        first = long.ends[first]
+                        beside_long = True
                 last = contact
                 while last < n - 1:
                     _settle(status, floats, bytes_, s, last + 1)
                     if status[last + 1] == 0:
                         break
                     last += 1
+                    if any_long and long.ends[last] >= 0:
+                        last = long.ends[last]
+                        beside_long = True
             solved_to = last
+            if may_be_long and not shifted and (beside_long or last - first + 1 >= long.shortest):
+                if not any_long:
+                    begin_long(elasticity[COMPLIANCE], floats, long)
+                    any_long = True
+                solved, freed, effort = solve_long(
+                    elasticity, contacts, links, status, floats, bytes_, tree, leaves, account, long, s, first, last
+                )
+                free += freed
+                spent += effort
+                if solved:
+                    free_translation = False
+                    continue
             for i in range(first, last + 1):
                 free -= bytes_[ROW_SIDE, i] == 0
             if wide:
@@ -320,9 +328,12 @@ def follow_events(
             for i in range(first, last + 1):
                 free += bytes_[ROW_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
-                _update_tournament(tree, leaves, floats, i)
+                update_tournament(tree, leaves, floats, i)
 
     end = 1.0 if done else s
+    if any_long:
+        release_long(contacts, links, floats, bytes_, account, long, end)
+        finish_long(contacts, account, long)
     update(contacts, links, floats, account, end, 0, n - 1)
     for i in range(n):
         status[i] &= ~bytes_[ROW_LEAVING, i]

@@ -69,6 +69,29 @@ def slack(contacts, links, floats, s, i):
 
 
 @compiled
+def advance_link(links, floats, s, i):
+    """Update the tension of a link from its last change to s.
+
+    Args:
+        links: row TENSION is changed in place.
+        floats: rates, and the places since which they hold.
+        s: place on the ramp, 0 .. 1.
+        i: the link.
+
+    Returns:
+        The work of its actuator since then [J].
+    """
+    ds = s - floats[ROW_LINK_SINCE, i]
+    floats[ROW_LINK_SINCE, i] = s
+    if not ds > 0.0:
+        return 0.0
+    before = links[TENSION, i]
+    gain = floats[ROW_RATE, i] * ds
+    links[TENSION, i] = before + gain
+    return -(before + 0.5 * gain) * floats[ROW_D_ACTUATION, i] * ds
+
+
+@compiled
 def update(contacts, links, floats, account, s, first, last):
     """Update contacts first..last and the links between and beside them from their last change to s.
 
@@ -85,12 +108,7 @@ def update(contacts, links, floats, account, s, first, last):
     tension = links[TENSION]
     work = 0.0
     for i in range(max(first - 1, 0), min(last, n - 2) + 1):
-        ds = s - floats[ROW_LINK_SINCE, i]
-        if ds > 0.0:
-            gain = floats[ROW_RATE, i] * ds
-            work -= (tension[i] + 0.5 * gain) * floats[ROW_D_ACTUATION, i] * ds
-            tension[i] += gain
-        floats[ROW_LINK_SINCE, i] = s
+        work += advance_link(links, floats, s, i)
     dissipation = 0.0
     complementarity = account[COMPLEMENTARITY]
     violation = account[VIOLATION]
@@ -154,6 +172,50 @@ def _slide_together(compliance, status, floats, side, first, last):
         velocity[i] = v
         rate[i] += base
     return True
+
+
+@compiled
+def find_event(contacts, links, status, floats, bytes_, s, i):
+    """Find the next event of a contact that does not move with a bound.
+
+    Args:
+        contacts: rows of the contacts, as in `follow_events`.
+        links: elongations and tensions at their last change.
+        status: bounds at which contacts are.
+        floats: rates, and the places since which they hold; the event is written.
+        bytes_: the bound that the contact reaches is written.
+        s: place on the ramp, 0 .. 1.
+        i: the contact.
+    """
+    n = contacts.shape[1]
+    rate, d_forward, d_backward = floats[ROW_RATE], floats[ROW_D_FORWARD], floats[ROW_D_BACKWARD]
+    coming = bytes_[ROW_COMING]
+    climb = 0.0
+    if i < n - 1:
+        climb += rate[i]
+    if i > 0:
+        climb -= rate[i - 1]
+    above, below = slack(contacts, links, floats, s, i)
+    when = np.inf
+    closing = climb - d_forward[i]
+    if closing > 0.0 and not status[i] & AT_FORWARD:
+        when = s + max(above, 0.0) / closing
+        coming[i] = AT_FORWARD
+    closing = -climb - d_backward[i]
+    if closing > 0.0 and not status[i] & AT_BACKWARD:
+        other = s + max(below, 0.0) / closing
+        if other < when:
+            when = other
+            coming[i] = AT_BACKWARD
+    if LATE < when < 1.0:
+        # if its force would exceed the bound by no more than rounding, it arrives at the end of the ramp
+        excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
+        size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
+        for j in range(max(i - 1, 0), min(i + 1, n - 1)):
+            size += abs(links[TENSION, j]) + abs(rate[j])
+        if excess <= 8.0 * EPS * size:
+            when = 1.0
+    floats[ROW_NEXT, i] = when
 
 
 @compiled
@@ -227,7 +289,7 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
     moved = bytes_[ROW_MOVED]
     for i in range(start, stop):
         moved[i] |= shape_gain(rate[i], trial[i], compliance[i]) != 0.0
-    leaving, coming, next_event = bytes_[ROW_LEAVING], bytes_[ROW_COMING], floats[ROW_NEXT]
+    leaving, next_event = bytes_[ROW_LEAVING], floats[ROW_NEXT]
     for i in range(start, stop + 1):
         held = 0
         if side[i] != 0:
@@ -239,30 +301,5 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
         if held != 0 and d_forward[i] + d_backward[i] >= 0.0:
             next_event[i] = np.inf  # it moves with its bound, and the other bound does not approach
             continue
-        climb = 0.0
-        if i < n - 1:
-            climb += rate[i]
-        if i > 0:
-            climb -= rate[i - 1]
-        above, below = slack(contacts, links, floats, s, i)
-        when = np.inf
-        closing = climb - d_forward[i]
-        if closing > 0.0 and not status[i] & AT_FORWARD:
-            when = s + max(above, 0.0) / closing
-            coming[i] = AT_FORWARD
-        closing = -climb - d_backward[i]
-        if closing > 0.0 and not status[i] & AT_BACKWARD:
-            other = s + max(below, 0.0) / closing
-            if other < when:
-                when = other
-                coming[i] = AT_BACKWARD
-        if LATE < when < 1.0:
-            # if its force would exceed the bound by no more than rounding, it arrives at the end of the ramp
-            excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
-            size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
-            for j in range(max(i - 1, 0), min(i + 1, n - 1)):
-                size += abs(links[TENSION, j]) + abs(rate[j])
-            if excess <= 8.0 * EPS * size:
-                when = 1.0
-        next_event[i] = when
+        find_event(contacts, links, status, floats, bytes_, s, i)
     return free_translation, effort
