@@ -304,7 +304,20 @@ def follow_events(
                     begin_long(elasticity[COMPLIANCE], floats, long)
                     any_long = True
                 solved, freed, effort = solve_long(
-                    elasticity, contacts, links, status, floats, bytes_, tree, leaves, account, long, s, first, last
+                    elasticity,
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    bytes_,
+                    tree,
+                    leaves,
+                    account,
+                    long,
+                    s,
+                    first,
+                    last,
+                    contact,
                 )
                 free += freed
                 spent += effort

@@ -363,7 +363,9 @@ def _find_events(contacts, links, status, floats, bytes_, tree, leaves, long, st
 
 
 @compiled
-def solve_long(elasticity, contacts, links, status, floats, bytes_, tree, leaves, account, long, s, first, last):
+def solve_long(
+    elasticity, contacts, links, status, floats, bytes_, tree, leaves, account, long, s, first, last, contact
+):
     """Solve for the rates of the contacts first..last at s, all at their bounds, as long blocks.
 
     Args:
@@ -380,6 +382,7 @@ def solve_long(elasticity, contacts, links, status, floats, bytes_, tree, leaves
         s: place on the ramp, 0 .. 1.
         first: the first contact, next to a wall or at the end of the chain.
         last: the last contact, likewise.
+        contact: one that has reached its bound at s.
 
     Returns:
         Whether it succeeded; if not, all blocks have become short, and their rates are not known. Then by how much the
@@ -408,8 +411,15 @@ def solve_long(elasticity, contacts, links, status, floats, bytes_, tree, leaves
         low = max(a - 1, 0)
         high = min(b + 1, n - 1)
         size = tables[SIZE, high] - tables[SIZE, low] + abs(rate) * difference(tables, Q, low, high)
-        turning, looked = find_turning(tables, long.nodes, long.order, side, anchor, rate, a, b, CRITICAL * size)
-        effort += looked
+        turning = -1
+        worst = CRITICAL * size
+        for i in (a, b, contact - 1, contact + 1):  # likely ones first
+            if a <= i <= b and -side[i] * velocity_at(tables, anchor, rate, i) > worst:
+                worst = -side[i] * velocity_at(tables, anchor, rate, i)
+                turning = i
+        if turning < 0:
+            turning, looked = find_turning(tables, long.nodes, long.order, side, anchor, rate, a, b, CRITICAL * size)
+            effort += looked
         if turning >= 0:
             solved = stops < MOST_TURNS
             if solved:
