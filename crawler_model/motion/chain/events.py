@@ -32,7 +32,7 @@ from ..state import (
     advance_loads,
 )
 from ..translation import choose_translation, is_wide
-from .long_blocks import begin_long, finish_long, release_long, solve_long
+from .long_blocks import begin_long, release_long, solve_long
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -50,8 +50,8 @@ from .memory import (
     ROW_V,
     ROW_V_BEFORE,
 )
-from .rates import slack, solve, update
-from .tournament import sooner, update_tournament
+from .rates import slack, solve, sooner, update, update_tournament
+from .slides import ENDS, finish_slides
 
 _FEW_FREE, FEW_CONTACTS = 2, 256
 """After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
@@ -175,8 +175,9 @@ def follow_events(
     while leaves < n:
         leaves *= 2
     hits = tree[2 * leaves :]
+    shortest, lines, sums, nodes, order, marks, parts = long
     whole = (0.0, 0.0)
-    may_be_long = long.ends.shape[0] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
+    may_be_long = marks.shape[1] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
     any_long = False
     for i in range(n):
         floats[ROW_RATE, i] = 0.0
@@ -223,7 +224,7 @@ def follow_events(
             # friction at the middle of the stretch, as it may be zero at its start
             middle = 0.5 * (s + until)
             if any_long:
-                release_long(contacts, links, floats, bytes_, account, long, s)
+                release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, s)
             update(contacts, links, floats, account, s, 0, n - 1)
             for i in range(n):
                 floats[ROW_FORWARD, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
@@ -286,8 +287,8 @@ def follow_events(
                     if status[first - 1] == 0:
                         break
                     first -= 1
-                    if any_long and long.ends[first] >= 0:
-                        first = long.ends[first]
+                    if any_long and marks[ENDS, first] >= 0:
+                        first = marks[ENDS, first]
                         beside_long = True
                 last = contact
                 while last < n - 1:
@@ -295,13 +296,13 @@ def follow_events(
                     if status[last + 1] == 0:
                         break
                     last += 1
-                    if any_long and long.ends[last] >= 0:
-                        last = long.ends[last]
+                    if any_long and marks[ENDS, last] >= 0:
+                        last = marks[ENDS, last]
                         beside_long = True
             solved_to = last
-            if may_be_long and not shifted and (beside_long or last - first + 1 >= long.shortest):
+            if may_be_long and not shifted and (beside_long or last - first + 1 >= shortest):
                 if not any_long:
-                    begin_long(elasticity[COMPLIANCE], floats, long)
+                    begin_long(elasticity[COMPLIANCE], floats, lines, sums, nodes, marks)
                     any_long = True
                 solved, freed, effort = solve_long(
                     elasticity,
@@ -313,7 +314,13 @@ def follow_events(
                     tree,
                     leaves,
                     account,
-                    long,
+                    lines,
+                    sums,
+                    nodes,
+                    marks,
+                    order,
+                    parts,
+                    shortest,
                     s,
                     first,
                     last,
@@ -345,8 +352,8 @@ def follow_events(
 
     end = 1.0 if done else s
     if any_long:
-        release_long(contacts, links, floats, bytes_, account, long, end)
-        finish_long(contacts, account, long)
+        release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, end)
+        finish_slides(contacts, account, lines, sums, marks)
     update(contacts, links, floats, account, end, 0, n - 1)
     for i in range(n):
         status[i] &= ~bytes_[ROW_LEAVING, i]

@@ -34,42 +34,32 @@ _BYTE_ROWS = 4
 
 SHORTEST_LONG = 128
 """Number of contacts from which a sliding block is a long one (`long_blocks`)."""
-LEAF, COARSE = 32, 256
+LEAF, SPAN = 32, 64
 """Contacts of a leaf of the tree of bounds; contacts whose sums for displacements are also stored as one sum."""
 MOST_TURNS = 32
 """If an event in a long block turns more contacts than this, the projection solves the block."""
 
 
 class LongBlocks(NamedTuple):
-    """Memory for long blocks; without rows for chains that are too short for them.
+    """Memory for long blocks; without columns for chains that are too short for them.
 
     Attributes:
         shortest: number of contacts from which a block is a long one.
-        tables: sums over the links before each contact, rows as in `turning`, shape (5, N).
-        nodes: tree of bounds of the velocities, columns as in `turning`, shape (2 M, 4).
+        lines: rows as in `turning`, then numbers of blocks as in `long_blocks` and `slides`, shape (8, N).
+        sums: sums for displacements, columns as in `slides`, shape (R, 6).
+        nodes: tree of bounds of the velocities, columns as in `turning`, shape (2 M, 5).
         order: nodes visited in a search, shape (2 M, 3).
-        sums: sums for displacements, as differences along the chain, columns as in `long_blocks`, shape (N, 6).
-        coarse: the same for `COARSE` contacts at a time.
-        forces: sum of the forces of the contacts of each leaf that slide in long blocks, shape (M,) [N].
-        numbers: numbers of blocks and contacts, rows as in `long_blocks`, shape (3, N).
-        ends: of a long block at its first and last contact: the other one; -1 elsewhere, shape (N,).
-        slid: 1 or -1 for contacts that slid forward or backward in a long block, else 0, shape (N,).
-        parts: parts of a block that are still to be solved, shape (MOST_TURNS + 2, 2).
-        stopped: contacts that stopped at an event, shape (MOST_TURNS + 1,).
+        marks: rows ENDS and SLID as in `slides`, shape (2, N).
+        parts: parts of a block that are still to be solved, and contacts that stopped, shape (P, 3).
     """
 
     shortest: int
-    tables: np.ndarray
+    lines: np.ndarray
+    sums: np.ndarray
     nodes: np.ndarray
     order: np.ndarray
-    sums: np.ndarray
-    coarse: np.ndarray
-    forces: np.ndarray
-    numbers: np.ndarray
-    ends: np.ndarray
-    slid: np.ndarray
+    marks: np.ndarray
     parts: np.ndarray
-    stopped: np.ndarray
 
 
 class Scratch(NamedTuple):
@@ -85,19 +75,15 @@ class Scratch(NamedTuple):
 def _long_blocks(contacts: int) -> LongBlocks:
     n = contacts if contacts >= SHORTEST_LONG else 0
     leaves = 1 << max(-(-n // LEAF) - 1, 0).bit_length()
+    fine = n // SPAN + 1
     return LongBlocks(
         SHORTEST_LONG,
-        np.zeros((5, n)),
-        np.zeros((2 * leaves, 4)),
+        np.zeros((8, n)),
+        np.zeros((n + fine + fine // SPAN + 1, 6)),
+        np.zeros((2 * leaves, 5)),
         np.zeros((2 * leaves, 3), np.int64),
-        np.zeros((n, 6)),
-        np.zeros((n // COARSE + 1, 6)),
-        np.zeros(leaves),
-        np.zeros((3, n)),
-        np.full(n, -1, np.int64),
-        np.zeros(n, np.int8),
-        np.zeros((2 * MOST_TURNS + 4, 2), np.int64),
-        np.zeros(MOST_TURNS + 1, np.int64),
+        np.full((2, n), -1, np.int64),
+        np.zeros((2 * MOST_TURNS + 4, 3), np.int64),
     )
 
 

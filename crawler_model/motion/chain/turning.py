@@ -1,11 +1,11 @@
-"""Velocities in long blocks of a chain as lines over tables, and the search for contacts that turn round.
+"""Velocities in long blocks of a chain as lines over lines, and the search for contacts that turn round.
 
 With constant friction the contacts of a sliding block between walls p and q (see `long_blocks`) have the velocities
 
     v_i = (P_i - P_p) + rate (Q_i - Q_p)
 
-with P and Q the sums of the rates of the rest lengths and of the compliances of all links before a contact: tables that
-are fixed for the ramp, and one number for each block, the common rate of its tensions. The tables are sums of two
+with P and Q the sums of the rates of the rest lengths and of the compliances of all links before a contact: lines that
+are fixed for the ramp, and one number for each block, the common rate of its tensions. The lines are sums of two
 floats, so that differences of neighbouring entries do not suffer from the length of the body.
 
 A contact turns round when its velocity contradicts the bound that it slides at. Contacts are collected in leaves of
@@ -20,51 +20,52 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from .memory import LEAF, ROW_D_ACTUATION
+from .memory import LEAF, ROW_D_ACTUATION, ROW_SIDE
 
 P, P_LOW, Q, Q_LOW, SIZE = range(5)
-"""Rows of the tables: both sums in two floats each, and the sum of the absolute rates of the rest lengths."""
-START, RATE, LEAST, MOST = range(4)
+"""Rows of the lines: both sums in two floats each, and the sum of the absolute rates of the rest lengths."""
+START, RATE, LEAST, MOST, FORCE = range(5)
 """Columns of a node: velocity of its first contact and rate when it was last searched; lower bound of the velocities of
 its contacts that slide forward, upper bound of those that slide backward."""
 
 
 @compiled
-def _extend(tables, row, i, step):
+def _extend(lines, row, i, step):
     """Compute entry i of a sum of two floats from entry i - 1."""
-    before = tables[row, i - 1]
+    before = lines[row, i - 1]
     after = before + step
     part = after - before
-    tables[row, i] = after
-    tables[row + 1, i] = tables[row + 1, i - 1] + ((before - (after - part)) + (step - part))
+    lines[row, i] = after
+    lines[row + 1, i] = lines[row + 1, i - 1] + ((before - (after - part)) + (step - part))
 
 
 @compiled
-def tabulate(compliance, floats, tables, nodes):
-    """Compute the tables for a ramp, and mark all nodes as not searched yet.
+def tabulate(compliance, floats, lines, nodes):
+    """Compute the lines for a ramp, and mark all nodes as not searched yet.
 
     Args:
         compliance: 1 / k, shape (N - 1,) [m/N].
         floats: row ROW_D_ACTUATION [m per unit of the ramp].
-        tables: output, shape (5, N).
-        nodes: output, the tree, shape (2 M, 4).
+        lines: output, shape (8, N).
+        nodes: output, the tree, shape (2 M, 5).
     """
-    tables[:, 0] = 0.0
-    for i in range(1, tables.shape[1]):
+    lines[:, 0] = 0.0
+    for i in range(1, lines.shape[1]):
         change = floats[ROW_D_ACTUATION, i - 1]
-        _extend(tables, P, i, change)
-        _extend(tables, Q, i, compliance[i - 1])
-        tables[SIZE, i] = tables[SIZE, i - 1] + abs(change)
+        _extend(lines, P, i, change)
+        _extend(lines, Q, i, compliance[i - 1])
+        lines[SIZE, i] = lines[SIZE, i - 1] + abs(change)
     nodes[:, LEAST] = -np.inf
     nodes[:, MOST] = np.inf
+    nodes[:, FORCE] = 0.0
 
 
 @compiled
-def difference(tables, row, a, b):
+def difference(lines, row, a, b):
     """Compute the difference of two entries of a table of two floats.
 
     Args:
-        tables: shape (5, N).
+        lines: shape (8, N).
         row: P or Q.
         a: first contact.
         b: last contact.
@@ -72,15 +73,15 @@ def difference(tables, row, a, b):
     Returns:
         Entry b minus entry a.
     """
-    return (tables[row, b] - tables[row, a]) + (tables[row + 1, b] - tables[row + 1, a])
+    return (lines[row, b] - lines[row, a]) + (lines[row + 1, b] - lines[row + 1, a])
 
 
 @compiled
-def velocity_at(tables, anchor, rate, i):
+def velocity_at(lines, anchor, rate, i):
     """Compute the velocity of a contact of a block.
 
     Args:
-        tables: shape (5, N).
+        lines: shape (8, N).
         anchor: a wall beside the block, at rest.
         rate: common rate of the tensions of the block [N per unit of the ramp].
         i: the contact.
@@ -88,7 +89,7 @@ def velocity_at(tables, anchor, rate, i):
     Returns:
         Its velocity [m per unit of the ramp].
     """
-    return difference(tables, P, anchor, i) + rate * difference(tables, Q, anchor, i)
+    return difference(lines, P, anchor, i) + rate * difference(lines, Q, anchor, i)
 
 
 @compiled
@@ -96,7 +97,7 @@ def forget(nodes, i):
     """Mark the nodes above a contact as not searched yet, as its bound has changed.
 
     Args:
-        nodes: the tree, shape (2 M, 4).
+        nodes: the tree, shape (2 M, 5).
         i: the contact.
     """
     node = nodes.shape[0] // 2 + i // LEAF
@@ -115,28 +116,28 @@ def _bounds(nodes, node, start, rate, length):
 
 
 @compiled
-def _search_leaf(tables, side, anchor, rate, a, b):
+def _search_leaf(lines, bytes_, anchor, rate, a, b):
     """Compute the least velocity of the contacts a..b that slide forward, and the largest of the others."""
     least = np.inf
     most = -np.inf
     for i in range(a, b + 1):
-        v = velocity_at(tables, anchor, rate, i)
-        if side[i] > 0:
+        v = velocity_at(lines, anchor, rate, i)
+        if bytes_[ROW_SIDE, i] > 0:
             least = min(least, v)
-        elif side[i] < 0:
+        elif bytes_[ROW_SIDE, i] < 0:
             most = max(most, v)
     return least, most
 
 
 @compiled
-def find_turning(tables, nodes, order, side, anchor, rate, first, last, tolerance):
+def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, tolerance):
     """Find the contact of a block whose velocity contradicts its bound most.
 
     Args:
-        tables: shape (5, N).
-        nodes: the tree, shape (2 M, 4), changed in place.
+        lines: shape (8, N).
+        nodes: the tree, shape (2 M, 5), changed in place.
         order: memory for the nodes that are visited, int64, shape (2 M, 3).
-        side: the bound that each contact is at, 1 or -1 in the block, int8, shape (N,).
+        bytes_: row ROW_SIDE, the bound that each contact is at, 1 or -1 in the block.
         anchor: a wall beside the block, at rest.
         rate: common rate of the tensions of the block [N per unit of the ramp].
         first: first contact of the block.
@@ -163,25 +164,25 @@ def find_turning(tables, nodes, order, side, anchor, rate, first, last, toleranc
         k += 1
         whole = a >= first and b <= last
         if whole:
-            least, most = _bounds(nodes, node, velocity_at(tables, anchor, rate, a), rate, difference(tables, Q, a, b))
+            least, most = _bounds(nodes, node, velocity_at(lines, anchor, rate, a), rate, difference(lines, Q, a, b))
             if least >= -tolerance and most <= tolerance:
                 order[k - 1, 2] = 0  # nothing to refresh
                 continue
         if node >= leaves:
             low = max(a, first)
             high = min(b, last)
-            least, most = _search_leaf(tables, side, anchor, rate, low, high)
+            least, most = _search_leaf(lines, bytes_, anchor, rate, low, high)
             effort += high - low + 1
             if whole:
-                nodes[node, START] = velocity_at(tables, anchor, rate, a)
+                nodes[node, START] = velocity_at(lines, anchor, rate, a)
                 nodes[node, RATE] = rate
                 nodes[node, LEAST] = least
                 nodes[node, MOST] = most
             if -least > worst or most > worst:
                 worst = max(-least, most)
                 for i in range(low, high + 1):
-                    v = velocity_at(tables, anchor, rate, i)
-                    if side[i] * v == -worst:
+                    v = velocity_at(lines, anchor, rate, i)
+                    if bytes_[ROW_SIDE, i] * v == -worst:
                         found = i
             continue
         half = width // 2
@@ -201,11 +202,11 @@ def find_turning(tables, nodes, order, side, anchor, rate, first, last, toleranc
         width = order[k, 2]
         if width == 0 or node >= leaves or a < first or a + width - 1 > last:
             continue
-        start = velocity_at(tables, anchor, rate, a)
+        start = velocity_at(lines, anchor, rate, a)
         middle = a + width // 2
-        least, most = _bounds(nodes, 2 * node, start, rate, difference(tables, Q, a, middle - 1))
-        other = velocity_at(tables, anchor, rate, middle)
-        low, high = _bounds(nodes, 2 * node + 1, other, rate, difference(tables, Q, middle, a + width - 1))
+        least, most = _bounds(nodes, 2 * node, start, rate, difference(lines, Q, a, middle - 1))
+        other = velocity_at(lines, anchor, rate, middle)
+        low, high = _bounds(nodes, 2 * node + 1, other, rate, difference(lines, Q, middle, a + width - 1))
         nodes[node, START] = start
         nodes[node, RATE] = rate
         nodes[node, LEAST] = min(least, low)
