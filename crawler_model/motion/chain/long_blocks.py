@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import lean
 from ...rounding import CRITICAL, EPS
 from ..state import (
     AT_FORWARD,
@@ -51,7 +51,7 @@ _STOPPED = 2
 """Column of the parts of a block where the contacts that stop are listed."""
 
 
-@compiled
+@lean
 def begin_long(compliance, floats, lines, sums, nodes, marks):
     """Prepare a ramp with long blocks; there are none yet.
 
@@ -70,19 +70,19 @@ def begin_long(compliance, floats, lines, sums, nodes, marks):
     marks[SLID] = 0
 
 
-@compiled
+@lean
 def _force(contacts, bytes_, i):
     """Return the spring force on a contact that slides."""
     return contacts[FORWARD, i] if bytes_[ROW_SIDE, i] > 0 else -contacts[BACKWARD, i]
 
 
-@compiled
+@lean
 def _anchor(first, last):
     """Return a wall beside a block."""
     return first - 1 if first > 0 else last + 1
 
 
-@compiled
+@lean
 def _close(contacts, links, floats, account, lines, sums, marks, first, s):
     """Account for a block up to s, and update its links to the walls."""
     last = marks[ENDS, first]
@@ -100,7 +100,7 @@ def _close(contacts, links, floats, account, lines, sums, marks, first, s):
         account[WORK] += advance_link(links, floats, s, last)
 
 
-@compiled
+@lean
 def _enter(contacts, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, i):
     """Let contact i, updated to s, slide in a long block; returns 1 if it was free or leaving."""
     was_free = bytes_[ROW_SIDE, i] == 0
@@ -114,7 +114,7 @@ def _enter(contacts, status, floats, bytes_, tree, leaves, account, lines, sums,
     return 1 if was_free else 0
 
 
-@compiled
+@lean
 def _leave_link(links, floats, bytes_, account, s, j, tension):
     """Set the tension of a link that was inside a long block up to s."""
     links[TENSION, j] = tension
@@ -123,7 +123,7 @@ def _leave_link(links, floats, bytes_, account, s, j, tension):
     bytes_[ROW_MOVED, j] = 1
 
 
-@compiled
+@lean
 def _sum_forces(contacts, bytes_, nodes, a, b):
     """Sum the forces of the sliding contacts a..b."""
     total = 0.0
@@ -140,7 +140,7 @@ def _sum_forces(contacts, bytes_, nodes, a, b):
     return total
 
 
-@compiled
+@lean
 def _stop(contacts, links, floats, bytes_, account, nodes, s, first, last, j):
     """Stop a contact of the block first..last, closed at s: it becomes a wall that leaves its bound."""
     n = contacts.shape[1]
@@ -161,7 +161,7 @@ def _stop(contacts, links, floats, bytes_, account, nodes, s, first, last, j):
     floats[ROW_SINCE, j] = s
 
 
-@compiled
+@lean
 def _release(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, known):
     """Compute tensions in a block, closed at s, so that it becomes a short block; rates and velocities if known."""
     n = contacts.shape[1]
@@ -187,7 +187,7 @@ def _release(contacts, links, floats, bytes_, account, lines, nodes, marks, s, f
     marks[ENDS, last] = -1
 
 
-@compiled
+@lean
 def release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, s):
     """Turn all long blocks into short ones.
 
@@ -214,7 +214,7 @@ def release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, m
         i += 1
 
 
-@compiled
+@lean
 def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, s, first, last):
     """Update all contacts first..last that are not in long blocks to s, and close the long blocks among them.
 
@@ -243,7 +243,7 @@ def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, line
     return entered, freed
 
 
-@compiled
+@lean
 def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last):
     """Turn all contacts first..last into short blocks at s, with rates that are not known."""
     a = first
@@ -256,7 +256,7 @@ def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, f
         a = b + 1
 
 
-@compiled
+@lean
 def _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, stops, s, first, last):
     """Find the next events of the walls beside and in first..last.
 
@@ -281,7 +281,7 @@ def _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, s
     return True
 
 
-@compiled
+@lean
 def solve_long(
     elasticity,
     contacts,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import lean
 from ...rounding import EPS, LATE, NOISE
 from ..state import (
     AT_BACKWARD,
@@ -44,7 +44,7 @@ from .projection import chain_velocities, project, shape_gain
 from .wide import project_wide
 
 
-@compiled
+@lean
 def sooner(next_event, a, b):
     """Choose the contact with the earlier event.
 
@@ -63,7 +63,7 @@ def sooner(next_event, a, b):
     return a if next_event[a] <= next_event[b] else b
 
 
-@compiled
+@lean
 def update_tournament(tree, leaves, floats, i):
     """Update the tournament after the next event of contact i has changed.
 
@@ -82,7 +82,7 @@ def update_tournament(tree, leaves, floats, i):
         node >>= 1
 
 
-@compiled
+@lean
 def slack(contacts, links, floats, s, i):
     """Compute the distances of a contact's force from its bounds.
 
@@ -107,7 +107,7 @@ def slack(contacts, links, floats, s, i):
     return above, below
 
 
-@compiled
+@lean
 def advance_link(links, floats, s, i):
     """Update the tension of a link from its last change to s.
 
@@ -130,7 +130,7 @@ def advance_link(links, floats, s, i):
     return -(before + 0.5 * gain) * floats[ROW_D_ACTUATION, i] * ds
 
 
-@compiled
+@lean
 def update(contacts, links, floats, account, s, first, last):
     """Update contacts first..last and the links between and beside them from their last change to s.
 
@@ -175,7 +175,7 @@ def update(contacts, links, floats, account, s, first, last):
     account[VIOLATION] = violation
 
 
-@compiled
+@lean
 def _slide_together(compliance, status, floats, side, first, last):
     """Check whether contacts first..last, between two walls, all slide along their bounds.
 
@@ -213,7 +213,7 @@ def _slide_together(compliance, status, floats, side, first, last):
     return True
 
 
-@compiled
+@lean
 def find_event(contacts, links, status, floats, bytes_, s, i):
     """Find the next event of a contact that does not move with a bound.
 
@@ -257,7 +257,7 @@ def find_event(contacts, links, status, floats, bytes_, s, i):
     floats[ROW_NEXT, i] = when
 
 
-@compiled
+@lean
 def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide):
     """Solve for the rates of the block of contacts first..last at s, and find the next event of each contact.
 

@@ -12,7 +12,7 @@ so that the displacement of a single contact is known at any time.
 
 from __future__ import annotations
 
-from ...compiled import compiled
+from ...compiled import lean
 from ..state import BACKWARD, DISSIPATION, FORWARD, shift
 from .memory import SPAN
 from .turning import P_LOW, Q_LOW, P, Q
@@ -25,14 +25,14 @@ ENDS, SLID = range(2)
 contacts that slid forward or backward in a long block, else 0."""
 
 
-@compiled
+@lean
 def _add_to(sums, row, column, term):
     total = add((sums[row, column], sums[row, column + 1]), term)
     sums[row, column] = total[0]
     sums[row, column + 1] = total[1]
 
 
-@compiled
+@lean
 def add_slide(lines, sums, first, last, anchor, rate, ds):
     """Add the displacements of the contacts of a block.
 
@@ -69,7 +69,7 @@ def add_slide(lines, sums, first, last, anchor, rate, ds):
         sign = -1.0
 
 
-@compiled
+@lean
 def _sum_rows(sums, a, b, total):
     """Add the rows a..b - 1 to the sums `total`."""
     time, rated, anchored = total
@@ -80,7 +80,7 @@ def _sum_rows(sums, a, b, total):
     return time, rated, anchored
 
 
-@compiled
+@lean
 def _displacement(lines, total, i):
     """Compute the displacement of a contact from the sums over all contacts up to it."""
     at = multiply((lines[P, i], lines[P_LOW, i]), total[0])
@@ -89,7 +89,7 @@ def _displacement(lines, total, i):
     return moved[0] + moved[1]
 
 
-@compiled
+@lean
 def _settle(contacts, account, lines, marks, i, displacement):
     """Add to the account what contact i dissipated since the last time."""
     moved = displacement - lines[SETTLED, i]
@@ -98,7 +98,7 @@ def _settle(contacts, account, lines, marks, i, displacement):
     lines[SETTLED, i] = displacement
 
 
-@compiled
+@lean
 def begin_slide(contacts, account, lines, sums, marks, i, side):
     """Note the bound at which a contact slides in a long block from now on.
 
@@ -126,7 +126,7 @@ def begin_slide(contacts, account, lines, sums, marks, i, side):
     marks[SLID, i] = side
 
 
-@compiled
+@lean
 def finish_slides(contacts, account, lines, sums, marks):
     """Move the contacts by what they slid in long blocks, and add the rest of the dissipation.
 

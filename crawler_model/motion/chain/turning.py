@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import lean
 from .memory import LEAF, ROW_D_ACTUATION, ROW_SIDE
 
 P, P_LOW, Q, Q_LOW, SIZE = range(5)
@@ -29,7 +29,7 @@ START, RATE, LEAST, MOST, FORCE = range(5)
 its contacts that slide forward, upper bound of those that slide backward."""
 
 
-@compiled
+@lean
 def _extend(lines, row, i, step):
     """Compute entry i of a sum of two floats from entry i - 1."""
     before = lines[row, i - 1]
@@ -39,7 +39,7 @@ def _extend(lines, row, i, step):
     lines[row + 1, i] = lines[row + 1, i - 1] + ((before - (after - part)) + (step - part))
 
 
-@compiled
+@lean
 def tabulate(compliance, floats, lines, nodes):
     """Compute the lines for a ramp, and mark all nodes as not searched yet.
 
@@ -60,7 +60,7 @@ def tabulate(compliance, floats, lines, nodes):
     nodes[:, FORCE] = 0.0
 
 
-@compiled
+@lean
 def difference(lines, row, a, b):
     """Compute the difference of two entries of a table of two floats.
 
@@ -76,7 +76,7 @@ def difference(lines, row, a, b):
     return (lines[row, b] - lines[row, a]) + (lines[row + 1, b] - lines[row + 1, a])
 
 
-@compiled
+@lean
 def velocity_at(lines, anchor, rate, i):
     """Compute the velocity of a contact of a block.
 
@@ -92,7 +92,7 @@ def velocity_at(lines, anchor, rate, i):
     return difference(lines, P, anchor, i) + rate * difference(lines, Q, anchor, i)
 
 
-@compiled
+@lean
 def forget(nodes, i):
     """Mark the nodes above a contact as not searched yet, as its bound has changed.
 
@@ -107,7 +107,7 @@ def forget(nodes, i):
         node >>= 1
 
 
-@compiled
+@lean
 def _bounds(nodes, node, start, rate, length):
     """Compute the bounds of the velocities in a node, whose first contact now has the velocity `start`."""
     first = start - nodes[node, START]
@@ -115,7 +115,7 @@ def _bounds(nodes, node, start, rate, length):
     return nodes[node, LEAST] + min(first, last), nodes[node, MOST] + max(first, last)
 
 
-@compiled
+@lean
 def _search_leaf(lines, bytes_, anchor, rate, a, b):
     """Compute the least velocity of the contacts a..b that slide forward, and the largest of the others."""
     least = np.inf
@@ -129,7 +129,7 @@ def _search_leaf(lines, bytes_, anchor, rate, a, b):
     return least, most
 
 
-@compiled
+@lean
 def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, tolerance):
     """Find the contact of a block whose velocity contradicts its bound most.
 
