@@ -37,13 +37,17 @@ def bench(
     gradients: Annotated[
         bool, typer.Option("--gradients", help="Measure exact derivatives instead: cost and error beside differences.")
     ] = False,
+    growth: Annotated[
+        bool, typer.Option("--growth", help="Measure instead how the time of a ramp grows with the body.")
+    ] = False,
     search: Annotated[
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
-    instead = (("node", node), ("replay", replay), ("sweep", sweep), ("gradients", gradients), ("search", search))
-    chosen = [name for name, is_chosen in instead if is_chosen]
+    instead = {"node": node, "replay": replay, "sweep": sweep, "gradients": gradients, "growth": growth}
+    instead["search"] = search
+    chosen = [name for name, is_chosen in instead.items() if is_chosen]
     if chosen:
         if case:
             raise CrawlerError(f"--case selects cases of the methods; it cannot be combined with --{chosen[0]}")
@@ -80,7 +84,7 @@ def bench(
 
 
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs many times in this process: variations, derivatives, or the search for a gait."""
+    """Measure what runs many times in this process: variations, derivatives, long chains, or the search for a gait."""
     measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
     size: Any
     if name == "sweep":
@@ -91,6 +95,10 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
         from crawler_bench import gradients
 
         measure, size = gradients.measure_gradients, gradients.QUICK if quick else gradients.CONTACTS
+    elif name == "growth":
+        from crawler_bench import growth
+
+        measure, size = growth.measure_growth, growth.QUICK if quick else growth.CONTACTS
     else:
         from crawler_bench import search
 

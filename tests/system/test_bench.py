@@ -17,6 +17,7 @@ from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
 from crawler_bench.gradients import measure_gradients
+from crawler_bench.growth import measure_growth
 from crawler_bench.search import measure_search
 from crawler_bench.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
@@ -266,3 +267,13 @@ def test_the_search_is_measured_beside_general_optimisers():
     assert max(row["within_1_percent"] for row in rows.values()) >= 1
     for row in rows.values():
         assert 0.0 < row["median"] <= row["best"] <= 0.22 + 1e-9
+
+
+def test_the_growth_of_the_time_of_a_ramp_is_measured_on_all_drives():
+    rows = measure_growth((20, 40), lambda part: None)
+    assert {row["case"] for row in rows} == {"five waves", "stretched by 2 %", "stretched by 50 %", "alternating load"}
+    for row in rows:
+        assert row["ms"] > 0.0
+        assert row["overspent"] == 0
+        assert (row["growth"] is None) == (row["n"] == 20)
+        assert row["method"] == "exact" or row["to_catch_up"] == 1.0

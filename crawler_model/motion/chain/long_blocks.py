@@ -107,10 +107,12 @@ def _enter(contacts, status, floats, bytes_, tree, leaves, account, lines, sums,
     bytes_[ROW_SIDE, i] = 1 if status[i] & AT_FORWARD else -1
     bytes_[ROW_LEAVING, i] = 0
     floats[ROW_NEXT, i] = np.inf
-    update_tournament(tree, leaves, floats, i)
+    if was_free:
+        update_tournament(tree, leaves, floats, i)
     nodes[nodes.shape[0] // 2 + i // LEAF, FORCE] += _force(contacts, bytes_, i)
     forget(nodes, i)
-    begin_slide(contacts, account, lines, sums, marks, i, bytes_[ROW_SIDE, i])
+    if marks[SLID, i] != bytes_[ROW_SIDE, i]:
+        begin_slide(contacts, account, lines, sums, marks, i, bytes_[ROW_SIDE, i])
     return 1 if was_free else 0
 
 
@@ -141,16 +143,25 @@ def _sum_forces(contacts, bytes_, nodes, a, b):
 
 
 @lean
-def _stop(contacts, links, floats, bytes_, account, nodes, s, first, last, j):
-    """Stop a contact of the block first..last, closed at s: it becomes a wall that leaves its bound."""
+def _stop(contacts, links, floats, bytes_, account, nodes, s, first, last, j, contact):
+    """Stop a contact of the block first..last, closed at s: it becomes a wall that leaves its bound.
+
+    The tensions of the links to the walls and of those beside `contact` are known at s.
+    """
     n = contacts.shape[1]
     force = _force(contacts, bytes_, j)
-    if j - first < last - j:
-        before = links[TENSION, first - 1] if first > 0 else 0.0
-        after = before + _sum_forces(contacts, bytes_, nodes, first, j)
+    left = first - 1  # a link with a known tension on the left of contact j, and one on the right
+    right = last
+    if first <= contact < j:
+        left = contact
+    elif j <= contact <= last:
+        right = contact if j == contact else contact - 1
+    if j - left <= right - j:
+        before = links[TENSION, left] if left >= 0 else 0.0
+        after = before + _sum_forces(contacts, bytes_, nodes, left + 1, j)
     else:
-        after = links[TENSION, last] if last < n - 1 else 0.0
-        after -= _sum_forces(contacts, bytes_, nodes, j + 1, last)
+        after = links[TENSION, right] if right < n - 1 else 0.0
+        after -= _sum_forces(contacts, bytes_, nodes, j + 1, right)
     if j > first:
         _leave_link(links, floats, bytes_, account, s, j - 1, after - force)
     if j < last:
@@ -367,7 +378,7 @@ def solve_long(
         if turning >= 0:
             solved = stops < MOST_TURNS
             if solved:
-                _stop(contacts, links, floats, bytes_, account, nodes, s, a, b, turning)
+                _stop(contacts, links, floats, bytes_, account, nodes, s, a, b, turning, contact)
                 parts[stops, _STOPPED] = turning
                 stops += 1
                 if turning > 0:

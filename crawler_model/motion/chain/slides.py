@@ -15,7 +15,7 @@ from __future__ import annotations
 from ...compiled import lean
 from ..state import BACKWARD, DISSIPATION, FORWARD, shift
 from .memory import SPAN
-from .turning import P_LOW, Q_LOW, P, Q
+from .turning import P_LOW, Q_LOW, P, Q, difference
 from .wide import add, multiply, subtract
 
 SETTLED = 7
@@ -100,7 +100,7 @@ def _settle(contacts, account, lines, marks, i, displacement):
 
 @lean
 def begin_slide(contacts, account, lines, sums, marks, i, side):
-    """Note the bound at which a contact slides in a long block from now on.
+    """Note that a contact slides in a long block at another bound from now on.
 
     Args:
         contacts: rows of the contacts, as in `follow_events`.
@@ -111,8 +111,6 @@ def begin_slide(contacts, account, lines, sums, marks, i, side):
         i: the contact.
         side: 1 forward, -1 backward.
     """
-    if marks[SLID, i] == side:
-        return
     if marks[SLID, i] != 0:
         n = lines.shape[1]
         nothing = (0.0, 0.0)
@@ -139,9 +137,17 @@ def finish_slides(contacts, account, lines, sums, marks):
     """
     nothing = (0.0, 0.0)
     total = (nothing, nothing, nothing)
+    known = 0  # the last contact whose displacement was computed from two floats, and that displacement
+    start = 0.0
     for i in range(contacts.shape[1]):
-        total = _sum_rows(sums, i, i + 1, total)
+        if sums[i, 0] != 0.0 or sums[i, 1] != 0.0 or sums[i, 2] != 0.0 or sums[i, 4] != 0.0:
+            total = _sum_rows(sums, i, i + 1, total)
+            known = i
+            start = _displacement(lines, total, i)
         if marks[SLID, i] != 0:
-            displacement = _displacement(lines, total, i)
+            displacement = start
+            if i > known:
+                displacement += difference(lines, P, known, i) * total[0][0]
+                displacement += difference(lines, Q, known, i) * total[1][0]
             _settle(contacts, account, lines, marks, i, displacement)
             shift(contacts, displacement, 1.0, i, 0.5)

@@ -148,9 +148,16 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
         The contact, or -1 if none turns; and the work, in contacts.
     """
     leaves = nodes.shape[0] // 2
-    order[0, 0] = 1
-    order[0, 1] = 0
-    order[0, 2] = leaves * LEAF
+    top = leaves + first // LEAF
+    other = leaves + last // LEAF
+    size = LEAF
+    while top != other:
+        top >>= 1
+        other >>= 1
+        size *= 2
+    order[0, 0] = top
+    order[0, 1] = first // size * size
+    order[0, 2] = size
     count = 1
     k = 0
     worst = tolerance
