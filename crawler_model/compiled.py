@@ -23,10 +23,10 @@ _KEPT = 8
 
 
 def lean(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function that allocates no arrays, like `compiled`, but without counting references to arrays.
+    """Compile a function that allocates and returns no arrays, like `compiled`, but without counting references.
 
-    A function counts two references for each array that is passed to it or sliced in it. In small functions this takes
-    longer than the function itself, because the counters are shared by threads.
+    A function counts references to each array that is passed to it or sliced in it, with instructions that lock the
+    counter for other threads. In small functions this takes longer than the rest.
 
     Args:
         function: the function to compile.

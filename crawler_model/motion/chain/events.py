@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
 from ..pieces import note_piece
@@ -49,6 +49,7 @@ from .memory import (
     ROW_SINCE,
     ROW_V,
     ROW_V_BEFORE,
+    carve,
 )
 from .rates import slack, solve, sooner, update, update_tournament
 from .slides import ENDS, finish_slides
@@ -58,7 +59,7 @@ _FEW_FREE, FEW_CONTACTS = 2, 256
 more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
 
 
-@compiled
+@lean
 def _settle(status, floats, bytes_, s, i):
     """Mark contact i as free if it left its bound before s."""
     if bytes_[ROW_LEAVING, i] != 0 and floats[ROW_SINCE, i] < s:
@@ -66,7 +67,7 @@ def _settle(status, floats, bytes_, s, i):
         bytes_[ROW_LEAVING, i] = 0
 
 
-@compiled
+@lean
 def _visited(contacts, links, floats, side, whole, s):
     """Compute at s the sum of the distances of all contacts from their nearest bounds, and the sum of all bounds."""
     near = 0.0
@@ -77,7 +78,7 @@ def _visited(contacts, links, floats, side, whole, s):
     return near, max(whole[0] + s * (whole[1] - whole[0]), 0.0)
 
 
-@compiled
+@lean
 def _near_criticality(contacts, links, floats, side, account, whole, s):
     """Update the visited margin, and return whether all contacts stay at their bounds up to the end of the ramp.
 
@@ -98,7 +99,7 @@ def _near_criticality(contacts, links, floats, side, account, whole, s):
     return some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
 
 
-@compiled
+@lean
 def _uncertainty(contacts, links, floats, coming, s, i):
     """Compute the error of the event of contact i due to the rounding of forces, as part of the ramp."""
     n = contacts.shape[1]
@@ -113,7 +114,7 @@ def _uncertainty(contacts, links, floats, coming, s, i):
     return min(EPS * (size + abs(closing)) / abs(closing), 1.0) if closing != 0.0 else 0.0
 
 
-@compiled
+@lean
 def _count_free(bytes_):
     """Count the contacts that are free or are leaving their bound."""
     free = 0
@@ -134,7 +135,8 @@ def follow_events(
     bytes_,
     tree,
     stacks,
-    long,
+    long_floats,
+    long_ints,
     account,
     budget,
     elements,
@@ -152,11 +154,12 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, which also allocates the next four.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next five.
         bytes_: statuses within the ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
-        long: memory for long blocks.
+        long_floats: memory for long blocks, empty if the chain is too short for them.
+        long_ints: likewise.
         account: account of the ramp, shape (14,), added to.
         budget: upper limit of work: contacts solved plus breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
@@ -175,7 +178,8 @@ def follow_events(
     while leaves < n:
         leaves *= 2
     hits = tree[2 * leaves :]
-    shortest, lines, sums, nodes, order, marks, parts = long
+    shortest = long_ints[0]
+    lines, sums, nodes, order, marks, parts = carve(long_floats, long_ints)
     whole = (0.0, 0.0)
     may_be_long = marks.shape[1] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
     any_long = False

@@ -7,7 +7,8 @@ A block first..last that lived for ds with rate `rate` and its anchor at a moves
 with the sums P and Q of `turning`: three numbers that are the same for all of them. They are added at its first
 contact and subtracted behind its last; their sums over all contacts up to i hold for contact i. All are sums of two
 floats, because displacements are small differences of them. `SPAN` and `SPAN` squared contacts also have one sum each,
-so that the displacement of a single contact is known at any time.
+so that the displacement of a single contact can be estimated at any time. The estimate only divides the dissipation of
+a contact that slides both ways in one ramp.
 """
 
 from __future__ import annotations
@@ -49,34 +50,30 @@ def add_slide(lines, sums, first, last, anchor, rate, ds):
     rated = multiply((rate, 0.0), (ds, 0.0))
     at = multiply((lines[P, anchor], lines[P_LOW, anchor]), (ds, 0.0))
     anchored = add(at, multiply((lines[Q, anchor], lines[Q_LOW, anchor]), rated))
-    i = first
-    sign = 1.0
-    while i < n:
-        row = i
-        start = 0
-        width = n
-        for _ in range(3):
-            _add_to(sums, row, 0, (sign * ds, 0.0))
-            _add_to(sums, row, 2, (sign * rated[0], sign * rated[1]))
-            _add_to(sums, row, 4, (sign * anchored[0], sign * anchored[1]))
-            start += width
-            width = width // SPAN + 1
-            i //= SPAN
-            row = start + i
-        if sign < 0.0:
+    for i, sign in ((first, 1.0), (last + 1, -1.0)):
+        if i >= n:
             break
-        i = last + 1
-        sign = -1.0
+        _add_to(sums, i, 0, (sign * ds, 0.0))
+        _add_to(sums, i, 2, (sign * rated[0], sign * rated[1]))
+        _add_to(sums, i, 4, (sign * anchored[0], sign * anchored[1]))
+        fine = n + i // SPAN
+        coarse = n + n // SPAN + 1 + i // SPAN // SPAN
+        for row in (fine, coarse):
+            sums[row, 0] += sign * ds
+            sums[row, 2] += sign * rated[0]
+            sums[row, 4] += sign * anchored[0]
 
 
 @lean
-def _sum_rows(sums, a, b, total):
-    """Add the rows a..b - 1 to the sums `total`."""
-    time, rated, anchored = total
+def _sum_rows(sums, a, b):
+    """Sum the rows a..b - 1, without the second floats."""
+    time = 0.0
+    rated = 0.0
+    anchored = 0.0
     for row in range(a, b):
-        time = add(time, (sums[row, 0], sums[row, 1]))
-        rated = add(rated, (sums[row, 2], sums[row, 3]))
-        anchored = add(anchored, (sums[row, 4], sums[row, 5]))
+        time += sums[row, 0]
+        rated += sums[row, 2]
+        anchored += sums[row, 4]
     return time, rated, anchored
 
 
@@ -113,14 +110,16 @@ def begin_slide(contacts, account, lines, sums, marks, i, side):
     """
     if marks[SLID, i] != 0:
         n = lines.shape[1]
-        nothing = (0.0, 0.0)
         fine = i // SPAN
         coarse = fine // SPAN
         start = n + n // SPAN + 1
-        total = _sum_rows(sums, start, start + coarse, (nothing, nothing, nothing))
-        total = _sum_rows(sums, n + coarse * SPAN, n + fine, total)
-        total = _sum_rows(sums, fine * SPAN, i + 1, total)
-        _settle(contacts, account, lines, marks, i, _displacement(lines, total, i))
+        far = _sum_rows(sums, start, start + coarse)
+        middle = _sum_rows(sums, n + coarse * SPAN, n + fine)
+        near = _sum_rows(sums, fine * SPAN, i + 1)
+        time = far[0] + middle[0] + near[0]
+        rated = far[1] + middle[1] + near[1]
+        anchored = far[2] + middle[2] + near[2]
+        _settle(contacts, account, lines, marks, i, lines[P, i] * time + lines[Q, i] * rated - anchored)
     marks[SLID, i] = side
 
 
@@ -141,7 +140,10 @@ def finish_slides(contacts, account, lines, sums, marks):
     start = 0.0
     for i in range(contacts.shape[1]):
         if sums[i, 0] != 0.0 or sums[i, 1] != 0.0 or sums[i, 2] != 0.0 or sums[i, 4] != 0.0:
-            total = _sum_rows(sums, i, i + 1, total)
+            time = add(total[0], (sums[i, 0], sums[i, 1]))
+            rated = add(total[1], (sums[i, 2], sums[i, 3]))
+            anchored = add(total[2], (sums[i, 4], sums[i, 5]))
+            total = (time, rated, anchored)
             known = i
             start = _displacement(lines, total, i)
         if marks[SLID, i] != 0:

@@ -128,6 +128,6 @@ def test_long_blocks_take_fewer_visits_than_short_ones(monkeypatch):
     n = 2_000
     scene = chain(np.ones(n - 1), np.full(n, 0.1), np.full(n, 0.3))
     row = np.full(n - 1, 5.0)
-    budget = 250 * n
+    budget = 400 * n
     assert follow(scene, [row], NEVER, monkeypatch, budget=budget)[0][2].overspent == 1
     assert follow(scene, [row], 128, monkeypatch, budget=budget)[0][2].overspent == 0
