@@ -125,9 +125,8 @@ def test_a_spent_budget_leaves_forces_within_bounds(monkeypatch):
 
 def test_long_blocks_take_fewer_visits_than_short_ones(monkeypatch):
     """A budget that short blocks exceed, because they solve a whole block at each event, is enough for long ones."""
-    n = 2_000
-    scene = chain(np.ones(n - 1), np.full(n, 0.1), np.full(n, 0.3))
-    row = np.full(n - 1, 5.0)
-    budget = 400 * n
-    assert follow(scene, [row], NEVER, monkeypatch, budget=budget)[0][2].overspent == 1
-    assert follow(scene, [row], 128, monkeypatch, budget=budget)[0][2].overspent == 0
+    n = 1_000
+    scene = chain(np.full(n - 1, float(n)), np.full(n, 0.1 / n), np.full(n, 0.3 / n))
+    row = np.full(n - 1, 0.5 / n)
+    assert follow(scene, [row], NEVER, monkeypatch, budget=300 * n)[0][2].overspent == 1
+    assert follow(scene, [row], 128, monkeypatch, budget=300 * n)[0][2].overspent == 0
