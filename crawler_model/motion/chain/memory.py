@@ -34,7 +34,7 @@ ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED = range(4)
 _BYTE_ROWS = 4
 
 _HEADER = 3
-SHORTEST_LONG = 128
+SHORTEST_LONG = 64
 """Number of contacts from which a sliding block is a long one (`long_blocks`)."""
 LEAF, SPAN = 32, 64
 """Contacts of a leaf of the tree of bounds; contacts whose sums for displacements are also stored as one sum."""
