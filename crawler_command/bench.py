@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +15,17 @@ from rich.console import Console
 from crawler_model import CrawlerError
 
 from .screen import progress_bar, screen
+
+_IN_PROCESS = {
+    "sweep": ("sweep", "measure_sweep", "VARIATIONS"),
+    "gradients": ("gradients", "measure_gradients", "CONTACTS"),
+    "growth": ("growth", "measure_growth", "CONTACTS"),
+    "search": ("search", "measure_search", "SECONDS"),
+    "identify": ("identify", "measure_identify", "STEPS"),
+    "gym": ("environments", "measure_environments", "STEPS"),
+    "animate": ("films", "measure_films", "FRAMES"),
+}
+"""For each option the module, its function, and the full size; the quick one is QUICK."""
 
 
 def bench(
@@ -37,6 +48,9 @@ def bench(
     gradients: Annotated[
         bool, typer.Option("--gradients", help="Measure exact derivatives instead: cost and error beside differences.")
     ] = False,
+    growth: Annotated[
+        bool, typer.Option("--growth", help="Measure instead how the time of a ramp grows with the body.")
+    ] = False,
     search: Annotated[
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
@@ -53,7 +67,7 @@ def bench(
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
     models = {"sweep": sweep, "gradients": gradients, "search": search, "identify": identify, "gym": gym}
-    models["animate"] = animate
+    models |= {"animate": animate, "growth": growth}
     chosen = [name for name, is_chosen in ({"node": node, "replay": replay} | models).items() if is_chosen]
     if chosen:
         if case:
@@ -89,40 +103,16 @@ def bench(
 
 
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
-    """Measure what runs many times in this process: variations, fits, environments, films and so on."""
-    measure: Callable[[Any, Callable[[float], None]], list[dict[str, Any]]]
-    size: Any
-    if name == "sweep":
-        from crawler_bench import sweep
-
-        measure, size = sweep.measure_sweep, sweep.QUICK if quick else sweep.VARIATIONS
-    elif name == "gradients":
-        from crawler_bench import gradients
-
-        measure, size = gradients.measure_gradients, gradients.QUICK if quick else gradients.CONTACTS
-    elif name == "identify":
-        from crawler_bench import identify
-
-        if identify.load_sysid() is None:
-            text = "mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"
-            print(f"crawler: {text}", file=sys.stderr)
-        measure, size = identify.measure_identify, identify.QUICK if quick else identify.STEPS
-    elif name == "gym":
-        from crawler_bench import environments
-
-        measure, size = environments.measure_environments, environments.QUICK if quick else environments.STEPS
-    elif name == "animate":
+    """Measure what runs many times in this process."""
+    file, function, size = _IN_PROCESS[name]
+    if name == "animate":
         import matplotlib as _needed  # noqa: F401
-
-        from crawler_bench import films
-
-        measure, size = films.measure_films, films.QUICK if quick else films.FRAMES
-    else:
-        from crawler_bench import search
-
-        measure, size = search.measure_search, search.QUICK if quick else search.SECONDS
+    module: Any = importlib.import_module(f"crawler_bench.{file}")
+    if name == "identify" and module.load_sysid() is None:
+        text = "mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"
+        print(f"crawler: {text}", file=sys.stderr)
     with progress_bar("measuring") as progress:
-        rows = measure(size, progress)
+        rows = getattr(module, function)(module.QUICK if quick else getattr(module, size), progress)
     _write_rows(name, rows, quick, as_json, out)
 
 

@@ -22,6 +22,21 @@ _KEPT = 8
 """Number of source versions whose kernels stay in the cache; older ones are deleted when unused for a day."""
 
 
+def lean(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function that allocates and returns no arrays, like `compiled`, but without counting references.
+
+    A function counts references to each array that is passed to it or sliced in it, with instructions that lock the
+    counter for other threads. In small functions this takes longer than the rest.
+
+    Args:
+        function: the function to compile.
+
+    Returns:
+        The compiled function.
+    """
+    return _compile(function, _nrt=False)
+
+
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function with numba: it runs without the interpreter's lock and is cached on disk if possible.
 
@@ -35,7 +50,11 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     Returns:
         The compiled function.
     """
-    options: Any = {"nogil": True, "error_model": "numpy"}
+    return _compile(function, _nrt=True)
+
+
+def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
+    options: Any = {"nogil": True, "error_model": "numpy", **more}
     try:
         dispatcher = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba: "no locator available": a read-only install without a home to write to

@@ -8,7 +8,7 @@ shift, and the loads follow.
 
 from __future__ import annotations
 
-from ..compiled import compiled
+from ..compiled import lean
 
 X, X_REST, FORWARD, BACKWARD, GAINED, RELATIVE = range(6)
 """Rows of the contacts: displacement and its rounding rest; mu_plus; mu_minus; displacement gained since `follow` was
@@ -51,7 +51,7 @@ others are maxima or counts. DISSIPATION is that of the shifted bounds: friction
 ACCOUNT_SIZE = 14
 
 
-@compiled
+@lean
 def dissipated(account):
     """Compute the energy lost to friction.
 
@@ -70,7 +70,7 @@ AT_FORWARD, AT_BACKWARD = 1, 2
 """Bits of a contact's status: the spring force equals mu_plus, or -mu_minus. Both when there is no friction."""
 
 
-@compiled
+@lean
 def shift(contacts, velocity, ds, i, middle):
     """Move contact i with compensated summation. A gain that cancels to within rounding is set to zero.
 
@@ -92,7 +92,7 @@ def shift(contacts, velocity, ds, i, middle):
     contacts[X_REST, i] = (before - after) + step
 
 
-@compiled
+@lean
 def begin_loads(contacts, target):
     """Compute at the start of a ramp how the loads change along it.
 
@@ -108,7 +108,7 @@ def begin_loads(contacts, target):
             contacts[LOAD_WORK, i] = 0.0
 
 
-@compiled
+@lean
 def advance_loads(contacts, part):
     """Move the loads to a place on a ramp, so that the rest can be followed as a ramp of its own.
 
@@ -122,7 +122,7 @@ def advance_loads(contacts, part):
             contacts[LOAD_CHANGE, i] *= 1.0 - part
 
 
-@compiled
+@lean
 def end_loads(contacts, target, account):
     """Set the loads to those at the end of a ramp, and add their work to the account.
 
@@ -139,7 +139,7 @@ def end_loads(contacts, target, account):
             contacts[LOAD, i] = target[first + i]
 
 
-@compiled
+@lean
 def add_ramp(account, ramp):
     """Add the account of one ramp to the total.
 
@@ -165,7 +165,7 @@ def add_ramp(account, ramp):
     account[VISITED] = min(account[VISITED], ramp[VISITED])
 
 
-@compiled
+@lean
 def is_in_force(contacts, links, target):
     """Determine whether a target equals the command in force.
 
@@ -190,7 +190,7 @@ def is_in_force(contacts, links, target):
     return True
 
 
-@compiled
+@lean
 def read_commands(contacts, links, target):
     """Write the commands in force to a target; within a ramp they are those at the end of the followed part.
 
@@ -213,7 +213,7 @@ SPENT = 3
 """Columns that a row of the records may have at its end, see `record_spent`."""
 
 
-@compiled
+@lean
 def record_spent(account, row):
     """Write the work, the energy lost to friction and the work of the loads so far to the end of a row of the records.
 
@@ -226,7 +226,7 @@ def record_spent(account, row):
     row[-1] = account[LOADS_WORK]
 
 
-@compiled
+@lean
 def record(contacts, links, account, row):
     """Write the present displacement, its rounding rest and the tension to a row of the records.
 

@@ -18,6 +18,7 @@ from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
 from crawler_bench.films import measure_films
 from crawler_bench.gradients import measure_gradients
+from crawler_bench.growth import measure_growth
 from crawler_bench.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
 from crawler_bench.search import measure_search
 from crawler_bench.sweep import measure_sweep
@@ -341,3 +342,13 @@ def test_films_are_measured():
     assert {(row["n"], row["frames"]) for row in rows} == {(2, 5)}
     assert {row["output"] for row in rows if "output" in row} >= {"gif", "html"}
     assert all(row["frames_per_s"] > 0.0 for row in rows)
+
+
+def test_the_growth_of_the_time_of_a_ramp_is_measured_on_all_drives():
+    rows = measure_growth((20, 40), lambda part: None)
+    assert {row["case"] for row in rows} == {"five waves", "stretched by 2 %", "stretched by 50 %", "alternating load"}
+    for row in rows:
+        assert row["ms"] > 0.0
+        assert row["overspent"] == 0
+        assert (row["growth"] is None) == (row["n"] == 20)
+        assert row["method"] == "exact" or row["to_catch_up"] == 1.0

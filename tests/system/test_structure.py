@@ -105,7 +105,9 @@ def test_functions_are_short_but_for_compiled_kernels():
     """Kernels stay in one piece, decision 0022."""
     for file in sources():
         for node in ast.walk(ast.parse(file.read_text())):
-            if not isinstance(node, ast.FunctionDef) or any("compiled" in ast.dump(d) for d in node.decorator_list):
+            if not isinstance(node, ast.FunctionDef) or any(
+                ast.unparse(d) in ("compiled", "lean") for d in node.decorator_list
+            ):
                 continue
             text = ast.get_docstring(node)
             lines = node.end_lineno - node.lineno + 1 - (len(text.splitlines()) + 2 if text else 0)
@@ -335,7 +337,8 @@ def test_the_kernels_cache_covers_all_files_that_kernels_import():
     """Imports that are for types alone leave no trace in a kernel."""
     model = ROOT / "crawler_model"
     covered = {file for pattern in compiled._SOURCES for file in model.glob(pattern)}
-    waiting = [file for file in model.rglob("*.py") if "\n@compiled\n" in file.read_text(encoding="utf-8")]
+    marks = ("\n@compiled\n", "\n@lean\n")
+    waiting = [file for file in model.rglob("*.py") if any(mark in file.read_text(encoding="utf-8") for mark in marks)]
     assert len(waiting) > 20
     reached: set[Path] = set()
     while waiting:

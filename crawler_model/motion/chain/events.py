@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
 from ..pieces import note_piece
@@ -21,6 +21,7 @@ from ..state import (
     AMBIGUOUS,
     AT_BACKWARD,
     BACKWARD,
+    COMPLIANCE,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
@@ -31,6 +32,7 @@ from ..state import (
     advance_loads,
 )
 from ..translation import choose_translation, is_wide
+from .long_blocks import begin_long, release_long, solve_long
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -47,37 +49,17 @@ from .memory import (
     ROW_SINCE,
     ROW_V,
     ROW_V_BEFORE,
+    carve,
 )
-from .rates import slack, solve, update
+from .rates import slack, solve, sooner, update, update_tournament
+from .slides import ENDS, finish_slides
 
 _FEW_FREE, FEW_CONTACTS = 2, 256
 """After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
 more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
 
 
-@compiled
-def _sooner(next_event, a, b):
-    """Return the one of two contacts (or -1) with the earlier event."""
-    if a < 0:
-        return b
-    if b < 0:
-        return a
-    return a if next_event[a] <= next_event[b] else b
-
-
-@compiled
-def _update_tournament(tree, leaves, floats, i):
-    """Update the tournament after the next event of contact i has changed."""
-    if floats[ROW_NEXT, i] == floats[ROW_ENTERED, i]:
-        return
-    floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
-    node = (leaves + i) >> 1
-    while node >= 1:
-        tree[node] = _sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
-        node >>= 1
-
-
-@compiled
+@lean
 def _settle(status, floats, bytes_, s, i):
     """Mark contact i as free if it left its bound before s."""
     if bytes_[ROW_LEAVING, i] != 0 and floats[ROW_SINCE, i] < s:
@@ -85,7 +67,7 @@ def _settle(status, floats, bytes_, s, i):
         bytes_[ROW_LEAVING, i] = 0
 
 
-@compiled
+@lean
 def _visited(contacts, links, floats, side, whole, s):
     """Compute at s the sum of the distances of all contacts from their nearest bounds, and the sum of all bounds."""
     near = 0.0
@@ -96,7 +78,7 @@ def _visited(contacts, links, floats, side, whole, s):
     return near, max(whole[0] + s * (whole[1] - whole[0]), 0.0)
 
 
-@compiled
+@lean
 def _near_criticality(contacts, links, floats, side, account, whole, s):
     """Update the visited margin, and return whether all contacts stay at their bounds up to the end of the ramp.
 
@@ -117,7 +99,7 @@ def _near_criticality(contacts, links, floats, side, account, whole, s):
     return some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
 
 
-@compiled
+@lean
 def _uncertainty(contacts, links, floats, coming, s, i):
     """Compute the error of the event of contact i due to the rounding of forces, as part of the ramp."""
     n = contacts.shape[1]
@@ -132,7 +114,7 @@ def _uncertainty(contacts, links, floats, coming, s, i):
     return min(EPS * (size + abs(closing)) / abs(closing), 1.0) if closing != 0.0 else 0.0
 
 
-@compiled
+@lean
 def _count_free(bytes_):
     """Count the contacts that are free or are leaving their bound."""
     free = 0
@@ -153,6 +135,8 @@ def follow_events(
     bytes_,
     tree,
     stacks,
+    long_floats,
+    long_ints,
     account,
     budget,
     elements,
@@ -170,10 +154,12 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, which also allocates the next three.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next five.
         bytes_: statuses within the ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
+        long_floats: memory for long blocks, empty if the chain is too short for them.
+        long_ints: likewise.
         account: account of the ramp, shape (14,), added to.
         budget: upper limit of work: contacts solved plus breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
@@ -192,7 +178,11 @@ def follow_events(
     while leaves < n:
         leaves *= 2
     hits = tree[2 * leaves :]
+    shortest = long_ints[0]
+    lines, sums, nodes, order, marks, parts = carve(long_floats, long_ints)
     whole = (0.0, 0.0)
+    may_be_long = marks.shape[1] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
+    any_long = False
     for i in range(n):
         floats[ROW_RATE, i] = 0.0
         floats[ROW_V, i] = 0.0
@@ -205,6 +195,8 @@ def follow_events(
             whole[0] + contacts[FORWARD, i] + contacts[BACKWARD, i],
             whole[1] + target[n - 1 + i] + target[2 * n - 1 + i],
         )
+        steady = floats[ROW_D_FORWARD, i] == 0.0 and floats[ROW_D_BACKWARD, i] == 0.0
+        may_be_long &= steady and contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0
         bytes_[ROW_LEAVING, i] = 0
         tree[leaves + i] = i
     for i in range(leaves + n, 2 * leaves):
@@ -217,7 +209,7 @@ def follow_events(
     for i in range(n):
         floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
     for node in range(leaves - 1, 0, -1):
-        tree[node] = _sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+        tree[node] = sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
     free = _count_free(bytes_)
     pieces = 1
     done = True
@@ -235,6 +227,8 @@ def follow_events(
         if critical or free_translation:
             # friction at the middle of the stretch, as it may be zero at its start
             middle = 0.5 * (s + until)
+            if any_long:
+                release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, s)
             update(contacts, links, floats, account, s, 0, n - 1)
             for i in range(n):
                 floats[ROW_FORWARD, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
@@ -274,7 +268,7 @@ def follow_events(
                 blur += _uncertainty(contacts, links, floats, bytes_[ROW_COMING, first_hit], s, first_hit)
             status[first_hit] |= bytes_[ROW_COMING, first_hit]
             floats[ROW_NEXT, first_hit] = np.inf
-            _update_tournament(tree, leaves, floats, first_hit)
+            update_tournament(tree, leaves, floats, first_hit)
             hits[count] = first_hit
             count += 1
             first_hit = tree[1]
@@ -290,19 +284,57 @@ def follow_events(
                 for i in range(n):
                     _settle(status, floats, bytes_, s, i)
             else:
+                beside_long = False
                 first = contact
                 while first > 0:
                     _settle(status, floats, bytes_, s, first - 1)
                     if status[first - 1] == 0:
                         break
                     first -= 1
+                    if any_long and marks[ENDS, first] >= 0:
+                        first = marks[ENDS, first]
+                        beside_long = True
                 last = contact
                 while last < n - 1:
                     _settle(status, floats, bytes_, s, last + 1)
                     if status[last + 1] == 0:
                         break
                     last += 1
+                    if any_long and marks[ENDS, last] >= 0:
+                        last = marks[ENDS, last]
+                        beside_long = True
             solved_to = last
+            if may_be_long and not shifted and (beside_long or last - first + 1 >= shortest):
+                if not any_long:
+                    begin_long(elasticity[COMPLIANCE], floats, lines, sums, nodes, marks)
+                    any_long = True
+                solved, freed, effort = solve_long(
+                    elasticity,
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    bytes_,
+                    tree,
+                    leaves,
+                    account,
+                    lines,
+                    sums,
+                    nodes,
+                    marks,
+                    order,
+                    parts,
+                    shortest,
+                    s,
+                    first,
+                    last,
+                    contact,
+                )
+                free += freed
+                spent += effort
+                if solved:
+                    free_translation = False
+                    continue
             for i in range(first, last + 1):
                 free -= bytes_[ROW_SIDE, i] == 0
             if wide:
@@ -320,9 +352,12 @@ def follow_events(
             for i in range(first, last + 1):
                 free += bytes_[ROW_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
-                _update_tournament(tree, leaves, floats, i)
+                update_tournament(tree, leaves, floats, i)
 
     end = 1.0 if done else s
+    if any_long:
+        release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, end)
+        finish_slides(contacts, account, lines, sums, marks)
     update(contacts, links, floats, account, end, 0, n - 1)
     for i in range(n):
         status[i] &= ~bytes_[ROW_LEAVING, i]

@@ -26,6 +26,8 @@ def follow_many(
     bytes_,
     tree,
     stacks,
+    long_floats,
+    long_ints,
     accounts,
     spent,
     records,
@@ -44,10 +46,12 @@ def follow_many(
         budget: upper limit of work in one ramp.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        floats: memory from `scratch(N)`, like the next three.
+        floats: memory from `scratch(N)`, like the next five.
         bytes_: statuses within a ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
+        long_floats: memory for long blocks, empty if the chain is too short for them.
+        long_ints: likewise.
         accounts: total accounts, shape (M, 14), added to.
         spent: output: work, and energy lost to friction, since the start of the call at the end of each leg, shape
             (M, L, 2) [J].
@@ -73,6 +77,8 @@ def follow_many(
                 bytes_,
                 tree,
                 stacks,
+                long_floats,
+                long_ints,
                 accounts[m],
                 records[m, legs[leg] : legs[leg + 1]],
                 None,

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...compiled import compiled
 from . import projection
 
 # Rows of the scratch floats.
@@ -32,6 +33,14 @@ _FLOAT_ROWS = 16
 ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED = range(4)
 _BYTE_ROWS = 4
 
+_HEADER = 3
+SHORTEST_LONG = 64
+"""Number of contacts from which a sliding block is a long one (`long_blocks`)."""
+LEAF, SPAN = 32, 64
+"""Contacts of a leaf of the tree of bounds; contacts whose sums for displacements are also stored as one sum."""
+MOST_TURNS = 32
+"""If an event in a long block turns more contacts than this, the projection solves the block."""
+
 
 class Scratch(NamedTuple):
     """Memory that ramps reuse; it holds no data between ramps."""
@@ -40,6 +49,49 @@ class Scratch(NamedTuple):
     bytes: np.ndarray
     tree: np.ndarray
     stacks: np.ndarray
+    long_floats: np.ndarray
+    long_ints: np.ndarray
+
+
+@compiled
+def carve(long_floats, long_ints):
+    """Divide the memory for long blocks; a kernel gets it in two arrays because each array adds to the time of a call.
+
+    Args:
+        long_floats: from `scratch`.
+        long_ints: likewise; it begins with `SHORTEST_LONG`, the number of contacts N, 0 if the chain is too short, and
+            the number of leaves M.
+
+    Returns:
+        Lines, rows as in `turning`, then numbers of blocks as in `long_blocks` and `slides`, shape (8, N).
+        Sums for displacements, columns as in `slides`, shape (R, 6).
+        Nodes of the tree of bounds, columns as in `turning`, shape (2 M, 5).
+        Order of the nodes visited in a search, shape (2 M, 3).
+        Marks, rows ENDS and SLID as in `slides`, shape (2, N).
+        Parts of a block that are still to be solved, and contacts that stopped, shape (P, 3).
+    """
+    n, leaves = long_ints[1], long_ints[2]
+    rest = 8 * n
+    lines = long_floats[:rest].reshape((8, n))
+    nodes = long_floats[rest : rest + 10 * leaves].reshape((2 * leaves, 5))
+    rest += 10 * leaves
+    sums = long_floats[rest:].reshape(((long_floats.shape[0] - rest) // 6, 6))
+    order = long_ints[_HEADER : _HEADER + 6 * leaves].reshape((2 * leaves, 3))
+    rest = _HEADER + 6 * leaves
+    marks = long_ints[rest : rest + 2 * n].reshape((2, n))
+    rest += 2 * n
+    parts = long_ints[rest:].reshape(((long_ints.shape[0] - rest) // 3, 3))
+    return lines, sums, nodes, order, marks, parts
+
+
+def _long_blocks(contacts: int) -> tuple[np.ndarray, np.ndarray]:
+    n = contacts if contacts >= SHORTEST_LONG else 0
+    leaves = 1 << max(-(-n // LEAF) - 1, 0).bit_length()
+    fine = n // SPAN + 1
+    floats = np.zeros(8 * n + 10 * leaves + 6 * (n + fine + fine // SPAN + 1))
+    ints = np.zeros(_HEADER + 6 * leaves + 2 * n + 3 * (2 * MOST_TURNS + 4), np.int64)
+    ints[:_HEADER] = SHORTEST_LONG, n, leaves
+    return floats, ints
 
 
 def scratch(contacts: int) -> Scratch:
@@ -57,4 +109,5 @@ def scratch(contacts: int) -> Scratch:
         np.zeros((_BYTE_ROWS, contacts), np.int8),
         np.full(2 * leaves + contacts, -1, np.int64),
         projection.workspace(contacts),
+        *_long_blocks(contacts),
     )

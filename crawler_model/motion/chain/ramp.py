@@ -246,6 +246,8 @@ def follow(
     bytes_,
     tree,
     stacks,
+    long_floats,
+    long_ints,
     account,
     records,
     ground,
@@ -264,10 +266,12 @@ def follow(
         budget: upper limit of work in one ramp, see `follow_events`; beyond it a catch-up step completes the ramp.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        floats: memory from `scratch(N)`, which also allocates the next three.
+        floats: memory from `scratch(N)`, which also allocates the next five.
         bytes_: statuses within a ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
+        long_floats: memory for long blocks, empty if the chain is too short for them.
+        long_ints: likewise.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 3 N - 1), or no rows.
         ground: from `Track.find_ground`, shape (8, N), for contacts with rows of loads; None on ground that is the
@@ -313,6 +317,8 @@ def follow(
                     bytes_,
                     tree,
                     stacks,
+                    long_floats,
+                    long_ints,
                     ramp,
                     budget,
                     elements,

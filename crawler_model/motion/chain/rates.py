@@ -1,10 +1,10 @@
-"""The rates of a block of contacts of a chain, and the next event of each contact."""
+"""The rates of a block of contacts of a chain, the next event of each contact, and the tournament of these events."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import lean
 from ...rounding import EPS, LATE, NOISE
 from ..state import (
     AT_BACKWARD,
@@ -26,6 +26,7 @@ from .memory import (
     ROW_D_ACTUATION,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
+    ROW_ENTERED,
     ROW_FORWARD,
     ROW_GAIN,
     ROW_LEAVING,
@@ -43,7 +44,45 @@ from .projection import chain_velocities, project, shape_gain
 from .wide import project_wide
 
 
-@compiled
+@lean
+def sooner(next_event, a, b):
+    """Choose the contact with the earlier event.
+
+    Args:
+        next_event: place of the next event of each contact, shape (N,).
+        a: a contact, or -1 for none.
+        b: another one, or -1.
+
+    Returns:
+        The one with the earlier event.
+    """
+    if a < 0:
+        return b
+    if b < 0:
+        return a
+    return a if next_event[a] <= next_event[b] else b
+
+
+@lean
+def update_tournament(tree, leaves, floats, i):
+    """Update the tournament after the next event of contact i has changed.
+
+    Args:
+        tree: the tournament, a heap with the winners, changed in place.
+        leaves: number of leaves, a power of two.
+        floats: rows ROW_NEXT, and ROW_ENTERED, which is changed in place.
+        i: the contact.
+    """
+    if floats[ROW_NEXT, i] == floats[ROW_ENTERED, i]:
+        return
+    floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
+    node = (leaves + i) >> 1
+    while node >= 1:
+        tree[node] = sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+        node >>= 1
+
+
+@lean
 def slack(contacts, links, floats, s, i):
     """Compute the distances of a contact's force from its bounds.
 
@@ -68,7 +107,30 @@ def slack(contacts, links, floats, s, i):
     return above, below
 
 
-@compiled
+@lean
+def advance_link(links, floats, s, i):
+    """Update the tension of a link from its last change to s.
+
+    Args:
+        links: row TENSION is changed in place.
+        floats: rates, and the places since which they hold.
+        s: place on the ramp, 0 .. 1.
+        i: the link.
+
+    Returns:
+        The work of its actuator since then [J].
+    """
+    ds = s - floats[ROW_LINK_SINCE, i]
+    floats[ROW_LINK_SINCE, i] = s
+    if not ds > 0.0:
+        return 0.0
+    before = links[TENSION, i]
+    gain = floats[ROW_RATE, i] * ds
+    links[TENSION, i] = before + gain
+    return -(before + 0.5 * gain) * floats[ROW_D_ACTUATION, i] * ds
+
+
+@lean
 def update(contacts, links, floats, account, s, first, last):
     """Update contacts first..last and the links between and beside them from their last change to s.
 
@@ -85,12 +147,7 @@ def update(contacts, links, floats, account, s, first, last):
     tension = links[TENSION]
     work = 0.0
     for i in range(max(first - 1, 0), min(last, n - 2) + 1):
-        ds = s - floats[ROW_LINK_SINCE, i]
-        if ds > 0.0:
-            gain = floats[ROW_RATE, i] * ds
-            work -= (tension[i] + 0.5 * gain) * floats[ROW_D_ACTUATION, i] * ds
-            tension[i] += gain
-        floats[ROW_LINK_SINCE, i] = s
+        work += advance_link(links, floats, s, i)
     dissipation = 0.0
     complementarity = account[COMPLEMENTARITY]
     violation = account[VIOLATION]
@@ -118,7 +175,7 @@ def update(contacts, links, floats, account, s, first, last):
     account[VIOLATION] = violation
 
 
-@compiled
+@lean
 def _slide_together(compliance, status, floats, side, first, last):
     """Check whether contacts first..last, between two walls, all slide along their bounds.
 
@@ -156,7 +213,51 @@ def _slide_together(compliance, status, floats, side, first, last):
     return True
 
 
-@compiled
+@lean
+def find_event(contacts, links, status, floats, bytes_, s, i):
+    """Find the next event of a contact that does not move with a bound.
+
+    Args:
+        contacts: rows of the contacts, as in `follow_events`.
+        links: elongations and tensions at their last change.
+        status: bounds at which contacts are.
+        floats: rates, and the places since which they hold; the event is written.
+        bytes_: the bound that the contact reaches is written.
+        s: place on the ramp, 0 .. 1.
+        i: the contact.
+    """
+    n = contacts.shape[1]
+    rate, d_forward, d_backward = floats[ROW_RATE], floats[ROW_D_FORWARD], floats[ROW_D_BACKWARD]
+    coming = bytes_[ROW_COMING]
+    climb = 0.0
+    if i < n - 1:
+        climb += rate[i]
+    if i > 0:
+        climb -= rate[i - 1]
+    above, below = slack(contacts, links, floats, s, i)
+    when = np.inf
+    closing = climb - d_forward[i]
+    if closing > 0.0 and not status[i] & AT_FORWARD:
+        when = s + max(above, 0.0) / closing
+        coming[i] = AT_FORWARD
+    closing = -climb - d_backward[i]
+    if closing > 0.0 and not status[i] & AT_BACKWARD:
+        other = s + max(below, 0.0) / closing
+        if other < when:
+            when = other
+            coming[i] = AT_BACKWARD
+    if LATE < when < 1.0:
+        # if its force would exceed the bound by no more than rounding, it arrives at the end of the ramp
+        excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
+        size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
+        for j in range(max(i - 1, 0), min(i + 1, n - 1)):
+            size += abs(links[TENSION, j]) + abs(rate[j])
+        if excess <= 8.0 * EPS * size:
+            when = 1.0
+    floats[ROW_NEXT, i] = when
+
+
+@lean
 def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide):
     """Solve for the rates of the block of contacts first..last at s, and find the next event of each contact.
 
@@ -227,7 +328,7 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
     moved = bytes_[ROW_MOVED]
     for i in range(start, stop):
         moved[i] |= shape_gain(rate[i], trial[i], compliance[i]) != 0.0
-    leaving, coming, next_event = bytes_[ROW_LEAVING], bytes_[ROW_COMING], floats[ROW_NEXT]
+    leaving, next_event = bytes_[ROW_LEAVING], floats[ROW_NEXT]
     for i in range(start, stop + 1):
         held = 0
         if side[i] != 0:
@@ -239,30 +340,5 @@ def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, 
         if held != 0 and d_forward[i] + d_backward[i] >= 0.0:
             next_event[i] = np.inf  # it moves with its bound, and the other bound does not approach
             continue
-        climb = 0.0
-        if i < n - 1:
-            climb += rate[i]
-        if i > 0:
-            climb -= rate[i - 1]
-        above, below = slack(contacts, links, floats, s, i)
-        when = np.inf
-        closing = climb - d_forward[i]
-        if closing > 0.0 and not status[i] & AT_FORWARD:
-            when = s + max(above, 0.0) / closing
-            coming[i] = AT_FORWARD
-        closing = -climb - d_backward[i]
-        if closing > 0.0 and not status[i] & AT_BACKWARD:
-            other = s + max(below, 0.0) / closing
-            if other < when:
-                when = other
-                coming[i] = AT_BACKWARD
-        if LATE < when < 1.0:
-            # if its force would exceed the bound by no more than rounding, it arrives at the end of the ramp
-            excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
-            size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
-            for j in range(max(i - 1, 0), min(i + 1, n - 1)):
-                size += abs(links[TENSION, j]) + abs(rate[j])
-            if excess <= 8.0 * EPS * size:
-                when = 1.0
-        next_event[i] = when
+        find_event(contacts, links, status, floats, bytes_, s, i)
     return free_translation, effort

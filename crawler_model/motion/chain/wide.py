@@ -40,8 +40,16 @@ def _tidy(high, low):
 
 
 @compiled
-def _add(a, b):
-    """Add two numbers, each represented by two floats."""
+def add(a, b):
+    """Add two numbers, each represented by two floats.
+
+    Args:
+        a: the larger float and the rest.
+        b: likewise.
+
+    Returns:
+        Their sum, likewise.
+    """
     high = a[0] + b[0]
     part = high - a[0]
     rest = (a[0] - (high - part)) + (b[0] - part)
@@ -53,14 +61,30 @@ def _add(a, b):
 
 
 @compiled
-def _subtract(a, b):
-    """Subtract b from a."""
-    return _add(a, (-b[0], -b[1]))
+def subtract(a, b):
+    """Subtract b from a, each represented by two floats.
+
+    Args:
+        a: the larger float and the rest.
+        b: likewise.
+
+    Returns:
+        Their difference, likewise.
+    """
+    return add(a, (-b[0], -b[1]))
 
 
 @compiled
-def _multiply(a, b):
-    """Multiply two numbers."""
+def multiply(a, b):
+    """Multiply two numbers, each represented by two floats.
+
+    Args:
+        a: the larger float and the rest.
+        b: likewise.
+
+    Returns:
+        Their product, likewise.
+    """
     high = a[0] * b[0]
     part = _SPLITTER * a[0]
     a_high = part - (part - a[0])
@@ -76,10 +100,10 @@ def _multiply(a, b):
 def _divide(a, b):
     """Divide a by b."""
     first = a[0] / b[0]
-    rest = _subtract(a, _multiply((first, 0.0), b))
+    rest = subtract(a, multiply((first, 0.0), b))
     second = rest[0] / b[0]
-    rest = _subtract(rest, _multiply((second, 0.0), b))
-    return _add(_tidy(first, second), (rest[0] / b[0], 0.0))
+    rest = subtract(rest, multiply((second, 0.0), b))
+    return add(_tidy(first, second), (rest[0] / b[0], 0.0))
 
 
 @compiled
@@ -101,32 +125,32 @@ def _pass_zero(near, n_near, shift_near, far, n_far, shift_far, direction, zero,
 
     Returns the lengths of both stacks, the zero, the heights of the curve before and beyond it, and the slopes there.
     """
-    here = _add(_read(near, _POSITION, n_near - 1), shift_near)
-    distance = _subtract(here, zero) if direction < 0.0 else _subtract(zero, here)
+    here = add(_read(near, _POSITION, n_near - 1), shift_near)
+    distance = subtract(here, zero) if direction < 0.0 else subtract(zero, here)
     slope = (flat, 0.0)
-    height = _multiply(distance, slope)
+    height = multiply(distance, slope)
     while True:
         jump = _read(near, _JUMP, n_near - 1)
-        outer = _add(slope, _read(near, _SLOPE, n_near - 1))
+        outer = add(slope, _read(near, _SLOPE, n_near - 1))
         if outer[0] < flat:
             outer = (flat, 0.0)
         n_near -= 1
         if jump[0] == np.inf:
             return n_near, n_far, here, height, jump, slope, outer
-        beyond = _subtract(jump, height)
+        beyond = subtract(jump, height)
         if beyond[0] >= 0.0:
             return n_near, n_far, here, height, beyond, slope, outer
         height = (-beyond[0], -beyond[1])
-        _push(far, n_far, _subtract(here, shift_far), _subtract(slope, outer), jump)
+        _push(far, n_far, subtract(here, shift_far), subtract(slope, outer), jump)
         n_far += 1
         slope = outer
         step = _divide(height, slope)
-        zero = _subtract(here, step) if direction < 0.0 else _add(here, step)
+        zero = subtract(here, step) if direction < 0.0 else add(here, step)
         if n_near == 0:
             return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope
-        further = _add(_read(near, _POSITION, n_near - 1), shift_near)
-        distance = _subtract(here, further) if direction < 0.0 else _subtract(further, here)
-        height = _subtract(height, _multiply(slope, distance))
+        further = add(_read(near, _POSITION, n_near - 1), shift_near)
+        distance = subtract(here, further) if direction < 0.0 else subtract(further, here)
+        height = subtract(height, multiply(slope, distance))
         if height[0] <= 0.0:
             return n_near, n_far, zero, _NOTHING, _NOTHING, slope, slope
         here = further
@@ -172,13 +196,13 @@ def project_wide(target, compliance, backward, forward, magnitude, tension, side
         jump_left = _NOTHING
         jump_right = _NOTHING
         before = n_left + n_right
-        if n_left > 0 and _subtract(zero, _add(_read(left, _POSITION, n_left - 1), shift_left))[0] < 0.0:
+        if n_left > 0 and subtract(zero, add(_read(left, _POSITION, n_left - 1), shift_left))[0] < 0.0:
             before = n_left
             n_left, n_right, zero, jump_right, jump_left, slope_right, slope_left = _pass_zero(
                 left, n_left, shift_left, right, n_right, shift_right, -1.0, zero, flat
             )
             moved += before - n_left
-        elif n_right > 0 and _subtract(zero, _add(_read(right, _POSITION, n_right - 1), shift_right))[0] > 0.0:
+        elif n_right > 0 and subtract(zero, add(_read(right, _POSITION, n_right - 1), shift_right))[0] > 0.0:
             before = n_right
             n_right, n_left, zero, jump_left, jump_right, slope_left, slope_right = _pass_zero(
                 right, n_right, shift_right, left, n_left, shift_left, 1.0, zero, flat
@@ -186,16 +210,16 @@ def project_wide(target, compliance, backward, forward, magnitude, tension, side
             moved += before - n_right
         zeros[i, 0], zeros[i, 1] = zero
         if backward[i + 1] < np.inf:
-            shift_left = _subtract(shift_left, (backward[i + 1], 0.0))
-            position = _subtract(_subtract(zero, (backward[i + 1], 0.0)), shift_left)
+            shift_left = subtract(shift_left, (backward[i + 1], 0.0))
+            position = subtract(subtract(zero, (backward[i + 1], 0.0)), shift_left)
             _push(left, n_left, position, slope_left, jump_left)
             n_left += 1
         else:
             n_left = 0
             shift_left = _NOTHING
         if forward[i + 1] < np.inf:
-            shift_right = _add(shift_right, (forward[i + 1], 0.0))
-            position = _subtract(_add(zero, (forward[i + 1], 0.0)), shift_right)
+            shift_right = add(shift_right, (forward[i + 1], 0.0))
+            position = subtract(add(zero, (forward[i + 1], 0.0)), shift_right)
             _push(right, n_right, position, slope_right, jump_right)
             n_right += 1
         else:
@@ -210,11 +234,11 @@ def project_wide(target, compliance, backward, forward, magnitude, tension, side
         least = zero
         most = zero
         if forward[i + 1] < np.inf:
-            least = _subtract(after, (forward[i + 1], 0.0))
-            above = _subtract(zero, least)[0]
+            least = subtract(after, (forward[i + 1], 0.0))
+            above = subtract(zero, least)[0]
         if backward[i + 1] < np.inf:
-            most = _add(after, (backward[i + 1], 0.0))
-            below = _subtract(most, zero)[0]
+            most = add(after, (backward[i + 1], 0.0))
+            below = subtract(most, zero)[0]
         close = 8.0 * EPS * (magnitude[i + 1] + abs(zero[0]) + abs(after[0]))
         side[i + 1] = 1 if above <= close else -1 if below <= close else 0
         if above <= 0.0:

@@ -1,0 +1,132 @@
+"""Long sliding blocks are followed without touching their contacts; the path is that of short blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crawler_model import Crawler, Scene, Step
+from crawler_model.motion.chain import memory
+from crawler_model.motion.state import TENSION
+
+NEVER = 10**9
+
+
+def chain(stiffness: np.ndarray, forward: np.ndarray, backward: np.ndarray, loads: np.ndarray | None = None) -> Scene:
+    data = {
+        "name": "test",
+        "body": {"contacts": list(range(forward.size)), "links": {"stiffness": stiffness.tolist()}},
+        "friction": {"forward": forward.tolist(), "backward": backward.tolist()},
+    }
+    return Scene.model_validate(data if loads is None else data | {"loads": loads.tolist()})
+
+
+def follow(scene: Scene, rows: list[np.ndarray], shortest: int, monkeypatch: pytest.MonkeyPatch, **more: int):
+    monkeypatch.setattr(memory, "SHORTEST_LONG", shortest)
+    crawler = Crawler(scene, **more)
+    found: list[tuple[np.ndarray, np.ndarray, Step]] = []
+    for row in rows:
+        step = crawler.advance(row)
+        found.append((crawler.displacement.copy(), crawler._state.links[TENSION].copy(), step))
+    return found
+
+
+def assert_same(scene: Scene, rows: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12) -> int:
+    """Compare both paths relative to the motion; return the number of pieces."""
+    short = follow(scene, rows, NEVER, monkeypatch)
+    long = follow(scene, rows, 8, monkeypatch)
+    pieces = 0
+    for (x, tension, step), (x_long, tension_long, step_long) in zip(short, long, strict=True):
+        size = max(np.abs(x).max(), max(np.abs(row).max() for row in rows))
+        assert np.abs(x_long - x).max() <= near * size
+        assert np.abs(tension_long - tension).max() <= near * max(np.abs(tension).max(), 1.0)
+        energy = abs(step.work) + step.dissipation
+        assert step_long.work == pytest.approx(step.work, rel=0, abs=near * energy)
+        assert step_long.dissipation == pytest.approx(step.dissipation, rel=0, abs=near * energy)
+        assert abs(step_long.certificate.energy_residual) <= near * energy
+        assert step_long.certificate.violation <= near * max(np.abs(tension).max(), 1.0)
+        assert step_long.certificate.complementarity <= near * energy
+        pieces += step.events
+    return pieces
+
+
+def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
+    """A random chain of 40 to 300 contacts, driven by waves, noise or stretch; half of them are uniform."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(40, 300))
+    stiffness, (forward, backward) = np.exp(rng.uniform(-1, 1, n - 1)), np.exp(rng.uniform(-2, 0, (2, n)))
+    if seed % 2:
+        stiffness[:], forward[:], backward[:] = 1.0, 0.1, 0.3
+    place = np.arange(n - 1) / n
+    rows = []
+    for _ in range(4):
+        if seed % 3 == 0:
+            rows.append(np.sin(2 * np.pi * (place * rng.integers(1, 4) + rng.random())) * rng.uniform(0.2, 3))
+        elif seed % 3 == 1:
+            rows.append(rng.normal(size=n - 1) * 2)
+        else:
+            rows.append(np.full(n - 1, rng.uniform(-3, 3)) + rng.normal(size=n - 1) * 0.3 * (seed % 4 > 1))
+    return chain(stiffness, forward, backward, np.full(n, 0.02) if seed % 5 == 0 else None), rows
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_chains_move_as_with_short_blocks(seed, monkeypatch):
+    assert assert_same(*drawn(seed), monkeypatch) > 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30, 1_000))
+def test_many_random_chains_move_as_with_short_blocks(seed, monkeypatch):
+    assert_same(*drawn(seed), monkeypatch)
+
+
+def hard(name: str, n: int) -> list[np.ndarray]:
+    """Rows of commands under which long blocks grow, split, and meet many ties."""
+    i = np.arange(n - 1)
+    zero = np.zeros(n - 1)
+    if name == "five waves":
+        return [np.sin(2 * np.pi * (5 * i / n - t / 16)) for t in range(20)]
+    if name == "stretched a little":
+        return [zero + 2e-4, zero, zero + 2e-4]
+    if name == "stretched a lot":
+        return [zero + 0.5, zero - 0.5, zero + 0.1]
+    if name == "alternating":
+        return [(-1.0) ** i * i**1.5, zero, 1e-3 * (-1.0) ** i * i]
+    return [np.where(i < n // 2, 1.0, -1.0), zero, np.where(i % 40 < 20, 1.0, -1.0)]
+
+
+@pytest.mark.parametrize("name", ["five waves", "stretched a little", "stretched a lot", "alternating", "blocks"])
+@pytest.mark.parametrize("n", [100, pytest.param(1_500, marks=pytest.mark.slow)])
+def test_hard_drives_move_as_with_short_blocks(name, n, monkeypatch):
+    friction = 10.0 / n
+    scene = chain(np.ones(n - 1), np.full(n, friction), np.full(n, 3.0 * friction))
+    assert_same(scene, hard(name, n), monkeypatch, 1e-11)
+
+
+def test_a_contact_that_rests_beside_long_blocks_stays_to_the_bit(monkeypatch):
+    n = 401
+    scene = chain(np.ones(n - 1), np.full(n, 0.1), np.full(n, 0.1))
+    rows = [np.full(n - 1, change) for change in (0.3, -0.2, 0.3)]
+    for x, _, _ in follow(scene, rows, 8, monkeypatch):
+        assert x[n // 2] == 0.0
+        assert np.abs(x + x[::-1]).max() <= 1e-13 * np.abs(x).max()
+
+
+def test_a_spent_budget_leaves_forces_within_bounds(monkeypatch):
+    n = 200
+    scene = chain(np.ones(n - 1), np.full(n, 0.1), np.full(n, 0.3))
+    row = np.full(n - 1, 5.0)
+    _, tension, step = follow(scene, [row], 8, monkeypatch, budget=2_000)[0]
+    assert step.overspent == 1
+    force = np.diff(np.concatenate(([0.0], tension, [0.0])))
+    assert force.max() <= 0.1 + 1e-12
+    assert force.min() >= -0.3 - 1e-12
+
+
+def test_long_blocks_take_fewer_visits_than_short_ones(monkeypatch):
+    """A budget that short blocks exceed, because they solve a whole block at each event, is enough for long ones."""
+    n = 1_000
+    scene = chain(np.full(n - 1, float(n)), np.full(n, 0.1 / n), np.full(n, 0.3 / n))
+    row = np.full(n - 1, 0.5 / n)
+    assert follow(scene, [row], NEVER, monkeypatch, budget=300 * n)[0][2].overspent == 1
+    assert follow(scene, [row], 128, monkeypatch, budget=300 * n)[0][2].overspent == 0
