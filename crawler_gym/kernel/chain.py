@@ -26,6 +26,8 @@ def step_chains(
     bytes_,
     tree,
     stacks,
+    long_floats,
+    long_ints,
     observes,
     logs,
 ):
@@ -41,10 +43,12 @@ def step_chains(
         share: weight of each contact in the net translation, shape (N,).
         elements: both contacts of each element of a segment, shape (P, 2).
         budget: upper limit of work in a ramp.
-        body_floats: memory from `scratch(N)`, like the next three.
+        body_floats: memory from `scratch(N)`, like the next five.
         bytes_: statuses within a ramp.
         tree: tournament of the next events of the contacts.
         stacks: memory for `project`.
+        long_floats: memory for long blocks.
+        long_ints: likewise.
         observes: whether to observe; False where readings of segments have to be added first.
         logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """
@@ -71,6 +75,8 @@ def step_chains(
             bytes_,
             tree,
             stacks,
+            long_floats,
+            long_ints,
             account,
             records,
             None,
