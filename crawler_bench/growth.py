@@ -33,9 +33,9 @@ def measure_growth(contacts: tuple[int, ...], progress: Callable[[float], None])
         progress: called with the completed part, in [0, 1].
 
     Returns:
-        A row for each drive, method and N: median processor time of a ramp [ms] and median number of its linear pieces, ramps
-        whose budget was spent, time relative to `catch_up`, and the growth exponent of the time since the smallest N,
-        None there.
+        A row for each drive, method and N: median processor time of a ramp [ms] and median number of its linear pieces,
+        ramps whose budget was spent, time relative to `catch_up`, and the growth exponent of the time since the
+        smallest N, None there.
     """
     rows: list[dict[str, Any]] = []
     done = 0
