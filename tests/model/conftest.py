@@ -26,6 +26,8 @@ LONG = (
     "test_elements.py::test_waves_along*",
     "test_exact_cases.py::*1000.0*",
     "test_exact_cases.py::test_catch_up_converges*",
+    "test_long_blocks.py::test_long_blocks_take*",
+    "test_long_blocks.py::test_random_chains*[[]??]",
     "test_hard_cases.py::*0000 contacts*",
     "test_hard_cases.py::*0000 elements*",
     "test_hard_cases.py::*A grid*",

@@ -20,9 +20,7 @@ from ...compiled import lean
 from ...rounding import CRITICAL, EPS
 from ..state import (
     AT_FORWARD,
-    BACKWARD,
     COMPLEMENTARITY,
-    FORWARD,
     STIFFNESS,
     TENSION,
     VIOLATION,
@@ -43,7 +41,7 @@ from .memory import (
 )
 from .rates import advance_link, find_event, update, update_tournament
 from .slides import ENDS, SETTLED, SLID, add_slide, begin_slide
-from .turning import FORCE, SIZE, P, Q, difference, find_turning, forget, tabulate, velocity_at
+from .turning import FORCE, SIZE, P, Q, difference, find_turning, forget, slide_force, sum_forces, tabulate, velocity_at
 
 _RATE, _SINCE = 5, 6
 """Rows of the lines, used at the first contact of a block: its rate, and the place since which it holds."""
@@ -68,12 +66,6 @@ def begin_long(compliance, floats, lines, sums, nodes, marks):
     lines[SETTLED] = 0.0
     marks[ENDS] = -1
     marks[SLID] = 0
-
-
-@lean
-def _force(contacts, bytes_, i):
-    """Return the spring force on a contact that slides."""
-    return contacts[FORWARD, i] if bytes_[ROW_SIDE, i] > 0 else -contacts[BACKWARD, i]
 
 
 @lean
@@ -109,7 +101,7 @@ def _enter(contacts, status, floats, bytes_, tree, leaves, account, lines, sums,
     floats[ROW_NEXT, i] = np.inf
     if was_free:
         update_tournament(tree, leaves, floats, i)
-    nodes[nodes.shape[0] // 2 + i // LEAF, FORCE] += _force(contacts, bytes_, i)
+    nodes[nodes.shape[0] // 2 + i // LEAF, FORCE] += slide_force(contacts, bytes_, i)
     forget(nodes, i)
     if marks[SLID, i] != bytes_[ROW_SIDE, i]:
         begin_slide(contacts, account, lines, sums, marks, i, bytes_[ROW_SIDE, i])
@@ -126,30 +118,13 @@ def _leave_link(links, floats, bytes_, account, s, j, tension):
 
 
 @lean
-def _sum_forces(contacts, bytes_, nodes, a, b):
-    """Sum the forces of the sliding contacts a..b."""
-    total = 0.0
-    i = a
-    while i <= b and i % LEAF != 0:
-        total += _force(contacts, bytes_, i)
-        i += 1
-    while i + LEAF <= b + 1:
-        total += nodes[nodes.shape[0] // 2 + i // LEAF, FORCE]
-        i += LEAF
-    while i <= b:
-        total += _force(contacts, bytes_, i)
-        i += 1
-    return total
-
-
-@lean
 def _stop(contacts, links, floats, bytes_, account, nodes, s, first, last, j, contact):
     """Stop a contact of the block first..last, closed at s: it becomes a wall that leaves its bound.
 
     The tensions of the links to the walls and of those beside `contact` are known at s.
     """
     n = contacts.shape[1]
-    force = _force(contacts, bytes_, j)
+    force = slide_force(contacts, bytes_, j)
     left = first - 1  # a link with a known tension on the left of contact j, and one on the right
     right = last
     if first <= contact < j:
@@ -158,10 +133,10 @@ def _stop(contacts, links, floats, bytes_, account, nodes, s, first, last, j, co
         right = contact if j == contact else contact - 1
     if j - left <= right - j:
         before = links[TENSION, left] if left >= 0 else 0.0
-        after = before + _sum_forces(contacts, bytes_, nodes, left + 1, j)
+        after = before + sum_forces(contacts, bytes_, nodes, left + 1, j)
     else:
         after = links[TENSION, right] if right < n - 1 else 0.0
-        after -= _sum_forces(contacts, bytes_, nodes, j + 1, right)
+        after -= sum_forces(contacts, bytes_, nodes, j + 1, right)
     if j > first:
         _leave_link(links, floats, bytes_, account, s, j - 1, after - force)
     if j < last:
@@ -181,7 +156,7 @@ def _release(contacts, links, floats, bytes_, account, lines, nodes, marks, s, f
     tension = links[TENSION, first - 1] if first > 0 else 0.0
     v = 0.0
     for i in range(first, last + 1):
-        force = _force(contacts, bytes_, i)
+        force = slide_force(contacts, bytes_, i)
         nodes[nodes.shape[0] // 2 + i // LEAF, FORCE] -= force
         tension += force
         if known:

@@ -54,7 +54,7 @@ class Scratch(NamedTuple):
 
 
 @compiled
-def carve(long_floats, long_ints):
+def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, ...]:
     """Divide the memory for long blocks; a kernel gets it in two arrays because each array adds to the time of a call.
 
     Args:

@@ -20,13 +20,15 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import lean
+from ..state import BACKWARD, FORWARD
 from .memory import LEAF, ROW_D_ACTUATION, ROW_SIDE
 
 P, P_LOW, Q, Q_LOW, SIZE = range(5)
 """Rows of the lines: both sums in two floats each, and the sum of the absolute rates of the rest lengths."""
 START, RATE, LEAST, MOST, FORCE = range(5)
 """Columns of a node: velocity of its first contact and rate when it was last searched; lower bound of the velocities of
-its contacts that slide forward, upper bound of those that slide backward."""
+its contacts that slide forward, upper bound of those that slide backward; and of a leaf, the sum of the forces of its
+contacts that slide in long blocks."""
 
 
 @lean
@@ -90,6 +92,49 @@ def velocity_at(lines, anchor, rate, i):
         Its velocity [m per unit of the ramp].
     """
     return difference(lines, P, anchor, i) + rate * difference(lines, Q, anchor, i)
+
+
+@lean
+def slide_force(contacts, bytes_, i):
+    """Return the spring force on a contact that slides.
+
+    Args:
+        contacts: rows of the contacts, as in `follow_events`.
+        bytes_: row ROW_SIDE, the bound that each contact is at.
+        i: the contact.
+
+    Returns:
+        The force [N].
+    """
+    return contacts[FORWARD, i] if bytes_[ROW_SIDE, i] > 0 else -contacts[BACKWARD, i]
+
+
+@lean
+def sum_forces(contacts, bytes_, nodes, a, b):
+    """Sum the spring forces on contacts of a long block.
+
+    Args:
+        contacts: rows of the contacts, as in `follow_events`.
+        bytes_: row ROW_SIDE, the bound that each contact is at.
+        nodes: the tree, with the sums of its leaves, shape (2 M, 5).
+        a: first contact.
+        b: last contact.
+
+    Returns:
+        The sum [N].
+    """
+    total = 0.0
+    i = a
+    while i <= b and i % LEAF != 0:
+        total += slide_force(contacts, bytes_, i)
+        i += 1
+    while i + LEAF <= b + 1:
+        total += nodes[nodes.shape[0] // 2 + i // LEAF, FORCE]
+        i += LEAF
+    while i <= b:
+        total += slide_force(contacts, bytes_, i)
+        i += 1
+    return total
 
 
 @lean
