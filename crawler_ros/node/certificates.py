@@ -33,14 +33,24 @@ class Certificates:
     _now: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     _work: float = 0.0
 
-    def add(self, accounts: np.ndarray) -> None:
-        """Add the account of a tick, shape (14,), or of several, shape (K, 14)."""
-        entries = np.abs(accounts[..., _ENTRIES])
-        worst = (entries.max(axis=0) if entries.ndim == 2 else entries).tolist()
-        for k, value in enumerate(worst[:3]):
-            if not value <= self._now[k]:  # not a number counts as worse
-                self._now[k] = value
-        self._work += float(entries[..., 3:].sum())
+    def add(self, account: np.ndarray) -> None:
+        """Add the account of a tick."""
+        self._add(*account[_ENTRIES].tolist())
+
+    def add_many(self, accounts: np.ndarray) -> None:
+        """Add the accounts of several ticks, shape (K, 14)."""
+        entries = np.abs(accounts[:, _ENTRIES])
+        self._add(*entries[:, :3].max(axis=0).tolist(), *entries[:, 3:].sum(axis=0).tolist())
+
+    def _add(self, residual: float, violation: float, complementarity: float, work: float, dissipation: float) -> None:
+        now = self._now
+        if not abs(residual) <= now[0]:  # not a number counts as worse
+            now[0] = abs(residual)
+        if not violation <= now[1]:
+            now[1] = violation
+        if not complementarity <= now[2]:
+            now[2] = complementarity
+        self._work += abs(work) + dissipation
 
     def judge(self) -> tuple[bool, str]:
         """Judge the ticks since the last call.

@@ -72,7 +72,9 @@ class Outgoing:
         if outlets["contact_states"].wanted:
             outlets["contact_states"].send(self.contacts.encode(now_ns))
         if outlets["pose"].wanted:
-            outlets["pose"].send(self._pose.encode(now_ns, *np.atleast_1d(crawler.net_translation).tolist()))
+            y = crawler.net_translation
+            place = (y,) if isinstance(y, float) else y
+            outlets["pose"].send(self._pose.encode(now_ns, *place))
         if outlets["odom"].wanted:
             gain = crawler.body.share @ crawler.gained
             outlets["odom"].send(self._odometry.encode(now_ns, crawler.net_translation, gain / seconds))

@@ -296,7 +296,7 @@ class Simulator(QuietNode):
             return False
         accounts = self._ahead.run(self.crawler, taken, self.stepper.tick, start_ns, ends[: taken.first.size - 1])
         self.stepper.finish(len(accounts))
-        self.certificates.add(accounts)
+        self.certificates.add_many(accounts)
         self.ambiguous += int(np.count_nonzero(accounts[:, AMBIGUOUS]))
         self.overspent += int(accounts[:, OVERSPENT].sum())
         self.unsolved += int(accounts[:, UNSOLVED].sum())

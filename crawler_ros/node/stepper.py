@@ -92,7 +92,11 @@ class Stepper:
 
     def finish(self, ticks: int = 1) -> None:
         """Count the next tick as done, or several."""
-        self._go_to(self.tick + ticks)
+        if ticks == 1:
+            self.tick += 1
+            self.now_ns, self.next_ns = self.next_ns, tick_end_ns(self.tick + 1, self.rate)
+        else:
+            self._go_to(self.tick + ticks)
 
     def ends_ns(self, ticks: int) -> list[int]:
         """Compute when the next ticks end.

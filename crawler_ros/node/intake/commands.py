@@ -264,10 +264,10 @@ class CommandQueue:
         if arrays and trajectory_last:
             vertices = self._pair(actuation, beside, start_ns, start_ns)
             self._join_all(trajectories, start_ns, end_ns)
-            return vertices + self._follow_path(start_ns, end_ns)
+            return vertices + self._path.follow(start_ns, end_ns)
         self._join_all(trajectories, start_ns, end_ns)
         if not arrays:
-            return self._follow_path(start_ns, end_ns)
+            return self._path.follow(start_ns, end_ns)
         past = [v for v in self._path.ahead if v.due_ns <= start_ns]
         if past:
             self._path.anchor = past[-1]
@@ -292,7 +292,7 @@ class CommandQueue:
                 return None
             ends_ns = ends_ns[: 1 + bisect.bisect_left(ends_ns, path.ahead[-1].due_ns)]
         self.now_ns, self._tick_ns = ends_ns[-1], ends_ns[-1] - (ends_ns[-2] if len(ends_ns) > 1 else start_ns)
-        taken = path.follow(start_ns, ends_ns).without_repeats(self._in_force)
+        taken = path.follow_many(start_ns, ends_ns).without_repeats(self._in_force)
         if taken.due_ns.size:
             self._in_force = taken.rows[-1]
         return taken
@@ -300,7 +300,7 @@ class CommandQueue:
     def _take_turn(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of a tick in lock-step: of the running trajectory, else of the earliest message."""
         if self._path.ahead:
-            return self._follow_path(start_ns, end_ns)
+            return self._path.follow(start_ns, end_ns)
         with self._lock:
             self.arrived.clear()
             if not self._turns:
@@ -315,7 +315,7 @@ class CommandQueue:
                 self._pending_beside = 0
         if isinstance(turn, Trajectory):
             self._path.join(turn, start_ns, end_ns, 0)
-            return self._follow_path(start_ns, end_ns)
+            return self._path.follow(start_ns, end_ns)
         return self._pair([turn], beside, start_ns, end_ns)
 
     def _without_repeats(self, vertices: list[Vertex]) -> list[Vertex]:
@@ -355,9 +355,3 @@ class CommandQueue:
         fresh = 0
         for trajectory in trajectories:
             fresh = self._path.join(trajectory, now_ns, end_ns, fresh)
-
-    def _follow_path(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        if not self._path.ahead:
-            return []
-        taken = self._path.follow(start_ns, [end_ns])
-        return list(map(Vertex, taken.due_ns.tolist(), taken.rows))

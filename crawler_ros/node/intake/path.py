@@ -137,8 +137,30 @@ class Path:
         self.ahead = path + joined
         return len(kept_new) + len(joined)
 
-    def follow(self, start_ns: int, ends_ns: Sequence[int]) -> Vertices:
-        """Follow the path through consecutive ticks, and drop the waypoints that are passed.
+    def follow(self, start_ns: int, end_ns: int) -> list[Vertex]:
+        """Follow the path through one tick, and drop the waypoints that are passed; see `follow_many`.
+
+        Args:
+            start_ns: simulated time at its start [ns].
+            end_ns: simulated time at its end [ns].
+
+        Returns:
+            The waypoints passed, and if the path extends beyond the tick, the point on the straight line at its end.
+        """
+        ahead, count = self.ahead, 0
+        while count < len(ahead) and ahead[count].due_ns <= end_ns:
+            count += 1
+        passed = ahead[:count]
+        vertices = [v if v.due_ns >= start_ns else Vertex(start_ns, v.row) for v in passed]
+        if count < len(ahead):
+            vertices.append(Vertex(end_ns, self.value_at(end_ns)))
+        if passed:
+            self.anchor = passed[-1]
+            del ahead[:count]
+        return vertices
+
+    def follow_many(self, start_ns: int, ends_ns: Sequence[int]) -> Vertices:
+        """Follow the path through consecutive ticks, to the bits of `follow`, but faster for many than one by one.
 
         Args:
             start_ns: simulated time at the start of the first tick [ns].
