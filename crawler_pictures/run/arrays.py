@@ -17,7 +17,7 @@ class Commands:
     """Commands of one kind over time.
 
     Attributes:
-        what: as "rest length" or "friction".
+        what: as "change of rest length" or "friction".
         unit: as "m".
         names: of the K curves.
         values: shape (T, K).
@@ -117,7 +117,7 @@ def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:
     """
     names, lengths, half = columns.names, columns.lengths, int(columns.friction_sizes.sum())
     links = int(columns.actuation_sizes[: columns.links].sum())
-    found = [("rest length", "m", range(links)), ("strain", "1", range(links, lengths))]
+    found = [("change of rest length", "m", range(links)), ("strain", "1", range(links, lengths))]
     alone = int(columns.friction_sizes[: columns.contacts].sum())
     both = [rows[:, lengths + k : lengths + half + k + 1 : half] for k in range(half)] if columns.sides == 2 else []
     kinds = [Commands(what, unit, tuple(names[k] for k in at), rows[:, at]) for what, unit, at in found if len(at)]

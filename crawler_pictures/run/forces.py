@@ -58,14 +58,14 @@ def explain_tension(axis: Axes, bounded: bool) -> None:
     from matplotlib.patches import Patch
 
     handles: list[Any] = [Line2D([], [], color=TENSION, linewidth=1.6, label="tension")]
-    handles += [Patch(facecolor=BAND, edgecolor=BOUND, label="stasis bounds, other tensions fixed")] * bounded
+    handles += [Patch(facecolor=BAND, edgecolor=BOUND, label="between its bounds no contact slips")] * bounded
     place_legend(axis, handles)
 
 
 def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike) -> None:
     """Draw many tensions as an image: 1 and -1 at the bounds, where something slips, 0 in the middle between them.
 
-    A link has no room between its bounds while the contacts at both of its ends slip in the same direction.
+    A link has no room between its bounds while both of its contacts are at their limits in the same direction.
     Without bounds, the unit is the largest tension of the run.
 
     Args:
@@ -82,9 +82,9 @@ def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayL
         half = 0.5 * (high - low)
         open_range = half > 1e-9 * np.abs(value).max(initial=0.0)
         part = np.where(open_range, (value - 0.5 * (low + high)) / np.where(open_range, half, 1.0), np.nan)
-        words = ("at the lower bound", "in the middle", "at the upper bound", "no room: both ends slip alike")
+        words = ("at the lower bound", "in the middle", "at the upper bound", "no room: its bounds meet")
         draw_image(axis, time, np.clip(part, -1.0, 1.0), 1.0, words)
-        write_title(axis, f"tension of {count} links, in units of the distance to the stasis bounds")
+        write_title(axis, f"tension of {count} links, between the bounds at which a contact slips")
         return
     value = np.linalg.norm(value, axis=2) if value.ndim == 3 else value
     size = float(np.nanmax(np.abs(value), initial=0.0))

@@ -174,7 +174,8 @@ def _positions(axis: Axes, run: RunArrays) -> None:
                 axis.text(run.time[0], section.middle, f" {section.text}", fontsize=8, va="center", zorder=5)
     draw_jumps(axis, run.jumps)
     axis.set_ylim(limits)
-    write_title(axis, "contacts over time")
+    cycles = "; vertical lines: cycles" if 0 < run.cycles.size <= MOST_BARS else ""
+    write_title(axis, f"contacts over time, up is forward{cycles}")
     explain_states(axis, False, bool((run.state == BOTH).any()))
 
 
@@ -199,8 +200,8 @@ def _translation(axis: Axes, run: RunArrays) -> None:
     for start, end in run.rests:
         axis.axvspan(start, end, color="#e8e4d8", linewidth=0.0, zorder=0)
     handles += [Patch(facecolor="#e8e4d8", label="at rest")] * bool(len(run.rests))
-    label_values(axis, "y" if y.shape[1] == 1 else "x, y", "m", _size(run))
-    write_title(axis, "net translation")
+    label_values(axis, "translation" if y.shape[1] == 1 else "x, y", "m", _size(run))
+    write_title(axis, "net translation, from the reference shape")
     if handles:
         place_legend(axis, handles)
 

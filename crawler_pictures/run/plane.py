@@ -99,8 +99,8 @@ def draw_friction(axis: Axes, scene: Plan) -> None:
     groups: dict[bytes, list[int]] = {}
     for i in range(columns.contacts):
         groups.setdefault(values[i].tobytes(), []).append(i)
-    for (_, contacts), color in zip(groups.items(), LINES, strict=False):
-        bound = values[contacts[0]]
+    for contacts in list(groups.values())[: len(LINES)]:
+        bound, color = values[contacts[0]], LINES[contacts[0] % len(LINES)]
         if directions is None or directions.size == 0:
             reach = np.full(angle.size, bound[0])
         else:
@@ -120,4 +120,4 @@ def draw_friction(axis: Axes, scene: Plan) -> None:
     axis.set(xlabel="x [N]", ylabel="y [N]")
     left = len(groups) - len(LINES)
     more = f" ({left} more kinds are left out)" if left > 0 else ""
-    write_title(axis, f"spring forces that friction holds{more}")
+    write_title(axis, f"friction holds forces inside{more}")
