@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
@@ -77,13 +78,18 @@ def bench(
         measure = _bench_processes if chosen[0] in ("node", "replay") else _bench_model
         measure(chosen[0], quick, as_json, out)
         return
+    _bench_methods(case or (), quick, as_json, out)
+
+
+def _bench_methods(case: Sequence[str], quick: bool, as_json: bool, out: Path) -> None:
+    """Measure time against error."""
     import matplotlib as _required_later  # noqa: F401
 
     from crawler_bench.bench import choose_cases, missing_peers, run_bench
     from crawler_bench.figure import draw_case
     from crawler_bench.report import print_report
 
-    names = choose_cases(case or (), quick)
+    names = choose_cases(case, quick)
     absent = missing_peers()
     if absent:
         text = f"{', '.join(absent)} not installed and left out; install with: pip install 'crawler-ros[bench]'"
@@ -107,7 +113,7 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
     file, function, size = _IN_PROCESS[name]
     if name == "animate":
         import matplotlib as _needed  # noqa: F401
-    module: Any = importlib.import_module(f"crawler_bench.{file}")
+    module: Any = importlib.import_module(f"crawler_bench.features.{file}")
     if name == "identify" and module.load_sysid() is None:
         text = "mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"
         print(f"crawler: {text}", file=sys.stderr)

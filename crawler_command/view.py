@@ -109,8 +109,7 @@ def animate(
 ) -> None:
     """Make a film of a scene or a recording: the crawling body, its contacts over time, and the sweeping process.
 
-    crawler animate two_anchor_a --out film.mp4
-    crawler animate bags --out film.html --from 2 --to 6 --speed 0.5
+    crawler animate two_anchor_a --out film.html --speed 0.5
 
     For two contacts the film shows the sweeping process, a moving set and the point that it pushes; for three, the
     point in the moving polygon; for more, the contacts over time. By default it shows four periods of a scene, or the

@@ -130,7 +130,7 @@ class Simulator(QuietNode):
         }
         recorder = self.recorder
         self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count)
-        self.states = [n for n in ("applied_commands", *STATES) if wanted[n]]
+        self.states = [n for n in (*STATES, "applied_commands") if wanted[n]]
         for name, topic in read_topics().items():
             full = self.resolve_topic_name(name)
             if topic.direction == "out":

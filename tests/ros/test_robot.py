@@ -159,7 +159,7 @@ def test_parameters_tell_rqt_all_it_wants_to_know(ros):
         assert described.description == row.meaning
         assert described.read_only != row.runtime
         if row.range is not None:
-            (bounds,) = described.floating_point_range
+            (bounds,) = [*described.floating_point_range, *described.integer_range]
             assert (bounds.from_value, bounds.to_value) == row.range
         for choice in row.choices:
             assert choice in described.additional_constraints

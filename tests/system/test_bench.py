@@ -16,12 +16,12 @@ from crawler_bench.entrants import ours
 from crawler_bench.entrants import planar as planar_peer
 from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
-from crawler_bench.films import measure_films
-from crawler_bench.gradients import measure_gradients
-from crawler_bench.growth import measure_growth
-from crawler_bench.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
-from crawler_bench.search import measure_search
-from crawler_bench.sweep import measure_sweep
+from crawler_bench.features.films import measure_films
+from crawler_bench.features.gradients import measure_gradients
+from crawler_bench.features.growth import measure_growth
+from crawler_bench.features.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
+from crawler_bench.features.search import measure_search
+from crawler_bench.features.sweep import measure_sweep
 from crawler_model import Crawler, CrawlerError, Scene
 
 from ..model.chains import from_rows
@@ -254,7 +254,7 @@ def test_runs_of_many_variations_are_measured():
 
 def test_steps_of_environments_are_measured():
     pytest.importorskip("gymnasium")
-    from crawler_bench.environments import measure_environments
+    from crawler_bench.features.environments import measure_environments
 
     rows = [row for row in measure_environments(30, lambda part: None) if row["environment"] == "Crawler-v0"]
     assert [(row["n"], row["environments"]) for row in rows] == [(n, m) for n in (3, 10) for m in (1, 64, 1024)]

@@ -283,7 +283,7 @@ MISTAKES = [
     (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
     (["replay", "text.mcap"], "not an MCAP file"),
     (["replay", "nothing"], "nothing: no such file or folder"),
-    (["nonsense"], "No such command 'nonsense'. The commands are bench, check, compare, demo, "),
+    (["nonsense"], "No such command 'nonsense'. The commands are animate, bench, check, compare, demo, "),
     (["simulat"], "Did you mean 'simulate'?"),
     (["simulate", "nonsense"], "nonsense: no such file, nor a scene of the gallery; there are "),
 ]

@@ -70,7 +70,7 @@ def test_every_file_of_the_packages_is_installed(setup):
         path
         for package, patterns in setup.package_data.items()
         for pattern in patterns
-        for path in (ROOT / package).glob(pattern)
+        for path in (ROOT / package.replace(".", "/")).glob(pattern)
     }
     folders = [ROOT / name.replace(".", "/") for name in setup.packages]
     there = {

@@ -14,7 +14,7 @@ PACKAGES = ("crawler_command", "crawler_bench", "crawler_gym", "crawler_ros", "c
 """From the top down; a package imports from those below it."""
 ROOMS = {
     "crawler_command": ("identify", "many"),
-    "crawler_bench": ("entrants", "node"),
+    "crawler_bench": ("features", "entrants", "node"),
     "crawler_gym": ("kernel",),
     "crawler_ros": (
         "replay.show",

@@ -11,7 +11,7 @@ import numpy as np
 
 from crawler_model import Crawler, Scene
 
-from .cases import wave_scene
+from ..cases import wave_scene
 
 CONTACTS, QUICK = (1_000, 10_000, 100_000), (1_000, 10_000)
 _TICKS = 64

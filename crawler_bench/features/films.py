@@ -15,7 +15,7 @@ from crawler_pictures.film import encode, player
 from crawler_pictures.film.film import Film, film_of_run, frame_times
 from crawler_pictures.film.stage import Stage
 
-from .cases import CASES
+from ..cases import CASES
 
 FRAMES, QUICK = 100, 25
 _FPS = 25.0

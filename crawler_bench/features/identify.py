@@ -20,7 +20,7 @@ import numpy as np
 from crawler_model import Measurements, Scene, Trajectory, identify, simulate
 from crawler_model.identify.replica import Replica
 
-from .entrants.mujoco import Tuning, build_document
+from ..entrants.mujoco import Tuning, build_document
 
 STEPS, QUICK = (1_000, 3_000), (300,)
 """Numbers of MuJoCo's steps per period of 1 s."""

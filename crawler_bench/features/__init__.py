@@ -1,0 +1,1 @@
+"""Features that run many times in this process: variations, derivatives, searches, fits, environments, films."""
