@@ -150,7 +150,7 @@ def draw_commands(axis: Axes, time: ArrayLike, commands: Commands) -> None:
             text = "all" if len(names) == len(commands.names) > 1 else join_names(names)
             handles.append(Line2D([], [], color=color, linewidth=1.6, label=text))
         place_legend(axis, handles)
-        label_values(axis, commands.what, commands.unit, size)
+        label_values(axis, commands.what.removeprefix("change of "), commands.unit, size)
         write_title(axis, f"command: {commands.what}")
         return
     scale, unit = choose_prefix(size, commands.unit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from crawler_model import Scene, load_scene
 
@@ -37,6 +38,8 @@ KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
     "reach in the plane": (lambda: load_scene("planar_three_points"), {"task": "reach", "place": [0.01, 0.0]}),
 }
 """A scene of each kind, and settings that it needs."""
+EACH_KIND = [pytest.param(kind, marks=pytest.mark.slow) if kind == "graph" else kind for kind in KINDS]
+"""Their names; the kernel of graphs compiles for a minute."""
 
 
 def act(observation: np.ndarray, actions: int, step: int) -> np.ndarray:

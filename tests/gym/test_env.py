@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env
 import crawler_gym
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
 
-from .scenes import CHAIN, KINDS, act, chain, varied
+from .scenes import CHAIN, EACH_KIND, KINDS, act, chain, varied
 
 
 def make(scene="three_contacts_one_way", task="translation", **settings):
@@ -54,7 +54,7 @@ def test_gymnasium_finds_nothing_to_complain_about(task):
     assert [str(w.message) for w in caught if "no display" not in str(w.message)] == []
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 def test_the_path_is_that_of_the_model(kind):
     """The crawler that follows the commands in force sees the same forces and elongations, to the bit."""
     env = of_kind(kind)
@@ -73,7 +73,7 @@ def test_the_path_is_that_of_the_model(kind):
     assert moved > 0.0
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 def test_same_seed_same_bits(kind):
     options = {"noise": 0.02, "delay": [0, 2], "stiffness": [0.8, 1.0]}
     runs = [play(of_kind(kind), 15, seed=5, options=options) for _ in range(2)]

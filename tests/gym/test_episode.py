@@ -12,12 +12,12 @@ from crawler_gym import CrawlerEnv
 from crawler_model import CrawlerError
 from crawler_ros.replay import simulate_again
 
-from .scenes import KINDS, act
+from .scenes import EACH_KIND, KINDS, act
 
 RANGES = {"stiffness": [0.8, 1.0], "delay": [0, 2], "noise": 0.01}
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 def test_replay_finds_an_episode_identical(kind, tmp_path):
     build, needed = KINDS[kind]
     env = CrawlerEnv(build(), **{"randomise": RANGES, "rate": 30.0, **needed})

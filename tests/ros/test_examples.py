@@ -146,6 +146,7 @@ def test_the_best_phase_is_found(tmp_path):
     assert len(tried) < 50
 
 
+@pytest.mark.slow
 def test_the_best_phase_is_found_at_the_wall_clocks_pace_too(tmp_path):
     patient = "lead:=20.0"  # a second for a command to arrive
     _, best, most = trials(play(tmp_path, "two_anchor_a", PHASE, "tolerance:=1.0e-3", patient, simulator=FREE))

@@ -306,6 +306,7 @@ def small_disk(folder: Path, options: str):
         subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
+@pytest.mark.slow
 def test_on_a_full_disk_the_crawler_goes_on(tmp_path):
     with small_disk(tmp_path / "disk", "size=400k") as disk:
         with graph(tmp_path) as ros:

@@ -252,6 +252,7 @@ def test_runs_of_many_variations_are_measured():
         assert 0.0 < row["in_kernels"] <= 1.0
 
 
+@pytest.mark.slow
 def test_steps_of_environments_are_measured():
     pytest.importorskip("gymnasium")
     from crawler_bench.features.environments import measure_environments
@@ -262,6 +263,7 @@ def test_steps_of_environments_are_measured():
         assert 0.0 < row["least"] <= row["steps_per_s"] <= row["most"]
 
 
+@pytest.mark.slow
 def test_exact_derivatives_are_measured_beside_differences():
     rows = measure_gradients((2, 3), lambda part: None)
     assert [(row["n"], row["method"]) for row in rows] == [
@@ -313,6 +315,7 @@ def test_identification_is_measured_beside_mujoco():
     assert rows[0]["ratio_error"] < 1e-9
 
 
+@pytest.mark.slow
 def test_without_mujoco_sysid_our_identification_is_measured_alone(tmp_path):
     import subprocess
     import sys

@@ -56,6 +56,7 @@ def test_rows_are_plain_and_print(rows, capsys):
     assert ("real time" if len(rows) > 3 else "latency") in shown
 
 
+@pytest.mark.slow
 def test_replay_is_measured_beside_readers():
     rows = measure_replay(periods=(2,), repeats=1)
     assert [row["what"] for row in rows] == list(JOBS)

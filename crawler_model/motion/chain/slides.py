@@ -14,6 +14,7 @@ a contact that slides both ways in one ramp.
 from __future__ import annotations
 
 from ...compiled import lean
+from ...rounding import EPS
 from ..state import BACKWARD, DISSIPATION, FORWARD, shift
 from .memory import SPAN
 from .turning import P_LOW, Q_LOW, P, Q, difference
@@ -21,6 +22,8 @@ from .wide import add, multiply, subtract
 
 SETTLED = 7
 """Row of the lines: displacement of a contact whose dissipation is in the account."""
+_ROUNDING = 16.0 * EPS
+"""A displacement below this part of the terms that it is the difference of is rounding."""
 ENDS, SLID = range(2)
 """Rows of the marks: at the first and at the last contact of a long block the other one, elsewhere -1; 1 or -1 for
 contacts that slid forward or backward in a long block, else 0."""
@@ -151,5 +154,8 @@ def finish_slides(contacts, account, lines, sums, marks):
             if i > known:
                 displacement += difference(lines, P, known, i) * total[0][0]
                 displacement += difference(lines, Q, known, i) * total[1][0]
+            size = abs(lines[P, i] * total[0][0]) + abs(lines[Q, i] * total[1][0]) + abs(total[2][0])
+            if abs(displacement) <= _ROUNDING * size:  # the contact was at its bound, but did not move
+                displacement = 0.0
             _settle(contacts, account, lines, marks, i, displacement)
             shift(contacts, displacement, 1.0, i, 0.5)

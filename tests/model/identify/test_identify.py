@@ -251,6 +251,7 @@ def coverage(cases: range) -> tuple[int, int]:
     return inside, total
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth() -> None:
     inside, total = coverage(range(100))
     assert total >= 200

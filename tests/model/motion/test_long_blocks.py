@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, Scene, Step
+from crawler_model import Crawler, Scene, Step, load_scene, simulate
 from crawler_model.motion.chain import memory
 from crawler_model.motion.state import TENSION
 
@@ -130,3 +130,14 @@ def test_long_blocks_take_fewer_visits_than_short_ones(monkeypatch):
     row = np.full(n - 1, 0.5 / n)
     assert follow(scene, [row], NEVER, monkeypatch, budget=300 * n)[0][2].overspent == 1
     assert follow(scene, [row], 128, monkeypatch, budget=300 * n)[0][2].overspent == 0
+
+
+def test_a_contact_at_its_bound_that_does_not_move_has_no_displacement():
+    """Not even one of the size of rounding: pictures and slips depend on it."""
+    document = load_scene("continuous_segment").document()
+    document["body"]["segments"][0]["elements"] = 200
+    run = simulate(Scene.model_validate(document), 3.0)
+    middle = run.displacement[:, 80:120]
+    assert (middle[200:224] == middle[200]).all()
+    assert (middle[250:274] == middle[250]).all()
+    assert (np.diff(middle[226:250], axis=0) > 0.0).all()
