@@ -79,8 +79,7 @@ def replay(
         _replay_many(recordings, scene, namespace, parquet, resume, workers, scheduler, as_json, single)
         return
     recording = recordings[0]
-    check_picture(png)
-    _check_outputs(rrd, parquet)
+    _check_outputs(rrd, parquet, png)
     recording = newest(recording)
     if show:
         _show(recording)
@@ -155,7 +154,8 @@ def _replay_many(
         raise typer.Exit(1)
 
 
-def _check_outputs(rrd: Path | None, parquet: Path | None) -> None:
+def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None) -> None:
+    check_picture(png)
     if rrd is not None and rrd.suffix != ".rrd":
         raise CrawlerError(f"--rrd: {rrd} must end in .rrd")
     if rrd is not None and not rrd.absolute().parent.is_dir():

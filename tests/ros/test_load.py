@@ -57,6 +57,8 @@ def test_of_five_thousand_commands_a_second_none_is_lost(ros):
         if k % 5_000 == 4_999:  # never more under way than the queue of a machine that stalls can hold
             sender.wait()
     sender.wait()
+    arrived = f"received on {ACTUATION}"
+    wait_until(lambda: value(ros, "commands", arrived) == str(count), what="the last command out of the queue")
     wait_for_diagnostics(ros)
     assert value(ros, "commands", "refused") == "0"
     wait_until(lambda: int(value(ros, "recording", "bytes waiting")) < 1 << 20, what="a recording that keeps up")
