@@ -11,7 +11,7 @@ import typer
 
 from crawler_model import CrawlerError
 
-from .screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file
+from .screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file, write_scene
 
 if TYPE_CHECKING:
     from crawler_model import Front, Optimum
@@ -114,8 +114,6 @@ def optimise_command(
         "seconds": seconds,
         "seed": seed,
     }
-    import yaml
-
     from crawler_model import Front, Optimum, load_scene, optimise, pareto, prepare
 
     loaded = load_scene(scene)
@@ -127,9 +125,7 @@ def optimise_command(
         else:
             found = optimise(loaded, objective.value, progress=progress, **limits)
     if isinstance(found, Optimum) and out is not None:
-        with whole_file(out) as part:
-            document = found.scene.document()
-            part.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None), encoding="utf-8")
+        write_scene(found.scene, out)
     if png is not None:
         from crawler_pictures.optimum import draw_front, draw_optimum
 

@@ -9,13 +9,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from crawler_model import CrawlerError
+
+if TYPE_CHECKING:
+    from crawler_model import Scene
 
 screen = Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
 SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a gallery name from `crawler scenes`.")]
@@ -150,3 +153,17 @@ def whole_file(path: Path) -> Iterator[Path]:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_scene(scene: Scene, path: Path) -> None:
+    """Write a scene to a file, completely or not at all.
+
+    Args:
+        scene: the scene.
+        path: the .yaml file.
+    """
+    import yaml
+
+    text = yaml.safe_dump(scene.document(), sort_keys=False, default_flow_style=None, allow_unicode=True)
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -16,7 +16,7 @@ import typer
 
 from crawler_model import CrawlerError
 
-from .screen import check_picture, progress_bar, screen, whole_file
+from .screen import check_output, check_picture, progress_bar, screen, whole_file
 
 if TYPE_CHECKING:
     from crawler_pictures.film.film import Film
@@ -141,10 +141,7 @@ def _choose_writer(
     """Check the output before anything runs; return the function that writes it."""
     if out.suffix not in _SUFFIXES:
         raise CrawlerError(f"--out: {out} must end in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
-    if not out.absolute().parent.is_dir():
-        raise CrawlerError(f"--out: the folder {out.absolute().parent} does not exist")
-    if out.exists() and not overwrite:
-        raise CrawlerError(f"--out: {out} exists already; choose another name, or use --overwrite")
+    check_output("--out", out, out.suffix, overwrite)
     if out.suffix == ".html":
         from crawler_pictures.film.player import write_html
 

@@ -42,7 +42,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
     numba reuses a cached function as long as its own file is unchanged, even if a function or a constant from another
     file that was compiled into it has changed; and it compiles again for each copy of the sources. Here the cache is
-    keyed by the contents of all files of this package, so it is never stale, and equal copies share it.
+    keyed by the contents of all files that kernels are built from, so it is never stale, and equal copies share it.
 
     Args:
         function: the function to compile.
@@ -99,15 +99,23 @@ def _folder_hash(folder: Path) -> str:
 def _kernel_folder(module: str) -> Path | None:
     """Create the folder for a module's kernels in the user's cache; None if it is not writable."""
     try:
-        base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        kernels = Path(base) / "crawler" / "kernels"
-        folder = kernels / _sources_hash() / module
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder.parent)  # marks it as used
-        _drop_old(kernels)
+        folder = _folder_of_sources() / module
+        folder.mkdir(exist_ok=True)
     except (OSError, RuntimeError):  # RuntimeError: no home directory
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+@functools.cache
+def _folder_of_sources() -> Path:
+    """Create the folder for all kernels of these sources, and delete those of old ones."""
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    kernels = Path(base) / "crawler" / "kernels"
+    folder = kernels / _sources_hash()
+    folder.mkdir(parents=True, exist_ok=True)
+    os.utime(folder)  # marks it as used
+    _drop_old(kernels)
+    return folder
 
 
 def _drop_old(kernels: Path) -> None:

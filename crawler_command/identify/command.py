@@ -11,7 +11,7 @@ import typer
 
 from crawler_model import CrawlerError
 
-from ..screen import check_output, parse_bounds, progress_bar, screen, whole_file
+from ..screen import check_output, parse_bounds, progress_bar, screen, whole_file, write_scene
 
 if TYPE_CHECKING:
     from crawler_model import Identification, Measurements, Scene
@@ -139,11 +139,7 @@ def _write(found: Identification, out: Path | None, png: Path | None, html: Path
     if out is None and png is None and html is None:
         return []
     if out is not None:
-        import yaml
-
-        with whole_file(out) as part:
-            text = yaml.safe_dump(found.playback().document(), sort_keys=False, allow_unicode=True)
-            part.write_text(text, encoding="utf-8")
+        write_scene(found.playback(), out)
     if png is not None or html is not None:
         from crawler_pictures.identification import draw_identification
 

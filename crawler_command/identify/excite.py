@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import yaml
 
-from ..screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file
+from ..screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, write_scene
 from .command import split_keys
 
 
@@ -65,9 +64,7 @@ def excite_command(
             progress,
         )
     if out is not None:
-        with whole_file(out) as part:
-            document = found.scene.document()
-            part.write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None), encoding="utf-8")
+        write_scene(found.scene, out)
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
     else:

@@ -44,6 +44,18 @@ def name_links(count: int) -> list[str]:
     return [f"link_{i}" for i in range(count)]
 
 
+def name_joints(body: Body) -> list[str]:
+    """Name the joints.
+
+    Args:
+        body: the body.
+
+    Returns:
+        Each link, then each segment.
+    """
+    return name_links(body.link_springs.size) + [segment.name for segment in body.segments]
+
+
 def name_every_contact(body: Body) -> tuple[str, ...]:
     """Name all contacts, shown or not.
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.names import name_links
+from ..body.names import name_joints, name_links
 from ..derivative.parameters import expand_keys
 from ..derivative.sensitivities import check_differentiable
 from ..errors import CrawlerError, SceneError
@@ -138,7 +138,7 @@ def excite(
             f"excite: duration: {duration:g} s; it must be at least {_AT_ONCE} times `every`, {_AT_ONCE * every:g} s, "
             f"and at most {1e6 / rate:g} s"
         )
-    names = [*(f"link_{i}" for i in range(scene.columns.links)), *(segment.name for segment in scene.body.segments)]
+    names = name_joints(scene.body)
     if not names:
         raise SceneError(f"excite: {scene.name} has neither links nor segments; nothing can move it")
     low, high = np.array(find_strokes(scene, names, stroke)).T
@@ -268,7 +268,7 @@ class _Search:
         if predicted is None:
             return None
         jacobian = predicted.jacobian * (self.space.slope(values) / self.noise)
-        contacts = [name.startswith("contact_") for name in self.channels]
+        contacts = self.replica.measured.on_ground
         on_ground = jacobian[:, contacts]
         jacobian[:, contacts] -= on_ground.mean(axis=(0, 1)) if on_ground.size else 0.0
         flat = jacobian.reshape(-1, values.size)

@@ -180,8 +180,9 @@ def identify(
     if scene.dimension == 2:
         raise CrawlerError(f"identify: {scene.name} is in the plane; identification is for bodies on a line")
     checked = [check_measurements(scene, m) for m in recordings]
-    check_differentiable(replay_scene(scene, checked[0]), "identify")
-    names = expand_keys(replay_scene(scene, checked[0]), keys, "identify")
+    base = replay_scene(scene, checked[0])
+    check_differentiable(base, "identify")
+    names = expand_keys(base, keys, "identify")
     replicas = [Replica(scene, m, names) for m in checked]
     space = build_space(names, replicas[0].start_values, bounds)
     rows = _fitted_rows([m.time.size for m in checked], hold_out)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import frozen
 from ..body.body import Body
-from ..body.names import name_contacts, name_links
+from ..body.names import name_contacts, name_joints
 from ..errors import CrawlerError
 from ..scene.scene import Scene
 
@@ -47,6 +47,11 @@ class Measurements:
     commands: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
     command_time: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
 
+    @property
+    def on_ground(self) -> np.ndarray:
+        """Which channels are positions along the ground, not elongations, bool, shape (M,)."""
+        return np.array([channel.startswith("contact_") for channel in self.channels], np.bool_)
+
     def head(self, rows: int) -> Measurements:
         """Select the first rows.
 
@@ -77,9 +82,7 @@ def channel_names(scene: Scene) -> tuple[str, ...]:
     Returns:
         The isolated contacts, the links, then the segments.
     """
-    body = scene.body
-    segments = [segment.name for segment in body.segments]
-    return (*name_contacts(body.isolated.size), *name_links(body.link_springs.size), *segments)
+    return (*name_contacts(scene.body.isolated.size), *name_joints(scene.body))
 
 
 def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
@@ -94,8 +97,7 @@ def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.nda
     """
     matrix, added = np.zeros((len(channels), body.contacts)), np.zeros(len(channels))
     contacts = {name: int(i) for name, i in zip(name_contacts(body.isolated.size), body.isolated, strict=True)}
-    names = [*name_links(body.link_springs.size), *(segment.name for segment in body.segments)]
-    joints = {name: body.stations[ends] for name, ends in zip(names, body.joints, strict=True)}
+    joints = {name: body.stations[ends] for name, ends in zip(name_joints(body), body.joints, strict=True)}
     for m, channel in enumerate(channels):
         if channel in contacts:
             matrix[m, contacts[channel]] = 1.0
@@ -220,7 +222,7 @@ def _check_gaps(name: str, columns: Sequence[str], time: np.ndarray, values: np.
 def _check_units(scene: Scene, measured: Measurements, arrays: dict[str, np.ndarray]) -> None:
     """Compare the lengths of measurements and commands with those of the body."""
     name, values, commands = measured.name, arrays["values"], arrays["commands"]
-    contacts = [m for m, channel in enumerate(measured.channels) if channel.startswith("contact_")]
+    contacts = np.flatnonzero(measured.on_ground).tolist()
     own = observation(scene.body, measured.channels)[1]
     if len(contacts) > 1:
         first, last = contacts[int(np.argmin(own[contacts]))], contacts[int(np.argmax(own[contacts]))]

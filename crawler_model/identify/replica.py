@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import NS, Drive
+from ..body.names import name_joints
 from ..derivative.parameters import Derivatives, differentiate_arrays
 from ..derivative.path import TangentPath, build_vertices
 from ..errors import CommandError, SceneError
@@ -77,7 +78,7 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
     place = {name: c for c, name in enumerate(measured.command_names)}
     document = scene.document()
     parts = len(document["body"].get("segments", ()))
-    links = [f"link_{j}" for j in range(scene.columns.links)] + [s.name for s in scene.body.segments]
+    links = name_joints(scene.body)
     if scene.columns.lengths != scene.columns.links + parts:
         raise SceneError(f"{_CALLER}: {scene.name}: the strain of a segment varies along it; commands must be constant")
     row = [float(measured.commands[0, place[name]]) for name in links]

@@ -164,7 +164,7 @@ class Problem:
         """
         self.replicas, self.rows, self.space = tuple(replicas), tuple(rows), space
         self.delay = delay
-        self.shapes = [_offset_matrix(r.measured.channels, offset) for r in replicas]
+        self.shapes = [_offset_matrix(r.measured.on_ground, offset) for r in replicas]
         self.offsets = [s.shape[1] for s in self.shapes]
         self.weights = [np.ones(len(r.measured.channels)) for r in replicas]
         self.count = space.origin.size + sum(self.offsets) + (len(self.replicas) if delay else 0)
@@ -235,9 +235,8 @@ class Problem:
         size, pooled = {}, {}
         exact = _EXACT * max(float(np.abs(r.measured.values).max()) for r in self.replicas)
         for i, (replica, found, rows) in enumerate(zip(self.replicas, residuals.all, self.rows, strict=True)):
-            kinds = [channel.startswith("contact_") for channel in replica.measured.channels]
-            for kind in set(kinds):
-                left = found[rows][:, np.array(kinds) == kind]
+            for kind in (False, True):
+                left = found[rows][:, replica.measured.on_ground == kind]
                 if left.size >= _ENOUGH:
                     size[i, kind] = max(float(np.sqrt(np.mean(left**2))), exact)
                     pooled[kind] = size[i, kind]
@@ -245,7 +244,7 @@ class Problem:
             return False
         unit = next(iter(size.values()))
         for i, replica in enumerate(self.replicas):
-            kinds = [channel.startswith("contact_") for channel in replica.measured.channels]
+            kinds = replica.measured.on_ground.tolist()
             self.weights[i] = np.array([unit / size.get((i, kind), pooled.get(kind, unit)) for kind in kinds])
         self._last = None
         return True
@@ -293,9 +292,8 @@ class Problem:
         return Residuals(tuple(found), fitted, np.concatenate(jacobians), one_sided)
 
 
-def _offset_matrix(channels: Sequence[str], offset: Offset) -> np.ndarray:
+def _offset_matrix(on_ground: np.ndarray, offset: Offset) -> np.ndarray:
     """Build the map from the offsets of a recording to its channels, shape (M, offsets)."""
     if offset == "each":
-        return np.eye(len(channels))
-    on_ground = np.array([[1.0] if channel.startswith("contact_") else [0.0] for channel in channels])
-    return on_ground if offset == "frame" and on_ground.any() else np.zeros((len(channels), 0))
+        return np.eye(on_ground.size)
+    return on_ground[:, None].astype(float) if offset == "frame" and on_ground.any() else np.zeros((on_ground.size, 0))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.names import name_joints
 from ..derivative.parameters import expand_keys
 from ..errors import LARGEST, SceneError
 from ..scene.scene import Scene
@@ -148,7 +149,7 @@ def _build_table(
     if not 1e-6 <= period <= 1e6:
         raise SceneError(f"period: {period:g} s; it must be between 1e-6 and 1e6")
     columns, body = base.columns, base.body
-    names = [*(f"link_{i}" for i in range(columns.links)), *(segment.name for segment in body.segments)]
+    names = name_joints(body)
     strokes = find_strokes(scene, names, stroke)
     span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])
     column_of = np.full(columns.count, -1)

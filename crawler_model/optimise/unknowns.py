@@ -12,7 +12,7 @@ import numpy as np
 
 from ..body.drive import Drive
 from ..derivative.parameters import Derivatives, differentiate_arrays
-from ..errors import CrawlerError, SceneError
+from ..errors import SceneError
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
 from ..sweep.stack import stack, stack_scenes
@@ -290,21 +290,6 @@ class Unknowns:
             document["start"] = "relaxed"
             Scene.model_validate(document)
         return document
-
-    def is_valid(self, values: np.ndarray) -> bool:
-        """Determine whether a candidate exists.
-
-        Args:
-            values: the unknowns, shape (P,).
-
-        Returns:
-            False if numbers of the scene do not fit together.
-        """
-        try:
-            self.cycle(values)
-        except CrawlerError:
-            return False
-        return True
 
 
 def _period_of(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,9 +22,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         The arrays; the tensions are those of all springs, with bounds on ground that is the same everywhere.
     """
     scene, body, drive = run.scene, run.scene.body, run.scene.drive
-    _, way, before, after, part = drive.locate(np.rint(run.time * NS).astype(np.int64))
-    start = drive.rows[way[before]]
-    rows = start + part[:, None] * (drive.rows[way[after]] - start)
+    rows = drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
     least = most = np.full((run.time.size, body.springs), np.nan)
     if body.is_chain and scene.ground.track is None:
         target = drive.columns.target(rows)

@@ -13,8 +13,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from crawler_model import CrawlerError, Scene, load_scene
+from crawler_model.body.names import name_joints
 
-from ..wire.states import joint_names, station_names, tree_of_joints
+from ..wire.states import station_names, tree_of_joints
 
 _CONTACT_COLOUR = "0.16 0.47 0.71 1"
 _BODY_COLOUR = "0.55 0.55 0.58 1"
@@ -36,7 +37,7 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     planar = body.dimension == 2
     place = np.zeros((body.stations.size, 3))
     place[:, : body.dimension] = body.position[body.stations].reshape(body.stations.size, -1)
-    stations, joints = station_names(body), joint_names(body)
+    stations, joints = station_names(body), name_joints(body)
     span = float(np.abs(place - place[0]).max()) or 1.0
     size = 0.3 * _least_distance(place, body.joints)
     robot = ET.Element("robot", name=scene.name)

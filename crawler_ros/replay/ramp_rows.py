@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 
 from crawler_model import Crawler
-from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
@@ -138,7 +137,7 @@ class RampRows:
         body = self._scene.body
         x, tension, gained = np.array(self._x), np.array(self._tension), np.array(self._gained)
         shape, target, account = np.array(self._shape), self._local_targets(), np.array(self._accounts)
-        force = spring_forces(body, tension)
+        force = body.spring_force(tension)
         ground = -(force + self._loads(target))
         margins = self._margins(force, target)
         least, most = self._bounds(tension, target)
@@ -182,13 +181,8 @@ class RampRows:
         target, track = np.array(self._targets), self._scene.ground.track
         if track is None:
             return target
-        springs, n = self._scene.body.springs, self._scene.body.contacts
-        local = np.hstack((target[:, :springs], np.zeros((target.shape[0], 3 * n))))
-        places, which = np.unique(np.array(self._places), axis=0, return_inverse=True)
-        for k, place in enumerate(places):  # far fewer than ramps: a contact seldom passes a border
-            rows = np.flatnonzero(which.ravel() == k)
-            local[rows, springs:] = np.hstack(track.bounds(target[rows, springs:], place))
-        return local
+        springs = self._scene.body.springs
+        return np.hstack((target[:, :springs], *track.bounds_along(target[:, springs:], np.array(self._places))))
 
     def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""
@@ -219,21 +213,6 @@ class RampRows:
             return nothing, nothing
         s, n = body.springs, body.contacts
         return stasis_bounds(tension, target[:, s : s + n], target[:, s + n : s + 2 * n])
-
-
-def spring_forces(body: Body, tension: np.ndarray) -> np.ndarray:
-    """Compute g on each contact for many tensions.
-
-    Args:
-        body: the body.
-        tension: tensions of its springs, shape (R, S), in the plane (R, S, 2) [N].
-
-    Returns:
-        Shape (R, N), in the plane (R, N, 2) [N].
-    """
-    if body.dimension == 1:
-        return body.spring_force(tension)
-    return np.array([body.spring_force(row) for row in tension])
 
 
 def _over_joints(combine: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:

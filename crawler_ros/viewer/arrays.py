@@ -8,12 +8,13 @@ import numpy as np
 
 from crawler_model import CrawlerError, Scene
 from crawler_model.body.drive import NS
+from crawler_model.body.names import name_joints
 from crawler_model.theory.stasis import stasis_bounds
 from crawler_pictures.film.film import Film
 from crawler_pictures.ground import has_stasis_bounds
 from crawler_pictures.run.arrays import RunArrays, sort_commands
 
-from ..wire.states import joint_names, station_names
+from ..wire.states import station_names
 from .frames import Frame
 
 
@@ -78,7 +79,7 @@ def run_of_frames(scene: Scene, frames: Sequence[Frame]) -> RunArrays:
         least=least,
         most=most,
         contacts=tuple(station_names(body)),
-        links=tuple(joint_names(body)),
+        links=tuple(name_joints(body)),
         place=film.rest,
         ends=film.ends,
         commands=sort_commands(scene.columns, np.array([f.row for f in frames])),

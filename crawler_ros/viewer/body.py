@@ -13,7 +13,7 @@ from crawler_pictures.film.panels import MOST_ARROWS, bows
 
 from .frames import Frame
 from .ground import JumpMarks, draw_ground
-from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, color_of, draw_grid
+from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, bounds_of_grid, color_of, draw_grid
 
 MOST_CONTACTS = 400
 """Contacts that are drawn; of larger bodies evenly spaced ones."""
@@ -187,11 +187,7 @@ class PlaneView:
         Args:
             rrb: the module rerun.blueprint.
         """
-        margin = 0.1 * float((self._high - self._low).max())
-        bounds = rrb.VisualBounds2D(
-            x_range=[self._low[0] - margin, self._high[0] + margin],
-            y_range=[-self._high[1] - margin, -self._low[1] + margin],
-        )
+        bounds = bounds_of_grid(rrb, self._low, self._high)
         directions = (
             "short strokes: directions of friction"
             if len(self._scene.directions)

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Scene
+from crawler_model.body.names import name_joints
 from crawler_model.theory.stasis import stasis_bounds
 from crawler_pictures.ground import has_stasis_bounds
 from crawler_pictures.run.forces import MOST_BANDS
 from crawler_pictures.run.kymograph import MOST_LINES
 from crawler_pictures.run.pixels import divide, join_extremes, join_states
 
-from ..wire.states import joint_names, station_names
+from ..wire.states import station_names
 from .frames import Frame
 from .looks import BOTH, BOUND, LINE_NAMES, MOVING, STATES, color_of
 
@@ -40,7 +41,7 @@ class Curves:
         body = scene.body
         self._planar, self.bounded = body.dimension == 2, has_stasis_bounds(body)
         self._rest = body.position[body.stations]
-        self._contacts, self._joints = station_names(body), joint_names(body)
+        self._contacts, self._joints = station_names(body), name_joints(body)
         n, links = len(self._contacts), len(self._joints)
         self.as_lines = not self._planar and n <= MOST_LINES
         self._length = float(np.ptp(self._rest, axis=0).max())

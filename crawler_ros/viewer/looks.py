@@ -55,3 +55,20 @@ def draw_grid(rr: Any, stream: Any, entity: str, low: np.ndarray, high: np.ndarr
     places = [(x, -low[1]) for x in across] + [(low[0], -y) for y in upwards]
     labels = rr.Points2D(places, labels=numbers, colors=[TEXT], radii=rr.Radius.ui_points(0.0), show_labels=True)
     stream.log(f"{entity}/numbers", labels, static=True)
+
+
+def bounds_of_grid(rrb: Any, low: np.ndarray, high: np.ndarray) -> Any:
+    """Choose the part of a view that shows a grid of `draw_grid` with its numbers.
+
+    Args:
+        rrb: the module rerun.blueprint.
+        low: lower left corner, shape (2,).
+        high: upper right corner, shape (2,).
+
+    Returns:
+        The visible region.
+    """
+    margin = 0.1 * float((high - low).max())
+    return rrb.VisualBounds2D(
+        x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
+    )

@@ -13,7 +13,7 @@ from crawler_pictures.domain_many import sides_of
 from crawler_pictures.film.camera import round_step
 
 from .frames import Frame
-from .looks import BACKGROUND, BOUND, MOVING, STATES, draw_grid
+from .looks import BACKGROUND, BOUND, MOVING, STATES, bounds_of_grid, draw_grid
 
 _TRAIL = 100
 
@@ -47,11 +47,7 @@ class PolygonView:
         Args:
             rrb: the module rerun.blueprint.
         """
-        margin = 0.1 * float((self._high - self._low).max())
-        bounds = rrb.VisualBounds2D(
-            x_range=[self._low[0] - margin, self._high[0] + margin],
-            y_range=[-self._high[1] - margin, -self._low[1] + margin],
-        )
+        bounds = bounds_of_grid(rrb, self._low, self._high)
         name = "Stasis polygon: tension of link 0 right, of link 1 up [N]; at green sides forward, at red back"
         return rrb.Spatial2DView(origin="stasis", name=name, background=BACKGROUND, visual_bounds=bounds)
 

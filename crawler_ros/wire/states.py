@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crawler_model.body.body import Body
-from crawler_model.body.names import name_contacts, name_every_contact, name_links
+from crawler_model.body.names import name_contacts, name_every_contact, name_joints
 
 _AXES = ("/x", "/y")
 
@@ -27,18 +27,6 @@ def station_names(body: Body) -> list[str]:
     return name_contacts(body.isolated.size) + ends
 
 
-def joint_names(body: Body) -> list[str]:
-    """Name the joints.
-
-    Args:
-        body: the body.
-
-    Returns:
-        Each link, then each segment.
-    """
-    return name_links(body.link_springs.size) + [s.name for s in body.segments]
-
-
 def joint_state_names(body: Body) -> list[str]:
     """Name the entries of joint_states.
 
@@ -48,7 +36,7 @@ def joint_state_names(body: Body) -> list[str]:
     Returns:
         The root, then the joints; in the plane x and y of each.
     """
-    return _each_axis([station_names(body)[0], *joint_names(body)], body)
+    return _each_axis([station_names(body)[0], *name_joints(body)], body)
 
 
 def shown_contacts(body: Body) -> np.ndarray:

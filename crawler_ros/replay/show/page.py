@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crawler_model.body.drive import NS
+from crawler_model.body.names import name_joints, name_links
 from crawler_pictures.run.arrays import Commands, Gains, RunArrays, sort_commands
 from crawler_pictures.run.page import draw_run
 
-from ...wire.states import joint_names, shown_contacts
+from ...wire.states import shown_contacts
 
 if TYPE_CHECKING:
     from ..analysis import Replay
@@ -48,7 +49,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         names = {"work": "work of the actuators", "dissipation": "dissipation", "stored": "stored"}
         energy = {text: samples.get(name) for name, text in names.items()}
     y = samples.get("net_translation")
-    links = tuple(f"link_{i}" for i in range(tension.shape[1])) if scene is None else tuple(joint_names(scene.body))
+    links = tuple(name_links(tension.shape[1]) if scene is None else name_joints(scene.body))
     place = positions[0] if scene is None else scene.body.position[shown_contacts(scene.body)]
     return RunArrays(
         title=f"{'scene not known' if scene is None else scene.name}, {replay.path.name}",

@@ -12,9 +12,9 @@ from pyarrow import parquet
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
-from crawler_model.body.names import name_contacts, name_links
+from crawler_model.body.names import name_contacts, name_joints, name_links
 
-from ...wire.states import contact_names, joint_names
+from ...wire.states import contact_names
 from ..analysis import Replay
 from ..ramps import Piece
 
@@ -146,7 +146,7 @@ class TableWriter:
             self._names = {"contacts": name_contacts(contacts), "links": name_links(joints)}
         else:
             names = contact_names(self._scene.body)[:: self._scene.dimension]
-            self._names = {"contacts": [n.removesuffix("/x") for n in names], "links": joint_names(self._scene.body)}
+            self._names = {"contacts": [n.removesuffix("/x") for n in names], "links": name_joints(self._scene.body)}
         for name in ("ticks", "contacts", "links"):
             self._open_one(name)
 
