@@ -43,8 +43,9 @@ from .rates import advance_link, find_event, update, update_tournament
 from .slides import ENDS, SETTLED, SLID, add_slide, begin_slide
 from .turning import FORCE, SIZE, P, Q, difference, find_turning, forget, slide_force, sum_forces, tabulate, velocity_at
 
-_RATE, _SINCE = 5, 6
-"""Rows of the lines, used at the first contact of a block: its rate, and the place since which it holds."""
+_RATE, _SINCE, _LEAST, _MOST = 5, 6, 8, 9
+"""Rows of the lines, used at the first contact of a block: its rate, and the place since which it holds; a lower bound
+of the velocities of its contacts that slide forward, and an upper bound of the others."""
 _STOPPED = 2
 """Column of the parts of a block where the contacts that stop are listed."""
 
@@ -56,7 +57,7 @@ def begin_long(compliance, floats, lines, sums, nodes, marks):
     Args:
         compliance: 1 / k, shape (N - 1,) [m/N].
         floats: row ROW_D_ACTUATION [m per unit of the ramp].
-        lines: tables of the ramp, and numbers of the blocks, shape (8, N), changed in place.
+        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
         sums: sums for displacements, shape (R, 6), changed in place.
         nodes: tree of bounds, shape (2 M, 5), changed in place.
         marks: rows ENDS and SLID, shape (2, N), changed in place.
@@ -72,6 +73,27 @@ def begin_long(compliance, floats, lines, sums, nodes, marks):
 def _anchor(first, last):
     """Return a wall beside a block."""
     return first - 1 if first > 0 else last + 1
+
+
+@lean
+def _remember(lines, marks, first, last):
+    """Return a block that ends now: its ends, its rate and the bounds of its velocities; none if last < first."""
+    if last < first or marks[ENDS, first] != last:
+        return 0, -1, 0.0, np.inf, -np.inf
+    return first, last, lines[_RATE, first], lines[_LEAST, first], lines[_MOST, first]
+
+
+@lean
+def _carry_bounds(lines, former, a, b, anchor, rate):
+    """Bound the velocities of those of the contacts a..b that were in a former block, from its rate and bounds."""
+    first, last, rate_before, least, most = former
+    low = max(a, first)
+    high = min(b, last)
+    if high < low:
+        return np.inf, -np.inf
+    shift = velocity_at(lines, anchor, rate, low) - velocity_at(lines, _anchor(first, last), rate_before, low)
+    other = shift + (rate - rate_before) * difference(lines, Q, low, high)
+    return least + min(shift, other), most + max(shift, other)
 
 
 @lean
@@ -183,7 +205,7 @@ def release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, m
         floats: rates, velocities, and the places since which they hold, changed in place.
         bytes_: sides and moved links.
         account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (8, N), changed in place.
+        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
         sums: sums for displacements, shape (R, 6), changed in place.
         nodes: tree of bounds, shape (2 M, 5), changed in place.
         marks: rows ENDS and SLID, shape (2, N), changed in place.
@@ -302,7 +324,7 @@ def solve_long(
         tree: tournament of the next events, changed in place.
         leaves: number of its leaves.
         account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (8, N), changed in place.
+        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
         sums: sums for displacements, shape (R, 6), changed in place.
         nodes: tree of bounds, shape (2 M, 5), changed in place.
         marks: rows ENDS and SLID, shape (2, N), changed in place.
@@ -319,6 +341,10 @@ def solve_long(
         number of free contacts grew, and the work, in contacts.
     """
     n = contacts.shape[1]
+    # what is known of the velocities, if `contact` is the only one that was not in a long block
+    before = _remember(lines, marks, first, contact - 1)
+    behind = _remember(lines, marks, contact + 1, last)
+    known = (before[1] >= 0 or contact == first) and (behind[1] >= 0 or contact == last)
     effort, freed = _gather(
         contacts, links, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, s, first, last
     )
@@ -348,8 +374,22 @@ def solve_long(
                 worst = -bytes_[ROW_SIDE, i] * velocity_at(lines, anchor, rate, i)
                 turning = i
         if turning < 0:
-            turning, looked = find_turning(lines, nodes, order, bytes_, anchor, rate, a, b, CRITICAL * size)
-            effort += looked
+            least = np.inf
+            most = -np.inf
+            if known:
+                left = _carry_bounds(lines, before, a, b, anchor, rate)
+                right = _carry_bounds(lines, behind, a, b, anchor, rate)
+                least = min(left[0], right[0]) - 4.0 * EPS * size
+                most = max(left[1], right[1]) + 4.0 * EPS * size
+                if a <= contact <= b:
+                    v = velocity_at(lines, anchor, rate, contact)
+                    least = min(least, v if bytes_[ROW_SIDE, contact] > 0 else np.inf)
+                    most = max(most, v if bytes_[ROW_SIDE, contact] < 0 else -np.inf)
+            if not known or least < -CRITICAL * size or most > CRITICAL * size:
+                turning, looked, least, most = find_turning(
+                    lines, nodes, order, bytes_, anchor, rate, a, b, CRITICAL * size
+                )
+                effort += looked
         if turning >= 0:
             solved = stops < MOST_TURNS
             if solved:
@@ -371,6 +411,8 @@ def solve_long(
                 bytes_[ROW_MOVED, wall] = 1
         lines[_RATE, a] = rate
         lines[_SINCE, a] = s
+        lines[_LEAST, a] = least
+        lines[_MOST, a] = most
         marks[ENDS, a] = b
         marks[ENDS, b] = a
     for k in range(stops):

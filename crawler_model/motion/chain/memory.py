@@ -63,7 +63,7 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
             the number of leaves M.
 
     Returns:
-        Lines, rows as in `turning`, then numbers of blocks as in `long_blocks` and `slides`, shape (8, N).
+        Lines, rows as in `turning`, then numbers of blocks as in `long_blocks` and `slides`, shape (10, N).
         Sums for displacements, columns as in `slides`, shape (R, 6).
         Nodes of the tree of bounds, columns as in `turning`, shape (2 M, 5).
         Order of the nodes visited in a search, shape (2 M, 3).
@@ -71,8 +71,8 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
         Parts of a block that are still to be solved, and contacts that stopped, shape (P, 3).
     """
     n, leaves = long_ints[1], long_ints[2]
-    rest = 8 * n
-    lines = long_floats[:rest].reshape((8, n))
+    rest = 10 * n
+    lines = long_floats[:rest].reshape((10, n))
     nodes = long_floats[rest : rest + 10 * leaves].reshape((2 * leaves, 5))
     rest += 10 * leaves
     sums = long_floats[rest:].reshape(((long_floats.shape[0] - rest) // 6, 6))
@@ -88,7 +88,7 @@ def _long_blocks(contacts: int) -> tuple[np.ndarray, np.ndarray]:
     n = contacts if contacts >= SHORTEST_LONG else 0
     leaves = 1 << max(-(-n // LEAF) - 1, 0).bit_length()
     fine = n // SPAN + 1
-    floats = np.zeros(8 * n + 10 * leaves + 6 * (n + fine + fine // SPAN + 1))
+    floats = np.zeros(10 * n + 10 * leaves + 6 * (n + fine + fine // SPAN + 1))
     ints = np.zeros(_HEADER + 6 * leaves + 2 * n + 3 * (2 * MOST_TURNS + 4), np.int64)
     ints[:_HEADER] = SHORTEST_LONG, n, leaves
     return floats, ints

@@ -41,7 +41,7 @@ def add_slide(lines, sums, first, last, anchor, rate, ds):
     """Add the displacements of the contacts of a block.
 
     Args:
-        lines: tables of the ramp, shape (8, N).
+        lines: tables of the ramp, shape (10, N).
         sums: sums for displacements, shape (R, 6), changed in place.
         first: first contact.
         last: last contact.
@@ -105,7 +105,7 @@ def begin_slide(contacts, account, lines, sums, marks, i, side):
     Args:
         contacts: rows of the contacts, as in `follow_events`.
         account: account of the ramp; if the contact slid at the other bound before, that dissipation is added.
-        lines: tables of the ramp, shape (8, N).
+        lines: tables of the ramp, shape (10, N).
         sums: sums for displacements, shape (R, 6).
         marks: row SLID is changed in place, shape (2, N).
         i: the contact.
@@ -133,7 +133,7 @@ def finish_slides(contacts, account, lines, sums, marks):
     Args:
         contacts: rows of the contacts, as in `follow_events`, changed in place.
         account: account of the ramp, added to.
-        lines: tables of the ramp, shape (8, N).
+        lines: tables of the ramp, shape (10, N).
         sums: sums for displacements, shape (R, 6).
         marks: row SLID, shape (2, N).
     """

@@ -48,7 +48,7 @@ def tabulate(compliance, floats, lines, nodes):
     Args:
         compliance: 1 / k, shape (N - 1,) [m/N].
         floats: row ROW_D_ACTUATION [m per unit of the ramp].
-        lines: output, shape (8, N).
+        lines: output, shape (10, N).
         nodes: output, the tree, shape (2 M, 5).
     """
     lines[:, 0] = 0.0
@@ -67,7 +67,7 @@ def difference(lines, row, a, b):
     """Compute the difference of two entries of a table of two floats.
 
     Args:
-        lines: shape (8, N).
+        lines: shape (10, N).
         row: P or Q.
         a: first contact.
         b: last contact.
@@ -83,7 +83,7 @@ def velocity_at(lines, anchor, rate, i):
     """Compute the velocity of a contact of a block.
 
     Args:
-        lines: shape (8, N).
+        lines: shape (10, N).
         anchor: a wall beside the block, at rest.
         rate: common rate of the tensions of the block [N per unit of the ramp].
         i: the contact.
@@ -179,7 +179,7 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
     """Find the contact of a block whose velocity contradicts its bound most.
 
     Args:
-        lines: shape (8, N).
+        lines: shape (10, N).
         nodes: the tree, shape (2 M, 5), changed in place.
         order: memory for the nodes that are visited, int64, shape (2 M, 3).
         bytes_: row ROW_SIDE, the bound that each contact is at, 1 or -1 in the block.
@@ -190,7 +190,8 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
         tolerance: velocity that counts as zero [m per unit of the ramp].
 
     Returns:
-        The contact, or -1 if none turns; and the work, in contacts.
+        The contact, or -1 if none turns; the work, in contacts; and if none turns, a lower bound of the velocities of the
+        contacts that slide forward, and an upper bound of the others.
     """
     leaves = nodes.shape[0] // 2
     top = leaves + first // LEAF
@@ -208,6 +209,8 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
     worst = tolerance
     found = -1
     effort = 0
+    lower = np.inf
+    upper = -np.inf
     while k < count:
         node = order[k, 0]
         a = order[k, 1]
@@ -218,6 +221,8 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
         if whole:
             least, most = _bounds(nodes, node, velocity_at(lines, anchor, rate, a), rate, difference(lines, Q, a, b))
             if least >= -tolerance and most <= tolerance:
+                lower = min(lower, least)
+                upper = max(upper, most)
                 order[k - 1, 2] = 0  # nothing to refresh
                 continue
         if node >= leaves:
@@ -225,6 +230,8 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
             high = min(b, last)
             least, most = _search_leaf(lines, bytes_, anchor, rate, low, high)
             effort += high - low + 1
+            lower = min(lower, least)
+            upper = max(upper, most)
             if whole:
                 nodes[node, START] = velocity_at(lines, anchor, rate, a)
                 nodes[node, RATE] = rate
@@ -263,4 +270,4 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
         nodes[node, RATE] = rate
         nodes[node, LEAST] = min(least, low)
         nodes[node, MOST] = max(most, high)
-    return found, effort + 4 * count
+    return found, effort + 4 * count, lower, upper
