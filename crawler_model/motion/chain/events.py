@@ -53,6 +53,7 @@ from .memory import (
 )
 from .rates import slack, solve, sooner, update, update_tournament
 from .slides import ENDS, finish_slides
+from .walls import move_wall
 
 _FEW_FREE, FEW_CONTACTS = 2, 256
 """After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
@@ -273,7 +274,8 @@ def follow_events(
             count += 1
             first_hit = tree[1]
         solved_to = -1
-        hits[:count].sort()
+        if count > 1:
+            hits[:count].sort()
         for j in range(count):
             contact = hits[j]
             if contact <= solved_to:
@@ -308,6 +310,29 @@ def follow_events(
                 if not any_long:
                     begin_long(elasticity[COMPLIANCE], floats, lines, sums, nodes, marks)
                     any_long = True
+                solved, freed = move_wall(
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    bytes_,
+                    tree,
+                    leaves,
+                    account,
+                    lines,
+                    sums,
+                    nodes,
+                    marks,
+                    s,
+                    first,
+                    last,
+                    contact,
+                )
+                if solved:
+                    free += freed
+                    spent += 1
+                    free_translation = False
+                    continue
                 solved, freed, effort = solve_long(
                     elasticity,
                     contacts,

@@ -78,7 +78,10 @@ def update_tournament(tree, leaves, floats, i):
     floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
     node = (leaves + i) >> 1
     while node >= 1:
-        tree[node] = sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+        winner = sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+        if winner == tree[node] and winner != i:
+            break
+        tree[node] = winner
         node >>= 1
 
 

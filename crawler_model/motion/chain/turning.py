@@ -190,8 +190,8 @@ def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, toleran
         tolerance: velocity that counts as zero [m per unit of the ramp].
 
     Returns:
-        The contact, or -1 if none turns; the work, in contacts; and if none turns, a lower bound of the velocities of the
-        contacts that slide forward, and an upper bound of the others.
+        The contact, or -1 if none turns; the work, in contacts; and if none turns, a lower bound of the velocities of
+        the contacts that slide forward, and an upper bound of the others.
     """
     leaves = nodes.shape[0] // 2
     top = leaves + first // LEAF

@@ -1,0 +1,171 @@
+"""The most frequent events of long blocks: a wall between them starts to slide, or hands over to its neighbour.
+
+A contact at rest beside a long block, a wall, reaches a bound. Either it joins the blocks beside it, or one of its
+neighbours turns round and is the wall from then on. The velocities of all other contacts change by lines, and the
+bounds of the blocks' velocities mostly exclude that any of them turns. All is decided before anything is changed:
+whatever is more than such an event is left to `long_blocks`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import lean
+from ...rounding import CRITICAL, EPS
+from ..state import AT_BACKWARD, AT_FORWARD, TENSION, WORK
+from .blocks import (
+    bound_part,
+    close_block,
+    common_rate,
+    enter_block,
+    former_block,
+    open_block,
+    stop_contact,
+    wall_beside,
+)
+from .memory import ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, ROW_SINCE
+from .rates import advance_link, find_event, update_tournament
+from .slides import ENDS
+from .turning import velocity_at
+
+
+@lean
+def _find_neighbour(lines, bytes_, anchor, rate, first, last, contact, tolerance):
+    """Find which neighbour of a contact turns round in the block first..last, -1 if none does."""
+    worst = tolerance
+    found = -1
+    for i in (contact - 1, contact + 1):
+        if first <= i <= last:
+            against = -bytes_[ROW_SIDE, i] * velocity_at(lines, anchor, rate, i)
+            if against > worst:
+                worst = against
+                found = i
+    return found
+
+
+@lean
+def _is_driven_out(status, left, right):
+    """Check whether the force on a contact that stops would grow beyond its bound."""
+    outwards = right - left if status & AT_FORWARD else left - right
+    return outwards > 16.0 * EPS * (abs(right) + abs(left))
+
+
+@lean
+def _close_around(contacts, links, floats, account, lines, sums, marks, s, first, last, contact):
+    """Close the blocks beside a contact, and update the links beside it to s."""
+    n = contacts.shape[1]
+    if contact > first:
+        close_block(contacts, links, floats, account, lines, sums, marks, first, s)
+        marks[ENDS, first] = -1
+        marks[ENDS, contact - 1] = -1
+        account[WORK] += floats[ROW_D_ACTUATION, contact - 1] * links[TENSION, contact - 1] * s
+    elif contact > 0:
+        account[WORK] += advance_link(links, floats, s, contact - 1)
+    if contact < last:
+        close_block(contacts, links, floats, account, lines, sums, marks, contact + 1, s)
+        marks[ENDS, contact + 1] = -1
+        marks[ENDS, last] = -1
+        account[WORK] += floats[ROW_D_ACTUATION, contact] * links[TENSION, contact] * s
+    elif contact < n - 1:
+        account[WORK] += advance_link(links, floats, s, contact)
+    floats[ROW_SINCE, contact] = s
+
+
+@lean
+def move_wall(
+    contacts,
+    links,
+    status,
+    floats,
+    bytes_,
+    tree,
+    leaves,
+    account,
+    lines,
+    sums,
+    nodes,
+    marks,
+    s,
+    first,
+    last,
+    contact,
+):
+    """Let a contact at rest beside long blocks slide at s, if no contact but one of its neighbours turns round.
+
+    Args:
+        contacts: rows of the contacts, as in `follow_events`.
+        links: tensions, changed in place.
+        status: bounds at which contacts are.
+        floats: rates, velocities, and the places since which they hold, changed in place.
+        bytes_: sides and moved links, changed in place.
+        tree: tournament of the next events, changed in place.
+        leaves: number of its leaves.
+        account: account of the ramp, added to.
+        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
+        sums: sums for displacements, shape (R, 6), changed in place.
+        nodes: tree of bounds, shape (2 M, 5), changed in place.
+        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        s: place on the ramp, 0 .. 1.
+        first: first contact of the block before `contact`, or `contact` itself.
+        last: last contact of the block behind it, or `contact` itself.
+        contact: the contact, which reached a bound at s.
+
+    Returns:
+        False, with nothing changed, if it was another kind of event. Then by how much the number of free contacts grew.
+    """
+    n = contacts.shape[1]
+    before = former_block(lines, marks, first, contact - 1)
+    behind = former_block(lines, marks, contact + 1, last)
+    if (contact > first and before[1] < 0) or (contact < last and behind[1] < 0) or first == last:
+        return False, 0
+    if status[contact] == AT_FORWARD | AT_BACKWARD:
+        return False, 0
+    side = 1 if status[contact] & AT_FORWARD else -1
+    rate, size = common_rate(lines, first, last)
+    anchor = wall_beside(first, last)
+    if -side * velocity_at(lines, anchor, rate, contact) > CRITICAL * size:
+        return False, 0
+    stopped = _find_neighbour(lines, bytes_, anchor, rate, first, last, contact, CRITICAL * size)
+    if stopped in (first, last):
+        return False, 0
+    end = last
+    rate_behind = 0.0
+    least_behind = np.inf
+    most_behind = -np.inf
+    if stopped >= 0:
+        end = stopped - 1
+        rate, size = common_rate(lines, first, end)
+        anchor = wall_beside(first, end)
+        rate_behind, size_behind = common_rate(lines, stopped + 1, last)
+        wall = wall_beside(stopped + 1, last)
+        least_behind, most_behind = bound_part(
+            lines, before, behind, contact, side, stopped + 1, last, wall, rate_behind, size_behind
+        )
+        if least_behind < -CRITICAL * size_behind or most_behind > CRITICAL * size_behind:
+            return False, 0
+        if _is_driven_out(status[stopped], rate, rate_behind):
+            return False, 0
+    least, most = bound_part(lines, before, behind, contact, side, first, end, anchor, rate, size)
+    if least < -CRITICAL * size or most > CRITICAL * size:
+        return False, 0
+
+    _close_around(contacts, links, floats, account, lines, sums, marks, s, first, last, contact)
+    freed = enter_block(contacts, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, contact)
+    left_rate = floats[ROW_RATE, first - 1] if first > 0 else 0.0
+    right_rate = floats[ROW_RATE, last] if last < n - 1 else 0.0
+    if stopped >= 0:
+        stop_contact(contacts, links, floats, bytes_, account, nodes, s, first, last, stopped, contact)
+        bytes_[ROW_LEAVING, stopped] = status[stopped]
+        open_block(floats, bytes_, lines, marks, s, stopped + 1, last, rate_behind, least_behind, most_behind)
+        freed -= 1
+    open_block(floats, bytes_, lines, marks, s, first, end, rate, least, most)
+    if stopped >= 0:
+        find_event(contacts, links, status, floats, bytes_, s, stopped)
+        update_tournament(tree, leaves, floats, stopped)
+    if first > 0 and floats[ROW_RATE, first - 1] != left_rate:
+        find_event(contacts, links, status, floats, bytes_, s, first - 1)
+        update_tournament(tree, leaves, floats, first - 1)
+    if last < n - 1 and floats[ROW_RATE, last] != right_rate:
+        find_event(contacts, links, status, floats, bytes_, s, last + 1)
+        update_tournament(tree, leaves, floats, last + 1)
+    return True, -freed
