@@ -39,7 +39,6 @@ from .memory import (
     ROW_D_ACTUATION,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
-    ROW_ENTERED,
     ROW_FORWARD,
     ROW_LEAVING,
     ROW_LINK_SINCE,
@@ -51,7 +50,7 @@ from .memory import (
     ROW_V_BEFORE,
     carve,
 )
-from .rates import slack, solve, sooner, update, update_tournament
+from .rates import begin_tournament, slack, solve, update, update_tournament
 from .slides import ENDS, finish_slides
 from .walls import move_wall
 
@@ -157,7 +156,7 @@ def follow_events(
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
         floats: memory of the ramp, from `memory.scratch`, which also allocates the next five.
         bytes_: statuses within the ramp.
-        tree: tournament of the next events of the contacts.
+        tree: tournament of the next events of the contacts, from `begin_tournament`.
         stacks: memory for `project`.
         long_floats: memory for long blocks, empty if the chain is too short for them.
         long_ints: likewise.
@@ -178,8 +177,9 @@ def follow_events(
     leaves = 1
     while leaves < n:
         leaves *= 2
-    hits = tree[2 * leaves :]
+    hits = tree[4 * leaves :]
     shortest = long_ints[0]
+    until_long = long_ints[3]
     lines, sums, nodes, order, marks, parts = carve(long_floats, long_ints)
     whole = (0.0, 0.0)
     may_be_long = marks.shape[1] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
@@ -199,18 +199,12 @@ def follow_events(
         steady = floats[ROW_D_FORWARD, i] == 0.0 and floats[ROW_D_BACKWARD, i] == 0.0
         may_be_long &= steady and contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0
         bytes_[ROW_LEAVING, i] = 0
-        tree[leaves + i] = i
-    for i in range(leaves + n, 2 * leaves):
-        tree[i] = -1
 
     s = 0.0
     free_translation, spent = solve(
         elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
     )
-    for i in range(n):
-        floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
-    for node in range(leaves - 1, 0, -1):
-        tree[node] = sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
+    begin_tournament(tree, leaves, floats)
     free = _count_free(bytes_)
     pieces = 1
     done = True
@@ -219,7 +213,7 @@ def follow_events(
         shifted = False
         least = 0.0
         most = 0.0
-        first_hit = tree[1]
+        first_hit = int(tree[3])
         when = floats[ROW_NEXT, first_hit]
         ending = not when < 1.0
         until = 1.0 if ending else when
@@ -272,12 +266,12 @@ def follow_events(
             update_tournament(tree, leaves, floats, first_hit)
             hits[count] = first_hit
             count += 1
-            first_hit = tree[1]
+            first_hit = int(tree[3])
         solved_to = -1
         if count > 1:
             hits[:count].sort()
         for j in range(count):
-            contact = hits[j]
+            contact = int(hits[j])
             if contact <= solved_to:
                 continue
             if shifted:
@@ -306,7 +300,8 @@ def follow_events(
                         last = marks[ENDS, last]
                         beside_long = True
             solved_to = last
-            if may_be_long and not shifted and (beside_long or last - first + 1 >= shortest):
+            longish = may_be_long and not shifted and (beside_long or last - first + 1 >= shortest)
+            if longish and until_long <= 0:
                 if not any_long:
                     begin_long(elasticity[COMPLIANCE], floats, lines, sums, nodes, marks)
                     any_long = True
@@ -369,6 +364,8 @@ def follow_events(
                 elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide
             )
             spent += effort
+            if longish:
+                until_long -= effort
             if wide:
                 turn = 0.0
                 for i in range(first, last + 1):

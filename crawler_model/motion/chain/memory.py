@@ -16,7 +16,6 @@ from . import projection
     ROW_V,
     ROW_SINCE,
     ROW_NEXT,
-    ROW_ENTERED,  # the event entered in the tournament
     ROW_D_ACTUATION,
     ROW_D_FORWARD,
     ROW_D_BACKWARD,
@@ -27,15 +26,18 @@ from . import projection
     ROW_ZEROS,  # never written
     ROW_V_BEFORE,  # velocity before the last event
     ROW_GAIN,
-) = range(16)
-_FLOAT_ROWS = 16
+) = range(15)
+_FLOAT_ROWS = 15
 # Rows of the scratch bytes.
 ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED = range(4)
 _BYTE_ROWS = 4
 
-_HEADER = 3
-SHORTEST_LONG = 64
-"""Number of contacts from which a sliding block is a long one (`long_blocks`)."""
+_HEADER = 4
+SHORTEST_LONG = 32
+"""Number of contacts from which a sliding block can be a long one (`long_blocks`)."""
+VISITS_BEFORE = 0.5
+"""Long blocks begin in a ramp when that many contacts, as a multiple of those of the chain, were solved in blocks long
+enough: it takes about as long to prepare and to finish them."""
 LEAF, SPAN = 32, 64
 """Contacts of a leaf of the tree of bounds; contacts whose sums for displacements are also stored as one sum."""
 MOST_TURNS = 32
@@ -59,8 +61,8 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
 
     Args:
         long_floats: from `scratch`.
-        long_ints: likewise; it begins with `SHORTEST_LONG`, the number of contacts N, 0 if the chain is too short, and
-            the number of leaves M.
+        long_ints: likewise; it begins with `SHORTEST_LONG`, the number of contacts N, 0 if the chain is too short, the
+            number of leaves M, and the visits after which long blocks begin.
 
     Returns:
         Lines, rows as in `turning`, then numbers of blocks as in `long_blocks` and `slides`, shape (10, N).
@@ -90,7 +92,7 @@ def _long_blocks(contacts: int) -> tuple[np.ndarray, np.ndarray]:
     fine = n // SPAN + 1
     floats = np.zeros(10 * n + 10 * leaves + 6 * (n + fine + fine // SPAN + 1))
     ints = np.zeros(_HEADER + 6 * leaves + 2 * n + 3 * (2 * MOST_TURNS + 4), np.int64)
-    ints[:_HEADER] = SHORTEST_LONG, n, leaves
+    ints[:_HEADER] = SHORTEST_LONG, n, leaves, int(VISITS_BEFORE * n)
     return floats, ints
 
 
@@ -107,7 +109,7 @@ def scratch(contacts: int) -> Scratch:
     return Scratch(
         np.zeros((_FLOAT_ROWS, contacts)),
         np.zeros((_BYTE_ROWS, contacts), np.int8),
-        np.full(2 * leaves + contacts, -1, np.int64),
+        np.zeros(4 * leaves + contacts),
         projection.workspace(contacts),
         *_long_blocks(contacts),
     )

@@ -26,7 +26,6 @@ from .memory import (
     ROW_D_ACTUATION,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
-    ROW_ENTERED,
     ROW_FORWARD,
     ROW_GAIN,
     ROW_LEAVING,
@@ -45,22 +44,34 @@ from .wide import project_wide
 
 
 @lean
-def sooner(next_event, a, b):
-    """Choose the contact with the earlier event.
+def _play(tree, node):
+    """Enter the winner of a node's children in it; returns whether that changes it."""
+    child = 4 * node if tree[4 * node] <= tree[4 * node + 2] else 4 * node + 2
+    place = 2 * node
+    if tree[child] == tree[place] and tree[child + 1] == tree[place + 1]:
+        return False
+    tree[place] = tree[child]
+    tree[place + 1] = tree[child + 1]
+    return True
+
+
+@lean
+def begin_tournament(tree, leaves, floats):
+    """Enter the next events of all contacts in the tournament.
 
     Args:
-        next_event: place of the next event of each contact, shape (N,).
-        a: a contact, or -1 for none.
-        b: another one, or -1.
-
-    Returns:
-        The one with the earlier event.
+        tree: the tournament, a heap with the place of the event and the contact of each winner, the root at 2 and 3,
+            shape (4 M,); changed in place.
+        leaves: number of its leaves M, a power of two.
+        floats: row ROW_NEXT.
     """
-    if a < 0:
-        return b
-    if b < 0:
-        return a
-    return a if next_event[a] <= next_event[b] else b
+    n = floats.shape[1]
+    for i in range(leaves):
+        place = 2 * (leaves + i)
+        tree[place] = floats[ROW_NEXT, i] if i < n else np.inf
+        tree[place + 1] = i
+    for node in range(leaves - 1, 0, -1):
+        _play(tree, node)
 
 
 @lean
@@ -68,20 +79,17 @@ def update_tournament(tree, leaves, floats, i):
     """Update the tournament after the next event of contact i has changed.
 
     Args:
-        tree: the tournament, a heap with the winners, changed in place.
-        leaves: number of leaves, a power of two.
-        floats: rows ROW_NEXT, and ROW_ENTERED, which is changed in place.
+        tree: the tournament, from `begin_tournament`, changed in place.
+        leaves: number of its leaves.
+        floats: row ROW_NEXT.
         i: the contact.
     """
-    if floats[ROW_NEXT, i] == floats[ROW_ENTERED, i]:
+    node = leaves + i
+    if tree[2 * node] == floats[ROW_NEXT, i]:
         return
-    floats[ROW_ENTERED, i] = floats[ROW_NEXT, i]
-    node = (leaves + i) >> 1
-    while node >= 1:
-        winner = sooner(floats[ROW_NEXT], tree[2 * node], tree[2 * node + 1])
-        if winner == tree[node] and winner != i:
-            break
-        tree[node] = winner
+    tree[2 * node] = floats[ROW_NEXT, i]
+    node >>= 1
+    while node >= 1 and _play(tree, node):
         node >>= 1
 
 

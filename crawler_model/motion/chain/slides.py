@@ -30,10 +30,13 @@ contacts that slid forward or backward in a long block, else 0."""
 
 
 @lean
-def _add_to(sums, row, column, term):
-    total = add((sums[row, column], sums[row, column + 1]), term)
-    sums[row, column] = total[0]
-    sums[row, column + 1] = total[1]
+def _add_to(sums, row, column, high, low):
+    """Add a number of two floats to a sum of two floats, of which the second collects the rounding of the first."""
+    before = sums[row, column]
+    after = before + high
+    part = after - before
+    sums[row, column] = after
+    sums[row, column + 1] += ((before - (after - part)) + (high - part)) + low
 
 
 @lean
@@ -56,9 +59,9 @@ def add_slide(lines, sums, first, last, anchor, rate, ds):
     for i, sign in ((first, 1.0), (last + 1, -1.0)):
         if i >= n:
             break
-        _add_to(sums, i, 0, (sign * ds, 0.0))
-        _add_to(sums, i, 2, (sign * rated[0], sign * rated[1]))
-        _add_to(sums, i, 4, (sign * anchored[0], sign * anchored[1]))
+        _add_to(sums, i, 0, sign * ds, 0.0)
+        _add_to(sums, i, 2, sign * rated[0], sign * rated[1])
+        _add_to(sums, i, 4, sign * anchored[0], sign * anchored[1])
         fine = n + i // SPAN
         coarse = n + n // SPAN + 1 + i // SPAN // SPAN
         for row in (fine, coarse):

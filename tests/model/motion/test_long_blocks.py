@@ -23,6 +23,7 @@ def chain(stiffness: np.ndarray, forward: np.ndarray, backward: np.ndarray, load
 
 def follow(scene: Scene, rows: list[np.ndarray], shortest: int, monkeypatch: pytest.MonkeyPatch, **more: int):
     monkeypatch.setattr(memory, "SHORTEST_LONG", shortest)
+    monkeypatch.setattr(memory, "VISITS_BEFORE", 0)
     crawler = Crawler(scene, **more)
     found: list[tuple[np.ndarray, np.ndarray, Step]] = []
     for row in rows:
