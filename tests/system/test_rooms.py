@@ -39,6 +39,7 @@ ROOMS = {
         "theory",
         "motion.ground",
         "motion.chain",
+        "motion.chain.long",
         "motion.graph",
         "motion.plane",
         "motion",

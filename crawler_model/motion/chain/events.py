@@ -32,7 +32,9 @@ from ..state import (
     advance_loads,
 )
 from ..translation import choose_translation, is_wide
-from .long_blocks import begin_long, release_long, solve_long
+from .long.slides import ENDS, finish_slides
+from .long.solve import begin_long, release_long, solve_long
+from .long.walls import move_wall
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -51,8 +53,6 @@ from .memory import (
     carve,
 )
 from .rates import begin_tournament, slack, solve, update, update_tournament
-from .slides import ENDS, finish_slides
-from .walls import move_wall
 
 _FEW_FREE, FEW_CONTACTS = 2, 256
 """After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no

@@ -34,7 +34,7 @@ _BYTE_ROWS = 4
 
 _HEADER = 4
 SHORTEST_LONG = 32
-"""Number of contacts from which a sliding block can be a long one (`long_blocks`)."""
+"""Number of contacts from which a sliding block can be a long one (`long.solve`)."""
 VISITS_BEFORE = 0.5
 """Long blocks begin in a ramp when that many contacts, as a multiple of those of the chain, were solved in blocks long
 enough: it takes about as long to prepare and to finish them."""
@@ -65,11 +65,11 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
             number of leaves M, and the visits after which long blocks begin.
 
     Returns:
-        Lines, rows as in `turning`, then numbers of blocks as in `long_blocks` and `slides`, shape (10, N).
-        Sums for displacements, columns as in `slides`, shape (R, 6).
-        Nodes of the tree of bounds, columns as in `turning`, shape (2 M, 5).
+        Lines, rows as in `long.turning`, then numbers of blocks as in `long.blocks` and `long.slides`, shape (10, N).
+        Sums for displacements, columns as in `long.slides`, shape (R, 6).
+        Nodes of the tree of bounds, columns as in `long.turning`, shape (2 M, 5).
         Order of the nodes visited in a search, shape (2 M, 3).
-        Marks, rows ENDS and SLID as in `slides`, shape (2, N).
+        Marks, rows ENDS and SLID as in `long.slides`, shape (2, N).
         Parts of a block that are still to be solved, and contacts that stopped, shape (P, 3).
     """
     n, leaves = long_ints[1], long_ints[2]

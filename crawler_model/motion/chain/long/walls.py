@@ -3,16 +3,18 @@
 A contact at rest beside a long block, a wall, reaches a bound. Either it joins the blocks beside it, or one of its
 neighbours turns round and is the wall from then on. The velocities of all other contacts change by lines, and the
 bounds of the blocks' velocities mostly exclude that any of them turns. All is decided before anything is changed:
-whatever is more than such an event is left to `long_blocks`.
+whatever is more than such an event is left to `solve`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from ...rounding import CRITICAL, EPS
-from ..state import AT_BACKWARD, AT_FORWARD, TENSION, WORK
+from ....compiled import lean
+from ....rounding import CRITICAL, EPS
+from ...state import AT_BACKWARD, AT_FORWARD, TENSION, WORK
+from ..memory import ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, ROW_SINCE
+from ..rates import advance_link, find_event, update_tournament
 from .blocks import (
     bound_part,
     close_block,
@@ -23,8 +25,6 @@ from .blocks import (
     stop_contact,
     wall_beside,
 )
-from .memory import ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, ROW_SINCE
-from .rates import advance_link, find_event, update_tournament
 from .slides import ENDS
 from .turning import velocity_at
 

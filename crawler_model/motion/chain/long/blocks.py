@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from ...rounding import EPS
-from ..state import AT_FORWARD, COMPLEMENTARITY, TENSION, VIOLATION, WORK
-from .memory import (
+from ....compiled import lean
+from ....rounding import EPS
+from ...state import AT_FORWARD, COMPLEMENTARITY, TENSION, VIOLATION, WORK
+from ..memory import (
     LEAF,
     ROW_D_ACTUATION,
     ROW_LEAVING,
@@ -23,7 +23,7 @@ from .memory import (
     ROW_SINCE,
     ROW_V,
 )
-from .rates import advance_link, update_tournament
+from ..rates import advance_link, update_tournament
 from .slides import ENDS, SLID, add_slide, begin_slide
 from .turning import FORCE, SIZE, P, Q, difference, forget, slide_force, sum_forces, velocity_at
 

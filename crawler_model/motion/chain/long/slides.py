@@ -13,12 +13,12 @@ a contact that slides both ways in one ramp.
 
 from __future__ import annotations
 
-from ...compiled import lean
-from ...rounding import EPS
-from ..state import BACKWARD, DISSIPATION, FORWARD, shift
-from .memory import SPAN
+from ....compiled import lean
+from ....rounding import EPS
+from ...state import BACKWARD, DISSIPATION, FORWARD, shift
+from ..memory import SPAN
+from ..wide import add, multiply, subtract
 from .turning import P_LOW, Q_LOW, P, Q, difference
-from .wide import add, multiply, subtract
 
 SETTLED = 7
 """Row of the lines: displacement of a contact whose dissipation is in the account."""

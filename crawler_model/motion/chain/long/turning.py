@@ -1,6 +1,6 @@
 """Velocities in long blocks of a chain as lines over lines, and the search for contacts that turn round.
 
-With constant friction the contacts of a sliding block between walls p and q (see `long_blocks`) have the velocities
+With constant friction the contacts of a sliding block between walls p and q (see `solve`) have the velocities
 
     v_i = (P_i - P_p) + rate (Q_i - Q_p)
 
@@ -19,9 +19,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from ..state import BACKWARD, FORWARD
-from .memory import LEAF, ROW_D_ACTUATION, ROW_SIDE
+from ....compiled import lean
+from ...state import BACKWARD, FORWARD
+from ..memory import LEAF, ROW_D_ACTUATION, ROW_SIDE
 
 P, P_LOW, Q, Q_LOW, SIZE = range(5)
 """Rows of the lines: both sums in two floats each, and the sum of the absolute rates of the rest lengths."""

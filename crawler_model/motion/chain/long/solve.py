@@ -16,9 +16,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from ...rounding import CRITICAL, EPS
-from ..state import AT_FORWARD, STIFFNESS, TENSION, WORK
+from ....compiled import lean
+from ....rounding import CRITICAL, EPS
+from ...state import AT_FORWARD, STIFFNESS, TENSION, WORK
+from ..memory import MOST_TURNS, ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE
+from ..rates import find_event, update, update_tournament
 from .blocks import (
     bound_part,
     close_block,
@@ -30,8 +32,6 @@ from .blocks import (
     stop_contact,
     wall_beside,
 )
-from .memory import MOST_TURNS, ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE
-from .rates import find_event, update, update_tournament
 from .slides import ENDS, SETTLED, SLID
 from .turning import find_turning, tabulate, velocity_at
 

@@ -1,0 +1,1 @@
+"""Sliding blocks of many contacts, which are followed without touching their contacts."""
