@@ -14,8 +14,8 @@ from crawler_ros.recording.bag import BagError
 from crawler_ros.replay.show.compare import compare_recordings, print_comparison
 from crawler_ros.replay.show.compare_page import draw_comparison
 
+from ..commands import crawler
 from ..recordings import record
-from .test_replay import crawler
 
 
 def longer(name: str, length: float) -> Scene:

@@ -10,8 +10,8 @@ from crawler_ros.replay import Replay, analyse
 from crawler_ros.replay.parts import parts_by_name, parts_of
 from crawler_ros.replay.show.compare import compare_recordings
 
+from ..commands import crawler
 from ..recordings import record, rewrite
-from .test_replay import crawler
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

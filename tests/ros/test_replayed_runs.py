@@ -14,8 +14,8 @@ from crawler_bench.node.processes import wait_until
 from crawler_model import load_scene, simulate
 from crawler_ros.replay import analyse
 
+from ..commands import crawler
 from ..recordings import record
-from ..replay.test_replay import crawler
 from .graph import graph
 
 PERIODS = 4
