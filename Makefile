@@ -40,6 +40,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 coverage: $(READY)
+	$(call install,-e '.[coverage]')
 	NUMBA_DISABLE_JIT=1 $(PYTEST) -q -p no:cacheprovider --cov --cov-report= tests/model
 	$(BIN)/coverage report
 

@@ -91,9 +91,7 @@ def _bench_methods(case: Sequence[str], quick: bool, as_json: bool, out: Path) -
 
     names = choose_cases(case, quick)
     absent = missing_peers()
-    if absent:
-        text = f"{', '.join(absent)} not installed and left out; install with: pip install 'crawler-ros[bench]'"
-        print(f"crawler: {text}", file=sys.stderr)
+    _name_missing(dict.fromkeys(absent, "crawler-ros[bench]"))
     out.mkdir(parents=True, exist_ok=True)
     with progress_bar("measuring") as progress:
         measured = run_bench(names, quick, progress)
@@ -108,15 +106,22 @@ def _bench_methods(case: Sequence[str], quick: bool, as_json: bool, out: Path) -
     screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
 
 
+def _name_missing(requirements: dict[str, str]) -> None:
+    """Print which peers are left out, and by which requirement each is installed."""
+    for requirement in dict.fromkeys(requirements.values()):
+        names = ", ".join(name for name, needed in requirements.items() if needed == requirement)
+        text = f"{names} not installed and left out; install with: pip install '{requirement}'"
+        print(f"crawler: {text}", file=sys.stderr)
+
+
 def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
     """Measure what runs many times in this process."""
     file, function, size = _IN_PROCESS[name]
     if name == "animate":
         import matplotlib as _needed  # noqa: F401
     module: Any = importlib.import_module(f"crawler_bench.features.{file}")
-    if name == "identify" and module.load_sysid() is None:
-        text = "mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"
-        print(f"crawler: {text}", file=sys.stderr)
+    if name in ("gym", "identify"):
+        _name_missing(module.missing_peers())
     with progress_bar("measuring") as progress:
         rows = getattr(module, function)(module.QUICK if quick else getattr(module, size), progress)
     _write_rows(name, rows, quick, as_json, out)

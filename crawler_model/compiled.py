@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -14,6 +15,8 @@ from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 _DAY = 86_400.0
 _SOURCES = ("*.py", "body/**/*.py", "crawler/**/*.py", "derivative/**/*.py", "motion/**/*.py")
@@ -53,20 +56,29 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, _nrt=True)
 
 
-def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
-    options: Any = {"nogil": True, "error_model": "numpy", **more}
-    try:
-        dispatcher = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # numba: "no locator available": a read-only install without a home to write to
-        return numba.njit(**options)(function)
-    cache: Any = getattr(dispatcher, "_cache", None)
-    index: Any = getattr(cache, "_cache_file", None)
-    if hasattr(index, "_source_stamp"):
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """The cache of one kernel, keyed by the contents of all files that kernels are built from."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
         stamp = _sources_hash() + _folder_hash(Path(function.__code__.co_filename).parent)
-        index._source_stamp = stamp
+        self._cache_file._source_stamp = stamp
         folder = _kernel_folder(function.__module__)
         if folder is not None:
-            cache._cache_file = type(index)(str(folder), cache._impl.filename_base, stamp)
+            self._cache_file = type(self._cache_file)(str(folder), self._impl.filename_base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load a compiled kernel without first importing all that numba can compile, which takes half a second."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
+
+def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", **more)(function)
+    if hasattr(dispatcher, "_cache"):  # it is a plain function where kernels are interpreted
+        with contextlib.suppress(RuntimeError):  # "no locator available": read-only, without a home to write to
+            dispatcher._cache = _Cache(function)
     return dispatcher
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import functools
 import os
@@ -18,8 +19,13 @@ settings.register_profile(
 settings.register_profile("soak", deadline=None, max_examples=5000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 
-KINDS = ("three_contacts_two_ways", "three_springs", "planar_rectilinear", "planar_three_points")
-"""A scene for each set of kernels."""
+PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
+KERNELS: dict[str, list[tuple[str, dict[str, Any]]]] = {
+    "chain": [("three_contacts_two_ways", {}), ("three_contacts_two_ways", {"ground": PATCHES})],
+    "plane": [("planar_three_points", {})],
+    "graph": [("three_springs", {}), ("three_springs", {"ground": PATCHES})],
+}
+"""Scenes for each set of kernels, what takes longest to compile first."""
 
 
 ONE_PORT = ("test_behind_a_stopped_viewer", "test_every_socket_is_on_loopback", "test_the_live_viewer_is")
@@ -47,15 +53,28 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 @pytest.fixture(scope="session", autouse=True)
 def kernels() -> None:
-    """Compile the kernels before the tests of parallel workers: each set by one of them, while the others wait."""
+    """Compile the kernels before the tests of parallel workers: each set by one of them, none by two."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return
-    from crawler_model import load_scene, simulate
+    from crawler_model import Scene, load_scene, simulate
 
-    first = int(worker.removeprefix("gw")) % len(KINDS)
-    for name in KINDS[first:] + KINDS[:first]:
-        with (Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{name}").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            for method in (None, "catch_up"):
-                simulate(load_scene(name), method=method, duration=0.05)
+    for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):  # first what no other worker compiles
+        for name, scenes in KERNELS.items():
+            file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{name}"
+            with contextlib.suppress(BlockingIOError), file.open("w") as lock:
+                fcntl.flock(lock, how)
+                for scene, more in scenes:
+                    simulate(Scene.model_validate(load_scene(scene).document() | more), duration=0.05)
+                if name == "chain":
+                    compile_lanes()
+
+
+def compile_lanes() -> None:
+    """Compile the kernels of environments, if their extra is installed."""
+    with contextlib.suppress(ModuleNotFoundError):
+        import gymnasium
+
+        environment = gymnasium.make("crawler_gym:Crawler-v0", scene="three_contacts_one_way")
+        environment.reset(seed=0)
+        environment.step(environment.action_space.sample())

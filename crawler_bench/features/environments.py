@@ -19,8 +19,12 @@ STEPS, QUICK = 20_000, 500
 """Steps of all environments together in each round; of peers a tenth."""
 _ROUNDS = 5
 _CONTACTS, _MANY = (3, 10), (64, 1024)
-_PEERS = {"Swimmer-v5": "mujoco", "HalfCheetah-v5": "mujoco", "OctoFlat-v0": "gym_softrobot"}
-"""Environments of other projects, and the module that each needs."""
+_PEERS = {
+    "Swimmer-v5": ("mujoco", "crawler-ros[bench]"),
+    "HalfCheetah-v5": ("mujoco", "crawler-ros[bench]"),
+    "OctoFlat-v0": ("gym_softrobot", "gym-softrobot"),
+}
+"""Environments of other projects, the module that each needs, and the requirement that brings it."""
 
 
 @dataclass(eq=False)
@@ -42,6 +46,15 @@ class _Entrant:
     step: Callable[[Any], Any]
     actions: np.ndarray
     times: list[float]
+
+
+def missing_peers() -> dict[str, str]:
+    """Find the environments of other projects that are not installed, or not for the installed versions.
+
+    Returns:
+        The requirement that brings each, by its name.
+    """
+    return {name: requirement for name, (_, requirement) in _PEERS.items() if _make_peer(name) is None}
 
 
 def measure_environments(steps: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
@@ -125,14 +138,9 @@ def _scene(contacts: int) -> Scene:
 def _peers() -> list[_Entrant]:
     """Build the environments of other projects that are installed; their episodes begin anew as they end."""
     found = []
-    for name, module in _PEERS.items():
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                __import__(module)
-                env = gymnasium.make(name, disable_env_checker=True)
-                env.reset(seed=0)
-        except (ImportError, gymnasium.error.Error):  # not installed, or not for these versions
+    for name in _PEERS:
+        env = _make_peer(name)
+        if env is None:
             continue
         env.action_space.seed(0)
         actions = np.array([env.action_space.sample() for _ in range(256)])
@@ -144,3 +152,16 @@ def _peers() -> list[_Entrant]:
 
         found.append(_Entrant(name, None, 1, step, actions, []))
     return found
+
+
+def _make_peer(name: str) -> Any | None:
+    """Make an environment of another project; return None if it is not installed, or not for the installed versions."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            __import__(_PEERS[name][0])
+            env = gymnasium.make(name, disable_env_checker=True)
+            env.reset(seed=0)
+    except (ImportError, gymnasium.error.Error):
+        return None
+    return env

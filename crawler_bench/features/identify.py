@@ -127,6 +127,15 @@ def load_sysid() -> Any | None:
     return sysid if hasattr(sysid, "optimize") and hasattr(sysid, "build_residual_fn") else None
 
 
+def missing_peers() -> dict[str, str]:
+    """Find the peer, if it is not installed.
+
+    Returns:
+        The requirement that brings it, by its name.
+    """
+    return {} if load_sysid() is not None else {"mujoco.sysid": "mujoco[sysid]>=4,<5"}
+
+
 def measure_identify(
     steps: Sequence[int], progress: Callable[[float], None], tasks: Sequence[Task] = TASKS
 ) -> list[dict[str, Any]]:

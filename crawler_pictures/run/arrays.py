@@ -66,7 +66,7 @@ class RunArrays:
         least: least tension in the stasis domain while the others are unchanged, shape (T, J) [N].
         most: the greatest, likewise.
         contacts: names of the contacts, "trunk/contact_7" inside a segment, shape (N,).
-        links: names of the links and segments, shape (J,).
+        links: names of the links and segments, "trunk/element_7" for a spring of a segment, shape (J,).
         place: reference positions, shape (N,), in the plane (N, 2) [m].
         ends: the two contacts of each link in a picture of the plane, shape (J, 2); none where they are not known.
         commands: the commands by kind.
@@ -76,6 +76,7 @@ class RunArrays:
         rests: intervals in which nothing moved [s].
         jumps: jumps on patches of ground.
         scene: the scene, for its ground and its friction in the plane; None when it is not known.
+        force: of springs and loads on each contact in the plane, shape (T, N, 2) [N]; None when it is not known.
     """
 
     title: str
@@ -98,11 +99,32 @@ class RunArrays:
     rests: Sequence[tuple[float, float]] = ()
     jumps: Sequence[TimedJump] = ()
     scene: Plan | None = None
+    force: np.ndarray | None = None
 
     @property
     def planar(self) -> bool:
         """Whether the body moves in the plane."""
         return self.positions.ndim == 3
+
+
+def planar_forces(scene: Plan, tension: np.ndarray, rows: np.ndarray) -> np.ndarray | None:
+    """Compute the force of springs and loads on each contact, which friction holds while the contact does not slide.
+
+    Args:
+        scene: the scene.
+        tension: shape (T, J, 2) [N].
+        rows: the command rows in force, shape (T, C).
+
+    Returns:
+        Shape (T, N, 2) [N]; None on a line, and for loads that are not known.
+    """
+    if scene.body.dimension != 2:
+        return None
+    force = scene.body.spring_force(tension)
+    slope = scene.columns.slope_load
+    if slope is None:
+        return force
+    return force + scene.columns.target(rows)[:, -slope.size :].reshape(force.shape) if rows.shape[1] else None
 
 
 def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..colors import ACTUATION, BAND, BOUND, LINES, TENSION
 from ..numbers import choose_prefix, label_values
 from .arrays import Commands
-from .kymograph import HEIGHT, WIDTH, place_legend, write_title
+from .kymograph import HEIGHT, MOST_NAMED, WIDTH, place_legend, write_title
 from .pixels import divide, join_extremes
 
 if TYPE_CHECKING:
@@ -62,7 +63,9 @@ def explain_tension(axis: Axes, bounded: bool) -> None:
     place_legend(axis, handles)
 
 
-def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike) -> None:
+def draw_tensions(
+    axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike, names: Sequence[str]
+) -> None:
     """Draw many tensions as an image: 1 and -1 at the bounds, where something slips, 0 in the middle between them.
 
     A link has no room between its bounds while both of its contacts are at their limits in the same direction.
@@ -74,17 +77,19 @@ def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayL
         tension: shape (T, J), in the plane (T, J, 2), of which the size is drawn [N].
         least: least tension in the stasis domain, shape (T, J) [N]; NaN where it is not known.
         most: the greatest, likewise.
+        names: "link_0", the name of a segment, or "trunk/element_7" for a spring of the segment trunk, shape (J,).
     """
     value, low, high = np.asarray(tension), np.asarray(least), np.asarray(most)
-    count = value.shape[1]
-    axis.set_ylabel("link")
+    inside = any("/" in name for name in names)
+    what = f"tension of {len(names)} {'springs' if inside else 'links'}"
     if value.ndim == 2 and np.isfinite(low).all():
         half = 0.5 * (high - low)
         open_range = half > 1e-9 * np.abs(value).max(initial=0.0)
         part = np.where(open_range, (value - 0.5 * (low + high)) / np.where(open_range, half, 1.0), np.nan)
-        words = ("at the lower bound", "in the middle", "at the upper bound", "no room: its bounds meet")
+        words = (f"lower bound, {_range(low)}", "middle", f"upper bound, {_range(high)}", "no room: its bounds meet")
         draw_image(axis, time, np.clip(part, -1.0, 1.0), 1.0, words)
-        write_title(axis, f"tension of {count} links, between the bounds at which a contact slips")
+        _name_springs(axis, names)
+        write_title(axis, f"{what}; at its bounds a contact slips")
         return
     value = np.linalg.norm(value, axis=2) if value.ndim == 3 else value
     size = float(np.nanmax(np.abs(value), initial=0.0))
@@ -92,7 +97,32 @@ def draw_tensions(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayL
     largest = f"{size / scale:.3g} {unit}"
     signed = bool((value < 0.0).any())
     draw_image(axis, time, value, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
-    write_title(axis, f"tension of {count} links; their bounds are drawn only for chains of contacts")
+    _name_springs(axis, names)
+    write_title(axis, f"{what}; their bounds are drawn only for chains of contacts")
+
+
+def _range(values: np.ndarray) -> str:
+    """Write the least and the greatest of forces [N]."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    scale, unit = choose_prefix(max(abs(low), abs(high)), "N")
+    return f"{low / scale:.3g} .. {high / scale:.3g} {unit}".replace("-", "\u2212")
+
+
+def _name_springs(axis: Axes, names: Sequence[str]) -> None:
+    """Label the rows of an image by link; beside segments, each link by its name and the rows of a segment by its."""
+    if all(name == f"link_{i}" for i, name in enumerate(names)):
+        axis.set_ylabel("link")
+        return
+    groups = [(part, len(list(of))) for part, of in itertools.groupby(name.partition("/")[0] for name in names)]
+    if len(groups) == 1:
+        axis.set_ylabel(f"element\nof {groups[0][0]}")
+        return
+    last = np.cumsum([size for _, size in groups]) - 1
+    middle = [end - 0.5 * (size - 1) for end, (_, size) in zip(last, groups, strict=True)]
+    shown = np.unique(np.linspace(0, len(groups) - 1, MOST_NAMED).round().astype(int))
+    axis.set_yticks([middle[k] for k in shown], [groups[k][0].replace("_", " ") for k in shown])
+    for end in last[:-1] if len(groups) <= MOST_NAMED else ():
+        axis.axhline(end + 0.5, color="#606060", linewidth=0.7)
 
 
 def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, words: Sequence[str]) -> None:

@@ -132,7 +132,7 @@ def _draw_above(part: Any, run: RunArrays) -> None:
     left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.scene is not None else (part.subplots(), None)
     draw_plane(left, run.positions, run.state, run.net_translation, run.ends, list(run.contacts))
     if right is not None:
-        draw_friction(right, run.scene)  # type: ignore[arg-type]
+        draw_friction(right, run.scene, run.force)  # type: ignore[arg-type]
 
 
 def _panels(run: RunArrays) -> list[Panel]:
@@ -149,7 +149,7 @@ def _panels(run: RunArrays) -> list[Panel]:
     if 0 < links <= MOST_BANDS:
         panels += [(1.0, partial(_tension, run=run, link=i)) for i in range(links)]
     elif links:
-        panels.append((1.8, lambda axis: draw_tensions(axis, run.time, run.tension, run.least, run.most)))
+        panels.append((1.8, lambda axis: draw_tensions(axis, run.time, run.tension, run.least, run.most, run.links)))
     panels += [_command(run, commands) for commands in run.commands if commands.changes]
     if run.energy:
         panels.append((1.1, lambda axis: _energy(axis, run)))

@@ -85,12 +85,15 @@ def _draw_slips(axis: Axes, place: np.ndarray, moving: np.ndarray) -> tuple[int,
     return chosen.size, length.size
 
 
-def draw_friction(axis: Axes, scene: Plan) -> None:
-    """Draw the set of forces that the ground bears under each contact, at the start of the drive.
+def draw_friction(axis: Axes, scene: Plan, force: ArrayLike | None = None) -> None:
+    """Draw the set of forces that friction holds at each contact, at the start of the drive, and the forces of a run.
+
+    A contact slides while its force is on the border of its set.
 
     Args:
         axis: axes to draw on: N over N, of equal scale.
         scene: a scene in the plane.
+        force: of springs and loads on each contact, shape (T, N, 2) [N]; None if it is not known.
     """
     columns, directions = scene.columns, scene.drive.columns.directions
     values = scene.drive.rows[0, columns.lengths : columns.lengths + columns.frictions].reshape(columns.contacts, -1)
@@ -115,9 +118,27 @@ def draw_friction(axis: Axes, scene: Plan) -> None:
     for direction, bound in zip([] if directions is None else directions, values[0], strict=False):
         x, y = (bound * direction).tolist()
         axis.annotate("", (x, y), (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": BOUND, "shrinkB": 0})
+    if force is not None:
+        _draw_forces(axis, np.asarray(force))
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.12)
     axis.set(xlabel="x [N]", ylabel="y [N]")
     left = len(groups) - len(LINES)
     more = f" ({left} more kinds are left out)" if left > 0 else ""
     write_title(axis, f"friction holds forces inside{more}")
+
+
+def _draw_forces(axis: Axes, force: np.ndarray) -> None:
+    """Draw the path of the force on each contact, and the force at the end of the run as a vector."""
+    from matplotlib.lines import Line2D
+
+    for i in np.argsort(-np.linalg.norm(force[-1], axis=1)).tolist():  # the shortest vectors above the others
+        color = LINES[i] if force.shape[1] <= len(LINES) else "#a0a0a0"
+        axis.plot(*force[:, i].T, color=color, linewidth=0.9, alpha=0.7, zorder=2)
+        axis.plot(*np.stack((np.zeros(2), force[-1, i])).T, color=color, linewidth=1.8, zorder=3)
+        axis.plot(*force[-1, i], "o", color=color, markersize=5, zorder=3)
+    handles = [
+        Line2D([], [], color="#404040", linewidth=0.9, alpha=0.7, label="force on a contact in the run"),
+        Line2D([], [], color="#404040", linewidth=1.8, marker="o", markersize=5, label="at its end"),
+    ]
+    axis.legend(handles=handles, loc="upper center", fontsize=8, frameon=False)

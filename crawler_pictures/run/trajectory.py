@@ -6,10 +6,10 @@ import numpy as np
 
 from crawler_model import Trajectory
 from crawler_model.body.drive import NS
-from crawler_model.body.names import name_every_contact, name_links
+from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.theory.stasis import stasis_bounds
 
-from .arrays import Gains, RunArrays, sort_commands
+from .arrays import Gains, RunArrays, planar_forces, sort_commands
 
 
 def read_trajectory(run: Trajectory) -> RunArrays:
@@ -45,7 +45,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         least=least,
         most=most,
         contacts=name_every_contact(body),
-        links=tuple(name_links(body.springs)),
+        links=name_every_spring(body),
         place=body.position,
         ends=body.ends,
         commands=sort_commands(drive.columns, rows),
@@ -53,4 +53,5 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         gains=gains,
         jumps=run.jumps,
         scene=scene,
+        force=planar_forces(scene, run.tension, rows),
     )

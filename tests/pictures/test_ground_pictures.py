@@ -174,6 +174,7 @@ def test_the_feed_keeps_jumps_for_the_frame_that_is_sent(tmp_path):
     assert entities(tmp_path / "x.rrd")["/jumps"] == 3
 
 
+@pytest.mark.slow
 @needs_renderer
 def test_the_view_shows_bands_and_the_contact_that_jumps(tmp_path):
     bag = record(tmp_path / "bag", hilly(), 1)

@@ -117,11 +117,30 @@ def test_lines_show_a_slip_of_a_single_sample(axis):
 def test_tensions_are_measured_from_the_middle_between_their_bounds(axis):
     tension = np.array([[0.0, 1.0], [1.0, 0.5], [-0.5, 2.0]])
     least, most = np.array([-1.0, 1.0]) * np.ones((3, 1)), np.array([1.0, 3.0]) * np.ones((3, 1))
-    draw_tensions(axis, np.arange(3.0), tension, least, np.where(tension == 2.0, 1.0, most))
+    draw_tensions(axis, np.arange(3.0), tension, least, np.where(tension == 2.0, 1.0, most), ["link_0", "link_1"])
     image = np.ma.filled(axis.get_images()[0].get_array(), np.nan)
     assert image[0, [0, -1]].tolist() == [1.0, -0.5]
     assert image[1, 0] == -1.0
     assert np.isnan(image[1, -1])  # no room between the bounds
+    words = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert words == ["lower bound, −1 .. 1 N", "middle", "upper bound, 1 .. 3 N", "no room: its bounds meet"]
+
+
+@pytest.mark.parametrize(
+    ("names", "label", "ticks"),
+    [
+        (["link_0", "link_1", "link_2"], "link", None),
+        (["trunk/element_0", "trunk/element_1", "trunk/element_2"], "element\nof trunk", None),
+        (["trunk/element_0", "trunk/element_1", "link_0"], "", {0.5: "trunk", 2.0: "link 0"}),
+        (["link_0", "front_leg", "tail"], "", {0.0: "link 0", 1.0: "front leg", 2.0: "tail"}),
+    ],
+)
+def test_rows_of_tensions_are_named_as_the_commands_are(axis, names, label, ticks):
+    unknown = np.full((3, 3), np.nan)
+    draw_tensions(axis, np.arange(3.0), np.ones((3, 3)), unknown, unknown, names)
+    assert axis.get_ylabel() == label
+    if ticks is not None:
+        assert dict(zip(axis.get_yticks(), (t.get_text() for t in axis.get_yticklabels()), strict=True)) == ticks
 
 
 def test_what_is_only_rounding_is_drawn_flat(axis):

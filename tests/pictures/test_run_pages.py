@@ -57,6 +57,27 @@ def test_the_page_is_the_one_that_was_looked_at(pages, name):
     assert distance(pages(name), GOLDEN / f"run_{name}.png") < TOLERANCE
 
 
+@pytest.mark.parametrize("name", ["planar_three_points", "planar_rectilinear", "loaded"])
+def test_forces_in_the_plane_are_on_the_border_of_friction_where_a_contact_slides(name):
+    if name == "loaded":
+        document = load_scene("planar_three_points").document()
+        document["ground"] = {"slope": 5.0}
+        document["body"]["weights"] = 0.1
+        document["loads"] = [[0.0, 0.05], [0.0, 0.0], [0.02, 0.0]]
+        scene = Scene.model_validate(document)
+    else:
+        scene = load_scene(name)
+    run = read_trajectory(simulate(scene, 3.0))
+    normals = scene.drive.columns.directions
+    first = scene.columns.lengths
+    bounds = scene.drive.rows[0, first : first + scene.columns.frictions].reshape(run.force.shape[1], -1)
+    size = np.linalg.norm(run.force, axis=2)[..., None] if normals.size == 0 else run.force @ normals.T
+    room = (bounds - size).min(axis=2)
+    assert room.min() > -1e-6
+    assert np.abs(room[run.state != 0]).max() < 1e-6
+    assert room[run.state == 0].max() > 0.05
+
+
 def test_a_wave_that_travels_back_is_told_from_it(tmp_path):
     document = load_scene("ten_contact_wave").document()
     document["drive"]["wave"]["wavelength"] *= -1.0

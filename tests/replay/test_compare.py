@@ -11,11 +11,11 @@ from rich.console import Console
 
 from crawler_model import Scene, load_scene
 from crawler_ros.recording.bag import BagError
-from crawler_ros.replay.show.compare import compare_recordings, print_comparison
+from crawler_ros.replay.show.compare import compare_all, print_comparison
 from crawler_ros.replay.show.compare_page import draw_comparison
 
+from ..commands import crawler
 from ..recordings import record
-from .test_replay import crawler
 
 
 def longer(name: str, length: float) -> Scene:
@@ -32,7 +32,7 @@ def pair(tmp_path_factory):
 
 
 def test_a_run_is_like_itself(pair):
-    found = compare_recordings(pair[0], pair[0])
+    found = compare_all([pair[0], pair[0]])[0]
     assert found.commands_differ is None
     assert found.motion_differs is None
     assert found.max_difference == 0.0
@@ -41,7 +41,7 @@ def test_a_run_is_like_itself(pair):
 
 
 def test_more_amplitude_costs_more_and_gains_nothing(pair):
-    found = compare_recordings(*pair)
+    found = compare_all(pair)[0]
     assert [float(v) for v in found.translation] == pytest.approx([0.0] * 3, abs=1e-12)
     assert found.commands_differ == pytest.approx(0.31)
     assert found.energy["dissipation"] > 3.0
@@ -50,7 +50,7 @@ def test_more_amplitude_costs_more_and_gains_nothing(pair):
 
 def test_two_rates_of_one_gait_command_the_same(tmp_path):
     a, b = (record(tmp_path / f"r{rate}", "two_anchor_a", 2, rate=rate) for rate in (100.0, 20.0))
-    found = compare_recordings(a, b)
+    found = compare_all([a, b])[0]
     assert found.commands_differ is None
     assert found.motion_differs is None
     assert found.max_difference < 1e-12
@@ -59,7 +59,7 @@ def test_two_rates_of_one_gait_command_the_same(tmp_path):
 def test_different_bodies_are_refused(pair, tmp_path):
     other = record(tmp_path / "c", "three_contacts_one_way", 1)
     with pytest.raises(BagError, match="different bodies"):
-        compare_recordings(pair[0], other)
+        compare_all([pair[0], other])[0]
 
 
 def test_the_command_prints_json_text_and_a_figure(pair, tmp_path):
@@ -76,14 +76,14 @@ def test_the_command_prints_json_text_and_a_figure(pair, tmp_path):
 
 def test_the_figure_is_drawn_of_bodies_in_the_plane(tmp_path):
     path = record(tmp_path / "p", "planar_rectilinear", 1)
-    found = compare_recordings(path, path)
+    found = compare_all([path, path])[0]
     draw_comparison(found, tmp_path / "x.png")
     assert (tmp_path / "x.png").stat().st_size > 20_000
     json.dumps(found.as_plain(), allow_nan=False)
 
 
 def test_what_was_set_up_differently_is_told(pair, capsys):
-    print_comparison(compare_recordings(*pair), Console())
+    print_comparison(compare_all(pair)[0], Console())
     said = capsys.readouterr().out
     assert "scenes (A / B): drive.length" in said
     assert "versions" not in said  # they are the same
@@ -102,7 +102,7 @@ def test_of_a_folder_of_recordings_the_newest_is_compared(tmp_path):
 def test_cycles_are_paired_by_time_and_not_by_number(pair, tmp_path):
     """A run that waits two periods longer: its first cycle takes place during the third of the other."""
     later = record(tmp_path / "later", longer("two_anchor_b", 4), 3, wait=2.3)
-    found = compare_recordings(pair[0], later)
+    found = compare_all([pair[0], later])[0]
     assert found.pairs == ((2, 0),)
     assert found.unpaired == "cycles: 2 of A and 2 of B without a partner at the same time"
     assert len(found.translation) == 1
@@ -111,7 +111,7 @@ def test_cycles_are_paired_by_time_and_not_by_number(pair, tmp_path):
 
 def test_cycles_at_other_times_are_not_compared_and_it_says_why(pair, tmp_path, capsys):
     later = record(tmp_path / "later", longer("two_anchor_b", 4), 2, wait=0.8)
-    found = compare_recordings(pair[0], later)
+    found = compare_all([pair[0], later])[0]
     assert found.pairs == found.translation == ()
     print_comparison(found, Console(width=200))
     wanted = "not at the same times: those of A last 1 s from 0.3 s on, those of B last 1 s from 0.8 s on"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
-import io
 import json
 import os
 import shutil
@@ -17,9 +15,9 @@ from typing import Any
 import pytest
 
 from crawler_bench.node.processes import PATIENCE_S, children, wait_until
-from crawler_command.app import main
 from crawler_model import load_scene, vary
 
+from ..commands import crawler
 from ..recordings import record, rewrite
 
 polars = pytest.importorskip("polars")
@@ -62,15 +60,7 @@ def bags(tmp_path_factory):
 def made(bags, tmp_path_factory):
     """The data set of all of them, made on two cores; and what the command printed."""
     out = tmp_path_factory.mktemp("made") / "set"
-    return out, crawler(bags, bags / "b", "--parquet", out, "--workers", "2", "--json")
-
-
-def crawler(*arguments) -> subprocess.CompletedProcess[str]:
-    """Run `crawler replay` in this process, whose kernels are loaded."""
-    out, errors = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors), pytest.raises(SystemExit) as left:
-        main(["replay", *map(str, arguments)])
-    return subprocess.CompletedProcess(arguments, int(left.value.code or 0), out.getvalue(), errors.getvalue())
+    return out, crawler("replay", bags, bags / "b", "--parquet", out, "--workers", "2", "--json")
 
 
 def read(out: Path, table: str) -> Any:
@@ -122,7 +112,7 @@ def test_every_reader_sees_one_table(made):
 
 @pytest.mark.parametrize(("name", "run"), [("b", "b"), ("later/2026", "run_2026")])
 def test_rows_are_those_of_a_single_replay(name, run, bags, made, tmp_path):
-    done = crawler(bags / name, "--json", "--parquet", tmp_path / "t")
+    done = crawler("replay", bags / name, "--json", "--parquet", tmp_path / "t")
     found = json.loads(done.stdout)
     planar = run == "run_2026"
     for table in ("cycles", "slips"):
@@ -172,21 +162,21 @@ def test_what_is_finished_is_not_done_again_but_what_changed_is(bags, made, tmp_
     before = files_of(out)
     # elsewhere these are other recordings, as long as the first are there: all have names of their own
     os.utime(bags / "b" / "b_0.mcap")
-    report = json.loads(crawler(bags, *arguments).stdout)
+    report = json.loads(crawler("replay", bags, *arguments).stdout)
     assert (report["done"], report["finished"]) == (0, 5)
     assert files_of(out) == before
     shutil.copy(bags / "long" / "long_0.mcap", here / "b" / "b_0.mcap")
-    done = crawler(here / "b", here / "notes.mcap", "--parquet", out, "--resume", "--workers", "1")
+    done = crawler("replay", here / "b", here / "notes.mcap", "--parquet", out, "--resume", "--workers", "1")
     assert "1 recording(s) added" in done.stdout
     assert read(out, "runs")["run"].to_list() == ["b", "b_2", "b_3", "changed", "long", "run_2026"]
     shutil.copy(bags / "b" / "b_0.mcap", here / "b" / "b_0.mcap")
-    done = crawler(here / "b", "--parquet", out, "--resume", "--workers", "1")
+    done = crawler("replay", here / "b", "--parquet", out, "--resume", "--workers", "1")
     assert done.returncode == 0
     runs = read(out, "runs")
     assert runs.height == 6
     assert runs.filter(run="b_3")["drive.length"].to_list() == [4.0]
     (here / "b" / "b_0.mcap").write_bytes((here / "cut.mcap").read_bytes())
-    done = crawler(here / "b", "--parquet", out, "--resume", "--workers", "1")
+    done = crawler("replay", here / "b", "--parquet", out, "--resume", "--workers", "1")
     assert "its end is missing" in done.stderr
     assert "b_3" not in read(out, "cycles")["run"]
     assert files_of(out) == before
@@ -223,7 +213,7 @@ def test_stopped_in_the_middle_it_can_be_continued(how, many, tmp_path):
         for table in TABLES:
             assert {part.parent.name for part in out.glob(f"{table}/*/part.parquet")} == runs
         assert sorted(p.name for p in out.iterdir()) == sorted(TABLES)
-    done = crawler(many, "--parquet", out, "--resume", "--json", "--workers", "1")
+    done = crawler("replay", many, "--parquet", out, "--resume", "--json", "--workers", "1")
     report = json.loads(done.stdout)
     assert (report["finished"], report["done"]) == (len(runs), 40 - len(runs))
     assert sorted(p.name for p in out.iterdir()) == sorted(TABLES)
@@ -241,11 +231,11 @@ def test_halves_of_a_killed_process_are_removed_and_two_processes_do_not_mix(bag
     (out / ".unfinished").mkdir()
     handle = os.open(out, os.O_RDONLY)
     fcntl.flock(handle, fcntl.LOCK_EX)
-    done = crawler(bags / "b", "--parquet", out, "--resume")
+    done = crawler("replay", bags / "b", "--parquet", out, "--resume")
     assert done.returncode == 1
     assert done.stderr == f"crawler: --parquet: another process is writing to {out}\n"
     os.close(handle)
-    done = crawler(bags / "b", "--parquet", out, "--resume")
+    done = crawler("replay", bags / "b", "--parquet", out, "--resume")
     assert done.stdout == f"0 recording(s) added to {out}; 1 there already\n"
     assert files_of(out) == files_of(made[0])
     assert not (out / ".unfinished").exists()
@@ -269,7 +259,7 @@ def test_a_cluster_makes_the_same_data_set(bags, made, tmp_path):
         n_workers=1, threads_per_worker=2, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=50
     ) as cluster:
         address = cluster.scheduler_address
-        done = crawler(bags, "--parquet", tmp_path / "set", "--scheduler", address, "--json")
+        done = crawler("replay", bags, "--parquet", tmp_path / "set", "--scheduler", address, "--json")
     assert json.loads(done.stdout)["done"] == 5
     assert done.returncode == 1
     assert without_times(tmp_path / "set") == without_times(made[0])
@@ -297,7 +287,7 @@ def test_a_mistake_is_one_clear_line(arguments, said, bags, tmp_path, monkeypatc
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
     monkeypatch.chdir(tmp_path)
-    done = crawler(*arguments)
+    done = crawler("replay", *arguments)
     assert done.returncode == 1
     assert said in done.stderr
     assert done.stderr.startswith("crawler: ")

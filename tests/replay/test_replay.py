@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import mcap.reader
@@ -16,7 +13,6 @@ import numpy as np
 import pytest
 import yaml
 
-from crawler_bench.node.processes import PATIENCE_S
 from crawler_model import Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_ros.recording import bag
@@ -25,14 +21,8 @@ from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.replay.standstill import Standstill
 
+from ..commands import crawler
 from ..recordings import attachments, hold, messages, play, record, rewrite, write
-
-
-def crawler(*arguments) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-m", "crawler_command.app", *map(str, arguments)]
-    return subprocess.run(
-        words, capture_output=True, text=True, timeout=PATIENCE_S, env=os.environ | {"COLUMNS": "140"}
-    )
 
 
 def test_strategy_b_slips_the_wrong_way_first(tmp_path):

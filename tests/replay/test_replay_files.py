@@ -9,8 +9,8 @@ from PIL import Image
 from crawler_pictures.colors import FORWARD, TENSION, rgb
 from crawler_ros.replay import analyse
 
+from ..commands import crawler
 from ..recordings import record
-from .test_replay import crawler
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

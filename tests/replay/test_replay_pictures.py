@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("matplotlib")
 from crawler_model import Scene, load_scene
 from crawler_ros.replay import analyse
-from crawler_ros.replay.show.compare import compare_recordings
+from crawler_ros.replay.show.compare import compare_all
 from crawler_ros.replay.show.compare_page import draw_comparison
 from crawler_ros.replay.show.page import draw_replay
 from crawler_ros.replay.show.samples import Samples
@@ -41,7 +41,7 @@ def drawn(tmp_path_factory):
     folder = tmp_path_factory.mktemp("golden")
     bags = {name: record(folder / name, strategy_b(name, float(name[1:])), 5) for name in ("b3", "b6")}
     pages = {name: draw_page(bag, folder / f"{name}.png") for name, bag in bags.items()}
-    draw_comparison(compare_recordings(bags["b3"], bags["b6"]), folder / "compare.png")
+    draw_comparison(compare_all([bags["b3"], bags["b6"]])[0], folder / "compare.png")
     return {**pages, "compare": folder / "compare.png"}
 
 

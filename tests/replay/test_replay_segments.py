@@ -8,10 +8,10 @@ import pytest
 from crawler_model import Scene
 from crawler_ros.replay import Replay, analyse
 from crawler_ros.replay.parts import parts_by_name, parts_of
-from crawler_ros.replay.show.compare import compare_recordings
+from crawler_ros.replay.show.compare import compare_all
 
+from ..commands import crawler
 from ..recordings import record, rewrite
-from .test_replay import crawler
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -80,7 +80,7 @@ def test_slips_forward_less_slips_back_are_the_translation(refined):
 
 
 def test_runs_on_two_meshes_can_be_compared(refined):
-    found = compare_recordings(refined[-1].path, refined[-2].path)
+    found = compare_all([refined[-1].path, refined[-2].path])[0]
     assert found.commands_differ is None
     assert found.max_difference < 0.01
     for row in found.slips:

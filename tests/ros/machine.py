@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import struct
-import subprocess
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -14,12 +12,12 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from crawler_bench.node.processes import PATIENCE_S, wait_until
+from crawler_bench.node.processes import wait_until
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
-from .graph import Graph, environment, node_command
+from .graph import Graph, node_command
 
 DECODE = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
 SOAK = os.environ.get("CRAWLER_SOAK") == "1"
@@ -27,12 +25,6 @@ SOAK = os.environ.get("CRAWLER_SOAK") == "1"
 
 def simulator(*parameters: str) -> list[str]:
     return node_command("crawler_ros.node.simulator", *parameters)
-
-
-def crawler_command(*words: str) -> subprocess.CompletedProcess[str]:
-    code = "import sys; from crawler_command.app import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, *words]
-    return subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
 
 
 def runs(pid: int) -> bool:

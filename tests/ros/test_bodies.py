@@ -33,7 +33,9 @@ FIRST_NAMES = {
 }
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "friction_wave_segment" else n for n in BODIES]
+)
 def test_the_gait_player_drives_it_and_the_recording_runs_again(name, tmp_path):
     scene = load_scene(name)
     offline = simulate(scene, duration=3.0)

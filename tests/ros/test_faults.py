@@ -29,13 +29,13 @@ from crawler_model import Crawler, load_scene
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
+from ..commands import crawler
 from .graph import environment, graph
 from .machine import (
     DECODE,
     SOAK,
     assert_every_tick,
     assert_whole,
-    crawler_command,
     recorded,
     simulator,
     stamp_ns,
@@ -270,10 +270,10 @@ def assert_recovered(path):
     """Recover a torn recording by the command, as a user would."""
     torn = bag.examine(path)
     assert not torn.complete
-    told = crawler_command("replay", str(path))
+    told = crawler("replay", str(path))
     assert told.returncode == 1
     assert "crawler replay --recover" in told.stderr
-    done = crawler_command("replay", "--recover", str(path))
+    done = crawler("replay", "--recover", str(path))
     assert done.returncode == 0, done.stderr
     whole = path.with_name(path.name + "_recovered")
     assert bag.examine(whole).complete
@@ -311,7 +311,7 @@ def test_on_a_full_disk_the_crawler_goes_on(tmp_path):
     with small_disk(tmp_path / "disk", "size=400k") as disk:
         with graph(tmp_path) as ros:
             path = fails_to_record(ros, disk / "bags", "No space left on device", lambda pids: None)
-        full = crawler_command("replay", "--recover", str(path))
+        full = crawler("replay", "--recover", str(path))
         assert full.returncode == 1
         assert "No space left on device" in full.stderr
         assert "Traceback" not in full.stderr
@@ -407,7 +407,7 @@ def jumping_simulator(ros, way, offset, *parameters):
     return ros.run(command, LD_PRELOAD=str(library), CLOCK_OFFSET_FILE=str(offset))
 
 
-@pytest.mark.parametrize("way", ["python", "process"])
+@pytest.mark.parametrize("way", [pytest.param("python", marks=pytest.mark.slow), "process"])
 def test_when_the_hosts_clock_jumps_nothing_does(ros, way):
     """An hour ahead, an hour behind, back again: ticks, stamps and the order of the recording know nothing of it."""
     file, bags = ros.folder / "offset", ros.folder / "bags"

@@ -14,13 +14,13 @@ from std_msgs.msg import Float64MultiArray
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.replay import analyse
-from crawler_ros.replay.show.compare import compare_recordings
+from crawler_ros.replay.show.compare import compare_all
 from crawler_ros.viewer.frames import frames_of_recording
 from crawler_ros.viewer.visualizer import draw_recording
 
+from ..commands import crawler
 from ..recordings import attachments, messages, play, write
 from .graph import graph, wait_until
-from .machine import crawler_command
 
 REMAPPED = {
     "plain": {},
@@ -79,15 +79,15 @@ def test_it_is_simulated_again_to_the_bit(recordings, case):
 
 def test_the_command_replays_it(recordings, tmp_path):
     words = ("--json", "--png", tmp_path / "x.png", "--parquet", tmp_path / "t", "--rrd", tmp_path / "x.rrd")
-    done = crawler_command("replay", str(recordings["namespace"]), *map(str, words))
+    done = crawler("replay", str(recordings["namespace"]), *map(str, words))
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert said["namespace"] == "/left"
     assert said["resimulation"]["identical"]
     assert "/right/joint_states" in said["health"]
-    done = crawler_command("replay", str(recordings["one"]), "--namespace", "one")
+    done = crawler("replay", str(recordings["one"]), "--namespace", "one")
     assert done.returncode == 0, done.stderr
-    done = crawler_command("replay", str(recordings["one"]), "--namespace", "other")
+    done = crawler("replay", str(recordings["one"]), "--namespace", "other")
     assert "no crawler in the namespace /other; there are /one" in done.stderr
 
 
@@ -98,7 +98,7 @@ def test_it_is_drawn_and_compared_as_any_other(recordings, case, tmp_path):
     assert len(plain) == 41
     assert any(f.forward.any() for f in plain)
     assert draw_recording(recordings[case], tmp_path / "x.rrd") > 5
-    same = compare_recordings(recordings["plain"], recordings[case])
+    same = compare_all([recordings["plain"], recordings[case]])[0]
     assert same.commands_differ is None
     assert same.max_difference == 0.0
 
@@ -106,7 +106,7 @@ def test_it_is_drawn_and_compared_as_any_other(recordings, case, tmp_path):
 def test_a_torn_one_is_recovered_with_its_names(recordings, tmp_path):
     data = bag.find_file(recordings["namespace"]).read_bytes()
     (tmp_path / "torn.mcap").write_bytes(data[: int(len(data) * 0.6)])
-    done = crawler_command("replay", str(tmp_path / "torn.mcap"), "--recover")
+    done = crawler("replay", str(tmp_path / "torn.mcap"), "--recover")
     assert done.returncode == 0, done.stderr
     assert analyse(tmp_path / "torn_recovered").comparison.identical
 

@@ -14,8 +14,8 @@ from crawler_bench.node.processes import wait_until
 from crawler_model import load_scene, simulate
 from crawler_ros.replay import analyse
 
+from ..commands import crawler
 from ..recordings import record
-from ..replay.test_replay import crawler
 from .graph import graph
 
 PERIODS = 4
@@ -47,7 +47,10 @@ def real(tmp_path_factory):
 CLOSED_FORMS = {"two_anchor_a": 2.0, "two_anchor_b": 2.0, "two_anchor_c": 2.0, "three_contacts_two_ways": 0.07}
 
 
-@pytest.mark.parametrize("name", ["two_anchor_a", "two_anchor_b", "three_contacts_two_ways", "hybrid_body"])
+@pytest.mark.parametrize(
+    "name",
+    ["two_anchor_a", "two_anchor_b", pytest.param("three_contacts_two_ways", marks=pytest.mark.slow), "hybrid_body"],
+)
 def test_a_real_run_gains_in_each_cycle_what_the_model_says(real, name):
     found = analyse(real(name))
     assert found.problems == ()

@@ -22,10 +22,11 @@ from crawler_ros.recording import bag, bag_folder
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.recorder import Recorder
 
+from ..commands import crawler
 from ..model.scene.test_file import EVIL
 from ..sockets import addresses
 from .graph import environment, graph
-from .machine import SOAK, crawler_command, simulator
+from .machine import SOAK, simulator
 
 ASKED = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "FASTRTPS_DEFAULT_PROFILES_FILE")
 NOTHING = dict.fromkeys(ASKED)
@@ -184,7 +185,7 @@ def test_the_simulator_and_the_command_say_so_too(tmp_path):
             text=True,
             timeout=PATIENCE_S,
         )
-        for answer in (done, crawler_command("check", str(path))):
+        for answer in (done, crawler("check", str(path))):
             assert answer.returncode == 1, answer
             assert str(path) in answer.stderr
             assert "Traceback" not in answer.stderr
@@ -297,11 +298,11 @@ def test_recovering_overwrites_nothing(ros):
     process.process.wait()
     (path,) = bags.iterdir()
     before = bag.find_file(path).read_bytes()
-    first = crawler_command("replay", "--recover", str(path))
+    first = crawler("replay", "--recover", str(path))
     assert first.returncode == 0, first.stderr
     recovered = path.with_name(path.name + "_recovered")
     kept = bag.find_file(recovered).read_bytes()
-    again = crawler_command("replay", "--recover", str(path))
+    again = crawler("replay", "--recover", str(path))
     assert again.returncode == 1
     assert str(recovered) in again.stderr
     assert "Traceback" not in again.stderr

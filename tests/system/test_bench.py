@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -22,10 +24,11 @@ from crawler_bench.features.growth import measure_growth
 from crawler_bench.features.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
 from crawler_bench.features.search import measure_search
 from crawler_bench.features.sweep import measure_sweep
+from crawler_command.app import main
 from crawler_model import Crawler, CrawlerError, Scene
 
 from ..model.chains import from_rows
-from .test_command import bad, crawler, good
+from .test_command import CRAWLER, bad, good
 
 KEYS = {"case": str, "n": int, "method": str, "us_per_tick": float, "error": float, "solved": bool}
 
@@ -43,7 +46,8 @@ def displacement(entrant: Entrant) -> np.ndarray:
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
-    done = crawler("bench", "--quick", "--case", "strategy_a", "--json", "--out", str(folder))
+    command = [CRAWLER, "bench", "--quick", "--case", "strategy_a", "--json", "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True)  # solvers print past Python
     assert done.returncode == 0, done.stderr
     assert done.stderr == "" or "compiling" in done.stderr
     return json.loads(done.stdout, parse_constant=lambda name: pytest.fail(f"{name} in the JSON")), folder
@@ -198,9 +202,6 @@ def test_a_lap_goes_on_where_the_last_one_stopped():
 
 
 def test_no_peer_is_imported_before_it_is_measured():
-    import subprocess
-    import sys
-
     code = (
         "import sys, crawler_model, crawler_command.app, crawler_bench.bench, crawler_bench.entrants.qp, crawler_bench.entrants.mujoco;"
         "print([m for m in ('osqp', 'daqp', 'piqp', 'proxsuite', 'mujoco', 'matplotlib', 'clarabel') if m in sys.modules])"
@@ -209,9 +210,6 @@ def test_no_peer_is_imported_before_it_is_measured():
 
 
 def test_without_peers_one_line_says_how_to_get_them(tmp_path):
-    import subprocess
-    import sys
-
     code = (
         "import sys, importlib.util as u; f = u.find_spec;"
         "u.find_spec = lambda name, *a: None if name in ('osqp', 'mujoco', 'daqp', 'piqp', 'proxsuite') else f(name, *a);"
@@ -229,9 +227,6 @@ def test_without_peers_one_line_says_how_to_get_them(tmp_path):
 
 
 def test_without_matplotlib_one_line(tmp_path):
-    import subprocess
-    import sys
-
     code = "import sys; sys.modules['matplotlib'] = None; sys.argv = ['crawler', 'bench', '--quick']; from crawler_command.app import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 1
@@ -261,6 +256,22 @@ def test_steps_of_environments_are_measured():
     assert [(row["n"], row["environments"]) for row in rows] == [(n, m) for n in (3, 10) for m in (1, 64, 1024)]
     for row in rows:
         assert 0.0 < row["least"] <= row["steps_per_s"] <= row["most"]
+
+
+def test_environments_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path):
+    environments = pytest.importorskip("crawler_bench.features.environments")
+    for module in ("mujoco", "gym_softrobot"):
+        monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setattr(environments, "QUICK", 3)
+    with pytest.raises(SystemExit) as left:
+        main(["bench", "--gym", "--quick", "--json", "--out", str(tmp_path)])
+    assert not left.value.code
+    out, said = capsys.readouterr()
+    assert {row["environment"] for row in json.loads(out)["rows"]} == {"Crawler-v0"}
+    assert [line for line in said.splitlines() if "compiling" not in line] == [
+        "crawler: Swimmer-v5, HalfCheetah-v5 not installed and left out; install with: pip install 'crawler-ros[bench]'",
+        "crawler: OctoFlat-v0 not installed and left out; install with: pip install 'gym-softrobot'",
+    ]
 
 
 @pytest.mark.slow
@@ -317,9 +328,6 @@ def test_identification_is_measured_beside_mujoco():
 
 @pytest.mark.slow
 def test_without_mujoco_sysid_our_identification_is_measured_alone(tmp_path):
-    import subprocess
-    import sys
-
     code = (
         "import sys; sys.modules['absl'] = None;"
         f"sys.argv = ['crawler', 'bench', '--identify', '--quick', '--json', '--out', {str(tmp_path)!r}];"

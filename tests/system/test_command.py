@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from crawler_bench.node.processes import PATIENCE_S
 from crawler_command.app import main
 from crawler_model import gallery, load_scene
 
+from ..commands import crawler
+
 CRAWLER = str(Path(sys.executable).parent / "crawler")
-
-
-def crawler(*arguments: str, cwd: Path | None = None, timeout: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
-    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    return subprocess.run(
-        [CRAWLER, *arguments],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=timeout,
-        env=environment | {"COLUMNS": "120"},
-    )
 
 
 def good(*arguments: str, **options) -> str:
@@ -67,7 +55,7 @@ def test_simulate_prints_the_json_of_the_contract(method):
 
 
 def test_a_pipe_gets_json_and_nothing_else():
-    done = crawler("simulate", "two_anchor_a", "--json")
+    done = subprocess.run([CRAWLER, "simulate", "two_anchor_a", "--json"], capture_output=True, text=True)
     assert done.stderr == "" or "compiling" in done.stderr
     assert len(done.stdout.splitlines()) == 1
 

@@ -13,10 +13,13 @@ from .test_rooms import PACKAGES
 
 NAMES = [str(page.relative_to(ROOT)) for page in pages()]
 TEXTS = {name: (ROOT / name).read_text(encoding="utf-8") for name in NAMES}
+LONG = ("docs/gallery.md",)
+"""Pages whose commands other tests run, too."""
+PAGES = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in NAMES if "```" in TEXTS[name]]
 
 
 @pytest.mark.timeout(7200)  # a page has many blocks
-@pytest.mark.parametrize("name", [name for name in NAMES if "```" in TEXTS[name]])
+@pytest.mark.parametrize("name", PAGES)
 def test_every_block_runs_or_says_why_not(name, tmp_path):
     page = Page(name, TEXTS[name], tmp_path)
     if needs_ros(page.blocks):

@@ -333,6 +333,14 @@ def test_kernels_are_compiled_anew_when_a_file_changed_that_they_are_built_from(
     assert seen == ["1", "2"]
 
 
+def test_compiled_kernels_are_loaded_without_what_only_compilation_needs():
+    run = "from crawler_model import *; simulate(load_scene('two_anchor_a'), duration=0.1)"
+    ask = "import sys; print('numba.np.random.generator_core' in sys.modules)"
+    for _ in range(2):  # the first one may compile
+        done = subprocess.run([sys.executable, "-c", f"{run}; {ask}"], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
 def test_the_kernels_cache_covers_all_files_that_kernels_import():
     """Imports that are for types alone leave no trace in a kernel."""
     model = ROOT / "crawler_model"

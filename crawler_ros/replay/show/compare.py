@@ -86,31 +86,6 @@ class RunComparison:
         }
 
 
-def compare_recordings(
-    first: Path,
-    second: Path,
-    scene: Scene | None = None,
-    namespace: str | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> RunComparison:
-    """Read two recordings and compare them.
-
-    Args:
-        first: the first recording.
-        second: the second recording.
-        scene: the scene that ran, for recordings that do not hold it.
-        namespace: namespace of the crawler, where several were recorded.
-        progress: called with the fraction done, in [0, 1].
-
-    Returns:
-        The comparison.
-
-    Raises:
-        BagError: when one is not a recording of a crawler, or their contacts differ.
-    """
-    return compare_all([first, second], scene, namespace, progress)[0]
-
-
 def compare_all(
     paths: Sequence[Path],
     scene: Scene | None = None,

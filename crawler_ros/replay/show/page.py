@@ -9,7 +9,7 @@ import numpy as np
 
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_joints, name_links
-from crawler_pictures.run.arrays import Commands, Gains, RunArrays, sort_commands
+from crawler_pictures.run.arrays import Commands, Gains, RunArrays, planar_forces, sort_commands
 from crawler_pictures.run.page import draw_run
 
 from ...wire.states import shown_contacts
@@ -72,6 +72,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         rests=[(rest.since, rest.until) for rest in replay.rests if rest.run == 0],
         jumps=samples.jumps,
         scene=scene,
+        force=None if scene is None else planar_forces(scene, tension, samples.get("command")),
     )
 
 

@@ -50,6 +50,7 @@ def test_two_contacts_gain_the_stroke_less_the_stretch_that_friction_holds(strok
     assert found.value == pytest.approx(max(0.0, stroke - 2.0 * FORWARD / STIFFNESS), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_anchors_that_change_at_rest_lose_only_the_least_friction():
     """Friction that changes while the length does not is at least as good as that: Lmax - 2 mu_least / k."""
     found = optimise("two_anchor_a", waypoints=4, stroke=(0.0, 4.0), free={"friction": (0.5, 1.5)})
