@@ -89,9 +89,15 @@ def _random_loads(n: int) -> tuple[Scene, np.ndarray]:
     return _from_start(_chain("random", n), widths * (_FRICTION["forward"] + _FRICTION["backward"]))
 
 
-def _alternating(n: int) -> tuple[Scene, np.ndarray]:
-    i = np.arange(n - 1)
-    return _there_and_back(_chain("alternating", n), 1e-3 * (-1.0) ** i * i**1.5)
+def _alternating(at_end: float | None) -> Callable[[int], tuple[Scene, np.ndarray]]:
+    """A load that alternates in sign and grows with the power 1.5 of the place; to `at_end` [N], if it is given."""
+
+    def build(n: int) -> tuple[Scene, np.ndarray]:
+        i = np.arange(n - 1)
+        size = 1e-3 if at_end is None else at_end / n**1.5
+        return _there_and_back(_chain("alternating", n), size * (-1.0) ** i * i**1.5)
+
+    return build
 
 
 def _friction_waves(n: int, wavelength: float, ground: float) -> tuple[Scene, np.ndarray]:
@@ -111,16 +117,16 @@ def _five_friction_waves(n: int) -> tuple[Scene, np.ndarray]:
 
 def _patches(n: int, count: int) -> tuple[Scene, np.ndarray]:
     length = n / count
-    patches = [{"from": k * length, "to": (k + 0.5) * length, "friction": 0.6} for k in range(count)]
+    patches = [{"from": (k + 0.3) * length, "to": (k + 0.8) * length, "friction": 0.6} for k in range(count)]
     return _sampled(_changed(wave_scene(n, 20.0), ground={"patches": patches}))
 
 
-def _ten_patches(n: int) -> tuple[Scene, np.ndarray]:
-    return _patches(n, 10)
+def _eleven_patches(n: int) -> tuple[Scene, np.ndarray]:
+    return _patches(n, 11)
 
 
 def _many_patches(n: int) -> tuple[Scene, np.ndarray]:
-    return _patches(n, n // 20)
+    return _patches(n, n // 17)
 
 
 # -- segments ---------------------------------------------------------------------------------------------------------
@@ -200,11 +206,12 @@ DRIVES: dict[str, GrowthDrive] = {
     "stiffness over six decades": GrowthDrive(_wide),
     "one link moves": GrowthDrive(_one_link),
     "random loads": GrowthDrive(_random_loads),
-    "alternating load": GrowthDrive(_alternating),
+    "alternating load": GrowthDrive(_alternating(None)),
+    "alternating load up to 1000 N": GrowthDrive(_alternating(1e3)),
     "friction waves of 14 links": GrowthDrive(_short_friction_waves),
     "seven friction waves": GrowthDrive(_five_friction_waves),
-    "ten patches": GrowthDrive(_ten_patches, methods=("exact",)),
-    "a patch for 20 contacts": GrowthDrive(_many_patches, (300, 1_000, 3_000), ("exact",)),
+    "eleven patches": GrowthDrive(_eleven_patches, methods=("exact",)),
+    "a patch for 17 contacts": GrowthDrive(_many_patches, (300, 1_000, 3_000), ("exact",)),
     "stretched by 2 %": GrowthDrive(_stretched(0.02)),
     "stretched by 50 %": GrowthDrive(_stretched(0.5)),
     "five waves of strain": GrowthDrive(_segment_waves),
