@@ -23,6 +23,8 @@ from .springs import diagonal, solve_band_in_place
 
 BAND = 1e-11
 """A force is on the boundary if it is no farther from it than this part of the magnitude of its terms."""
+_TOGETHER = 8
+"""Rounds in which all contacts that are pulled begin to slide together; then one at a time, which surely ends."""
 _TURNS = 1e-9
 """A force that leaves the boundary of its disc tangentially within this part of its rate is taken not to return."""
 
@@ -100,7 +102,10 @@ def _slide_alone(springs, normals, owner, first, last, chosen, right):
 
 @compiled
 def _slide(springs, push, normals, owner, rise, velocity):
-    """Solve for lambda >= 0 with the active set of Lawson and Hanson; write the resulting velocities."""
+    """Solve for lambda >= 0 with the active set of Lawson and Hanson; write the resulting velocities.
+
+    Lawson and Hanson add one variable at a time, which takes as many rounds as contacts begin to slide along the body.
+    """
     count = owner.shape[0]
     first = np.full(push.shape[0], 0)
     last = np.full(push.shape[0], -1)
@@ -115,7 +120,7 @@ def _slide(springs, push, normals, owner, rise, velocity):
         size[a] = abs(push[i, 0]) + abs(push[i, 1]) + abs(rise[a])
     rate = np.zeros(count)
     chosen = right > CRITICAL * size
-    for _ in range(4 * count + 4):
+    for turn in range(4 * count + 4 + _TOGETHER):
         while chosen.any():
             goal = _slide_alone(springs, normals, owner, first, last, chosen, right)
             reach = 1.0
@@ -146,8 +151,11 @@ def _slide(springs, push, normals, owner, rise, velocity):
                     pull -= springs.entry[e] * along * rate[b]
                     scale += abs(springs.entry[e] * along) * rate[b]
             if pull > CRITICAL * scale and pull > most:
-                most = pull
                 enters = a
+                if turn < _TOGETHER:
+                    chosen[a] = True
+                else:
+                    most = pull
         if enters < 0:
             break
         chosen[enters] = True
