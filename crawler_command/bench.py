@@ -20,7 +20,7 @@ from .screen import progress_bar, screen
 _IN_PROCESS = {
     "sweep": ("sweep", "measure_sweep", "VARIATIONS"),
     "gradients": ("gradients", "measure_gradients", "CONTACTS"),
-    "growth": ("growth", "measure_growth", "CONTACTS"),
+    "growth": ("growth", "measure_growth", "SECONDS"),
     "search": ("search", "measure_search", "SECONDS"),
     "identify": ("identify", "measure_identify", "STEPS"),
     "gym": ("environments", "measure_environments", "STEPS"),

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from crawler_model import Scene
-from crawler_model.motion.plane.implicit_step import laplacian_of
+from crawler_model.motion.plane.springs import laplacian_of
 
 from ..cases import Case
 from .entrant import Entrant, TickByTick
@@ -42,7 +42,7 @@ class ConeRun(TickByTick):
         laplacian = laplacian_of(body.ends, body.stiffness, n)
         self.force, stiffness = float(friction.max()), float(laplacian.max())
         self.length = self.force / stiffness
-        quadratic = sp.block_diag((np.kron(laplacian / stiffness, np.eye(2)), sp.csc_matrix((n, n))))
+        quadratic = sp.block_diag((sp.kron(laplacian / stiffness, sp.eye(2)), sp.csc_matrix((n, n))))
         order = np.argsort(np.concatenate((np.arange(2 * n) // 2 * 3 + np.arange(2 * n) % 2 + 1, 3 * np.arange(n))))
         cones = -sp.identity(3 * n, format="csc")[order]  # rows t_i, v_i; columns v, then t
         settings = clarabel.DefaultSettings()

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..rounding import EPS
 from .directions import unit_directions
-from .places import put_all_on_ground
+from .places import put_all_on_ground, put_on_ground
 
 _NEAR = 16.0 * EPS
 
@@ -94,6 +94,26 @@ class Track:
         put_all_on_ground(rows, self._sides(place.tobytes()), out)
         forward, backward, load = np.moveaxis(out.reshape(*targets.shape[:-1], 3, place.size), -2, 0)
         return forward, backward, load
+
+    def bounds_at(self, contact: int, target: np.ndarray, place: int) -> tuple[float, float, float]:
+        """Compute the bounds of the spring force of one contact at a place, see `places.put_on_ground`.
+
+        Args:
+            contact: its number.
+            target: for ground without patches: forward and backward bounds and, with loads, loads of all contacts,
+                shape (2 N,) or (3 N,) [N].
+            place: its place.
+
+        Returns:
+            Forward bound, backward bound and load [N].
+        """
+        ahead, behind = (place + 1) // 2, place // 2
+        tilts = self.tilt[ahead, contact], self.tilt[behind, contact]
+        factors = self.factor[0, ahead, contact], self.factor[1, behind, contact]
+        side = np.array([[factors[0]], [tilts[0]], [factors[1]], [tilts[1]], [0.5 * (tilts[0] + tilts[1])]])
+        out = np.empty(3)
+        put_on_ground(target[contact :: self.tilt.shape[1]].copy(), 0, side, out)
+        return float(out[0]), float(out[1]), float(out[2])
 
     def bounds_along(self, targets: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Compute the bounds of the spring forces along a path.

@@ -10,7 +10,7 @@ import pytest
 from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
 from crawler_model.body.planar_loads import check_planar_equilibrium
 from crawler_model.motion.plane.cone import solve_with_clarabel
-from crawler_model.motion.plane.implicit_step import laplacian_of
+from crawler_model.motion.plane.springs import laplacian_of
 
 from .planar_ramps import polygon
 from .planar_reference import Reference

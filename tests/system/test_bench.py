@@ -6,6 +6,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from crawler_bench.entrants.entrant import Entrant
 from crawler_bench.entrants.qp import BACKENDS, QpRun
 from crawler_bench.features.films import measure_films
 from crawler_bench.features.gradients import measure_gradients
-from crawler_bench.features.growth import measure_growth
+from crawler_bench.features.growth import DRIVES, fit_exponent, measure_growth
 from crawler_bench.features.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
 from crawler_bench.features.search import measure_search
 from crawler_bench.features.sweep import measure_sweep
@@ -356,10 +357,37 @@ def test_films_are_measured():
 
 
 def test_the_growth_of_the_time_of_a_ramp_is_measured_on_all_drives():
-    rows = measure_growth((20, 40), lambda part: None)
-    assert {row["case"] for row in rows} == {"five waves", "stretched by 2 %", "stretched by 50 %", "alternating load"}
-    for row in rows:
+    drives = {name: replace(drive, sizes=(25, 49)) for name, drive in DRIVES.items()}
+    rows = measure_growth(60.0, lambda part: None, drives)
+    measured, fitted = ([row for row in rows if ("drive" in row) == fits] for fits in (False, True))
+    assert {row["case"] for row in measured} == {row["drive"] for row in fitted} == set(DRIVES)
+    for row in measured:
         assert row["ms"] > 0.0
         assert row["overspent"] == 0
-        assert (row["growth"] is None) == (row["n"] == 20)
+        assert row["note"] == ""
+        assert (row["exponent"] is None) == (row["n"] == 25)
         assert row["method"] == "exact" or row["to_catch_up"] == 1.0
+    for row in fitted:
+        assert (row["from"], row["to"], row["note"]) == (25, 49, "")
+        last = next(r for r in measured if (r["case"], r["method"], r["n"]) == (row["drive"], row["method"], 49))
+        assert row["exponent"] == last["exponent"]
+
+
+def test_a_body_for_which_the_time_does_not_suffice_is_named():
+    rows = measure_growth(0.0, lambda part: None, {"five waves": DRIVES["five waves"]})
+    assert [(row["case"], row["method"]) for row in rows[:2]] == [("five waves", "catch_up"), ("five waves", "exact")]
+    for row in rows[:2]:
+        assert row["ms"] is None
+        assert row["note"].startswith("stopped after")
+    for row in rows[2:]:
+        assert (row["from"], row["to"], row["exponent"]) == (1_000, None, None)
+        assert row["note"].startswith("N = 1000: stopped after")
+
+
+def test_an_exponent_is_fitted_to_all_sizes():
+    sizes = np.array([10, 30, 100, 300])
+    assert fit_exponent(sizes, 2.0 * sizes**1.5) == pytest.approx(1.5)
+    bent = [1.0, 1.0, 1.0, 4.0]
+    slope = np.cov(np.log(sizes), np.log(bent))[0, 1] / np.var(np.log(sizes), ddof=1)
+    assert fit_exponent(sizes, bent) == pytest.approx(slope)
+    assert fit_exponent([10], [1.0]) is None

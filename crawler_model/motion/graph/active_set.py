@@ -7,10 +7,10 @@ spring forces and lower, upper = -mu_minus, mu_plus, and the rate problem of an 
 the bounds are rates of friction, infinite where a contact cannot slide in that direction. It is the dual of the
 projection that chains solve in the tensions (`chain.projection`).
 
-Each contact is stuck or slides in one direction. For the sliding contacts the minimum solves a linear system; the step
-towards it is shortened where a contact would reverse its direction, and that contact then sticks. If no contact
-reverses, the contacts whose force is beyond its bound are released. Every round lowers the objective, so the search
-terminates. It is warm-started with the contacts that slid before.
+Each contact is stuck or slides in one direction. For the sliding contacts the minimum solves a linear system. The step
+towards it ends where the objective is least on the way, for each group of sliding contacts on its own: contacts that
+would reverse their direction do so, or stick. If none does, the contacts whose force is beyond its bound are released.
+Every round lowers the objective, so the search terminates. It is warm-started with the contacts that slid before.
 
 The linear system is eliminated like a network of resistors (star-mesh transform): conductances are only added, never
 subtracted, so that large stiffness ratios lose no digits. Contacts are numbered to make the matrix a narrow band
@@ -27,8 +27,12 @@ from ...body.body import Body
 from ...compiled import compiled
 from ...errors import SceneError
 from ...rounding import EPS, NOISE
+from .descent import relax, search
 
 _MOST_NUMBERS = 50_000_000
+_FEW_ROUNDS = 8
+"""Rounds after which contacts that begin to slide are found by a sweep. Those that are simply released slide, but those
+beside them have yet to be found: where blocks grow by many contacts that takes as many rounds."""
 
 
 class Network(NamedTuple):
@@ -258,24 +262,20 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
             away = 0.5 * (least + most) if least > -np.inf and most < np.inf else (least if most == np.inf else most)
             for p in range(n):
                 trial[p] += away
-        # stop at the first contact that would reverse its direction
-        part = 1.0
-        largest = 0.0
-        for p in range(n):
-            largest = max(largest, abs(trial[p]))
-        for p in range(n):
-            if side[p] * trial[p] < -16.0 * EPS * largest:
-                step = velocity[p] / (velocity[p] - trial[p]) if velocity[p] != 0.0 else 0.0
-                part = min(part, step)
-        turned = part < 1.0
+        # stop where the cost is least, or at a contact that would reverse its direction and may not
+        largest = np.abs(trial).max()
+        close = 16.0 * EPS * largest
+        may_pass = grounded and 2 * turn < most_rounds
+        turned = search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, force)
         for p in range(n):
             if side[p] == 0:
                 continue
             was = velocity[p]
-            velocity[p] += part * (trial[p] - was)
-            if turned and side[p] * trial[p] < -16.0 * EPS * largest and side[p] * velocity[p] <= 4.0 * EPS * abs(was):
-                velocity[p] = 0.0
-                side[p] = 0
+            velocity[p] += force[p] * (trial[p] - was)
+            if side[p] * trial[p] < -close and side[p] * velocity[p] <= 4.0 * EPS * abs(was):
+                passed = side[p] * velocity[p] < -4.0 * EPS * abs(was)
+                side[p] = -side[p] if passed else 0
+                velocity[p] = velocity[p] if passed else 0.0
             elif not turned and side[p] * velocity[p] < 0.0:
                 velocity[p] = 0.0
         if turned:
@@ -295,7 +295,7 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
                 if max(above, below) > excess:
                     excess = max(above, below)
                     worst = p
-                if 2 * turn < most_rounds:
+                if turn < _FEW_ROUNDS and 2 * turn < most_rounds:
                     side[p] = 1 if above > below else -1
         if count == 0:
             for p in range(n):
@@ -307,6 +307,8 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
                 elif side[p] == 0 and force[p] - lower[p] <= close and lower[p] > -np.inf:
                     side[p] = -1
             return (0 if grounded else 1), turn + 1
-        if 2 * turn >= most_rounds:  # rounding may have caused a cycle: one contact at a time is slow but safe
+        if turn >= _FEW_ROUNDS and 2 * turn < most_rounds:
+            relax(band, load, lower, upper, magnitude, turn % 2 == 1, velocity, side)
+        elif 2 * turn >= most_rounds:  # rounding may have caused a cycle: one contact at a time is slow but safe
             side[worst] = 1 if force[worst] > upper[worst] else -1
     return -1, most_rounds

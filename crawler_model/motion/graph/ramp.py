@@ -140,7 +140,7 @@ def _catch_up(
         floats[ROW_UPPER, i] = target[springs + i]
         floats[ROW_LOWER, i] = -target[springs + n + i]
         floats[ROW_MAGNITUDE, i] = 0.0
-        floats[ROW_GUESS, i] = 0.0
+        floats[ROW_GUESS, i] = 1.0 if status[i] == AT_FORWARD else (-1.0 if status[i] == AT_BACKWARD else 0.0)
     for s in range(springs):
         floats[ROW_MAGNITUDE, ends[s, 0]] += abs(tension[s])
         floats[ROW_MAGNITUDE, ends[s, 1]] += abs(tension[s])

@@ -295,10 +295,7 @@ class Walk:
 
     def _bounds_of(self, i: int, place: int) -> tuple[float, float, float]:
         """Compute the bounds and the load of contact i at a place."""
-        places = self._state.place.copy()
-        places[i] = place
-        forward, backward, load = self._track.bounds(self._state.command[self._springs :], places)
-        return float(forward[i]), float(backward[i]), float(load[i])
+        return self._track.bounds_at(i, self._state.command[self._springs :], place)
 
     def _enter(self, i: int, place: int, bit: int) -> None:
         """Put contact i onto a place, at the bound of its motion unless `bit` is 0."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .friction import corners_of
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 
 def solve_with_clarabel(
-    laplacian: np.ndarray, force: np.ndarray, friction: np.ndarray, directions: np.ndarray
+    laplacian: csr_array, force: np.ndarray, friction: np.ndarray, directions: np.ndarray
 ) -> np.ndarray:
     """Solve the problem of `project_planar` as a second-order-cone program with an interior-point method.
 
@@ -26,12 +31,12 @@ def solve_with_clarabel(
 
     n, m = force.shape[0], directions.shape[0]
     newton = max(np.abs(force).max(), friction.max())
-    metre = newton / np.diag(laplacian).max()
+    metre = newton / laplacian.diagonal().max()
     if newton == 0.0:
         return np.zeros((n, 2))
-    scaled = np.diag(laplacian).max()
-    quadratic = np.zeros((3 * n, 3 * n))
-    quadratic[: 2 * n, : 2 * n] = np.kron(laplacian / scaled, np.eye(2))
+    scaled = laplacian.diagonal().max()
+    own = sparse.kron(laplacian / scaled, sparse.eye_array(2))
+    quadratic = sparse.block_diag((own, sparse.csc_array((n, n))))
     linear = np.concatenate((-force.ravel() / newton, np.zeros(n)))  # unknowns v_i, then t_i = R_i(v_i)
     if m == 0:
         linear[2 * n :] = friction[:, 0] / newton
@@ -55,6 +60,6 @@ def solve_with_clarabel(
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     matrix = rows.tocsc()
     answer = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.triu(quadratic)), linear, matrix, np.zeros(matrix.shape[0]), cones, settings
+        sparse.csc_matrix(sparse.triu(quadratic)), linear, matrix, np.zeros(matrix.shape[0]), cones, settings
     )
     return np.asarray(answer.solve().x)[: 2 * n].reshape(n, 2) * metre

@@ -29,36 +29,14 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS
 from .friction import CLOSE_ENOUGH, STUCK, corners_of, excess, resistance
+from .springs import diagonal, solve_band_in_place
 from .translation import choose_translation
 
 MOST_SWEEPS = 300
 
 
 @compiled
-def laplacian_of(ends, stiffness, contacts):
-    """Build the weighted Laplacian K of the links.
-
-    Args:
-        ends: the contacts a, b of each link, int, shape (S, 2).
-        stiffness: k, shape (S,) [N/m].
-        contacts: number of contacts n.
-
-    Returns:
-        K, shape (n, n) [N/m]; the same for both coordinates.
-    """
-    laplacian = np.zeros((contacts, contacts))
-    for s in range(ends.shape[0]):
-        a = ends[s, 0]
-        b = ends[s, 1]
-        laplacian[a, a] += stiffness[s]
-        laplacian[b, b] += stiffness[s]
-        laplacian[a, b] -= stiffness[s]
-        laplacian[b, a] -= stiffness[s]
-    return laplacian
-
-
-@compiled
-def _sweep(laplacian, force, friction, directions, corners, backwards, velocity, motion, magnitude):
+def _sweep(springs, force, friction, directions, corners, backwards, velocity, motion, magnitude):
     """Solve the problem of each contact in turn; `magnitude` is set to the sum of the absolute terms of its force."""
     n = force.shape[0]
     for j in range(n):
@@ -66,16 +44,16 @@ def _sweep(laplacian, force, friction, directions, corners, backwards, velocity,
         q0 = force[i, 0]
         q1 = force[i, 1]
         size = abs(q0) + abs(q1) + friction[i].max()
-        for other in range(n):
-            c = laplacian[i, other]
-            if other != i and c != 0.0:
-                q0 -= c * velocity[other, 0]
-                q1 -= c * velocity[other, 1]
-                size += abs(c) * (abs(velocity[other, 0]) + abs(velocity[other, 1]))
+        for e in range(springs.first[i] + 1, springs.first[i + 1]):
+            c = springs.entry[e]
+            other = springs.other[e]
+            q0 -= c * velocity[other, 0]
+            q1 -= c * velocity[other, 1]
+            size += abs(c) * (abs(velocity[other, 0]) + abs(velocity[other, 1]))
         magnitude[i] = size
         motion[i], e0, e1 = excess(q0, q1, friction[i], directions, corners[i], 8.0 * EPS * size)
-        velocity[i, 0] = e0 / laplacian[i, i]
-        velocity[i, 1] = e1 / laplacian[i, i]
+        velocity[i, 0] = e0 / diagonal(springs, i)
+        velocity[i, 1] = e1 / diagonal(springs, i)
 
 
 @compiled
@@ -102,7 +80,7 @@ def _distance(g0, g1, v0, v1, mu, directions, corners, motion):
 
 
 @compiled
-def _residual(laplacian, force, friction, directions, corners, velocity, motion, magnitude, spring):
+def _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring):
     """Compute the spring forces r - K v and their largest distance from dR(v), relative to their rounding.
 
     Rounding changes the direction of a slow velocity; the resulting change of its friction is tolerated.
@@ -112,14 +90,14 @@ def _residual(laplacian, force, friction, directions, corners, velocity, motion,
     for i in range(n):
         g0 = force[i, 0]
         g1 = force[i, 1]
-        for j in range(n):
-            g0 -= laplacian[i, j] * velocity[j, 0]
-            g1 -= laplacian[i, j] * velocity[j, 1]
+        for e in range(springs.first[i], springs.first[i + 1]):
+            g0 -= springs.entry[e] * velocity[springs.other[e], 0]
+            g1 -= springs.entry[e] * velocity[springs.other[e], 1]
         spring[i, 0] = g0
         spring[i, 1] = g1
         v0 = velocity[i, 0]
         v1 = velocity[i, 1]
-        push = laplacian[i, i] * math.hypot(v0, v1)
+        push = diagonal(springs, i) * math.hypot(v0, v1)
         size = magnitude[i] + push
         if motion[i] != STUCK and directions.shape[0] == 0 and push > 0.0:
             size *= 1.0 + 4.0 * EPS / CLOSE_ENOUGH * friction[i, 0] / push
@@ -129,33 +107,6 @@ def _residual(laplacian, force, friction, directions, corners, velocity, motion,
         if gap > worst * size:
             worst = gap / size
     return worst
-
-
-@compiled
-def solve_in_place(matrix, right):
-    """Solve a positive definite system by Cholesky factorisation.
-
-    Args:
-        matrix: the matrix, shape (n, n), overwritten.
-        right: the right side, shape (n,), overwritten by the solution.
-    """
-    n = right.shape[0]
-    for j in range(n):
-        root = math.sqrt(max(matrix[j, j], 1e-300))
-        for c in range(j, n):
-            matrix[j, c] /= root
-        right[j] /= root
-        for i in range(j + 1, n):
-            factor = matrix[j, i]
-            if factor != 0.0:
-                for c in range(i, n):
-                    matrix[i, c] -= factor * matrix[j, c]
-                right[i] -= factor * right[j]
-    for j in range(n - 1, -1, -1):
-        total = right[j]
-        for c in range(j + 1, n):
-            total -= matrix[j, c] * right[c]
-        right[j] = total / matrix[j, j]
 
 
 @compiled
@@ -260,44 +211,53 @@ def _search_polygons(directions, friction, corners, linear, quadratic, velocity,
 
 
 @compiled
-def _newton(laplacian, friction, directions, corners, velocity, motion, spring, magnitude):
+def _newton(springs, friction, directions, corners, velocity, motion, spring, magnitude):
     """Take a Newton step for all sliding contacts, the others fixed; return whether a contact shortened it."""
     n = velocity.shape[0]
     m = directions.shape[0]
     owner = np.empty(2 * n, np.int64)
     axis = np.empty((2 * n, 2))
+    first = np.full(n, -1)  # unknowns of each contact
+    last = np.full(n, -2)
     count = 0
-    for i in range(n):
+    for i in springs.order:
         if motion[i] == STUCK:
             continue
+        first[i] = count
         owner[count] = i
         if 1 <= motion[i] <= m:
             axis[count] = directions[motion[i] - 1]
             count += 1
-            continue
-        owner[count + 1] = i
-        axis[count, 0] = 1.0
-        axis[count, 1] = 0.0
-        axis[count + 1, 0] = 0.0
-        axis[count + 1, 1] = 1.0
-        count += 2
+        else:
+            owner[count + 1] = i
+            axis[count, 0] = 1.0
+            axis[count, 1] = 0.0
+            axis[count + 1, 0] = 0.0
+            axis[count + 1, 1] = 1.0
+            count += 2
+        last[i] = count - 1
     if count == 0:
         return False
-    matrix = np.empty((count, count))
+    width = 1
+    for p in range(count):
+        for e in range(springs.first[owner[p]], springs.first[owner[p] + 1]):
+            width = max(width, last[springs.other[e]] - p + 1)
+    matrix = np.zeros((count, width))
     right = np.empty(count)
     for p in range(count):
         i = owner[p]
         v0 = velocity[i, 0]
         v1 = velocity[i, 1]
         speed = math.hypot(v0, v1)
-        for c in range(p, count):
-            j = owner[c]
-            along = axis[p, 0] * axis[c, 0] + axis[p, 1] * axis[c, 1]
-            matrix[p, c] = laplacian[i, j] * along
-            if i == j and m == 0 and speed > 0.0:
-                turn = axis[p, 1] * v0 - axis[p, 0] * v1
-                matrix[p, c] += friction[i, 0] / speed * (turn / speed) * ((axis[c, 1] * v0 - axis[c, 0] * v1) / speed)
-        matrix[p, p] += CRITICAL * laplacian[i, i]  # a translation may be free if all contacts slide
+        for e in range(springs.first[i], springs.first[i + 1]):
+            j = springs.other[e]
+            for c in range(max(first[j], p), last[j] + 1):
+                along = axis[p, 0] * axis[c, 0] + axis[p, 1] * axis[c, 1]
+                matrix[p, c - p] = springs.entry[e] * along
+                if i == j and m == 0 and speed > 0.0:
+                    turn = (axis[p, 1] * v0 - axis[p, 0] * v1) / speed
+                    matrix[p, c - p] += friction[i, 0] / speed * turn * ((axis[c, 1] * v0 - axis[c, 0] * v1) / speed)
+        matrix[p, 0] += CRITICAL * diagonal(springs, i)  # a translation may be free if all contacts slide
         if m == 0:
             pull0 = spring[i, 0] - (friction[i, 0] * v0 / speed if speed > 0.0 else 0.0)
             pull1 = spring[i, 1] - (friction[i, 0] * v1 / speed if speed > 0.0 else 0.0)
@@ -306,7 +266,7 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
             pull0 = spring[i, 0] - corner[0]
             pull1 = spring[i, 1] - corner[1]
         right[p] = pull0 * axis[p, 0] + pull1 * axis[p, 1]
-    solve_in_place(matrix, right)
+    solve_band_in_place(matrix, right)
     step = np.zeros((n, 2))
     for p in range(count):
         step[owner[p], 0] += right[p] * axis[p, 0]
@@ -315,7 +275,7 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
     reach = 0.0
     longest = 0.0
     for i in range(n):
-        reach = max(reach, math.hypot(velocity[i, 0], velocity[i, 1]), magnitude[i] / laplacian[i, i])
+        reach = max(reach, math.hypot(velocity[i, 0], velocity[i, 1]), magnitude[i] / diagonal(springs, i))
         longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
     if longest > 8.0 * reach:  # a free translation
         step *= 8.0 * reach / longest
@@ -323,8 +283,9 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
     quadratic = 0.0
     for i in range(n):
         linear -= spring[i, 0] * step[i, 0] + spring[i, 1] * step[i, 1]
-        for j in range(n):
-            quadratic += laplacian[i, j] * (step[i, 0] * step[j, 0] + step[i, 1] * step[j, 1])
+        for e in range(springs.first[i], springs.first[i + 1]):
+            j = springs.other[e]
+            quadratic += springs.entry[e] * (step[i, 0] * step[j, 0] + step[i, 1] * step[j, 1])
     stopped = -1
     k = -1
     if m == 0:
@@ -346,11 +307,11 @@ def _newton(laplacian, friction, directions, corners, velocity, motion, spring, 
 
 
 @compiled
-def project_planar(laplacian, force, friction, directions, most_sweeps, velocity, motion):
+def project_planar(springs, force, friction, directions, most_sweeps, velocity, motion):
     """Solve one implicit step: minimise 1/2 v . K v - r . v + sum_i R_i(v_i).
 
     Args:
-        laplacian: K, shape (n, n) [N/m].
+        springs: the springs, with K, as in `Springs`.
         force: r, the spring forces at v = 0, shape (n, 2) [N].
         friction: mu, shape (n, 1) for isotropic friction, else (n, m) [N].
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
@@ -371,15 +332,15 @@ def project_planar(laplacian, force, friction, directions, most_sweeps, velocity
     sweeps = 0
     solved = False
     while sweeps < most_sweeps and not solved:
-        _sweep(laplacian, force, friction, directions, corners, sweeps % 2 == 1, velocity, motion, magnitude)
+        _sweep(springs, force, friction, directions, corners, sweeps % 2 == 1, velocity, motion, magnitude)
         sweeps += 1
-        residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, magnitude, spring)
+        residual = _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring)
         blocked = 2 * n
         while residual > CLOSE_ENOUGH and blocked > 0:
-            if not _newton(laplacian, friction, directions, corners, velocity, motion, spring, magnitude):
+            if not _newton(springs, friction, directions, corners, velocity, motion, spring, magnitude):
                 blocked = 1
             blocked -= 1
-            residual = _residual(laplacian, force, friction, directions, corners, velocity, motion, magnitude, spring)
+            residual = _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring)
         solved = residual <= CLOSE_ENOUGH
     unique = not solved or choose_translation(velocity, spring, friction, directions, magnitude, motion)
     return solved, residual, unique, sweeps

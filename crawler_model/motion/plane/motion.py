@@ -19,6 +19,7 @@ from ..state import (
     VISITED,
 )
 from . import ramp
+from .springs import Springs, build_springs
 
 DEFAULT_TOLERANCE = 1e-4
 """Default error of a planar ramp, relative to its change of length."""
@@ -141,6 +142,7 @@ class PlaneMotion:
 
     Attributes:
         body: the body.
+        springs: its springs, with K.
         directions: unit vectors of the friction directions, shape (m, 2); m = 0 for isotropic friction.
         tolerance: largest error of a ramp [m].
     """
@@ -148,6 +150,7 @@ class PlaneMotion:
     methods: ClassVar[tuple[str, ...]] = ("catch_up",)
     samples_margin: ClassVar[bool] = True
     body: Body
+    springs: Springs
     directions: np.ndarray
     tolerance: float
 
@@ -180,8 +183,7 @@ class PlaneMotion:
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`; `exact` and `budget` have no effect."""
         ramp.follow(
-            self.body.ends,
-            self.body.stiffness,
+            self.springs,
             self.directions,
             state.contacts,
             state.links,
@@ -208,4 +210,5 @@ def build_plane_motion(plan: Plan) -> PlaneMotion:
     body = plan.body
     size = float(np.abs(np.ptp(plan.drive.targets[:, : 2 * body.springs], axis=0)).max(initial=0.0))
     size = size or float(np.abs(np.ptp(body.position, axis=0)).max())
-    return PlaneMotion(body, plan.directions, _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size)
+    springs = build_springs(body.ends, body.stiffness, body.contacts)
+    return PlaneMotion(body, springs, plan.directions, _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size)

@@ -35,8 +35,9 @@ from ..state import PLANAR_X as X
 from ..state import PLANAR_X_REST as X_REST
 from .cone import solve_with_clarabel
 from .friction import CLOSE_ENOUGH, corners_of, excess, resistance
-from .implicit_step import MOST_SWEEPS, laplacian_of, project_planar
-from .rates import BAND, find_rates, greatest_compliance
+from .implicit_step import MOST_SWEEPS, project_planar
+from .rates import BAND, find_rates
+from .springs import Springs, diagonal, laplacian_of
 from .translation import choose_translation
 from .walk import (
     DETERMINED,
@@ -143,9 +144,9 @@ def _is_still(links, friction, loads, target):
 
 
 @compiled
-def _look_ahead(body, directions, links, friction, loads, target, spring, band, velocity):
+def _look_ahead(springs, directions, links, friction, loads, target, spring, band, velocity):
     """Compute the forces, their rounding tolerance and velocities; return the part of the way to the next event."""
-    laplacian, ends, stiffness = body
+    ends, stiffness = springs.ends, springs.stiffness
     pull(ends, links[TENSION], loads, target, 0.0, spring)
     push = np.empty_like(spring)
     rate = np.zeros_like(links[TENSION])
@@ -163,18 +164,17 @@ def _look_ahead(body, directions, links, friction, loads, target, spring, band, 
             for e in range(2):
                 band[ends[s, e]] += BAND * size
     growth = friction_at(friction, loads, target, 1.0) - friction
-    return find_rates(laplacian, spring, push, friction, growth, directions, band, velocity)
+    return find_rates(springs, spring, push, friction, growth, directions, band, velocity)
 
 
 @compiled
 def _follow(
-    body, directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress, *memory
+    springs, directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress, *memory
 ):
     """Follow the ramps from the place in `progress`; return False if a step has to be solved by the caller."""
-    laplacian, ends, stiffness = body
+    ends, stiffness = springs.ends, springs.stiffness
     most_sweeps, stages, motions, problem = memory
-    n = laplacian.shape[0]
-    compliance = greatest_compliance(laplacian)
+    n = friction.shape[0]
     spring = np.empty((n, 2))
     velocity = np.empty((n, 2))
     band = np.empty(n)
@@ -194,7 +194,7 @@ def _follow(
                 progress[LENGTH] = _LAST_STEP
             length = progress[LENGTH]
             rest = 1.0 - progress[PLACE]
-            event = _look_ahead(body, directions, links, friction, loads, target, spring, band, velocity) * rest
+            event = _look_ahead(springs, directions, links, friction, loads, target, spring, band, velocity) * rest
             cut = not forced and event < min(length, rest) * (1.0 - 1e-9)
             if cut:
                 length = event
@@ -204,7 +204,7 @@ def _follow(
             part = 1.0 if last else length / rest
             blur = 0.0
             for i in range(n):  # displacements that correspond to rounding of forces
-                blur = max(blur, band[i] / laplacian[i, i])
+                blur = max(blur, band[i] / diagonal(springs, i))
             allowed = np.inf if forced else max(tolerance * length, blur)
             if progress[KNOWN] == 0.0:
                 stages[0] = part * velocity
@@ -217,10 +217,9 @@ def _follow(
                 velocity,
                 spring,
                 band,
-                compliance,
                 tolerance,
                 allowed,
-                body,
+                springs,
                 directions,
                 links,
                 friction,
@@ -242,7 +241,7 @@ def _follow(
                 if progress[KNOWN] < STAGES:
                     stages[STAGES - 1] = 0.0
                 if not step(
-                    STAGES - 1, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress
+                    STAGES - 1, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress
                 ):
                     return False
                 moved = moved + stages[STAGES - 1]
@@ -271,9 +270,9 @@ def _follow(
             if records.shape[0] > 0:
                 records[v, : 2 * n] = contacts[X].ravel()
                 records[v, 2 * n : 4 * n] = contacts[X_REST].ravel()
-                springs = links.shape[1]
-                records[v, 4 * n : 4 * n + 2 * springs] = links[TENSION].ravel()
-                if records.shape[1] > 4 * n + 2 * springs:
+                written = 4 * n + 2 * links.shape[1]
+                records[v, 4 * n : written] = links[TENSION].ravel()
+                if records.shape[1] > written:
                     record_spent(account, records[v])
             progress[RAMP] += 1.0
             progress[LENGTH] = 0.0
@@ -281,8 +280,7 @@ def _follow(
 
 
 def follow(
-    ends: np.ndarray,
-    stiffness: np.ndarray,
+    springs: Springs,
     directions: np.ndarray,
     contacts: np.ndarray,
     links: np.ndarray,
@@ -296,8 +294,7 @@ def follow(
     """Follow straight ramps of the commands to each of the targets in turn.
 
     Args:
-        ends: the contacts a, b of each link, int, shape (S, 2).
-        stiffness: k, shape (S,) [N/m].
+        springs: the springs of the body, from `build_springs`.
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
         contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call) [m], and with loads LOAD [N],
             shape (3, n, 2) or (4, n, 2), changed in place.
@@ -312,16 +309,15 @@ def follow(
     """
     n = contacts.shape[1]
     contacts[GAINED] = 0.0
-    laplacian = laplacian_of(ends, stiffness, n)
     progress = np.zeros(NOT_UNIQUE + STAGES)
     stages, motions = np.zeros((STAGES, n, 2)), np.zeros((STAGES, n), np.int64)
     problem = np.empty((n, 2 + friction.shape[1]))
-    body, memory = (laplacian, ends, stiffness), (MOST_SWEEPS, stages, motions, problem)
+    memory = (MOST_SWEEPS, stages, motions, problem)
     state = (directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress)
-    while not _follow(body, *state, *memory):
+    while not _follow(springs, *state, *memory):
         stage = int(progress[KNOWN])
         spring, mu = problem[:, :2].copy(), problem[:, 2:].copy()
-        stages[stage] = solve_with_clarabel(laplacian, spring, mu, directions)
-        unique = project_planar(laplacian, spring, mu, directions, _LAST_SWEEPS, stages[stage], motions[stage])[2]
+        stages[stage] = solve_with_clarabel(laplacian_of(springs.ends, springs.stiffness, n), spring, mu, directions)
+        unique = project_planar(springs, spring, mu, directions, _LAST_SWEEPS, stages[stage], motions[stage])[2]
         progress[KNOWN] = stage + 1
         progress[NOT_UNIQUE + stage] = not unique

@@ -19,24 +19,25 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS
 from .friction import resistance
-from .implicit_step import solve_in_place
+from .springs import diagonal, solve_band_in_place
 
 BAND = 1e-11
 """A force is on the boundary if it is no farther from it than this part of the magnitude of its terms."""
+_TOGETHER = 8
+"""Rounds in which all contacts that are pulled begin to slide together; then one at a time, which surely ends."""
 _TURNS = 1e-9
 """A force that leaves the boundary of its disc tangentially within this part of its rate is taken not to return."""
 
 
 @compiled
-def _normals_at(spring, friction, growth, directions, band, normals, owner, rise):
+def _normals_at(order, spring, friction, growth, directions, band, normals, owner, rise):
     """Write the outer normals of all friction sets at the spring forces, their contacts and the growth rates of mu.
 
     A disc without friction counts as a square. Returns the number of normals.
     """
-    n = spring.shape[0]
     m = directions.shape[0]
     count = 0
-    for i in range(n):
+    for i in order:
         if m == 0:
             size = math.hypot(spring[i, 0], spring[i, 1])
             slippery = friction[i, 0] <= band[i]
@@ -59,40 +60,79 @@ def _normals_at(spring, friction, growth, directions, band, normals, owner, rise
 
 
 @compiled
-def _slide(laplacian, push, normals, owner, rise, count, velocity):
-    """Solve for lambda >= 0 with the active set of Lawson and Hanson; write the resulting velocities."""
-    matrix = np.empty((count, count))
+def _slide_alone(springs, normals, owner, first, last, chosen, right):
+    """Solve for the speeds along the chosen normals, as if the contacts slid along no others; zero for the others.
+
+    `first` and `last` are those of the normals of each contact.
+    """
+    count = owner.shape[0]
+    place = np.empty(count, np.int64)
+    active = 0
+    for a in range(count):
+        place[a] = active
+        active += chosen[a]
+    width = 1
+    for a in range(count):
+        if chosen[a]:
+            for e in range(springs.first[owner[a]], springs.first[owner[a] + 1]):
+                b = last[springs.other[e]]
+                while b > a and not chosen[b]:
+                    b -= 1
+                width = max(width, place[b] - place[a] + 1 if b > a else 1)
+    matrix = np.zeros((active, width))
+    goal = np.empty(active)
+    for a in range(count):
+        if not chosen[a]:
+            continue
+        goal[place[a]] = right[a]
+        for e in range(springs.first[owner[a]], springs.first[owner[a] + 1]):
+            j = springs.other[e]
+            for b in range(max(first[j], a), last[j] + 1):
+                if chosen[b]:
+                    along = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1]
+                    matrix[place[a], place[b] - place[a]] = springs.entry[e] * along
+        matrix[place[a], 0] += CRITICAL * diagonal(springs, owner[a])  # normals, or a translation, may be dependent
+    solve_band_in_place(matrix, goal)
+    speed = np.zeros(count)
+    for a in range(count):
+        if chosen[a]:
+            speed[a] = goal[place[a]]
+    return speed
+
+
+@compiled
+def _slide(springs, push, normals, owner, rise, velocity):
+    """Solve for lambda >= 0 with the active set of Lawson and Hanson; write the resulting velocities.
+
+    Lawson and Hanson add one variable at a time, which takes as many rounds as contacts begin to slide along the body.
+    """
+    count = owner.shape[0]
+    first = np.full(push.shape[0], 0)
+    last = np.full(push.shape[0], -1)
     right = np.empty(count)
     size = np.empty(count)
     for a in range(count):
         i = owner[a]
-        for b in range(count):
-            along = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1]
-            matrix[a, b] = laplacian[i, owner[b]] * along
-        matrix[a, a] += CRITICAL * laplacian[i, i]  # normals of a contact, or a translation, may be linearly dependent
+        if last[i] < 0:
+            first[i] = a
+        last[i] = a
         right[a] = push[i, 0] * normals[a, 0] + push[i, 1] * normals[a, 1] - rise[a]
         size[a] = abs(push[i, 0]) + abs(push[i, 1]) + abs(rise[a])
     rate = np.zeros(count)
     chosen = right > CRITICAL * size
-    for _ in range(4 * count + 4):
+    for turn in range(4 * count + 4 + _TOGETHER):
         while chosen.any():
-            active = np.flatnonzero(chosen)
-            small = np.empty((active.size, active.size))
-            goal = np.empty(active.size)
-            for p in range(active.size):
-                goal[p] = right[active[p]]
-                for q in range(active.size):
-                    small[p, q] = matrix[active[p], active[q]]
-            solve_in_place(small, goal)
+            goal = _slide_alone(springs, normals, owner, first, last, chosen, right)
             reach = 1.0
-            for p in range(active.size):
-                if goal[p] <= 0.0:
-                    reach = min(reach, rate[active[p]] / (rate[active[p]] - goal[p]) if rate[active[p]] > 0.0 else 0.0)
+            for a in range(count):
+                if chosen[a] and goal[a] <= 0.0:
+                    reach = min(reach, rate[a] / (rate[a] - goal[a]) if rate[a] > 0.0 else 0.0)
             blocked = False
-            for p in range(active.size):
-                a = active[p]
-                back = goal[p] <= 0.0 and (rate[a] <= 0.0 or rate[a] / (rate[a] - goal[p]) <= reach * (1.0 + 4.0 * EPS))
-                rate[a] = 0.0 if back else rate[a] + reach * (goal[p] - rate[a])
+            for a in range(count):
+                if not chosen[a]:
+                    continue
+                back = goal[a] <= 0.0 and (rate[a] <= 0.0 or rate[a] / (rate[a] - goal[a]) <= reach * (1.0 + 4.0 * EPS))
+                rate[a] = 0.0 if back else rate[a] + reach * (goal[a] - rate[a])
                 chosen[a] = not back
                 blocked = blocked or back
             if not blocked:
@@ -104,12 +144,18 @@ def _slide(laplacian, push, normals, owner, rise, count, velocity):
                 continue
             pull = right[a]
             scale = size[a]
-            for b in range(count):
-                pull -= matrix[a, b] * rate[b]
-                scale += abs(matrix[a, b]) * rate[b]
+            for e in range(springs.first[owner[a]], springs.first[owner[a] + 1]):
+                j = springs.other[e]
+                for b in range(first[j], last[j] + 1):
+                    along = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1]
+                    pull -= springs.entry[e] * along * rate[b]
+                    scale += abs(springs.entry[e] * along) * rate[b]
             if pull > CRITICAL * scale and pull > most:
-                most = pull
                 enters = a
+                if turn < _TOGETHER:
+                    chosen[a] = True
+                else:
+                    most = pull
         if enters < 0:
             break
         chosen[enters] = True
@@ -138,11 +184,11 @@ def _reaches_disc(g0, g1, rate0, rate1, mu, growth, band, sliding):
 
 
 @compiled
-def find_rates(laplacian, spring, push, friction, growth, directions, band, velocity):
+def find_rates(springs, spring, push, friction, growth, directions, band, velocity):
     """Solve for the velocities at an instant, and how long they remain valid on straight paths.
 
     Args:
-        laplacian: K, shape (n, n) [N/m].
+        springs: the springs, with K, as in `Springs`.
         spring: spring forces, shape (n, 2) [N].
         push: rates of the spring forces at rest, shape (n, 2) [N per unit of the ramp].
         friction: mu, shape (n, 1) for isotropic friction, else (n, m) [N].
@@ -161,16 +207,16 @@ def find_rates(laplacian, spring, push, friction, growth, directions, band, velo
     owner = np.empty(most, np.int64)
     rise = np.empty(most)
     velocity[:] = 0.0
-    count = _normals_at(spring, friction, growth, directions, band, normals, owner, rise)
+    count = _normals_at(springs.order, spring, friction, growth, directions, band, normals, owner, rise)
     if count > 0:
-        _slide(laplacian, push, normals, owner, rise, count, velocity)
+        _slide(springs, push, normals[:count], owner[:count], rise[:count], velocity)
     first = np.inf
     for i in range(n):
         rate0 = push[i, 0]
         rate1 = push[i, 1]
-        for j in range(n):
-            rate0 -= laplacian[i, j] * velocity[j, 0]
-            rate1 -= laplacian[i, j] * velocity[j, 1]
+        for e in range(springs.first[i], springs.first[i + 1]):
+            rate0 -= springs.entry[e] * velocity[springs.other[e], 0]
+            rate1 -= springs.entry[e] * velocity[springs.other[e], 1]
         if m == 0:
             sliding = velocity[i, 0] != 0.0 or velocity[i, 1] != 0.0
             at = _reaches_disc(spring[i, 0], spring[i, 1], rate0, rate1, friction[i, 0], growth[i, 0], band[i], sliding)
@@ -182,40 +228,6 @@ def find_rates(laplacian, spring, push, friction, growth, directions, band, velo
             if gap > band[i] and closing > 0.0:
                 first = min(first, gap / closing)
     return first
-
-
-@compiled
-def greatest_compliance(laplacian):
-    """Compute a bound on the compliance between any two contacts, by inverting K with contact 0 held.
-
-    Args:
-        laplacian: K, shape (n, n) [N/m].
-
-    Returns:
-        Largest relative displacement of two contacts per force between them [m/N].
-    """
-    n = laplacian.shape[0] - 1
-    inverse = laplacian[1:, 1:].copy()
-    for p in range(n):  # Gauss-Jordan, in place
-        pivot = 1.0 / inverse[p, p]
-        inverse[p, p] = 1.0
-        for c in range(n):
-            inverse[p, c] *= pivot
-        for i in range(n):
-            if i != p:
-                factor = inverse[i, p]
-                inverse[i, p] = 0.0
-                for c in range(n):
-                    inverse[i, c] -= factor * inverse[p, c]
-    most = 0.0
-    second = 0.0
-    for i in range(n):
-        if inverse[i, i] > most:
-            second = most
-            most = inverse[i, i]
-        else:
-            second = max(second, inverse[i, i])
-    return most + second
 
 
 @compiled

@@ -18,6 +18,7 @@ from ..state import PLANAR_TENSION as TENSION
 from .friction import STUCK, corners_of, resistance
 from .implicit_step import project_planar
 from .rates import missed
+from .springs import diagonal
 
 # Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the error
 # still allowed at starts and stops, implicit steps tried, whether there are loads and the translation is determined at
@@ -75,7 +76,7 @@ def _stay(guess, moved):
 
 
 @compiled
-def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress):
+def step(stage, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress):
     """Solve an implicit step unless it is already solved.
 
     Args:
@@ -83,7 +84,7 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
         spring: spring forces before the step, shape (n, 2) [N].
         mu: friction after the step, shape (n, max(m, 1)) [N].
         directions: unit vectors, shape (m, 2).
-        laplacian: K, shape (n, n) [N/m].
+        springs: the springs, with K, as in `Springs`.
         most_sweeps: upper limit of sweeps.
         stages: displacements of the stages, changed in place, shape (STAGES, n, 2) [m].
         motions: motions of the contacts in the stages, changed in place, int64, shape (STAGES, n).
@@ -97,7 +98,7 @@ def step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions,
         return True
     determined = stage == 0 and progress[DETERMINED] > 0.0
     guess = stages[stage].copy() if determined else stages[stage]
-    solved, _, unique, _ = project_planar(laplacian, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
+    solved, _, unique, _ = project_planar(springs, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
     if solved and not unique and determined:
         unique = _stay(guess, stages[stage])
     if solved:
@@ -190,15 +191,15 @@ def friction_at(friction, loads, target, part):
 
 @compiled
 def _walk(
-    pieces, part, body, directions, links, friction, loads, target, most_sweeps, stages, motions, problem, progress
+    pieces, part, springs, directions, links, friction, loads, target, most_sweeps, stages, motions, problem, progress
 ):
     """Take `part` of the way to the target in equal implicit steps.
 
     Returns whether all were solved; their displacement; in one further row dissipation and work; with loads, in one
     more row, their work.
     """
-    laplacian, ends, stiffness = body
-    n = laplacian.shape[0]
+    ends, stiffness = springs.ends, springs.stiffness
+    n = friction.shape[0]
     first = pieces * (pieces - 1) // 2
     total = np.zeros((n + 1 + loads.shape[0], 2))
     spring = np.empty((n, 2))
@@ -214,7 +215,7 @@ def _walk(
         stage = first + piece
         if stage >= progress[KNOWN] and stage > 0:  # start the search from the last stage
             stages[stage] = stages[stage - 1] if piece > 0 else stages[0] / pieces
-        if not step(stage, spring, mu, directions, laplacian, most_sweeps, stages, motions, problem, progress):
+        if not step(stage, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress):
             return False, total
         stretch(ends, stiffness, stages[stage], target, links, 0.0, tension)
         total[:n] += stages[stage]
@@ -235,11 +236,11 @@ def _walk(
 
 
 @compiled
-def _steady_part(moved, motion, velocity, part, spring, friction, laplacian, loose, tolerance):
+def _steady_part(moved, motion, velocity, part, spring, friction, springs, loose, tolerance):
     """Estimate the part of a stretch in which no contact starts or stops; 1 if none does."""
     steady = 1.0
     for i in range(moved.shape[0]):
-        size = laplacian[i, i] * math.hypot(moved[i, 0], moved[i, 1])
+        size = diagonal(springs, i) * math.hypot(moved[i, 0], moved[i, 1])
         gap = friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
         if motion[i] != STUCK and gap > loose:
             steady = min(steady, max(0.95 * gap / (gap + size), 0.05))
@@ -267,10 +268,9 @@ def attempt(
     velocity,
     spring,
     band,
-    compliance,
     tolerance,
     allowed,
-    body,
+    springs,
     directions,
     links,
     friction,
@@ -285,10 +285,9 @@ def attempt(
         velocity: velocities at the start, shape (n, 2) [m per unit of the way].
         spring: spring forces at the start, shape (n, 2) [N].
         band: rounding band of each contact, see `missed`, shape (n,) [N].
-        compliance: largest compliance between two contacts [m/N].
         tolerance: tolerance of the whole ramp [m].
         allowed: error allowed for this part [m].
-        body: K, ends and stiffness.
+        springs: the springs, with K, as in `Springs`.
         directions: unit vectors, shape (m, 2).
         links: rows TENSION and ACTUATION, shape (2, S, 2).
         friction: present mu, shape (n, max(m, 1)) [N].
@@ -301,17 +300,17 @@ def attempt(
         loads if there are any; its error; the number of walks used; the factor for the next part.
     """
     n = spring.shape[0]
-    ok, one = _walk(1, part, body, directions, links, friction, loads, target, *memory)
+    ok, one = _walk(1, part, springs, directions, links, friction, loads, target, *memory)
     if not ok or farthest(one[:n]) == 0.0:
         return ok, one, 0.0, 1, 4.0
-    bound = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, compliance)
+    bound = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, springs.compliance)
     if bound <= allowed:
         return True, one, bound, 1, 4.0
     if directions.shape[0] > 0:
         return True, one, bound, 1, 0.5
     motions = memory[2]
-    loose = max(band.max(), _AT_ONCE * tolerance / compliance)
-    steady = _steady_part(one[:n], motions[0], velocity, part, spring, friction, body[0], loose, tolerance)
+    loose = max(band.max(), _AT_ONCE * tolerance / springs.compliance)
+    steady = _steady_part(one[:n], motions[0], velocity, part, spring, friction, springs, loose, tolerance)
     if steady < 1.0:
         return True, one, bound, 1, steady
     error = bound
@@ -320,7 +319,7 @@ def attempt(
     total = friction.sum()
     growth = 0.0
     for pieces in range(2, _WALKS + 1):
-        ok, newest = _walk(pieces, part, body, directions, links, friction, loads, target, *memory)
+        ok, newest = _walk(pieces, part, springs, directions, links, friction, loads, target, *memory)
         if not ok:
             return False, newest, error, pieces, 1.0
         for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):

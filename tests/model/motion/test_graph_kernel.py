@@ -51,6 +51,27 @@ def test_however_many_rounds_it_has_it_gives_the_answer_or_gives_up(between):
         assert verdict == 0
 
 
+@pytest.mark.parametrize("between", [[(i, (i + 1) % 400) for i in range(400)], ladder(400)], ids=["ring", "ladder"])
+def test_long_rows_of_contacts_start_to_slide_together(between):
+    """Smooth loads of both signs make long blocks slide, of which only the middle is beyond its bounds at rest."""
+    n = 1 + max(map(max, between))
+    network = build_network(net(n, between, "exact").body)
+    laplacian = np.zeros((n, n))
+    for a, b in between:
+        laplacian[[a, b, a, b], [a, b, b, a]] += [1.0, 1.0, -1.0, -1.0]
+    rng = np.random.default_rng(2)
+    for waves in (1, 3, 8, 20):
+        angle = 2.0 * np.pi * (waves * np.arange(n) / n + rng.uniform())
+        load, bound = 2.0 * np.sin(angle), rng.uniform(0.9, 1.1, n) + 0.9 * np.abs(np.cos(angle))
+        load -= load.mean()
+        verdict, v = velocities(network, load, bound, graph_kernel.most_rounds(n))
+        assert verdict == 0
+        force, close = load - laplacian @ v, 1e-14 * (np.abs(laplacian) @ np.abs(v)).max()
+        assert (np.abs(force) <= bound + close).all()
+        assert force[v != 0.0] == pytest.approx((np.sign(v) * bound)[v != 0.0], abs=close)
+        assert 10 < np.count_nonzero(v) < n
+
+
 def test_a_command_that_is_in_force_changes_nothing():
     crawler = Crawler(load_scene("three_springs"))
     crawler.advance([0.3, 0.0, -0.2])

@@ -2,16 +2,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse import block_diag, triu
 
 from crawler_model.arrays import frozen
 from crawler_model.body.directions import check_directions
 from crawler_model.errors import SceneError
 from crawler_model.motion.chain.projection import project, workspace
-from crawler_model.motion.plane import implicit_step as planar_kernel
+from crawler_model.motion.plane import ramp as planar_ramp
 from crawler_model.motion.plane.cone import solve_with_clarabel
-from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, laplacian_of, project_planar
+from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, project_planar
 from crawler_model.motion.plane.ramp import ACTUATION, GAINED, TENSION, X
 from crawler_model.motion.plane.ramp import follow as follow_planar
+from crawler_model.motion.plane.springs import build_springs, laplacian_of
 from crawler_model.motion.state import (
     ACCOUNT_SIZE,
     AMBIGUOUS,
@@ -30,12 +32,18 @@ CROSS = frozen([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 TRIANGLE = np.array([[0, 1], [1, 2], [2, 0]])
 
 
+def springs_of(laplacian):
+    joined = triu(-laplacian, 1).tocoo()
+    return build_springs(np.stack(joined.coords, 1).astype(np.int64), joined.data, laplacian.shape[0])
+
+
 def solve(laplacian, force, friction, directions=ISOTROPIC):
     # in one piece, or the kernel would be compiled again for each layout
-    laplacian, force, friction = map(np.ascontiguousarray, (laplacian, force, friction))
+    force, friction = map(np.ascontiguousarray, (force, friction))
     directions = frozen(directions)
     velocity, motion = np.zeros_like(force), np.zeros(len(force), np.int64)
-    solved, residual, unique, _ = project_planar(laplacian, force, friction, directions, MOST_SWEEPS, velocity, motion)
+    springs = springs_of(laplacian)
+    solved, residual, unique, _ = project_planar(springs, force, friction, directions, MOST_SWEEPS, velocity, motion)
     assert solved
     assert residual <= 1e-13
     return velocity, unique
@@ -105,6 +113,26 @@ def test_stiffness_ratios_of_a_million_are_solved_to_rounding(directional):
         solve(*random_problem(seed, directional, 1e6))
 
 
+@pytest.mark.parametrize("directional", [False, True])
+def test_long_bodies_are_solved_as_short_ones(directional):
+    """Copies of a body, each tied to the next by a soft spring between contacts that a large friction holds."""
+    for seed in range(20):
+        laplacian, force, friction, directions = random_problem(seed, directional)
+        n, copies = len(force), 7
+        friction[0] = 1e6
+        alone, unique = solve(laplacian, force, friction, directions)
+        long = block_diag([laplacian] * copies).tolil()
+        for k in range(copies - 1):
+            a, b = k * n, (k + 1) * n
+            long[[a, b], [a, b]] = [long[a, a] + 1e-3, long[b, b] + 1e-3]
+            long[[a, b], [b, a]] = -1e-3
+        mixed = np.random.default_rng(seed).permutation(copies * n)
+        repeated = np.tile(force, (copies, 1))[mixed], np.tile(friction, (copies, 1))[mixed]
+        velocity, also = solve(long.tocsr()[mixed][:, mixed], *repeated, directions)
+        assert unique == also
+        np.testing.assert_allclose(velocity, np.tile(alone, (copies, 1))[mixed], atol=1e-10 * np.abs(alone).max())
+
+
 def test_small_loads_move_nothing_at_all():
     laplacian, force, friction, directions = random_problem(1, False)
     velocity, _ = solve(laplacian, 0.99 * force * friction.min() / np.hypot(*force.T).max(), friction, directions)
@@ -153,7 +181,7 @@ def test_frictionless_contacts_follow_the_others():
     )
     assert unique
     assert not velocity[0].any()
-    np.testing.assert_allclose(laplacian[1:, 1:] @ velocity[1:], [[2.0, 1.0], [-2.0, -1.5]], atol=1e-13)
+    np.testing.assert_allclose((laplacian @ velocity)[1:], [[2.0, 1.0], [-2.0, -1.5]], atol=1e-13)
 
 
 def test_a_step_on_a_line_is_that_of_a_chain():
@@ -221,11 +249,12 @@ class Body:
             self.friction if friction is None else friction, (len(actuation), *self.friction.shape)
         )
         targets = np.hstack((actuation.reshape(len(actuation), -1), friction.reshape(len(actuation), -1)))
+        n = len(self.friction)
         records = np.zeros((len(targets), self.contacts[1:].size + self.links[0].size))
         self.account[:] = 0.0
         self.account[VISITED] = np.inf
         args = (self.contacts, self.links, self.friction, targets, tolerance, most, self.account, records)
-        follow_planar(self.ends, self.stiffness, self.directions, *args)
+        follow_planar(build_springs(self.ends, self.stiffness, n), self.directions, *args)
         return records
 
 
@@ -341,7 +370,7 @@ def test_a_ramp_over_budget_is_finished_in_one_step():
 @pytest.mark.parametrize(("friction", "directions"), [EQUAL_SIDES, CROSSED])
 def test_where_the_kernel_gives_up_interior_points_help(monkeypatch, friction, directions, tolerance):
     expected = Body(friction, directions).follow(turning_gait(2), tolerance)
-    monkeypatch.setattr(planar_kernel, "MOST_SWEEPS", 0)
+    monkeypatch.setattr(planar_ramp, "MOST_SWEEPS", 0)
     np.testing.assert_allclose(Body(friction, directions).follow(turning_gait(2), tolerance), expected, atol=1e-6)
 
 
@@ -395,5 +424,7 @@ def test_an_infinite_force_is_not_solved():
     laplacian = laplacian_of(TRIANGLE, np.ones(3), 3)
     force = np.array([[np.inf, 0.0], [-np.inf, 0.0], [0.0, 0.0]])
     velocity, motion = np.zeros((3, 2)), np.zeros(3, np.int64)
-    solved, residual, _, sweeps = project_planar(laplacian, force, np.ones((3, 1)), ISOTROPIC, 7, velocity, motion)
+    solved, residual, _, sweeps = project_planar(
+        springs_of(laplacian), force, np.ones((3, 1)), ISOTROPIC, 7, velocity, motion
+    )
     assert (solved, residual, sweeps) == (False, np.inf, 7)
