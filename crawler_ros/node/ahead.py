@@ -26,7 +26,7 @@ _MOST_TICKS = 256
 _MOST_CONTACTS = 16384
 """Contacts of all ticks of one call together."""
 _CALL_NS = 2_000_000
-"""Wall time of a call [ns], to which the number of its ticks is adjusted: commands and services wait as long."""
+"""Processor time of a call [ns], to which the number of its ticks is adjusted: commands and services wait as long."""
 _LEDGER = "applied_commands"
 
 
@@ -111,7 +111,7 @@ class Ahead:
         Returns:
             The account of each tick, shape (K, 14).
         """
-        began = time.monotonic_ns()
+        began, used = time.monotonic_ns(), time.thread_time_ns()
         ends_ns = np.array(ends, np.int64)
         starts_ns = np.concatenate(([start_ns], ends_ns[:-1]))
         seconds = (ends_ns - starts_ns) / NS
@@ -139,8 +139,8 @@ class Ahead:
             "odom": np.stack((y, gain / seconds[read]), axis=1)[..., None],
         }
         self._send(batch, began)
-        took = time.monotonic_ns() - began
-        self.ticks = max(1, min(self._most, 2 * ends_ns.size, 1 + ends_ns.size * _CALL_NS // took))
+        used = time.thread_time_ns() - used
+        self.ticks = max(1, min(self._most, 2 * ends_ns.size, 1 + ends_ns.size * _CALL_NS // max(used, 1)))
         return accounts
 
     def _send(self, batch: _Batch, began: int) -> None:
@@ -176,7 +176,9 @@ class Ahead:
             recorder.record_all(records)
         for kind, first, count in runs if heard else ():
             table, data = encoded[kind]
-            published = [(outlet.publish, *ends) for outlet, *ends in table.slices if outlet in heard]
+            published: list[tuple[Any, int, int]] = [
+                (outlet.publish, start, end) for outlet, start, end in table.slices if outlet in heard
+            ]
             for place in range(first * table.size, (first + count) * table.size, table.size):
                 for publish, start, end in published:
                     publish(data[place + start : place + end])

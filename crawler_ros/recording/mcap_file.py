@@ -8,7 +8,6 @@ calls per message.
 from __future__ import annotations
 
 import struct
-import zlib
 from array import array
 from collections.abc import Mapping
 from typing import IO, Any
@@ -33,6 +32,11 @@ from mcap.records import (
 )
 
 from .record_head import MESSAGE_HEAD, SIZED
+
+try:
+    from isal.isal_zlib import crc32  # ten times as fast
+except ImportError:
+    from zlib import crc32
 
 _INDEX_HEAD = struct.Struct("<BQHI")
 _MAGIC = b"\x89MCAP0\r\n"
@@ -140,7 +144,7 @@ class McapFile:
                 data=data,
                 message_start_time=first,
                 message_end_time=last,
-                uncompressed_crc=zlib.crc32(self._chunk),
+                uncompressed_crc=crc32(self._chunk),
                 uncompressed_size=len(self._chunk),
             )
         )
@@ -206,7 +210,7 @@ class McapFile:
             summary += group
         footer = Footer(start, start + len(summary), 0)
         without_crc = _bytes(footer)[:-4]
-        footer.summary_crc = zlib.crc32(summary + offsets + without_crc)
+        footer.summary_crc = crc32(summary + offsets + without_crc)
         self._stream.write(summary + offsets)
         self._write(footer)
         self._stream.write(_MAGIC)
