@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import Crawler, Scene
+from crawler_model import Crawler, Scene, prepare
 from crawler_model.body.drive import NS
-from crawler_model.crawler.ticks import follow_ticks
+from crawler_model.crawler.readout import Readout
+from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
 
 from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
-from ..wire.messages import MessageLayout
+from ..wire.messages import JointStateMessage, MessageLayout
+from ..wire.states import joint_state_names
 from .intake.path import Vertices
 from .outgoing import Outgoing
 from .outlet import Outlet
@@ -167,7 +169,9 @@ class Ahead:
             self._fill(table, batch, which)
             encoded[kind] = table, table.table[: which.size].tobytes()
         begins = np.concatenate(([0], 1 + np.flatnonzero(np.diff(kinds))))
-        runs = list(zip(kinds[begins].tolist(), rank[begins].tolist(), np.diff(begins, append=ticks).tolist()))
+        runs = list(
+            zip(kinds[begins].tolist(), rank[begins].tolist(), np.diff(begins, append=ticks).tolist(), strict=True)
+        )
         if recorder is not None:
             records = []
             for kind, first, count in runs:
@@ -219,3 +223,20 @@ class Ahead:
             after = np.maximum(taken.due_ns[vertices] - batch.starts_ns[which][:, None], 0)
             times = table.times[_LEDGER][:count]
             times[..., 0], times[..., 1] = np.divmod(after, NS)
+
+
+def compile_ticks(scene: Scene) -> None:
+    """Compile the kernels of ticks, single ones and many at once, or load them.
+
+    Args:
+        scene: the scene that will run.
+    """
+    prepare(scene)
+    joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
+    crawler, readout = Crawler(scene), Readout(scene.body, np.zeros(0, np.int64))
+    readout.read(crawler, np.inf, joints.numbers, contacts.numbers)
+    if runs_in_one_call(crawler):
+        n, width = scene.body.contacts, scene.columns.index.size
+        tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]
+        nothing = np.zeros((0, width)), np.zeros(2, np.int64), np.ones(1), np.ones(1, bool)
+        follow_ticks(crawler, readout, *nothing, *tables)

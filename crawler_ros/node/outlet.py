@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from rclpy.qos import DurabilityPolicy
-
 if TYPE_CHECKING:
     from ..recording.recorder import Recorder
 
@@ -31,7 +29,7 @@ class Outlet:
         """The channel of the recording; -1 if the topic is not recorded."""
         self.wanted = self.publish is not None or self._record is not None
         self._publisher = publisher
-        self._latched = publisher is not None and publisher.qos_profile.durability != DurabilityPolicy.VOLATILE
+        self._latched = publisher is not None and publisher.qos_profile.durability.name != "VOLATILE"
         self.last = b""
         """The last message."""
         self._subscribers = 0

@@ -183,6 +183,11 @@ class Recorder:
         """The problem of the recording, whether it has stopped or continues; "" when nothing is."""
         return self.error or self.trouble
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether so much waits for the pipe that `push` may have to block soon."""
+        return self.waiting > _MOST_WAITING // 2
+
     def _read_reports(self) -> None:
         """Read the lines of the process: each names a problem, and an empty one means that it is over."""
         output = self._process.stdout.read()  # type: ignore[union-attr]

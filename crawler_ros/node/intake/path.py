@@ -202,9 +202,7 @@ class Path:
         )
 
 
-def _interpolate(
-    table: np.ndarray, count: int, before: np.ndarray, part: np.ndarray, order: np.ndarray
-) -> np.ndarray:
+def _interpolate(table: np.ndarray, count: int, before: np.ndarray, part: np.ndarray, order: np.ndarray) -> np.ndarray:
     """Compute the rows of waypoints and of points on the straight lines between them, in a given order.
 
     Args:
