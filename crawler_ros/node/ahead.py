@@ -6,6 +6,8 @@ for a simulator that runs as fast as possible, and for the ticks of a trajectory
 
 from __future__ import annotations
 
+import importlib
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -231,6 +233,7 @@ def compile_ticks(scene: Scene) -> None:
     Args:
         scene: the scene that will run.
     """
+    _skip_blas()
     prepare(scene)
     joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
     crawler, readout = Crawler(scene), Readout(scene.body, np.zeros(0, np.int64))
@@ -240,3 +243,15 @@ def compile_ticks(scene: Scene) -> None:
         tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]
         nothing = np.zeros((0, width)), np.zeros(2, np.int64), np.ones(1), np.ones(1, bool)
         follow_ticks(crawler, readout, *nothing, *tables)
+
+
+def _skip_blas() -> None:
+    """Let numba find no BLAS: it would import scipy.linalg, a tenth of the node's start, for np.cov in kernels."""
+    hidden = "scipy.linalg"
+    if hidden in sys.modules:
+        return
+    sys.modules[hidden] = None  # type: ignore[assignment]
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[hidden]
