@@ -150,13 +150,14 @@ class Ahead:
     def _send(self, batch: _Batch, began: int) -> None:
         """Record all messages, then publish them; the times of the records are spread over the time that it took."""
         recorder, outlets, ticks = self._recorder, self._outgoing.outlets, batch.read.size
-        heard = {outlet for outlet in outlets.values() if outlet.is_heard()}  # slices for nobody would take long
+        topics = (_LEDGER, *self._layouts)
+        heard = {outlets[name] for name in topics if outlets[name].is_heard()}  # slices for nobody would take long
         if recorder is None and not heard:
             return
         if recorder is not None:
             now = recorder.now_ns()
             batch.received = now - (time.monotonic_ns() - began) * np.arange(ticks - 1, -1, -1) // ticks
-            for name in (_LEDGER, *self._layouts):
+            for name in topics:
                 if outlets[name].channel >= 0:
                     sent = ticks if name == _LEDGER else np.count_nonzero(batch.read)
                     batch.first_on_channel[name] = recorder.number(outlets[name].channel, sent)
