@@ -30,7 +30,15 @@ from .throughput import measure_throughput, throughput_variants
 
 Feature = tuple[str, Path, dict[str, Any], Callable[[], None] | None]
 PARTS = ("throughput", "latency", "lock_step", "real_time", "start", "ledger")
-QUICK: Row = {"contacts": (3, 10), "rates": (100.0, 1000.0), "seconds": 1.0, "repeats": 1, "trials": 50, "quick": True}
+QUICK: Row = {
+    "contacts": (10,),
+    "rates": (1000.0,),
+    "seconds": 1.0,
+    "repeats": 1,
+    "trials": 50,
+    "quick": True,
+    "features": ("recording",),
+}
 """The settings of a quick run."""
 _OPTIONAL = ("contact_states", "pose", "odom", "applied_commands", "robot_description")
 _MINIMAL = {f"publish.{name}": False for name in _OPTIONAL}
