@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from .node.node import Row
+from .node.rows import Row
 from .ratios import compute_ratios
 from .result import BenchResult
 

@@ -133,13 +133,17 @@ def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
 
     from crawler_bench.node import node, replay
 
+    if name == "node":
+        with progress_bar("measuring") as show:
+            rows, complete = node.measure_node(**(node.QUICK if quick else {}), progress=show)
+        if rows:
+            _write_rows(name, rows, quick, as_json, out)
+        if not complete:
+            raise KeyboardInterrupt
+        return
     console = Console(stderr=True)
     with console.status("starting") if console.is_terminal else nullcontext() as status:
-        progress = status.update if status else None
-        if name == "node":
-            rows = node.measure_node(**(node.QUICK if quick else {}), progress=progress)
-        else:
-            rows = replay.measure_replay(**(replay.QUICK if quick else {}), progress=progress)
+        rows = replay.measure_replay(**(replay.QUICK if quick else {}), progress=status.update if status else None)
     _write_rows(name, rows, quick, as_json, out)
 
 

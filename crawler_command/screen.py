@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 from rich.console import Console
@@ -40,24 +40,32 @@ MethodOption = Annotated[
 ]
 
 
+class ShowProgress(Protocol):
+    """Shows how far something is."""
+
+    def __call__(self, part: float, step: str = "") -> None:
+        """Show the fraction done, in [0, 1], and the name of the present step."""
+        ...
+
+
 @contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+def progress_bar(what: str) -> Iterator[ShowProgress]:
     """Show a progress bar on a terminal and nothing in a pipe.
 
     Args:
         what: label of the bar.
 
     Yields:
-        A function that accepts the fraction done, in [0, 1].
+        A function that accepts the fraction done, in [0, 1], and the name of the present step.
     """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda part: None
+        yield lambda part, step="": None
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
         task = bar.add_task(what, total=1.0)
-        yield lambda part: bar.update(task, completed=part)
+        yield lambda part, step="": bar.update(task, completed=part, description=step or what)
 
 
 def check_picture(png: Path | None) -> None:

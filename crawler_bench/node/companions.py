@@ -2,6 +2,7 @@
 
 python -m crawler_bench.node.companions listen
 python -m crawler_bench.node.companions control LINKS TRIPS
+python -m crawler_bench.node.companions echo LINKS
 python -m crawler_bench.node.companions idle RATE_HZ SECONDS
 """
 
@@ -18,8 +19,10 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
+from crawler_model.body.names import name_links
 from crawler_ros.node.stepper import Stepper
 from crawler_ros.wire.definitions import find_ament_prefix
+from crawler_ros.wire.messages import JointStateMessage
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 from .processes import wait_until
@@ -75,6 +78,31 @@ def control(links: int, trips: int) -> None:
     print(json.dumps([(b - a) / 1e3 for a, b in itertools.pairwise(times)]))
 
 
+def echo(links: int) -> None:
+    """Answer each command of a controller with a state of constant numbers, without simulating it, until SIGINT.
+
+    Args:
+        links: number of links of the chain.
+    """
+
+    def open_topics(node: Any, _: threading.Event) -> None:
+        topics = read_topics()
+        commands, states = topics["actuation_controller/commands"], topics["joint_states"]
+        publisher = node.create_publisher(message_class(states.type), states.name, qos_profile(states))
+        state, count = JointStateMessage(["contact_0", *name_links(links)]), itertools.count(1)
+
+        def answer(_: bytes) -> None:
+            publisher.publish(state.encode(next(count) * NS // 1000))
+
+        def begin() -> None:  # state 0, repeated for newcomers
+            publisher.publish(state.encode(0))
+
+        node.create_timer(0.05, begin)
+        node.create_subscription(message_class(commands.type), commands.name, answer, qos_profile(commands), raw=True)
+
+    _spin("echo", open_topics)
+
+
 def _spin(name: str, open_topics: Callable[[Any, threading.Event], None]) -> None:
     """Spin a node until SIGINT, or until it sets the event that `open_topics` receives with it."""
     import rclpy
@@ -113,5 +141,7 @@ if __name__ == "__main__":
         listen()
     elif sys.argv[1] == "control":
         control(int(sys.argv[2]), int(sys.argv[3]))
+    elif sys.argv[1] == "echo":
+        echo(int(sys.argv[2]))
     else:
         keep_rate(float(sys.argv[2]), float(sys.argv[3]))

@@ -21,7 +21,7 @@ from crawler_ros.node.life.domains import domain_environment, reserved_domain
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
-from .processes import PATIENCE_S, wait_until
+from .processes import PATIENCE_S, cpu_seconds, wait_until
 
 NS = 10**9
 TICK_HZ = 1000.0
@@ -140,20 +140,28 @@ class Domain:
             shutil.rmtree(recording, ignore_errors=True)
 
     def rate(self, seconds: float) -> float:
-        """Measure ticks per second from the stamps and tick counts of the diagnostics.
+        """Measure ticks per second; see `cost`."""
+        return self.cost(seconds, ())[0]
+
+    def cost(self, seconds: float, pids: Sequence[int]) -> tuple[float, list[float]]:
+        """Measure ticks per second from the stamps and tick counts of the diagnostics, and processor time per tick.
 
         Args:
             seconds: duration, after a second of warm-up [s].
+            pids: processes.
 
         Returns:
-            Ticks per second [Hz].
+            Ticks per second [Hz], and the processor time of each process per tick [us].
         """
         first = len(self.reports) + 1  # the next report may still belong to the start
         wait_until(lambda: len(self.reports) > first)
         began, before = self.reports[first]
+        used = [cpu_seconds(pid) for pid in pids]
         wait_until(lambda: self.reports[-1][0] - began >= (seconds - 0.2) * NS)
         ended, after = self.reports[-1]
-        return (int(after["ticks"]) - int(before["ticks"])) / ((ended - began) / NS)
+        used = [cpu_seconds(pid) - u for pid, u in zip(pids, used, strict=True)]
+        ticks = int(after["ticks"]) - int(before["ticks"])
+        return ticks / ((ended - began) / NS), [1e6 * u / ticks for u in used]
 
     def close(self) -> None:
         """Leave the domain and release its reservation."""

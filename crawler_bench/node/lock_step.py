@@ -6,14 +6,15 @@ import json
 import statistics
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .domain import Domain
 from .processes import PATIENCE_S
+from .rows import Row, summarise
+from .steps import Steps
 
-Row = dict[str, Any]
+_COMPANIONS = "crawler_bench.node.companions"
 _WARM_UP = 0.2
 """Fraction of the round trips that is not counted: discovery, and caches that fill."""
 
@@ -26,7 +27,7 @@ def measure_lock_step(
     seconds: float,
     repeats: int,
     drive: Callable[[], None],
-    report: Callable[[str], None],
+    steps: Steps,
 ) -> list[Row]:
     """Measure round trips a second with a controller, and ticks a second of a trajectory, in lock-step.
 
@@ -38,35 +39,47 @@ def measure_lock_step(
         seconds: duration of the measurement of ticks [s].
         repeats: number of repetitions of both.
         drive: function that sends a trajectory that lasts long enough.
-        report: function that reports the present measurement.
+        steps: the progress.
 
     Returns:
-        A row for the controller and one for the trajectory, medians of the repetitions.
+        Medians of the repetitions: a row for an echo, which bounds the round trips, one for the controller, and one for
+        the trajectory.
     """
-    found: list[np.ndarray] = []
+    times: dict[str, list[np.ndarray]] = {"echo": [], "round_trips": []}
     rates: list[float] = []
-    for _ in range(repeats):
-        report("lock-step with a controller")
-        with (
-            domain.simulator(scene, lock_step=True),
-            domain.process("crawler_bench.node.companions", "control", str(contacts - 1), str(trips)) as (process, log),
-        ):
-            if process.wait(PATIENCE_S) != 0:
-                raise RuntimeError(f"the controller ended: {log.read_text()}")
-            times = np.array(json.loads(log.read_text().splitlines()[-1]))
-            found.append(times[int(_WARM_UP * times.size) :])
-        report("lock-step with a trajectory")
-        with domain.simulator(scene, lock_step=True):
-            drive()
-            rates.append(domain.rate(seconds))
-    return [
+    with steps.keep():
+        for _ in range(repeats):
+            steps("an echo between two processes")
+            with domain.process(_COMPANIONS, "echo", str(contacts - 1)):
+                times["echo"].append(_control(domain, contacts, trips))
+            steps("lock-step with a controller")
+            with domain.simulator(scene, lock_step=True):
+                times["round_trips"].append(_control(domain, contacts, trips))
+            steps("lock-step with a trajectory")
+            with domain.simulator(scene, lock_step=True):
+                drive()
+                rates.append(domain.rate(seconds))
+    rows: list[Row] = [
         {
-            "case": "round_trips",
+            "case": case,
             "n": contacts,
             "trips": trips,
-            "trips_per_s": statistics.median(1e6 / float(times.mean()) for times in found),
-            "median_ms": statistics.median(float(np.median(times)) for times in found) / 1e3,
-            "p99_ms": statistics.median(float(np.quantile(times, 0.99)) for times in found) / 1e3,
-        },
-        {"case": "lock_step", "n": contacts, "ticks_per_s": statistics.median(rates)},
+            "trips_per_s": statistics.median(1e6 / float(us.mean()) for us in found),
+            "median_ms": statistics.median(float(np.median(us)) for us in found) / 1e3,
+            "p99_ms": statistics.median(float(np.quantile(us, 0.99)) for us in found) / 1e3,
+        }
+        for case, found in times.items()
+        if found
     ]
+    if rates:
+        rows.append({"case": "lock_step", "n": contacts} | summarise(rates, "ticks_per_s"))
+    return rows
+
+
+def _control(domain: Domain, contacts: int, trips: int) -> np.ndarray:
+    """Run the controller; return the times of its round trips without the first ones [us]."""
+    with domain.process(_COMPANIONS, "control", str(contacts - 1), str(trips)) as (process, log):
+        if process.wait(PATIENCE_S) != 0:
+            raise RuntimeError(f"the controller ended: {log.read_text()}")
+    times = np.array(json.loads(log.read_text().splitlines()[-1]))
+    return times[int(_WARM_UP * times.size) :]

@@ -6,74 +6,85 @@ for a simulator that runs as fast as possible, and for the ticks of a trajectory
 
 from __future__ import annotations
 
+import importlib
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from crawler_model import Crawler, Scene
+from crawler_model import Crawler, Scene, prepare
 from crawler_model.body.drive import NS
-from crawler_model.crawler.ticks import follow_ticks
+from crawler_model.crawler.readout import Readout
+from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
 
 from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
-from ..wire.messages import MessageLayout
+from ..wire.messages import JointStateMessage, MessageLayout
+from ..wire.states import joint_state_names
 from .intake.path import Vertices
 from .outgoing import Outgoing
 from .outlet import Outlet
 
-_MOST_TICKS = 64
+_MOST_TICKS = 256
 _MOST_CONTACTS = 16384
-"""Contacts of all ticks of one call together: a call takes one or two milliseconds."""
+"""Contacts of all ticks of one call together."""
+_CALL_NS = 2_000_000
+"""Processor time of a call [ns], to which the number of its ticks is adjusted: commands and services wait as long."""
+_LEDGER = "applied_commands"
 
 
 class _Rows:
     """A table of bytes with the messages of one tick in each row, behind the heads of their records if recorded."""
 
-    def __init__(self, outlets: Sequence[Outlet], layouts: Sequence[MessageLayout], rows: int) -> None:
-        self._outlets, slices = outlets, list[tuple[int, int]]()
+    def __init__(self, outlets: Mapping[str, Outlet], layouts: Mapping[str, MessageLayout], rows: int) -> None:
+        slices = dict[str, tuple[int, int]]()
         model = b""
-        for outlet, layout in zip(outlets, layouts, strict=True):
-            if outlet.channel >= 0:
-                model += message_head(outlet.channel + 1, 0, 0, 0, len(layout.data))
-            slices.append((len(model), len(model) + len(layout.data)))
+        for name, layout in layouts.items():
+            if outlets[name].channel >= 0:
+                model += message_head(outlets[name].channel + 1, 0, 0, 0, len(layout.data))
+            slices[name] = len(model), len(model) + len(layout.data)
             model += layout.data
-        self.size = len(model)
-        self.published = [(o.publish, *s) for o, s in zip(outlets, slices, strict=True) if o.publish is not None]
-        """The function that publishes each message, and where the message begins and ends in a row."""
-        self._table = np.tile(np.frombuffer(model, np.uint8), (rows, 1))
-        placed = [(a, layout) for (a, _), layout in zip(slices, layouts, strict=True)]
-        self._stamps = [self._view("<u4", a + m.stamp, (2,), (4,)) for a, m in placed]
-        heads = [a - HEAD_SIZE if o.channel >= 0 else 0 for o, (a, _) in zip(outlets, slices, strict=True)]
-        self._numbers_on_channel = [self._view("<u4", a + HEAD_SEQUENCE, (), ()) for a in heads]
-        self._received = [self._view("<u8", a + HEAD_TIMES, (2,), (8,)) for a in heads]
-        self.numbers = [self._view("<f8", a + m.numbers, m.shape, m.strides) for a, m in placed]
-        self.times = [
-            self._view("<u4", a + m.times, (m.shape[0], 2), (m.strides[0], 4)) for a, m in placed if m.times >= 0
-        ]
+        self.size, self.rows = len(model), rows
+        self.slices = [(outlets[name], *ends) for name, ends in slices.items()]
+        """The outlet of each message, and where the message begins and ends in a row."""
+        self.table = np.tile(np.frombuffer(model, np.uint8), (rows, 1))
+        placed = {name: (slices[name][0], layout) for name, layout in layouts.items()}
+        heads = {name: first - HEAD_SIZE for name, (first, _) in placed.items() if outlets[name].channel >= 0}
+        self.stamps = {n: self._view("<u4", a + m.stamp, (2,), (4,)) for n, (a, m) in placed.items()}
+        self.numbers = {n: self._view("<f8", a + m.numbers, m.shape, m.strides) for n, (a, m) in placed.items()}
+        self.times = {
+            n: self._view("<u4", a + m.times, (m.shape[0], 2), (m.strides[0], 4))
+            for n, (a, m) in placed.items()
+            if m.times >= 0
+        }
+        self.numbers_on_channel = {n: self._view("<u4", a + HEAD_SEQUENCE, (), ()) for n, a in heads.items()}
+        self.received = {n: self._view("<u8", a + HEAD_TIMES, (2,), (8,)) for n, a in heads.items()}
 
     def _view(self, kind: str, place: int, shape: tuple[int, ...], strides: tuple[int, ...]) -> np.ndarray:
-        rows = self._table.shape[0]
-        return np.ndarray((rows, *shape), kind, self._table.data, place, (self.size, *strides))
+        return np.ndarray((self.rows, *shape), kind, self.table.data, place, (self.size, *strides))
 
-    def encode(self, stamps: np.ndarray, times: np.ndarray, recorder: Any) -> bytes:
-        """Fill in the stamps [ns] and the times of the records [ns, wall] of R rows, and return their bytes."""
-        count = stamps.size
-        s, ns = np.divmod(stamps, NS)
-        for k, outlet in enumerate(self._outlets):
-            self._stamps[k][:count, 0], self._stamps[k][:count, 1] = s, ns
-            if outlet.channel >= 0:
-                first = recorder.number(outlet.channel, count)
-                self._numbers_on_channel[k][:count] = np.arange(first, first + count)
-                self._received[k][:count] = times[:, None]
-        return self._table[:count].tobytes()
+
+class _Batch:
+    """What the messages of K ticks hold: the commands and the states, and when they were recorded."""
+
+    def __init__(self, taken: Vertices, starts_ns: np.ndarray, ends_ns: np.ndarray, read: np.ndarray) -> None:
+        self.taken, self.starts_ns, self.read = taken, starts_ns, read
+        self.state = np.cumsum(read) - 1
+        """Of each tick that is read: the number of its state."""
+        self.stamps = {True: np.divmod(starts_ns, NS), False: np.divmod(ends_ns, NS)}
+        """Of the ledger and of the states [s, ns]."""
+        self.states: dict[str, np.ndarray] = {}
+        self.received = np.zeros(starts_ns.size, np.int64)
+        """The times of the records of each tick [ns, wall]."""
+        self.first_on_channel: dict[str, int] = {}
 
 
 class Ahead:
     """Runs many ticks at once and sends their messages."""
 
     def __init__(self, scene: Scene, outgoing: Outgoing, recorder: Any, every: int) -> None:
-        """Allocate the tables.
+        """Allocate memory.
 
         Args:
             scene: the scene that runs.
@@ -81,16 +92,15 @@ class Ahead:
             recorder: the recorder, if there is one.
             every: the states are sent after each tick whose number is a multiple of this.
         """
-        self.ticks = max(1, min(_MOST_TICKS, _MOST_CONTACTS // scene.body.contacts))
-        """Largest number of ticks at once."""
+        self._most = max(1, min(_MOST_TICKS, _MOST_CONTACTS // scene.body.contacts))
+        self.ticks = min(self._most, 16)
+        """Number of ticks of the next call."""
         self._scene, self._outgoing, self._recorder, self._every = scene, outgoing, recorder, every
-        layouts = outgoing.layouts()
-        self._states = _Rows([outgoing.outlets[n] for n in layouts], list(layouts.values()), self.ticks)
-        self._numbers = dict(zip(layouts, self._states.numbers, strict=True))
-        self._ledgers: dict[int, _Rows] = {}
+        self._layouts = outgoing.layouts()
+        self._tables: dict[int, _Rows] = {}
         widths = outgoing.joints.numbers.shape[1], outgoing.contacts.numbers.shape[1]
-        self._joints, self._contacts = (np.empty((self.ticks, 3, width)) for width in widths)
-        self._moved = np.empty((self.ticks, 2, scene.body.contacts))
+        self._joints, self._contacts = (np.empty((self._most, 3, width)) for width in widths)
+        self._moved = np.empty((self._most, 2, scene.body.contacts))
 
     def run(self, crawler: Crawler, taken: Vertices, tick: int, start_ns: int, ends: Sequence[int]) -> np.ndarray:
         """Run ticks and send their messages.
@@ -105,7 +115,7 @@ class Ahead:
         Returns:
             The account of each tick, shape (K, 14).
         """
-        began = time.monotonic_ns()
+        began, used = time.monotonic_ns(), time.thread_time_ns()
         ends_ns = np.array(ends, np.int64)
         starts_ns = np.concatenate(([start_ns], ends_ns[:-1]))
         seconds = (ends_ns - starts_ns) / NS
@@ -116,7 +126,7 @@ class Ahead:
         accounts = follow_ticks(
             crawler,
             self._outgoing.readout,
-            np.array(self._scene.columns.target(taken.rows)),
+            self._scene.columns.target(taken.rows),
             taken.first,
             seconds,
             read,
@@ -124,59 +134,125 @@ class Ahead:
             self._contacts[:count],
             self._moved[:count],
         )
+        batch = _Batch(taken, starts_ns, ends_ns, read)
         y, gain = np.vecdot(self._moved[:count], crawler.body.share).T  # each to the bit as one product
-        found = {
+        batch.states = {
             "joint_states": self._joints[:count],
             "contact_states": self._contacts[:count],
             "pose": y[:, None],
             "odom": np.stack((y, gain / seconds[read]), axis=1)[..., None],
         }
-        for name, numbers in self._numbers.items():
-            if name in found:
-                numbers[:count, ..., : found[name].shape[-1]] = found[name]
-        self._send(taken, starts_ns, ends_ns, read, began)
+        self._send(batch, began)
+        used = time.thread_time_ns() - used
+        self.ticks = max(1, min(self._most, 2 * ends_ns.size, 1 + ends_ns.size * _CALL_NS // max(used, 1)))
         return accounts
 
-    def _send(self, taken: Vertices, starts_ns: np.ndarray, ends_ns: np.ndarray, read: np.ndarray, began: int) -> None:
+    def _send(self, batch: _Batch, began: int) -> None:
         """Record all messages, then publish them; the times of the records are spread over the time that it took."""
-        recorder = self._recorder
-        ticks, times = starts_ns.size, np.zeros(starts_ns.size, np.int64)
+        recorder, outlets, ticks = self._recorder, self._outgoing.outlets, batch.read.size
+        topics = (_LEDGER, *self._layouts)
+        heard = {outlets[name] for name in topics if outlets[name].is_heard()}  # slices for nobody would take long
+        if recorder is None and not heard:
+            return
         if recorder is not None:
             now = recorder.now_ns()
-            times = now - (time.monotonic_ns() - began) * np.arange(ticks - 1, -1, -1) // ticks
-        rows: list[list[tuple[_Rows, bytes, int]]] = [[] for _ in range(ticks)]
-        if self._outgoing.outlets["applied_commands"].wanted:
-            self._encode_ledger(taken, starts_ns, times, rows)
-        if read.any():
-            states = self._states.encode(ends_ns[read], times[read], recorder)
-            for row, tick in enumerate(np.flatnonzero(read).tolist()):
-                rows[tick].append((self._states, states, row))
+            batch.received = now - (time.monotonic_ns() - began) * np.arange(ticks - 1, -1, -1) // ticks
+            for name in topics:
+                if outlets[name].channel >= 0:
+                    sent = ticks if name == _LEDGER else np.count_nonzero(batch.read)
+                    batch.first_on_channel[name] = recorder.number(outlets[name].channel, sent)
+        # ticks whose messages have the same layout share a table; runs of them are contiguous in it
+        kinds = batch.read + 2 * np.diff(batch.taken.first) if outlets[_LEDGER].wanted else batch.read.astype(np.int64)
+        rank = np.empty(ticks, np.int64)
+        encoded: dict[int, tuple[_Rows, bytes]] = {}
+        for kind in set(kinds.tolist()):
+            which = np.flatnonzero(kinds == kind)
+            rank[which] = np.arange(which.size)
+            table = self._table(kind, which.size)
+            self._fill(table, batch, which)
+            encoded[kind] = table, table.table[: which.size].tobytes()
+        begins = np.concatenate(([0], 1 + np.flatnonzero(np.diff(kinds))))
+        runs = list(
+            zip(kinds[begins].tolist(), rank[begins].tolist(), np.diff(begins, append=ticks).tolist(), strict=True)
+        )
         if recorder is not None:
-            recorder.record_all(
-                [memoryview(data)[k * r.size : (k + 1) * r.size] for tick in rows for r, data, k in tick]
-            )
-        for sent in rows:
-            for table, data, row in sent:
-                place = row * table.size
-                for publish, first, last in table.published:
-                    publish(data[place + first : place + last])
+            records = []
+            for kind, first, count in runs:
+                table, data = encoded[kind]
+                records.append(memoryview(data)[first * table.size : (first + count) * table.size])
+            recorder.record_all(records)
+        for kind, first, count in runs if heard else ():
+            table, data = encoded[kind]
+            published: list[tuple[Any, int, int]] = [
+                (outlet.publish, start, end) for outlet, start, end in table.slices if outlet in heard
+            ]
+            for place in range(first * table.size, (first + count) * table.size, table.size):
+                for publish, start, end in published:
+                    publish(data[place + start : place + end])
 
-    def _encode_ledger(
-        self, taken: Vertices, starts_ns: np.ndarray, times: np.ndarray, rows: list[list[tuple[_Rows, bytes, int]]]
-    ) -> None:
-        points = np.diff(taken.first)
-        for size in np.unique(points).tolist():
-            which = np.flatnonzero(points == size)
-            table = self._ledgers.get(size)
-            if table is None:
-                outlet, layout = self._outgoing.outlets["applied_commands"], self._outgoing.ledger.layout(size)
-                table = self._ledgers[size] = _Rows([outlet], [layout], len(self._moved))
-            if size:
-                vertices = taken.first[which][:, None] + np.arange(size)
-                table.numbers[0][: which.size] = taken.rows[vertices]
-                after = np.maximum(taken.due_ns[vertices] - starts_ns[which][:, None], 0)
-                times_of = table.times[0][: which.size]
-                times_of[..., 0], times_of[..., 1] = np.divmod(after, NS)
-            data = table.encode(starts_ns[which], times[which], self._recorder)
-            for row, tick in enumerate(which.tolist()):
-                rows[tick].append((table, data, row))
+    def _table(self, kind: int, rows: int) -> _Rows:
+        """Return the table for ticks with 2 P or, if they are read, 2 P + 1 for a number: P points in the ledger."""
+        table = self._tables.get(kind)
+        if table is None or table.rows < rows:
+            layouts = {}
+            if self._outgoing.outlets[_LEDGER].wanted:
+                layouts[_LEDGER] = self._outgoing.ledger.layout(kind // 2)
+            if kind % 2:
+                layouts |= self._layouts
+            table = self._tables[kind] = _Rows(self._outgoing.outlets, layouts, rows)
+        return table
+
+    def _fill(self, table: _Rows, batch: _Batch, which: np.ndarray) -> None:
+        """Fill in the messages of some ticks, one row of a table each."""
+        count, taken = which.size, batch.taken
+        every = count == batch.read.size  # then slices instead of copies
+        ticks: Any = slice(None) if every else which
+        states: Any = slice(None) if every else batch.state[which]
+        for name, stamps in table.stamps.items():
+            s, ns = batch.stamps[name == _LEDGER]
+            stamps[:count, 0], stamps[:count, 1] = s[ticks], ns[ticks]
+            if name in batch.states:
+                found = batch.states[name][states]
+                table.numbers[name][:count, ..., : found.shape[-1]] = found
+        for name, numbers in table.numbers_on_channel.items():
+            own = which if name == _LEDGER else batch.state[which]
+            numbers[:count] = batch.first_on_channel[name] + own
+            table.received[name][:count] = batch.received[ticks, None]
+        if _LEDGER in table.times:
+            points = table.times[_LEDGER].shape[1]
+            vertices = taken.first[which][:, None] + np.arange(points)
+            positions = taken.rows.reshape(count, points, -1) if every else taken.rows[vertices]
+            table.numbers[_LEDGER][:count] = positions
+            after = np.maximum(taken.due_ns[vertices] - batch.starts_ns[which][:, None], 0)
+            times = table.times[_LEDGER][:count]
+            times[..., 0], times[..., 1] = np.divmod(after, NS)
+
+
+def compile_ticks(scene: Scene) -> None:
+    """Compile the kernels of ticks, single ones and many at once, or load them.
+
+    Args:
+        scene: the scene that will run.
+    """
+    _skip_blas()
+    prepare(scene)
+    joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
+    crawler, readout = Crawler(scene), Readout(scene.body, np.zeros(0, np.int64))
+    readout.read(crawler, np.inf, joints.numbers, contacts.numbers)
+    if runs_in_one_call(crawler):
+        n, width = scene.body.contacts, scene.columns.index.size
+        tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]
+        nothing = np.zeros((0, width)), np.zeros(2, np.int64), np.ones(1), np.ones(1, bool)
+        follow_ticks(crawler, readout, *nothing, *tables)
+
+
+def _skip_blas() -> None:
+    """Let numba find no BLAS: it would import scipy.linalg, a tenth of the node's start, for np.cov in kernels."""
+    hidden = "scipy.linalg"
+    if hidden in sys.modules:
+        return
+    sys.modules[hidden] = None  # type: ignore[assignment]
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[hidden]

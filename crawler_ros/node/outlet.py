@@ -29,6 +29,7 @@ class Outlet:
         """The channel of the recording; -1 if the topic is not recorded."""
         self.wanted = self.publish is not None or self._record is not None
         self._publisher = publisher
+        self._latched = publisher is not None and publisher.qos_profile.durability.name != "VOLATILE"
         self.last = b""
         """The last message."""
         self._subscribers = 0
@@ -45,6 +46,10 @@ class Outlet:
             self._record(self.channel, now, now, data)
         if self.publish is not None:
             self.publish(data)
+
+    def is_heard(self) -> bool:
+        """Determine whether a message that is published now can be received: at once, or later if it is latched."""
+        return self.publish is not None and (self._latched or self._publisher.get_subscription_count() > 0)
 
     def resend(self, newcomers: bool = True) -> None:
         """Publish the last message again if there are more subscribers than at the last call.

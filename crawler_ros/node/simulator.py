@@ -14,18 +14,16 @@ from rclpy.experimental.events_executor import EventsExecutor
 
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
-from crawler_model.crawler.readout import Readout
-from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
+from crawler_model.crawler.ticks import runs_in_one_call
 from crawler_model.motion.state import AMBIGUOUS, OVERSPENT, UNSOLVED
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
 from ..viewer.frames import time_jumps
-from ..wire.messages import JointStateMessage, encode_diagnostics, encode_string
-from ..wire.states import joint_state_names
+from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
-from .ahead import Ahead
+from .ahead import Ahead, compile_ticks
 from .certificates import certificates_of
 from .diagnostics import diagnose
 from .intake.commands import CommandQueue
@@ -80,6 +78,7 @@ class Simulator(QuietNode):
         self.regularity = check_regularity(self.scene.drive)
         self.lock = threading.Lock()
         self.stopping = threading.Event()
+        self._arrived = threading.Event()  # messages wait that trigger ticks in lock-step
 
         self._hold = np.empty((0, self.columns.index.size))
         self.recorder: Recorder | None = None
@@ -129,7 +128,7 @@ class Simulator(QuietNode):
             "/clock": self.values["publish_clock"],
         }
         recorder = self.recorder
-        self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count)
+        self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count, self._on_accepted)
         self.states = [n for n in (*STATES, "applied_commands") if wanted[n]]
         for name, topic in read_topics().items():
             full = self.resolve_topic_name(name)
@@ -238,10 +237,28 @@ class Simulator(QuietNode):
         if self.stepper.paused or not self.lock_step:
             self.stopping.wait(0.01)
             return
-        self.commands.arrived.wait(0.01)
+        self._arrived.wait(0.01)
+        self._arrived.clear()
         with self.lock:
             if self.stepper.tick == 0 and self.commands.is_idle:
                 self.outgoing.resend()
+
+    def _on_accepted(self) -> None:
+        """In lock-step, run the tick of a message in the thread that received it; leave all else to the loop.
+
+        To wake the loop would take as long as the tick.
+        """
+        if not self.lock_step:
+            return
+        behind = self.recorder is not None and self.recorder.is_behind
+        if not behind and self.lock.acquire(blocking=False):
+            try:
+                if not (self.stepper.paused or self.commands.is_running or self.commands.is_idle):
+                    self._tick()
+            finally:
+                self.lock.release()
+        if not self.commands.is_idle:
+            self._arrived.set()
 
     def _push_recording(self, wall_ns: int) -> None:
         if self.recorder is not None and self.recorder.error is None:
@@ -288,7 +305,8 @@ class Simulator(QuietNode):
 
     def _run_ahead(self) -> bool:
         """Run many ticks at once if nothing has to be waited for and no command waits; return whether any were run."""
-        if self._ahead is None or self.stepper.paused or not (self.lock_step or self.stepper.real_time_factor == 0.0):
+        at_once = self.commands.is_running if self.lock_step else self.stepper.real_time_factor == 0.0
+        if self._ahead is None or self.stepper.paused or not at_once:
             return False
         start_ns, ends = self.stepper.now_ns, self.stepper.ends_ns(self._ahead.ticks)
         taken = self.commands.take_ahead(start_ns, ends)
@@ -360,21 +378,8 @@ def _build() -> Simulator:
         from ..recording.bag_folder import check_parent
 
         check_parent(Path(expand_home(values["record"])))
-    _compile(scene)
+    compile_ticks(scene)
     return Simulator(scene)
-
-
-def _compile(scene: Scene) -> None:
-    """Compile the kernels of ticks, or load them."""
-    prepare(scene)
-    joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
-    crawler, readout = Crawler(scene), Readout(scene.body, np.zeros(0, np.int64))
-    readout.read(crawler, np.inf, joints.numbers, contacts.numbers)
-    if runs_in_one_call(crawler):
-        n, width = scene.body.contacts, scene.columns.index.size
-        tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]
-        nothing = np.zeros((0, width)), np.zeros(2, np.int64), np.ones(1), np.ones(1, bool)
-        follow_ticks(crawler, readout, *nothing, *tables)
 
 
 def _spin(node: Simulator) -> None:

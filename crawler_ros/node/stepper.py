@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+from crawler_model.body.drive import NS
 from crawler_model.run.ticks import tick_end_ns
 
 
@@ -107,6 +108,9 @@ class Stepper:
         Returns:
             Simulated time at the end of each [ns].
         """
+        period, rest = divmod(NS * self.rate.denominator, self.rate.numerator)
+        if rest == 0:
+            return list(range(self.now_ns + period, self.now_ns + ticks * period + 1, period))
         return [tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)]
 
     def reset(self) -> None:

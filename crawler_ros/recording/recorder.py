@@ -27,6 +27,8 @@ from .record_head import message_head
 FLUSH_EVERY_S = 0.5
 
 _PIPE_BYTES = 1 << 20
+_JOINED_BYTES = 1 << 15
+"""Items smaller than this on average are copied together: a system call costs as much as copying them."""
 _PUSH_EVERY_NS = 2_000_000
 _LISTEN_EVERY_NS = 200_000_000
 _MOST_WAITING = 1 << 26
@@ -103,7 +105,7 @@ class Recorder:
         header = {"folder": str(self.folder), "attachments": attachments, "channels": self._channels}
         data = json.dumps(header).encode()
         self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
-        self._append(struct.pack("<I", len(data)) + data)
+        self._arrived.append(struct.pack("<I", len(data)) + data)
         with contextlib.suppress(OSError):  # a larger pipe is not essential
             fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._fd, False)
@@ -181,6 +183,11 @@ class Recorder:
         """The problem of the recording, whether it has stopped or continues; "" when nothing is."""
         return self.error or self.trouble
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether so much waits for the pipe that `push` may have to block soon."""
+        return self.waiting > _MOST_WAITING // 2
+
     def _read_reports(self) -> None:
         """Read the lines of the process: each names a problem, and an empty one means that it is over."""
         output = self._process.stdout.read()  # type: ignore[union-attr]
@@ -193,17 +200,15 @@ class Recorder:
                 self.trouble = f"recording in trouble: {lines[-2].decode()}" if lines[-2] else ""
             self._output = lines[-1]
 
-    def _append(self, block: bytes) -> None:
-        self._blocks.append(memoryview(block))
-        self.waiting += len(block)
-
     def _write_pipe(self, most: int) -> None:
         """Write as much as the pipe accepts, and wait until no more than `most` bytes are left."""
         arrived = self._arrived
         if arrived:
-            count = len(arrived)
-            self._append(b"".join(arrived[:count]))
-            del arrived[:count]  # messages that arrived meanwhile stay
+            taken = arrived[:]
+            del arrived[: len(taken)]  # messages that arrived meanwhile stay
+            size = sum(map(len, taken))
+            self._blocks.extend(map(memoryview, [b"".join(taken)] if size < len(taken) * _JOINED_BYTES else taken))
+            self.waiting += size
         blocks, blocking = self._blocks, False
         try:
             while blocks:

@@ -44,8 +44,6 @@ class CommandQueue:
         self._columns = columns
         self._lock_step = lock_step
         self._limits = Limits.none(columns) if limits is None else limits
-        self.arrived = threading.Event()
-        """Set when a message that triggers a tick in lock-step has arrived."""
         self.full = 0
         """Messages refused because the queue was full."""
         self.unheld = 0
@@ -66,7 +64,6 @@ class CommandQueue:
             self._turns: deque[np.ndarray | Trajectory] = deque()
             self._pending = self._pending_beside = 0
             self.now_ns = self._tick_ns = 0
-            self.arrived.clear()
         self._in_force = np.array(in_force)
         self._path = Path(Vertex(0, self._in_force))
         self.ended = False
@@ -133,7 +130,6 @@ class CommandQueue:
             self._pending += 1
             if self._lock_step:
                 self._turns.append(row)
-                self.arrived.set()
                 return
             self._actuation.append(row)
             self._last_was_trajectory = False
@@ -218,10 +214,14 @@ class CommandQueue:
             self._pending += times.size + 1
             if self._lock_step:
                 self._turns.append(trajectory)
-                self.arrived.set()
                 return
             self._trajectories.append(trajectory)
             self._last_was_trajectory = True
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a trajectory goes on after the last tick."""
+        return bool(self._path.ahead)
 
     @property
     def is_idle(self) -> bool:
@@ -302,7 +302,6 @@ class CommandQueue:
         if self._path.ahead:
             return self._path.follow(start_ns, end_ns)
         with self._lock:
-            self.arrived.clear()
             if not self._turns:
                 return []
             turn = self._turns.popleft()

@@ -27,7 +27,14 @@ LENGTH_TOPICS = ("joint_trajectory", "actuation_controller/commands", "actuation
 class Intake:
     """The command topics of a node."""
 
-    def __init__(self, commands: CommandQueue, throttle: Throttle, recorder: Recorder | None, columns: int) -> None:
+    def __init__(
+        self,
+        commands: CommandQueue,
+        throttle: Throttle,
+        recorder: Recorder | None,
+        columns: int,
+        accepted: Callable[[], None],
+    ) -> None:
         """Store the queue, the log and the recorder.
 
         Args:
@@ -35,10 +42,12 @@ class Intake:
             throttle: the logger of refusals and losses.
             recorder: the recorder, if there is one.
             columns: number of columns of a command row.
+            accepted: called after each message that was accepted.
         """
         self.refusals = Refusals(throttle)
         self.arrivals: dict[str, Arrivals] = {}
         self._commands, self._throttle, self._recorder = commands, throttle, recorder
+        self._accepted = accepted
         self._lock = threading.Lock()
         array = _OVERHEAD_BYTES + 16 * columns
         points = min((4 * 8 * columns + 64) * commands.most_waiting, _LARGEST_BYTES)
@@ -79,6 +88,8 @@ class Intake:
                 self.refusals.add(name, str(error), self._commands.now_ns)
             except Exception as error:  # a message must not end the node
                 self.refusals.add(name, f"not a message of this type: {error!r}", self._commands.now_ns)
+            else:
+                self._accepted()
 
         # rclpy reads the signature to decide whether to pass the information; its EventsExecutor of 2025 passes message
         # and information as one tuple, later versions as two arguments

@@ -58,8 +58,15 @@ class Vertices:
         Returns:
             The others.
         """
-        bits = np.vstack((in_force, self.rows)).view(np.int64)
-        kept = (bits[1:] != bits[:-1]).any(axis=1)
+        if not self.rows.size:
+            return self
+        bits = self.rows.view(np.int64)
+        changed = bits[0] != in_force.view(np.int64)
+        if changed.any():  # mostly, a number that changes once changes everywhere
+            one = bits[:, changed.argmax()]
+            if (one[1:] != one[:-1]).all():
+                return self
+        kept = np.concatenate(([changed.any()], (bits[1:] != bits[:-1]).any(axis=1)))
         if kept.all():
             return self
         first = np.concatenate(([0], np.cumsum(kept)))[self.first]
@@ -182,9 +189,6 @@ class Path:
         before = before[: ends.size]
         span = due[before + 1] - due[before]
         part = np.maximum(ends - due[before], 0) / np.maximum(span, 1)
-        table = np.array([v.row for v in near])
-        between = table[before] + part[:, None] * (table[before + 1] - table[before])
-        between[part == 0.0] = table[before[part == 0.0]]
         passed_in = np.searchsorted(ends_ns, due[1 : count + 1])
         tick = np.concatenate((passed_in, np.arange(ends.size)))
         order = np.argsort(tick, kind="stable")
@@ -192,7 +196,44 @@ class Path:
         del ahead[:count]
         return Vertices(
             np.concatenate((np.maximum(due[1 : count + 1], start_ns), ends))[order],
-            np.concatenate((table[1 : count + 1], between))[order],
+            _interpolate(np.array([v.row for v in near]), count, before, part, order),
             np.searchsorted(tick[order], np.arange(len(ends_ns) + 1)),
             int(passed_in[-1]) if count and not ahead else -1,
         )
+
+
+def _interpolate(table: np.ndarray, count: int, before: np.ndarray, part: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Compute the rows of waypoints and of points on the straight lines between them, in a given order.
+
+    Args:
+        table: rows of the last waypoint passed, of those that are passed now, and of the next one.
+        count: number of those that are passed now.
+        before: waypoint before each point on a line, shape (K,).
+        part: position of each point on its line, from 0 to 1, shape (K,) [1].
+        order: what each row is: one of the `count` waypoints, then one of the K points, shape (count + K,).
+
+    Returns:
+        Shape (count + K, C).
+    """
+    bits = table.view(np.int64)
+    # numbers with equal bits everywhere are copied; a sum with 0 changes the bits of -0, so that it counts as moving
+    moving = np.flatnonzero((bits[1:] != bits[:-1]).any(axis=0) | (bits[0] == np.iinfo(np.int64).min))
+    columns = slice(moving[0], moving[-1] + 1) if moving.size else slice(0, 0)
+    rows = np.empty((order.size, table.shape[1]))
+    rows[:, : columns.start] = table[0, : columns.start]
+    rows[:, columns.stop :] = table[0, columns.stop :]
+    moved = table[:, columns]
+    start = moved[before]
+    between = moved[before + 1]
+    between -= start
+    between *= part[:, None]
+    between += start
+    between[part == 0.0] = start[part == 0.0]
+    if count == 0:
+        rows[:, columns] = between
+    else:
+        place = np.empty_like(order)
+        place[order] = np.arange(order.size)
+        rows[place[:count], columns] = moved[1 : count + 1]
+        rows[place[count:], columns] = between
+    return rows
