@@ -16,7 +16,7 @@ install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BI
 unexport PYTHONDONTWRITEBYTECODE
 
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would then take hours are left out.
-.PHONY: demo test test-all smoke lint coverage bench docs figures soak clean
+.PHONY: demo test test-all smoke lint coverage measure-coverage bench docs figures soak clean
 
 demo: $(READY_DEMO)
 	$(BIN)/crawler demo
@@ -39,16 +39,22 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-coverage: $(READY)
-	$(call install,-e '.[coverage]')
+# in an environment of its own, because numba imports coverage wherever it is installed
+coverage:
+	$(MAKE) measure-coverage VENV=.venv-coverage EXTRAS=$(EXTRAS),coverage
+
+measure-coverage: $(READY)
 	NUMBA_DISABLE_JIT=1 $(PYTEST) -q -p no:cacheprovider --cov --cov-report= tests/model
 	$(BIN)/coverage report
 
 bench: $(READY)
 	$(BIN)/crawler bench --out benchmarks/results
+	$(BIN)/crawler bench --growth --out benchmarks/results
 	$(BIN)/crawler bench --node --out benchmarks/results
 	$(BIN)/crawler bench --replay --out benchmarks/results
 	$(BIN)/crawler bench --animate --out benchmarks/results
+	$(BIN)/crawler bench --gym --out benchmarks/results
+	$(BIN)/crawler bench --identify --out benchmarks/results
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

@@ -53,7 +53,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 @pytest.fixture(scope="session", autouse=True)
 def kernels() -> None:
-    """Compile the kernels before the tests of parallel workers: each set by one of them, none by two."""
+    """Compile the kernels before the tests of parallel workers: each set by one of them."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return

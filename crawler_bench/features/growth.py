@@ -66,7 +66,7 @@ def _measure_drive(name: str, drive: GrowthDrive, seconds: float) -> list[dict[s
             spent = time.perf_counter() - began
             expected = (0.0 if built else building.expect(n)) + (_FIRST + 1) * growth.expect(n)
             if spent + expected > seconds:
-                rows[-1]["note"] = f"stopped after {spent:.2g} s: expected to take some {expected:.1g} s"
+                rows[-1]["note"] = f"left out after {spent:.0f} s, because it was expected to take {expected:.0f} s"
                 del going[method]
                 continue
             if built is None:
@@ -77,7 +77,8 @@ def _measure_drive(name: str, drive: GrowthDrive, seconds: float) -> list[dict[s
             first = found["ms"] if method == "catch_up" else first
             rows[-1] |= found | {"to_catch_up": found["ms"] / first if first else None}
             if found["overspent"]:
-                rows[-1]["note"] = f"stopped after {spent:.2g} s: the budget of a ramp is spent"
+                spent = time.perf_counter() - began
+                rows[-1]["note"] = f"no larger body follows: the budget of a ramp was spent after {spent:.0f} s"
                 del going[method]
                 continue
             growth.add(n, 1e-3 * found["ms"])

@@ -13,7 +13,7 @@ from crawler_model.crawler.crawler import Method
 
 from ..cases import wave_scene
 
-TICKS = 64
+_TICKS = 64
 """Ramps per period of a drive that is sampled."""
 _FRICTION = {"forward": 0.1, "backward": 0.3}
 _BOTH: tuple[Method, ...] = "catch_up", "exact"
@@ -37,7 +37,7 @@ class GrowthDrive:
 
 def _sampled(scene: Scene) -> tuple[Scene, np.ndarray]:
     """Sample the drive of a scene, of period 1 s, at the ends of its ramps."""
-    ends = np.arange(1, TICKS + 1) * (1_000_000_000 // TICKS)
+    ends = np.arange(1, _TICKS + 1) * (1_000_000_000 // _TICKS)
     return scene, np.ascontiguousarray(scene.drive.sample(ends))
 
 
@@ -76,7 +76,7 @@ def _wide(n: int) -> tuple[Scene, np.ndarray]:
     decades = np.random.default_rng(n).uniform(-3.0, 3.0, n - 1)
     scene = _chain("wide", n, (10.0**decades).tolist())
     middle = np.arange(n - 1) + 0.5
-    turned = 2.0 * np.pi * (np.arange(1, TICKS + 1)[:, None] / TICKS - middle / 20.0)
+    turned = 2.0 * np.pi * (np.arange(1, _TICKS + 1)[:, None] / _TICKS - middle / 20.0)
     return _from_start(scene, np.sin(turned) + np.sin(2.0 * np.pi * middle / 20.0))
 
 
@@ -179,7 +179,7 @@ def _planar_waves(friction: dict[str, Any], waves: float | None) -> Callable[[in
 
     def build(n: int) -> tuple[Scene, np.ndarray]:
         wavelength, ground = (20.0, 1.0) if waves is None else ((n - 1) / waves, 100.0 / n)
-        times = np.arange(TICKS + 1) / TICKS
+        times = np.arange(_TICKS + 1) / _TICKS
         turned = 2.0 * np.pi * (times[:, None] - (np.arange(n - 1) + 0.5) / wavelength)
         lengths = np.stack((np.sin(turned), 0.5 * np.cos(turned)), axis=2)
         lengths[-1] = lengths[0]
@@ -207,7 +207,7 @@ DRIVES: dict[str, GrowthDrive] = {
     "one link moves": GrowthDrive(_one_link),
     "random loads": GrowthDrive(_random_loads),
     "alternating load": GrowthDrive(_alternating(None)),
-    "alternating load up to 1000 N": GrowthDrive(_alternating(1e3)),
+    "alternating load up to 1 kN": GrowthDrive(_alternating(1e3)),
     "friction waves of 14 links": GrowthDrive(_short_friction_waves),
     "seven friction waves": GrowthDrive(_five_friction_waves),
     "eleven patches": GrowthDrive(_eleven_patches, methods=("exact",)),

@@ -88,7 +88,7 @@ def _draw_slips(axis: Axes, place: np.ndarray, moving: np.ndarray) -> tuple[int,
 def draw_friction(axis: Axes, scene: Plan, force: ArrayLike | None = None) -> None:
     """Draw the set of forces that friction holds at each contact, at the start of the drive, and the forces of a run.
 
-    A contact slides while its force is on the border of its set.
+    While friction is constant, a contact slides exactly where its force is on the border of its set.
 
     Args:
         axis: axes to draw on: N over N, of equal scale.

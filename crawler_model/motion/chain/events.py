@@ -156,7 +156,8 @@ def follow_events(
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
         floats: memory of the ramp, from `memory.scratch`, which also allocates the next five.
         bytes_: statuses within the ramp.
-        tree: tournament of the next events of the contacts, from `begin_tournament`.
+        tree: memory for the tournament of the next events, and behind it for the contacts of one event,
+            shape (4 M + N,).
         stacks: memory for `project`.
         long_floats: memory for long blocks, empty if the chain is too short for them.
         long_ints: likewise.

@@ -38,6 +38,12 @@ SHORTEST_LONG = 32
 VISITS_BEFORE = 0.5
 """Long blocks begin in a ramp when that many contacts, as a multiple of those of the chain, were solved in blocks long
 enough: it takes about as long to prepare and to finish them."""
+P, P_LOW, Q, Q_LOW, SIZE, RATE_OF, SINCE_OF, SETTLED, LEAST_OF, MOST_OF = range(10)
+"""Rows of the lines: the sums P and Q of `long.turning` in two floats each, and the sum of the absolute rates of the
+rest lengths. At the first contact of a block: its rate, and the place since which it holds. At each contact: the
+displacement whose dissipation is in the account. At the first contact of a block: a lower bound of the velocities of
+its contacts that slide forward, and an upper bound of the others."""
+_LINES = 10
 LEAF, SPAN = 32, 64
 """Contacts of a leaf of the tree of bounds; contacts whose sums for displacements are also stored as one sum."""
 MOST_TURNS = 32
@@ -65,7 +71,7 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
             number of leaves M, and the visits after which long blocks begin.
 
     Returns:
-        Lines, rows as in `long.turning`, then numbers of blocks as in `long.blocks` and `long.slides`, shape (10, N).
+        Lines, rows P .. MOST_OF, shape (10, N).
         Sums for displacements, columns as in `long.slides`, shape (R, 6).
         Nodes of the tree of bounds, columns as in `long.turning`, shape (2 M, 5).
         Order of the nodes visited in a search, shape (2 M, 3).
@@ -73,8 +79,8 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
         Parts of a block that are still to be solved, and contacts that stopped, shape (P, 3).
     """
     n, leaves = long_ints[1], long_ints[2]
-    rest = 10 * n
-    lines = long_floats[:rest].reshape((10, n))
+    rest = _LINES * n
+    lines = long_floats[:rest].reshape((_LINES, n))
     nodes = long_floats[rest : rest + 10 * leaves].reshape((2 * leaves, 5))
     rest += 10 * leaves
     sums = long_floats[rest:].reshape(((long_floats.shape[0] - rest) // 6, 6))
@@ -90,7 +96,7 @@ def _long_blocks(contacts: int) -> tuple[np.ndarray, np.ndarray]:
     n = contacts if contacts >= SHORTEST_LONG else 0
     leaves = 1 << max(-(-n // LEAF) - 1, 0).bit_length()
     fine = n // SPAN + 1
-    floats = np.zeros(10 * n + 10 * leaves + 6 * (n + fine + fine // SPAN + 1))
+    floats = np.zeros(_LINES * n + 10 * leaves + 6 * (n + fine + fine // SPAN + 1))
     ints = np.zeros(_HEADER + 6 * leaves + 2 * n + 3 * (2 * MOST_TURNS + 4), np.int64)
     ints[:_HEADER] = SHORTEST_LONG, n, leaves, int(VISITS_BEFORE * n)
     return floats, ints

@@ -31,8 +31,8 @@ from .descent import relax, search
 
 _MOST_NUMBERS = 50_000_000
 _FEW_ROUNDS = 8
-"""Rounds after which contacts that begin to slide are found by a sweep. Those that are simply released slide, but those
-beside them have yet to be found: where blocks grow by many contacts that takes as many rounds."""
+"""Rounds after which contacts that begin to slide are found by a sweep. Released contacts begin to slide at once, but
+their neighbours are found only in later rounds: where blocks grow by many contacts, that takes as many rounds."""
 
 
 class Network(NamedTuple):
@@ -266,12 +266,13 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
         largest = np.abs(trial).max()
         close = 16.0 * EPS * largest
         may_pass = grounded and 2 * turn < most_rounds
-        turned = search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, force)
+        parts = force  # memory that is free until the forces are computed
+        turned = search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, parts)
         for p in range(n):
             if side[p] == 0:
                 continue
             was = velocity[p]
-            velocity[p] += force[p] * (trial[p] - was)
+            velocity[p] += parts[p] * (trial[p] - was)
             if side[p] * trial[p] < -close and side[p] * velocity[p] <= 4.0 * EPS * abs(was):
                 passed = side[p] * velocity[p] < -4.0 * EPS * abs(was)
                 side[p] = -side[p] if passed else 0

@@ -31,10 +31,10 @@ def solve_with_clarabel(
 
     n, m = force.shape[0], directions.shape[0]
     newton = max(np.abs(force).max(), friction.max())
-    metre = newton / laplacian.diagonal().max()
+    scaled = laplacian.diagonal().max()
+    metre = newton / scaled
     if newton == 0.0:
         return np.zeros((n, 2))
-    scaled = laplacian.diagonal().max()
     own = sparse.kron(laplacian / scaled, sparse.eye_array(2))
     quadratic = sparse.block_diag((own, sparse.csc_array((n, n))))
     linear = np.concatenate((-force.ravel() / newton, np.zeros(n)))  # unknowns v_i, then t_i = R_i(v_i)

@@ -105,6 +105,7 @@ def _slide(springs, push, normals, owner, rise, velocity):
     """Solve for lambda >= 0 with the active set of Lawson and Hanson; write the resulting velocities.
 
     Lawson and Hanson add one variable at a time, which takes as many rounds as contacts begin to slide along the body.
+    Therefore all contacts that are pulled begin to slide together in the first rounds.
     """
     count = owner.shape[0]
     first = np.full(push.shape[0], 0)

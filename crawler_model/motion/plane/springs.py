@@ -77,7 +77,7 @@ def build_springs(ends: np.ndarray, stiffness: np.ndarray, contacts: int) -> Spr
     row = np.repeat(np.arange(contacts), np.diff(matrix.indptr))
     sort = np.lexsort((matrix.indices, matrix.indices != row, row))
     first, other, entry = matrix.indptr.astype(np.int64), matrix.indices[sort].astype(np.int64), matrix.data[sort]
-    return Springs(ends, stiffness, first, other, entry, order, greatest_compliance(first, other, entry, order))
+    return Springs(ends, stiffness, first, other, entry, order, _greatest_compliance(first, other, entry, order))
 
 
 @lean
@@ -123,7 +123,7 @@ def solve_band_in_place(matrix, right):
 
 
 @compiled
-def greatest_compliance(first, other, entry, order):
+def _greatest_compliance(first, other, entry, order):
     """Compute a bound on the compliance between any two contacts, from the inverse of K with contact 0 held.
 
     K = U' D U is factorised, U with ones on its diagonal. Of the inverse Z only the diagonal and the band are needed,

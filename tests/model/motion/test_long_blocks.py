@@ -21,9 +21,16 @@ def chain(stiffness: np.ndarray, forward: np.ndarray, backward: np.ndarray, load
     return Scene.model_validate(data if loads is None else data | {"loads": loads.tolist()})
 
 
-def follow(scene: Scene, rows: list[np.ndarray], shortest: int, monkeypatch: pytest.MonkeyPatch, **more: int):
+def follow(
+    scene: Scene,
+    rows: list[np.ndarray],
+    shortest: int,
+    monkeypatch: pytest.MonkeyPatch,
+    visits: float = 0.0,
+    **more: int,
+):
     monkeypatch.setattr(memory, "SHORTEST_LONG", shortest)
-    monkeypatch.setattr(memory, "VISITS_BEFORE", 0)
+    monkeypatch.setattr(memory, "VISITS_BEFORE", visits)
     crawler = Crawler(scene, **more)
     found: list[tuple[np.ndarray, np.ndarray, Step]] = []
     for row in rows:
@@ -32,10 +39,12 @@ def follow(scene: Scene, rows: list[np.ndarray], shortest: int, monkeypatch: pyt
     return found
 
 
-def assert_same(scene: Scene, rows: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12) -> int:
+def assert_same(
+    scene: Scene, rows: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, visits: float = 0.0
+) -> int:
     """Compare both paths relative to the motion; return the number of pieces."""
     short = follow(scene, rows, NEVER, monkeypatch)
-    long = follow(scene, rows, 8, monkeypatch)
+    long = follow(scene, rows, 8, monkeypatch, visits)
     pieces = 0
     for (x, tension, step), (x_long, tension_long, step_long) in zip(short, long, strict=True):
         size = max(np.abs(x).max(), max(np.abs(row).max() for row in rows))
@@ -71,8 +80,10 @@ def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_random_chains_move_as_with_short_blocks(seed, monkeypatch):
-    assert assert_same(*drawn(seed), monkeypatch) > 4
+@pytest.mark.parametrize("visits", [0.0, memory.VISITS_BEFORE])
+def test_random_chains_move_as_with_short_blocks(seed, visits, monkeypatch):
+    """Long blocks that begin with the ramp, and those that begin in the middle of one."""
+    assert assert_same(*drawn(seed), monkeypatch, visits=visits) > 4
 
 
 @pytest.mark.slow

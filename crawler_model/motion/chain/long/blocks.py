@@ -13,6 +13,9 @@ from ....rounding import EPS
 from ...state import AT_FORWARD, COMPLEMENTARITY, TENSION, VIOLATION, WORK
 from ..memory import (
     LEAF,
+    LEAST_OF,
+    MOST_OF,
+    RATE_OF,
     ROW_D_ACTUATION,
     ROW_LEAVING,
     ROW_LINK_SINCE,
@@ -22,14 +25,14 @@ from ..memory import (
     ROW_SIDE,
     ROW_SINCE,
     ROW_V,
+    SINCE_OF,
+    SIZE,
+    P,
+    Q,
 )
 from ..rates import advance_link, update_tournament
 from .slides import ENDS, SLID, add_slide, begin_slide
-from .turning import FORCE, SIZE, P, Q, difference, forget, slide_force, sum_forces, velocity_at
-
-RATE_OF, SINCE_OF, LEAST_OF, MOST_OF = 5, 6, 8, 9
-"""Rows of the lines, used at the first contact of a block: its rate, and the place since which it holds; a lower bound
-of the velocities of its contacts that slide forward, and an upper bound of the others."""
+from .turning import FORCE, difference, forget, slide_force, sum_forces, velocity_at
 
 
 @lean
@@ -105,16 +108,32 @@ def open_block(floats, bytes_, lines, marks, s, first, last, rate, least, most):
         least: lower bound of the velocities of its contacts that slide forward.
         most: upper bound of those of the others.
     """
-    for wall in (first - 1, last):
-        if 0 <= wall < marks.shape[1] - 1:
-            floats[ROW_RATE, wall] = rate
-            bytes_[ROW_MOVED, wall] = 1
+    for link in (first - 1, last):
+        if 0 <= link < marks.shape[1] - 1:
+            floats[ROW_RATE, link] = rate
+            bytes_[ROW_MOVED, link] = 1
     lines[RATE_OF, first] = rate
     lines[SINCE_OF, first] = s
     lines[LEAST_OF, first] = least
     lines[MOST_OF, first] = most
     marks[ENDS, first] = last
     marks[ENDS, last] = first
+
+
+@lean
+def is_driven_out(status, left, right):
+    """Check whether the force on a contact that stops would grow beyond its bound.
+
+    Args:
+        status: the bound at which it is.
+        left: rate of the tension on its left [N per unit of the ramp].
+        right: rate of the tension on its right.
+
+    Returns:
+        True if it would.
+    """
+    outwards = right - left if status & AT_FORWARD else left - right
+    return outwards > 16.0 * EPS * (abs(right) + abs(left))
 
 
 @lean

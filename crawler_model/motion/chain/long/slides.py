@@ -16,12 +16,10 @@ from __future__ import annotations
 from ....compiled import lean
 from ....rounding import EPS
 from ...state import BACKWARD, DISSIPATION, FORWARD, shift
-from ..memory import SPAN
+from ..memory import P_LOW, Q_LOW, SETTLED, SPAN, P, Q
 from ..wide import add, multiply, subtract
-from .turning import P_LOW, Q_LOW, P, Q, difference
+from .turning import difference
 
-SETTLED = 7
-"""Row of the lines: displacement of a contact whose dissipation is in the account."""
 _ROUNDING = 16.0 * EPS
 """A displacement below this part of the terms that it is the difference of is rounding."""
 ENDS, SLID = range(2)

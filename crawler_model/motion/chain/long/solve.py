@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import lean
-from ....rounding import CRITICAL, EPS
-from ...state import AT_FORWARD, STIFFNESS, TENSION, WORK
-from ..memory import MOST_TURNS, ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE
+from ....rounding import CRITICAL
+from ...state import STIFFNESS, TENSION, WORK
+from ..memory import MOST_TURNS, ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, SETTLED
 from ..rates import find_event, update, update_tournament
 from .blocks import (
     bound_part,
@@ -27,12 +27,13 @@ from .blocks import (
     common_rate,
     enter_block,
     former_block,
+    is_driven_out,
     open_block,
     release_block,
     stop_contact,
     wall_beside,
 )
-from .slides import ENDS, SETTLED, SLID
+from .slides import ENDS, SLID
 from .turning import find_turning, tabulate, velocity_at
 
 _STOPPED = 2
@@ -140,8 +141,7 @@ def _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, s
         j = parts[k, _STOPPED]
         right = floats[ROW_RATE, j] if j < n - 1 else 0.0
         left = floats[ROW_RATE, j - 1] if j > 0 else 0.0
-        outwards = right - left if status[j] & AT_FORWARD else left - right
-        if outwards > 16.0 * EPS * (abs(right) + abs(left)):
+        if is_driven_out(status[j], left, right):
             return False
         find_event(contacts, links, status, floats, bytes_, s, j)
         update_tournament(tree, leaves, floats, j)

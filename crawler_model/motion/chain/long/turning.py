@@ -21,10 +21,8 @@ import numpy as np
 
 from ....compiled import lean
 from ...state import BACKWARD, FORWARD
-from ..memory import LEAF, ROW_D_ACTUATION, ROW_SIDE
+from ..memory import LEAF, ROW_D_ACTUATION, ROW_SIDE, SIZE, P, Q
 
-P, P_LOW, Q, Q_LOW, SIZE = range(5)
-"""Rows of the lines: both sums in two floats each, and the sum of the absolute rates of the rest lengths."""
 START, RATE, LEAST, MOST, FORCE = range(5)
 """Columns of a node: velocity of its first contact and rate when it was last searched; lower bound of the velocities of
 its contacts that slide forward, upper bound of those that slide backward; and of a leaf, the sum of the forces of its

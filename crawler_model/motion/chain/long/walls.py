@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import lean
-from ....rounding import CRITICAL, EPS
+from ....rounding import CRITICAL
 from ...state import AT_BACKWARD, AT_FORWARD, TENSION, WORK
 from ..memory import ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, ROW_SINCE
 from ..rates import advance_link, find_event, update_tournament
@@ -21,6 +21,7 @@ from .blocks import (
     common_rate,
     enter_block,
     former_block,
+    is_driven_out,
     open_block,
     stop_contact,
     wall_beside,
@@ -41,13 +42,6 @@ def _find_neighbour(lines, bytes_, anchor, rate, first, last, contact, tolerance
                 worst = against
                 found = i
     return found
-
-
-@lean
-def _is_driven_out(status, left, right):
-    """Check whether the force on a contact that stops would grow beyond its bound."""
-    outwards = right - left if status & AT_FORWARD else left - right
-    return outwards > 16.0 * EPS * (abs(right) + abs(left))
 
 
 @lean
@@ -111,14 +105,14 @@ def move_wall(
         contact: the contact, which reached a bound at s.
 
     Returns:
-        False, with nothing changed, if it was another kind of event. Then by how much the number of free contacts grew.
+        Whether it was such an event; if not, nothing has changed. Then by how much the number of free contacts grew.
     """
     n = contacts.shape[1]
     before = former_block(lines, marks, first, contact - 1)
     behind = former_block(lines, marks, contact + 1, last)
     if (contact > first and before[1] < 0) or (contact < last and behind[1] < 0) or first == last:
         return False, 0
-    if status[contact] == AT_FORWARD | AT_BACKWARD:
+    if (first == 0 and last == lines.shape[1] - 1) or status[contact] == AT_FORWARD | AT_BACKWARD:
         return False, 0
     side = 1 if status[contact] & AT_FORWARD else -1
     rate, size = common_rate(lines, first, last)
@@ -143,7 +137,7 @@ def move_wall(
         )
         if least_behind < -CRITICAL * size_behind or most_behind > CRITICAL * size_behind:
             return False, 0
-        if _is_driven_out(status[stopped], rate, rate_behind):
+        if is_driven_out(status[stopped], rate, rate_behind):
             return False, 0
     least, most = bound_part(lines, before, behind, contact, side, first, end, anchor, rate, size)
     if least < -CRITICAL * size or most > CRITICAL * size:
