@@ -31,8 +31,9 @@ test: $(READY)
 test-all: test
 	$(PYTEST) -m slow
 
+# bodies on a line: to compile the kernels of all others takes minutes for each version of Python
 smoke: $(READY)
-	$(BIN)/python -m pytest -q -p no:cacheprovider tests/model/test_closed_forms.py tests/ros/test_messages.py tests/ros/test_lock_step.py
+	$(BIN)/python -m pytest -q -p no:cacheprovider -k "not gallery" tests/model/test_closed_forms.py tests/ros/test_messages.py tests/ros/test_lock_step.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
