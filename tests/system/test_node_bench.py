@@ -16,6 +16,7 @@ from crawler_bench.report import print_rows
 KEYS = {
     "throughput": {"n", "recording", "subscriber", "driven", "every", "ticks_per_s", "us_per_tick", "real_time"},
     "latency": {"n", "rate_hz", "trials", "median_ms", "p99_ms", "half_a_period_ms"},
+    "echo": {"n", "trips", "trips_per_s", "median_ms", "p99_ms"},
     "round_trips": {"n", "trips", "trips_per_s", "median_ms", "p99_ms"},
     "lock_step": {"n", "ticks_per_s"},
     "real_time": {"n", "rate_hz", "ticks", "late_ticks", "late_ticks_of_an_empty_loop", "core_simulator"},
@@ -25,20 +26,22 @@ KEYS = {
 MAY_BE_ZERO = {"late_ticks", "late_ticks_of_an_empty_loop", "extra_us", "core_recorder"}
 
 
-COUNTS = {"throughput": 5, "latency": 1, "round_trips": 1, "lock_step": 1, "real_time": 1, "start": 1, "ledger": 5}
+COUNTS = {"throughput": 7, "latency": 1, "echo": 1, "round_trips": 1, "lock_step": 1, "real_time": 1, "start": 1, "ledger": 5}
 
 
 @pytest.fixture(scope="module", params=[("latency", "lock_step"), pytest.param(PARTS, marks=pytest.mark.slow)], ids=len)
 def rows(request):
     small = {"seconds": 1.0, "repeats": 1, "trials": 10, "parts": request.param}
-    return measure_node(
-        (3,), (200.0,), (True,), features=("recording", "/diagnostics off", "segment, accuracy 0.001"), **small
+    found, complete = measure_node(
+        (3,), (200.0,), features=("recording", "/diagnostics off", "segment, accuracy 0.001"), **small
     )
+    assert complete
+    return found
 
 
 def test_every_case_has_its_figures(rows):
     cases = {row["case"] for row in rows}
-    assert cases in ({"latency", "round_trips", "lock_step"}, KEYS.keys())
+    assert cases in ({"latency", "echo", "round_trips", "lock_step"}, KEYS.keys())
     assert len(rows) == sum(COUNTS[case] for case in cases)
     for row in rows:
         assert KEYS[row["case"]] <= row.keys()
@@ -53,7 +56,7 @@ def test_rows_are_plain_and_print(rows, capsys):
     assert json.loads(json.dumps(rows, allow_nan=False)) == rows
     print_rows(rows, Console())
     shown = capsys.readouterr().out
-    assert ("real time" if len(rows) > 3 else "latency") in shown
+    assert ("real time" if len(rows) > 4 else "latency") in shown
 
 
 @pytest.mark.slow
