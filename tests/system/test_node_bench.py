@@ -26,7 +26,16 @@ KEYS = {
 MAY_BE_ZERO = {"late_ticks", "late_ticks_of_an_empty_loop", "extra_us", "core_recorder"}
 
 
-COUNTS = {"throughput": 7, "latency": 1, "echo": 1, "round_trips": 1, "lock_step": 1, "real_time": 1, "start": 1, "ledger": 5}
+COUNTS = {
+    "throughput": 7,
+    "latency": 1,
+    "echo": 1,
+    "round_trips": 1,
+    "lock_step": 1,
+    "real_time": 1,
+    "start": 1,
+    "ledger": 5,
+}
 
 
 @pytest.fixture(scope="module", params=[("latency", "lock_step"), pytest.param(PARTS, marks=pytest.mark.slow)], ids=len)
