@@ -35,7 +35,7 @@ def real(tmp_path_factory):
                     "crawler_ros.node.simulator", given, f"record:={folder / 'bags'}", "lock_step:=true"
                 )
                 wait_until(lambda: "waiting for commands" in simulator.said, what="the start")
-                player = ros.start("crawler_ros.node.gait_player", given, f"periods:={PERIODS}")
+                player = ros.start("crawler_ros.node.gait_player", given, f"periods:={PERIODS}", "patience:=0.0")
                 assert player.wait() == 0, player.said
                 assert simulator.end() == 0
             (made[scene],) = (folder / "bags").iterdir()
