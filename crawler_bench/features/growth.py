@@ -104,11 +104,14 @@ class _Growth:
         return fit_exponent(self._sizes, self._times)
 
     def expect(self, n: int) -> float:
-        """Extrapolate the time to n contacts, with the growth between the last two bodies, at least linear [s]."""
+        """Extrapolate the time to n contacts, with the growth of the last two bodies, linear to cubic [s].
+
+        Times of milliseconds scatter too much for more.
+        """
         if not self._times:
             return 0.0
         latest = fit_exponent(self._sizes[-2:], self._times[-2:])
-        return self._times[-1] * math.exp(max(latest or 0.0, 1.0) * math.log(n / self._sizes[-1]))
+        return self._times[-1] * math.exp(min(max(latest or 0.0, 1.0), 3.0) * math.log(n / self._sizes[-1]))
 
 
 def fit_exponent(sizes: Iterable[int], times: Iterable[float]) -> float | None:
