@@ -73,9 +73,13 @@ class Track:
     def _sides(self, places: bytes) -> np.ndarray:
         """Find the factors and additional loads of the ground ahead and behind, rows AHEAD_FACTOR .. MEAN_TILT."""
         place = np.frombuffer(places, np.int64)
-        number, ahead, behind = np.arange(place.size), (place + 1) // 2, place // 2
-        tilts = self.tilt[ahead, number], self.tilt[behind, number]
-        factors = self.factor[0, ahead, number], self.factor[1, behind, number]
+        return self._sides_of(np.arange(place.size), place)
+
+    def _sides_of(self, contacts: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Find the rows AHEAD_FACTOR .. MEAN_TILT of some contacts at their places."""
+        ahead, behind = (places + 1) // 2, places // 2
+        tilts = self.tilt[ahead, contacts], self.tilt[behind, contacts]
+        factors = self.factor[0, ahead, contacts], self.factor[1, behind, contacts]
         return np.stack((factors[0], tilts[0], factors[1], tilts[1], 0.5 * (tilts[0] + tilts[1])))
 
     def bounds(self, targets: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -107,10 +111,7 @@ class Track:
         Returns:
             Forward bound, backward bound and load [N].
         """
-        ahead, behind = (place + 1) // 2, place // 2
-        tilts = self.tilt[ahead, contact], self.tilt[behind, contact]
-        factors = self.factor[0, ahead, contact], self.factor[1, behind, contact]
-        side = np.array([[factors[0]], [tilts[0]], [factors[1]], [tilts[1]], [0.5 * (tilts[0] + tilts[1])]])
+        side = self._sides_of(np.array([contact]), np.array([place]))
         out = np.empty(3)
         put_on_ground(target[contact :: self.tilt.shape[1]].copy(), 0, side, out)
         return float(out[0]), float(out[1]), float(out[2])

@@ -247,7 +247,10 @@ def compile_ticks(scene: Scene) -> None:
 
 
 def _skip_blas() -> None:
-    """Let numba find no BLAS: it would import scipy.linalg, a tenth of the node's start, for np.cov in kernels."""
+    """Let numba find no BLAS: it would import scipy.linalg, a tenth of the node's start, for np.cov in kernels.
+
+    This is done here and not where kernels are loaded, because other programs may compile functions of their own.
+    """
     hidden = "scipy.linalg"
     if hidden in sys.modules:
         return

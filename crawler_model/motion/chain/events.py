@@ -34,7 +34,6 @@ from ..state import (
 from ..translation import choose_translation, is_wide
 from .long.slides import ENDS, finish_slides
 from .long.solve import begin_long, release_long, solve_long
-from .long.walls import move_wall
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -306,29 +305,6 @@ def follow_events(
                 if not any_long:
                     begin_long(elasticity[COMPLIANCE], floats, lines, sums, nodes, marks)
                     any_long = True
-                solved, freed = move_wall(
-                    contacts,
-                    links,
-                    status,
-                    floats,
-                    bytes_,
-                    tree,
-                    leaves,
-                    account,
-                    lines,
-                    sums,
-                    nodes,
-                    marks,
-                    s,
-                    first,
-                    last,
-                    contact,
-                )
-                if solved:
-                    free += freed
-                    spent += 1
-                    free_translation = False
-                    continue
                 solved, freed, effort = solve_long(
                     elasticity,
                     contacts,

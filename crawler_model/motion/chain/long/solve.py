@@ -34,7 +34,8 @@ from .blocks import (
     wall_beside,
 )
 from .slides import ENDS, SLID
-from .turning import find_turning, tabulate, velocity_at
+from .turning import find_likely, find_turning, tabulate
+from .walls import move_wall
 
 _STOPPED = 2
 """Column of the parts of a block where the contacts that stop are listed."""
@@ -206,6 +207,26 @@ def solve_long(
         number of free contacts grew, and the work, in contacts.
     """
     n = contacts.shape[1]
+    solved, freed = move_wall(  # most events
+        contacts,
+        links,
+        status,
+        floats,
+        bytes_,
+        tree,
+        leaves,
+        account,
+        lines,
+        sums,
+        nodes,
+        marks,
+        s,
+        first,
+        last,
+        contact,
+    )
+    if solved:
+        return True, freed, 1
     # what is known of the velocities, if `contact` is the only one that was not in a long block
     before = former_block(lines, marks, first, contact - 1)
     behind = former_block(lines, marks, contact + 1, last)
@@ -227,12 +248,8 @@ def solve_long(
             continue
         rate, size = common_rate(lines, a, b)
         anchor = wall_beside(a, b)
-        turning = -1
-        worst = CRITICAL * size
-        for i in (a, b, contact - 1, contact + 1):  # likely ones first
-            if a <= i <= b and -bytes_[ROW_SIDE, i] * velocity_at(lines, anchor, rate, i) > worst:
-                worst = -bytes_[ROW_SIDE, i] * velocity_at(lines, anchor, rate, i)
-                turning = i
+        likely = (a, b, contact - 1, contact + 1)
+        turning = find_likely(lines, bytes_, anchor, rate, a, b, likely, CRITICAL * size)
         if turning < 0:
             least = -np.inf
             most = np.inf

@@ -173,6 +173,34 @@ def _search_leaf(lines, bytes_, anchor, rate, a, b):
 
 
 @lean
+def find_likely(lines, bytes_, anchor, rate, first, last, likely, tolerance):
+    """Find which of a few contacts contradicts its bound most with its velocity.
+
+    Args:
+        lines: shape (10, N).
+        bytes_: row ROW_SIDE, the bound that each contact is at, 1 or -1 in the block.
+        anchor: a wall beside the block, at rest.
+        rate: common rate of the tensions of the block [N per unit of the ramp].
+        first: first contact of the block.
+        last: last contact.
+        likely: the contacts, a tuple; those outside the block are left out.
+        tolerance: velocity that counts as zero [m per unit of the ramp].
+
+    Returns:
+        The contact, or -1 if none of them turns.
+    """
+    worst = tolerance
+    found = -1
+    for i in likely:
+        if first <= i <= last:
+            against = -bytes_[ROW_SIDE, i] * velocity_at(lines, anchor, rate, i)
+            if against > worst:
+                worst = against
+                found = i
+    return found
+
+
+@lean
 def find_turning(lines, nodes, order, bytes_, anchor, rate, first, last, tolerance):
     """Find the contact of a block whose velocity contradicts its bound most.
 

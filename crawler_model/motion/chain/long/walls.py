@@ -3,7 +3,7 @@
 A contact at rest beside a long block, a wall, reaches a bound. Either it joins the blocks beside it, or one of its
 neighbours turns round and is the wall from then on. The velocities of all other contacts change by lines, and the
 bounds of the blocks' velocities mostly exclude that any of them turns. All is decided before anything is changed:
-whatever is more than such an event is left to `solve`.
+whatever is more than such an event is left to `solve_long`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from ....compiled import lean
 from ....rounding import CRITICAL
 from ...state import AT_BACKWARD, AT_FORWARD, TENSION, WORK
-from ..memory import ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, ROW_SINCE
+from ..memory import ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SINCE
 from ..rates import advance_link, find_event, update_tournament
 from .blocks import (
     bound_part,
@@ -27,21 +27,7 @@ from .blocks import (
     wall_beside,
 )
 from .slides import ENDS
-from .turning import velocity_at
-
-
-@lean
-def _find_neighbour(lines, bytes_, anchor, rate, first, last, contact, tolerance):
-    """Find which neighbour of a contact turns round in the block first..last, -1 if none does."""
-    worst = tolerance
-    found = -1
-    for i in (contact - 1, contact + 1):
-        if first <= i <= last:
-            against = -bytes_[ROW_SIDE, i] * velocity_at(lines, anchor, rate, i)
-            if against > worst:
-                worst = against
-                found = i
-    return found
+from .turning import find_likely, velocity_at
 
 
 @lean
@@ -119,7 +105,8 @@ def move_wall(
     anchor = wall_beside(first, last)
     if -side * velocity_at(lines, anchor, rate, contact) > CRITICAL * size:
         return False, 0
-    stopped = _find_neighbour(lines, bytes_, anchor, rate, first, last, contact, CRITICAL * size)
+    neighbours = (contact - 1, contact + 1)
+    stopped = find_likely(lines, bytes_, anchor, rate, first, last, neighbours, CRITICAL * size)
     if stopped in (first, last):
         return False, 0
     end = last
