@@ -22,18 +22,20 @@ from ..state import (
     AT_BACKWARD,
     BACKWARD,
     COMPLIANCE,
+    CONTACT_ROWS,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
+    LOAD_CHANGE,
     ROUNDING,
     TENSION,
     VISITED,
     advance_loads,
 )
 from ..translation import choose_translation, is_wide
-from .long.slides import ENDS, finish_slides
-from .long.solve import begin_long, release_long, solve_long
+from .long.solve import release_long, solve_long
+from .long.tables import ENDS, tabulate
 from .memory import (
     ROW_BACKWARD,
     ROW_COMING,
@@ -180,7 +182,7 @@ def follow_events(
     hits = tree[4 * leaves :]
     shortest = long_ints[0]
     until_long = long_ints[3]
-    lines, sums, nodes, order, marks, parts = carve(long_floats, long_ints)
+    lines, nodes, order, marks, parts = carve(long_floats, long_ints)
     whole = (0.0, 0.0)
     may_be_long = marks.shape[1] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
     any_long = False
@@ -196,8 +198,10 @@ def follow_events(
             whole[0] + contacts[FORWARD, i] + contacts[BACKWARD, i],
             whole[1] + target[n - 1 + i] + target[2 * n - 1 + i],
         )
-        steady = floats[ROW_D_FORWARD, i] == 0.0 and floats[ROW_D_BACKWARD, i] == 0.0
-        may_be_long &= steady and contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0
+        may_be_long &= contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0
+        may_be_long &= target[n - 1 + i] + target[2 * n - 1 + i] > 0.0
+        if contacts.shape[0] > CONTACT_ROWS:
+            may_be_long &= contacts[LOAD_CHANGE, i] == 0.0
         bytes_[ROW_LEAVING, i] = 0
 
     s = 0.0
@@ -223,7 +227,7 @@ def follow_events(
             # friction at the middle of the stretch, as it may be zero at its start
             middle = 0.5 * (s + until)
             if any_long:
-                release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, s)
+                release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, s)
             update(contacts, links, floats, account, s, 0, n - 1)
             for i in range(n):
                 floats[ROW_FORWARD, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
@@ -303,7 +307,10 @@ def follow_events(
             longish = may_be_long and not shifted and (beside_long or last - first + 1 >= shortest)
             if longish and until_long <= 0:
                 if not any_long:
-                    begin_long(elasticity[COMPLIANCE], floats, lines, sums, nodes, marks)
+                    for i in range(n):
+                        _settle(status, floats, bytes_, s, i)
+                    update(contacts, links, floats, account, s, 0, n - 1)
+                    tabulate(elasticity[COMPLIANCE], contacts, links, floats, lines, nodes, marks, s)
                     any_long = True
                 solved, freed, effort = solve_long(
                     elasticity,
@@ -316,7 +323,6 @@ def follow_events(
                     leaves,
                     account,
                     lines,
-                    sums,
                     nodes,
                     marks,
                     order,
@@ -355,8 +361,7 @@ def follow_events(
 
     end = 1.0 if done else s
     if any_long:
-        release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, end)
-        finish_slides(contacts, account, lines, sums, marks)
+        release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, end)
     update(contacts, links, floats, account, end, 0, n - 1)
     for i in range(n):
         status[i] &= ~bytes_[ROW_LEAVING, i]

@@ -38,14 +38,33 @@ SHORTEST_LONG = 32
 VISITS_BEFORE = 0.5
 """Long blocks begin in a ramp when that many contacts, as a multiple of those of the chain, were solved in blocks long
 enough: it takes about as long to prepare and to finish them."""
-P, P_LOW, Q, Q_LOW, SIZE, RATE_OF, SINCE_OF, SETTLED, LEAST_OF, MOST_OF = range(10)
-"""Rows of the lines: the sums P and Q of `long.turning` in two floats each, and the sum of the absolute rates of the
-rest lengths. At the first contact of a block: its rate, and the place since which it holds. At each contact: the
-displacement whose dissipation is in the account. At the first contact of a block: a lower bound of the velocities of
-its contacts that slide forward, and an upper bound of the others."""
-_LINES = 10
-LEAF, SPAN = 32, 64
-"""Contacts of a leaf of the tree of bounds; contacts whose sums for displacements are also stored as one sum."""
+(
+    P,
+    P_LOW,
+    Q,
+    Q_LOW,
+    ELONGATION,
+    ELONGATION_LOW,
+    SIZE,
+    SINCE_X,
+    SINCE_REST,
+    SLIDE_FORCE,
+    SLIDE_GROWTH,
+    RATE_OF,
+    SINCE_OF,
+    LEAST_OF,
+    MOST_OF,
+) = range(15)
+"""Rows of the lines. Fixed for the ramp: the sums P and Q of `long.tables`, and that of the elongations where long
+blocks began, in two floats each; the sum of the absolute rates of the rest lengths; the displacement of each contact
+where long blocks began, and its rounding rest. Of each contact in a long block, else 0: the force at its bound at the
+start of the ramp, and the rate of that force. At the first contact of a block: the rate of the tension before it, the
+place since which it holds, a lower bound of the velocities of its contacts that slide forward, and an upper bound of
+the others."""
+_LINES = 15
+_COLUMNS = 10
+LEAF = 32
+"""Contacts of a leaf of the trees of long blocks."""
 MOST_TURNS = 32
 """If an event in a long block turns more contacts than this, the projection solves the block."""
 
@@ -71,32 +90,28 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
             number of leaves M, and the visits after which long blocks begin.
 
     Returns:
-        Lines, rows P .. MOST_OF, shape (10, N).
-        Sums for displacements, columns as in `long.slides`, shape (R, 6).
-        Nodes of the tree of bounds, columns as in `long.turning`, shape (2 M, 5).
+        Lines, rows P .. MOST_OF, shape (15, N).
+        Nodes of the tree, columns as in `long.tables`, shape (2 M, 10).
         Order of the nodes visited in a search, shape (2 M, 3).
-        Marks, rows ENDS and SLID as in `long.slides`, shape (2, N).
+        Marks, rows ENDS and STALE as in `long.tables`, shape (2, N).
         Parts of a block that are still to be solved, and contacts that stopped, shape (P, 3).
     """
     n, leaves = long_ints[1], long_ints[2]
     rest = _LINES * n
     lines = long_floats[:rest].reshape((_LINES, n))
-    nodes = long_floats[rest : rest + 10 * leaves].reshape((2 * leaves, 5))
-    rest += 10 * leaves
-    sums = long_floats[rest:].reshape(((long_floats.shape[0] - rest) // 6, 6))
+    nodes = long_floats[rest:].reshape((2 * leaves, _COLUMNS))
     order = long_ints[_HEADER : _HEADER + 6 * leaves].reshape((2 * leaves, 3))
     rest = _HEADER + 6 * leaves
     marks = long_ints[rest : rest + 2 * n].reshape((2, n))
     rest += 2 * n
     parts = long_ints[rest:].reshape(((long_ints.shape[0] - rest) // 3, 3))
-    return lines, sums, nodes, order, marks, parts
+    return lines, nodes, order, marks, parts
 
 
 def _long_blocks(contacts: int) -> tuple[np.ndarray, np.ndarray]:
     n = contacts if contacts >= SHORTEST_LONG else 0
     leaves = 1 << max(-(-n // LEAF) - 1, 0).bit_length()
-    fine = n // SPAN + 1
-    floats = np.zeros(_LINES * n + 10 * leaves + 6 * (n + fine + fine // SPAN + 1))
+    floats = np.zeros(_LINES * n + 2 * _COLUMNS * leaves)
     ints = np.zeros(_HEADER + 6 * leaves + 2 * n + 3 * (2 * MOST_TURNS + 4), np.int64)
     ints[:_HEADER] = SHORTEST_LONG, n, leaves, int(VISITS_BEFORE * n)
     return floats, ints

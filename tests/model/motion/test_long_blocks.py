@@ -1,4 +1,7 @@
-"""Long sliding blocks are followed without touching their contacts; the path is that of short blocks."""
+"""Long sliding blocks are followed without touching their contacts; the path is that of short blocks.
+
+The rows of a drive are rest lengths, or rest lengths, forward and backward friction.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from crawler_model.motion.chain import memory
 from crawler_model.motion.state import TENSION
 
 NEVER = 10**9
+Row = np.ndarray | tuple[np.ndarray, ...]
 
 
 def chain(stiffness: np.ndarray, forward: np.ndarray, backward: np.ndarray, loads: np.ndarray | None = None) -> Scene:
@@ -23,7 +27,7 @@ def chain(stiffness: np.ndarray, forward: np.ndarray, backward: np.ndarray, load
 
 def follow(
     scene: Scene,
-    rows: list[np.ndarray],
+    rows: list[Row],
     shortest: int,
     monkeypatch: pytest.MonkeyPatch,
     visits: float = 0.0,
@@ -34,20 +38,20 @@ def follow(
     crawler = Crawler(scene, **more)
     found: list[tuple[np.ndarray, np.ndarray, Step]] = []
     for row in rows:
-        step = crawler.advance(row)
+        step = crawler.advance(*(row if isinstance(row, tuple) else (row,)))
         found.append((crawler.displacement.copy(), crawler._state.links[TENSION].copy(), step))
     return found
 
 
 def assert_same(
-    scene: Scene, rows: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, visits: float = 0.0
+    scene: Scene, rows: list[Row], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, visits: float = 0.0
 ) -> int:
     """Compare both paths relative to the motion; return the number of pieces."""
     short = follow(scene, rows, NEVER, monkeypatch)
     long = follow(scene, rows, 8, monkeypatch, visits)
     pieces = 0
     for (x, tension, step), (x_long, tension_long, step_long) in zip(short, long, strict=True):
-        size = max(np.abs(x).max(), max(np.abs(row).max() for row in rows))
+        size = max(np.abs(x).max(), max(np.abs(row[0] if isinstance(row, tuple) else row).max() for row in rows))
         assert np.abs(x_long - x).max() <= near * size
         assert np.abs(tension_long - tension).max() <= near * max(np.abs(tension).max(), 1.0)
         energy = abs(step.work) + step.dissipation
@@ -90,6 +94,37 @@ def test_random_chains_move_as_with_short_blocks(seed, visits, monkeypatch):
 @pytest.mark.parametrize("seed", range(30, 1_000))
 def test_many_random_chains_move_as_with_short_blocks(seed, monkeypatch):
     assert_same(*drawn(seed), monkeypatch)
+
+
+def drawn_with_friction(seed: int) -> tuple[Scene, list[Row]]:
+    """A random chain whose friction changes on each ramp: by waves, by noise, or of a few contacts alone."""
+    scene, rows = drawn(seed)
+    rng = np.random.default_rng(1_000 + seed)
+    n = rows[0].size + 1
+    commanded: list[Row] = []
+    for k, row in enumerate(rows):
+        forward, backward = np.exp(rng.uniform(-1, 0, 2))[:, None] * np.ones((2, n)) * (0.2 if seed % 2 else 1.0)
+        if seed % 4 == 0:
+            wave = np.sin(2 * np.pi * (np.arange(n) * rng.integers(1, 8) / n + rng.random()))
+            forward, backward = forward * (1.0 + 0.9 * wave), backward * (1.0 - 0.9 * wave)
+        elif seed % 4 == 1:
+            forward, backward = forward * rng.uniform(0.1, 1, n), backward * rng.uniform(0.1, 1, n)
+        elif seed % 4 == 2:
+            forward[rng.integers(0, n, 3)] *= 5.0
+        commanded.append((row if k % 3 else 0.1 * row, forward, backward))
+    return scene, commanded
+
+
+@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("visits", [0.0, memory.VISITS_BEFORE])
+def test_commanded_friction_moves_long_blocks_as_short_ones(seed, visits, monkeypatch):
+    assert assert_same(*drawn_with_friction(seed), monkeypatch, visits=visits) > 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30, 1_000))
+def test_commanded_friction_moves_many_long_blocks_as_short_ones(seed, monkeypatch):
+    assert_same(*drawn_with_friction(seed), monkeypatch)
 
 
 def hard(name: str, n: int) -> list[np.ndarray]:

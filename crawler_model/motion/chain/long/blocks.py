@@ -1,7 +1,7 @@
 """Long sliding blocks of a chain: their numbers, and what happens to a contact that enters or leaves one.
 
-A block is known by its first and last contact. Tensions are stored only for its links to the walls, the contacts at
-rest beside it, and velocities not at all: `turning` computes them from the rate of the block.
+A block is known by its first and last contact and by the rate of the tension before it. Tensions are stored only for
+its links to the walls, the contacts at rest beside it, and velocities not at all: `turning` computes them.
 """
 
 from __future__ import annotations
@@ -10,15 +10,17 @@ import numpy as np
 
 from ....compiled import lean
 from ....rounding import EPS
-from ...state import AT_FORWARD, COMPLEMENTARITY, TENSION, VIOLATION, WORK
+from ...state import AT_FORWARD, COMPLEMENTARITY, DISSIPATION, TENSION, VIOLATION, WORK
 from ..memory import (
-    LEAF,
+    ELONGATION,
     LEAST_OF,
     MOST_OF,
     RATE_OF,
     ROW_D_ACTUATION,
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
+    ROW_GAIN,
     ROW_LEAVING,
-    ROW_LINK_SINCE,
     ROW_MOVED,
     ROW_NEXT,
     ROW_RATE,
@@ -27,26 +29,16 @@ from ..memory import (
     ROW_V,
     SINCE_OF,
     SIZE,
+    SLIDE_FORCE,
+    SLIDE_GROWTH,
     P,
     Q,
 )
 from ..rates import advance_link, update_tournament
-from .slides import ENDS, SLID, add_slide, begin_slide
-from .turning import FORCE, difference, forget, slide_force, sum_forces, velocity_at
-
-
-@lean
-def wall_beside(first, last):
-    """Choose a wall beside a block.
-
-    Args:
-        first: first contact of the block.
-        last: last contact of the block.
-
-    Returns:
-        The contact before it, or the one behind it if the block begins the chain.
-    """
-    return first - 1 if first > 0 else last + 1
+from ..wide import add
+from .slides import displaced, leave_block, leave_link, move_contact
+from .tables import ENDS, START, add_contact, difference, is_changing, remove_contact, sum_range
+from .turning import forget, state_at
 
 
 @lean
@@ -54,64 +46,67 @@ def former_block(lines, marks, first, last):
     """Read a block that ends now.
 
     Args:
-        lines: numbers of the blocks, shape (10, N).
+        lines: tables of the ramp, shape (15, N).
         marks: row ENDS, shape (2, N).
         first: first contact of the block.
         last: last contact of the block.
 
     Returns:
-        Its first and last contact, rate, and bounds of its velocities; last is -1 if there is no such block.
+        The block, for `state_at`; its last contact is -1 if there is no such block. Then bounds of its velocities.
     """
     if last < first or marks[ENDS, first] != last:
-        return 0, -1, 0.0, np.inf, -np.inf
-    return first, last, lines[RATE_OF, first], lines[LEAST_OF, first], lines[MOST_OF, first]
+        return (0, -1, 0.0), np.inf, -np.inf
+    return (first, last, lines[RATE_OF, first]), lines[LEAST_OF, first], lines[MOST_OF, first]
 
 
 @lean
-def carry_bounds(lines, former, a, b, anchor, rate):
-    """Bound the velocities of those of the contacts a..b that were in a former block.
+def _carry_bounds(lines, nodes, marks, former, part):
+    """Bound the velocities of those contacts of a part that were in a former block.
 
     Args:
-        lines: tables of the ramp, shape (10, N).
-        former: from `former_block`.
-        a: first contact of the part.
-        b: last contact of the part.
-        anchor: a wall beside the block, at rest.
-        rate: rate of its tensions [N per unit of the ramp].
+        lines: tables of the ramp, shape (15, N).
+        nodes: the tree, shape (2 M, 10).
+        marks: rows ENDS and STALE, shape (2, N).
+        former: from `former_block`; the sums still hold what its contacts added.
+        part: a block, as for `state_at`.
 
     Returns:
         A lower bound of the velocities of those that slide forward, and an upper bound of the others.
     """
-    first, last, rate_before, least, most = former
-    low = max(a, first)
-    high = min(b, last)
+    block, least, most = former
+    low = max(part[0], block[0])
+    high = min(part[1], block[1])
     if high < low:
         return np.inf, -np.inf
-    shift = velocity_at(lines, anchor, rate, low) - velocity_at(lines, wall_beside(first, last), rate_before, low)
-    other = shift + (rate - rate_before) * difference(lines, Q, low, high)
+    now = state_at(lines, nodes, marks, part, low)
+    before = state_at(lines, nodes, marks, block, low)
+    shift = now[0] - before[0]
+    other = shift + (now[1] - before[1]) * difference(lines, Q, low, high)
     return least + min(shift, other), most + max(shift, other)
 
 
 @lean
-def open_block(floats, bytes_, lines, marks, s, first, last, rate, least, most):
+def open_block(floats, bytes_, lines, marks, s, block, rise, least, most):
     """Begin a block at s.
 
     Args:
         floats: rates, velocities, and the places since which they hold, changed in place.
         bytes_: sides and moved links, changed in place.
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        lines: tables of the ramp, shape (15, N), changed in place.
+        marks: row ENDS is changed in place, shape (2, N).
         s: place on the ramp, 0 .. 1.
-        first: first contact of the block.
-        last: last contact of the block.
-        rate: rate of its tensions [N per unit of the ramp].
+        block: as for `state_at`.
+        rise: rate of the tension behind it less that of the tension before it [N per unit of the ramp].
         least: lower bound of the velocities of its contacts that slide forward.
         most: upper bound of those of the others.
     """
-    for link in (first - 1, last):
-        if 0 <= link < marks.shape[1] - 1:
-            floats[ROW_RATE, link] = rate
-            bytes_[ROW_MOVED, link] = 1
+    first, last, rate = block
+    if first > 0:
+        floats[ROW_RATE, first - 1] = rate
+        bytes_[ROW_MOVED, first - 1] = 1
+    if last < marks.shape[1] - 1:
+        floats[ROW_RATE, last] = rate + rise
+        bytes_[ROW_MOVED, last] = 1
     lines[RATE_OF, first] = rate
     lines[SINCE_OF, first] = s
     lines[LEAST_OF, first] = least
@@ -121,68 +116,89 @@ def open_block(floats, bytes_, lines, marks, s, first, last, rate, least, most):
 
 
 @lean
-def is_driven_out(status, left, right):
+def is_driven_out(status, floats, j, left, right):
     """Check whether the force on a contact that stops would grow beyond its bound.
 
     Args:
-        status: the bound at which it is.
+        status: bounds at which contacts are.
+        floats: rates of the bounds.
+        j: the contact.
         left: rate of the tension on its left [N per unit of the ramp].
         right: rate of the tension on its right.
 
     Returns:
         True if it would.
     """
-    outwards = right - left if status & AT_FORWARD else left - right
-    return outwards > 16.0 * EPS * (abs(right) + abs(left))
+    if status[j] & AT_FORWARD:
+        growth = floats[ROW_D_FORWARD, j]
+        outwards = (right - left) - growth
+    else:
+        growth = floats[ROW_D_BACKWARD, j]
+        outwards = (left - right) - growth
+    return outwards > 16.0 * EPS * (abs(right) + abs(left) + abs(growth))
 
 
 @lean
-def common_rate(lines, first, last):
-    """Compute the rate of the tensions of a block.
+def rate_block(lines, nodes, marks, first, last):
+    """Compute the rates of the tensions of a block.
 
     Args:
-        lines: tables of the ramp, shape (10, N).
+        lines: tables of the ramp, shape (15, N).
+        nodes: the tree, shape (2 M, 10).
+        marks: rows ENDS and STALE, shape (2, N).
         first: first contact of the block.
         last: last contact of the block.
 
     Returns:
-        The rate [N per unit of the ramp], 0 if the block reaches an end of the chain; and the velocities whose
-        rounding counts, the sum of the absolute terms [m per unit of the ramp].
+        The block with the rate of the tension before it [N per unit of the ramp], as for `state_at`; the rate of the
+        tension behind it less that one; and the velocities whose rounding counts, the sum of the absolute terms [m per
+        unit of the ramp].
     """
     n = lines.shape[1]
-    rate = 0.0
-    if first > 0 and last < n - 1:
-        rate = -difference(lines, P, first - 1, last + 1) / difference(lines, Q, first - 1, last + 1)
     low = max(first - 1, 0)
     high = min(last + 1, n - 1)
-    return rate, lines[SIZE, high] - lines[SIZE, low] + abs(rate) * difference(lines, Q, low, high)
+    length = difference(lines, Q, low, high)
+    rise = 0.0
+    pull = 0.0
+    spread = 0.0
+    if is_changing(nodes):
+        growing = sum_range(lines, nodes, marks, first, last)
+        rise = growing[2]
+        pull = growing[3]
+        spread = np.sqrt(length * max(growing[5], 0.0))
+    rate = 0.0
+    if last == n - 1:
+        rate = -rise
+    elif first > 0:
+        rate = -(difference(lines, P, low, high) + pull) / length
+    size = lines[SIZE, high] - lines[SIZE, low] + abs(rate) * length + spread
+    return (first, last, rate), rise, size
 
 
 @lean
-def bound_part(lines, before, behind, contact, side, a, b, anchor, rate, size):
-    """Bound the velocities of the contacts a..b, a part of two former blocks and the contact between them.
+def bound_part(lines, nodes, marks, before, behind, contact, side, part, size):
+    """Bound the velocities of a part of two former blocks and the contact between them.
 
     Args:
-        lines: tables of the ramp, shape (10, N).
+        lines: tables of the ramp, shape (15, N).
+        nodes: the tree, shape (2 M, 10); the sums still hold what the contacts of the former blocks added.
+        marks: rows ENDS and STALE, shape (2, N).
         before: the block before the contact, from `former_block`.
         behind: the block behind it.
         contact: the contact that reached its bound.
         side: that bound, 1 forward, -1 backward.
-        a: first contact of the part.
-        b: last contact of the part.
-        anchor: a wall beside the part, at rest.
-        rate: rate of the tensions of the part [N per unit of the ramp].
+        part: a block, as for `state_at`.
         size: velocities whose rounding counts [m per unit of the ramp].
 
     Returns:
         A lower bound of the velocities of those that slide forward, and an upper bound of the others.
     """
-    left = carry_bounds(lines, before, a, b, anchor, rate)
-    right = carry_bounds(lines, behind, a, b, anchor, rate)
+    left = _carry_bounds(lines, nodes, marks, before, part)
+    right = _carry_bounds(lines, nodes, marks, behind, part)
     least = min(left[0], right[0]) - 4.0 * EPS * size
     most = max(left[1], right[1]) + 4.0 * EPS * size
-    if a <= contact <= b:
-        v = velocity_at(lines, anchor, rate, contact)
+    if part[0] <= contact <= part[1]:
+        v = state_at(lines, nodes, marks, part, contact)[0]
         if side > 0:
             least = min(least, v)
         else:
@@ -191,28 +207,37 @@ def bound_part(lines, before, behind, contact, side, a, b, anchor, rate, size):
 
 
 @lean
-def close_block(contacts, links, floats, account, lines, sums, marks, first, s):
+def close_block(links, floats, account, lines, nodes, marks, first, s):
     """Account for a block up to s, and update its links to the walls.
 
     Args:
-        contacts: rows of the contacts, as in `follow_events`.
         links: tensions, changed in place.
         floats: rates, velocities, and the places since which they hold, changed in place.
         account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        sums: sums for displacements, shape (R, 6), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        lines: tables of the ramp, shape (15, N), changed in place.
+        nodes: the tree, shape (2 M, 10).
+        marks: rows ENDS and STALE, shape (2, N).
         first: first contact of the block.
         s: place on the ramp, 0 .. 1.
     """
     last = marks[ENDS, first]
-    n = contacts.shape[1]
+    n = lines.shape[1]
     since = lines[SINCE_OF, first]
     ds = s - since
     if ds > 0.0:
         rate = lines[RATE_OF, first]
-        add_slide(lines, sums, first, last, wall_beside(first, last), rate, ds)
-        account[WORK] += difference(lines, P, first, last) * rate * ds * (0.5 * (s + since))
+        work = difference(lines, P, first, last) * rate
+        if is_changing(nodes):
+            _, _, growth, stretch, pulled, square = sum_range(lines, nodes, marks, first, last)
+            # forces times velocities, summed by parts: tensions times the velocities of the links
+            lost = -(pulled + rate * stretch + square)
+            if last < n - 1:
+                work += pulled - growth * difference(lines, P, last, last + 1)
+            else:
+                work += pulled
+                lost += growth * state_at(lines, nodes, marks, (first, last, rate), last)[0]
+            account[DISSIPATION] += lost * ds * (0.5 * (s + since))
+        account[WORK] += work * ds * (0.5 * (s + since))
         lines[SINCE_OF, first] = s
     if first > 0:
         account[WORK] += advance_link(links, floats, s, first - 1)
@@ -221,7 +246,7 @@ def close_block(contacts, links, floats, account, lines, sums, marks, first, s):
 
 
 @lean
-def enter_block(contacts, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, i):
+def enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, marks, i):
     """Let contact i, updated to s, slide in a long block.
 
     Args:
@@ -231,11 +256,9 @@ def enter_block(contacts, status, floats, bytes_, tree, leaves, account, lines, 
         bytes_: sides and moved links, changed in place.
         tree: tournament of the next events, changed in place.
         leaves: number of its leaves.
-        account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        sums: sums for displacements, shape (R, 6), changed in place.
-        nodes: tree of bounds, shape (2 M, 5), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        lines: tables of the ramp, shape (15, N), changed in place.
+        nodes: the tree, shape (2 M, 10), changed in place.
+        marks: row STALE is changed in place, shape (2, N).
         i: the contact.
 
     Returns:
@@ -247,37 +270,16 @@ def enter_block(contacts, status, floats, bytes_, tree, leaves, account, lines, 
     floats[ROW_NEXT, i] = np.inf
     if was_free:
         update_tournament(tree, leaves, floats, i)
-    nodes[nodes.shape[0] // 2 + i // LEAF, FORCE] += slide_force(contacts, bytes_, i)
+    add_contact(contacts, floats, lines, nodes, marks, i, bytes_[ROW_SIDE, i])
     forget(nodes, i)
-    if marks[SLID, i] != bytes_[ROW_SIDE, i]:
-        begin_slide(contacts, account, lines, sums, marks, i, bytes_[ROW_SIDE, i])
     return 1 if was_free else 0
 
 
 @lean
-def leave_link(links, floats, bytes_, account, s, j, tension):
-    """Set the tension of a link that was inside a long block up to s.
-
-    Args:
-        links: tensions, changed in place.
-        floats: rates, velocities, and the places since which they hold, changed in place.
-        bytes_: sides and moved links, changed in place.
-        account: account of the ramp, added to.
-        s: place on the ramp, 0 .. 1.
-        j: the link.
-        tension: tension of the link at s [N].
-    """
-    links[TENSION, j] = tension
-    floats[ROW_LINK_SINCE, j] = s
-    account[WORK] -= floats[ROW_D_ACTUATION, j] * tension * s
-    bytes_[ROW_MOVED, j] = 1
-
-
-@lean
-def stop_contact(contacts, links, floats, bytes_, account, nodes, s, first, last, j, contact):
+def stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, j, contact):
     """Stop a contact of a block that is closed at s: it becomes a wall that leaves its bound.
 
-    The tensions of the links to the walls and of those beside `contact` are known at s.
+    The sums still hold what it added; `remove_contact` removes that.
 
     Args:
         contacts: rows of the contacts, as in `follow_events`.
@@ -285,32 +287,16 @@ def stop_contact(contacts, links, floats, bytes_, account, nodes, s, first, last
         floats: rates, velocities, and the places since which they hold, changed in place.
         bytes_: sides and moved links, changed in place.
         account: account of the ramp, added to.
-        nodes: tree of bounds, shape (2 M, 5), changed in place.
+        lines: tables of the ramp, shape (15, N).
+        nodes: the tree, shape (2 M, 10).
+        marks: rows ENDS and STALE, shape (2, N).
         s: place on the ramp, 0 .. 1.
         first: first contact of the block.
         last: last contact of the block.
         j: the contact that stops.
         contact: the contact that reached its bound at s.
     """
-    n = contacts.shape[1]
-    force = slide_force(contacts, bytes_, j)
-    left = first - 1  # a link with a known tension on the left of contact j, and one on the right
-    right = last
-    if first <= contact < j:
-        left = contact
-    elif j <= contact <= last:
-        right = contact if j == contact else contact - 1
-    if j - left <= right - j:
-        before = links[TENSION, left] if left >= 0 else 0.0
-        after = before + sum_forces(contacts, bytes_, nodes, left + 1, j)
-    else:
-        after = links[TENSION, right] if right < n - 1 else 0.0
-        after -= sum_forces(contacts, bytes_, nodes, j + 1, right)
-    if j > first:
-        leave_link(links, floats, bytes_, account, s, j - 1, after - force)
-    if j < last:
-        leave_link(links, floats, bytes_, account, s, j, after)
-    nodes[nodes.shape[0] // 2 + j // LEAF, FORCE] -= force
+    leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, j, contact)
     bytes_[ROW_SIDE, j] = 0
     floats[ROW_V, j] = 0.0
     floats[ROW_SINCE, j] = s
@@ -318,7 +304,7 @@ def stop_contact(contacts, links, floats, bytes_, account, nodes, s, first, last
 
 @lean
 def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, known):
-    """Compute the tensions of a block, closed at s, so that it becomes a short one.
+    """Compute tensions and displacements of a block, closed at s, so that it becomes a short one.
 
     Args:
         contacts: rows of the contacts, as in `follow_events`.
@@ -326,32 +312,65 @@ def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks,
         floats: rates, velocities, and the places since which they hold, changed in place.
         bytes_: sides and moved links, changed in place.
         account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        nodes: tree of bounds, shape (2 M, 5), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        lines: tables of the ramp, shape (15, N), changed in place.
+        nodes: the tree, shape (2 M, 10), changed in place.
+        marks: rows ENDS and STALE, shape (2, N), changed in place.
         s: place on the ramp, 0 .. 1.
         first: first contact of the block.
         last: last contact of the block.
         known: True if its velocities are known.
     """
     n = contacts.shape[1]
-    rate = lines[RATE_OF, first]
-    anchor = wall_beside(first, last)
-    tension = links[TENSION, first - 1] if first > 0 else 0.0
+    part = s - nodes[0, START]
+    tension = 0.0
+    if first > 0:
+        tension = links[TENSION, first - 1]
     v = 0.0
+    rate = 0.0
+    if known:
+        v, rate = state_at(lines, nodes, marks, (first, last, lines[RATE_OF, first]), first)
+    stretch = (0.0, 0.0)  # of the links from the first contact on, by their tensions
+    size = 0.0
     for i in range(first, last + 1):
-        force = slide_force(contacts, bytes_, i)
-        nodes[nodes.shape[0] // 2 + i // LEAF, FORCE] -= force
-        tension += force
-        if known:
-            v = velocity_at(lines, anchor, rate, i)
+        tension += lines[SLIDE_FORCE, i] + s * lines[SLIDE_GROWTH, i]
+        rate += lines[SLIDE_GROWTH, i]
         floats[ROW_V, i] = v
         floats[ROW_SINCE, i] = s
+        start = difference(lines, ELONGATION, first, i)
+        floats[ROW_GAIN, i] = difference(lines, P, first, i) * part + ((stretch[0] - start) + stretch[1])
         if i < last:
             floats[ROW_RATE, i] = rate
             leave_link(links, floats, bytes_, account, s, i, tension)
-    gap = abs((links[TENSION, last] if last < n - 1 else 0.0) - tension)
+            compliance = difference(lines, Q, i, i + 1)
+            stretch = add(stretch, (tension * compliance, 0.0))
+            size += abs(tension) * compliance
+            if known:
+                v += floats[ROW_D_ACTUATION, i] + rate * compliance
+    end = links[TENSION, last] if last < n - 1 else 0.0
+    gap = abs(end - tension)
     account[VIOLATION] = max(account[VIOLATION], gap)
     account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
+    if first > 0:
+        wall = first - 1
+        beside = links[TENSION, wall] * difference(lines, Q, wall, first)
+        start = difference(lines, ELONGATION, wall, first)
+        base = displaced(contacts, lines, wall) + (difference(lines, P, wall, first) * part + (beside - start))
+    else:
+        beside = end * difference(lines, Q, last, last + 1)
+        start = difference(lines, ELONGATION, last, last + 1)
+        base = displaced(contacts, lines, last + 1) - (difference(lines, P, last, last + 1) * part + (beside - start))
+        base -= floats[ROW_GAIN, last]
+    near = abs(base) + abs(beside) + abs(start)
+    reach = 0.0
+    for i in range(first, last + 1):
+        terms = near
+        if first > 0:
+            terms += reach + (lines[SIZE, i] - lines[SIZE, first]) * part
+        else:
+            terms += (size - reach) + (lines[SIZE, last] - lines[SIZE, i]) * part
+        if i < last:
+            reach += abs(links[TENSION, i]) * difference(lines, Q, i, i + 1)
+        move_contact(contacts, lines, account, i, base + floats[ROW_GAIN, i], terms)
+        remove_contact(lines, nodes, marks, i)
     marks[ENDS, first] = -1
     marks[ENDS, last] = -1

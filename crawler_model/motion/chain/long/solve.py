@@ -1,13 +1,14 @@
 """Long sliding blocks of a chain, whose contacts are not touched while the block grows, shrinks, splits or merges.
 
-While friction is constant, the tensions of all links of a block change at one rate, and velocities are lines over
-tables (`turning`). An event then changes the few numbers of a block, not its contacts:
+The tensions of all links of a block change at one rate, and where friction changes, at rates that differ by what
+contacts add; velocities are lines over tables (`turning`). An event then changes the few numbers of a block, not its
+contacts:
 
-* The rate follows from the two walls at rest beside the block; it is 0 where the block reaches an end of the chain.
+* The rate follows from the two walls at rest beside the block, or from the end of the chain that it reaches.
 * Contacts that turn round are found by a tree of bounds. The worst one stops and becomes a wall, then both parts are
   searched again. If that does not lead to a solution, the projection solves the whole block as if it were short.
-* Tensions are followed at the two links to the walls. Others follow from the bounds of the contacts in between.
-* Displacements follow at the end of the ramp, from three numbers for each piece of the life of a block (`slides`).
+* Tensions are followed at the two links to the walls. Others follow from the bounds of the contacts in between, and
+  displacements from the tensions, where a contact stops and at the end of the ramp (`slides`).
 * Work needs the integral of each tension, which is T t at the end of its time in a block less T t at the start, less
   the integral of t times the rate: one sum for each link and one for each block.
 """
@@ -19,22 +20,22 @@ import numpy as np
 from ....compiled import lean
 from ....rounding import CRITICAL
 from ...state import STIFFNESS, TENSION, WORK
-from ..memory import MOST_TURNS, ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, SETTLED
+from ..memory import MOST_TURNS, ROW_D_ACTUATION, ROW_LEAVING, ROW_RATE, ROW_SIDE, ROW_SINCE, ROW_V
 from ..rates import find_event, update, update_tournament
 from .blocks import (
     bound_part,
     close_block,
-    common_rate,
     enter_block,
     former_block,
     is_driven_out,
     open_block,
+    rate_block,
     release_block,
     stop_contact,
-    wall_beside,
 )
-from .slides import ENDS, SLID
-from .turning import find_likely, find_turning, tabulate
+from .slides import leave_block
+from .tables import ENDS, remove_contact
+from .turning import find_likely, find_turning
 from .walls import move_wall
 
 _STOPPED = 2
@@ -42,26 +43,7 @@ _STOPPED = 2
 
 
 @lean
-def begin_long(compliance, floats, lines, sums, nodes, marks):
-    """Prepare a ramp with long blocks; there are none yet.
-
-    Args:
-        compliance: 1 / k, shape (N - 1,) [m/N].
-        floats: row ROW_D_ACTUATION [m per unit of the ramp].
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        sums: sums for displacements, shape (R, 6), changed in place.
-        nodes: tree of bounds, shape (2 M, 5), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
-    """
-    tabulate(compliance, floats, lines, nodes)
-    sums[:] = 0.0
-    lines[SETTLED] = 0.0
-    marks[ENDS] = -1
-    marks[SLID] = 0
-
-
-@lean
-def release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, marks, s):
+def release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, s):
     """Turn all long blocks into short ones.
 
     Args:
@@ -70,10 +52,9 @@ def release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, m
         floats: rates, velocities, and the places since which they hold, changed in place.
         bytes_: sides and moved links.
         account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        sums: sums for displacements, shape (R, 6), changed in place.
-        nodes: tree of bounds, shape (2 M, 5), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        lines: tables of the ramp, shape (15, N), changed in place.
+        nodes: the tree, shape (2 M, 10), changed in place.
+        marks: rows ENDS and STALE, shape (2, N), changed in place.
         s: place on the ramp, 0 .. 1.
     """
     n = contacts.shape[1]
@@ -81,14 +62,14 @@ def release_long(contacts, links, floats, bytes_, account, lines, sums, nodes, m
     while i < n:
         last = marks[ENDS, i]
         if last >= 0:
-            close_block(contacts, links, floats, account, lines, sums, marks, i, s)
+            close_block(links, floats, account, lines, nodes, marks, i, s)
             release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, i, last, True)
             i = last
         i += 1
 
 
 @lean
-def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, s, first, last):
+def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, lines, nodes, marks, s, first, last):
     """Update all contacts first..last that are not in long blocks to s, and close the long blocks among them.
 
     Returns how many were not in a long block, and how many of these were free.
@@ -99,7 +80,7 @@ def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, line
     while i <= last:
         end = marks[ENDS, i]
         if end >= 0:
-            close_block(contacts, links, floats, account, lines, sums, marks, i, s)
+            close_block(links, floats, account, lines, nodes, marks, i, s)
             marks[ENDS, i] = -1
             marks[ENDS, end] = -1
         else:
@@ -108,9 +89,7 @@ def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, line
                 end += 1
             update(contacts, links, floats, account, s, i, end)
             for j in range(i, end + 1):
-                freed += enter_block(
-                    contacts, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, j
-                )
+                freed += enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, marks, j)
             for j in range(max(i - 1, first), min(end, last - 1) + 1):
                 account[WORK] += floats[ROW_D_ACTUATION, j] * links[TENSION, j] * s
             entered += end - i + 1
@@ -119,7 +98,7 @@ def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, line
 
 
 @lean
-def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last):
+def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, contact):
     """Turn all contacts first..last into short blocks at s, with rates that are not known."""
     a = first
     while a <= last:
@@ -127,7 +106,21 @@ def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, f
         if bytes_[ROW_SIDE, a] != 0:
             while b < last and bytes_[ROW_SIDE, b + 1] != 0:
                 b += 1
-            release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, b, False)
+            marks[ENDS, a] = -1
+            marks[ENDS, b] = -1
+            end = b
+            if a <= contact <= b:  # its place is known, even if no contact is at rest
+                leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, b, contact, contact)
+                floats[ROW_V, contact] = 0.0
+                floats[ROW_SINCE, contact] = s
+                if contact < b:
+                    release_block(
+                        contacts, links, floats, bytes_, account, lines, nodes, marks, s, contact + 1, b, False
+                    )
+                remove_contact(lines, nodes, marks, contact)
+                end = contact - 1
+            if a <= end:
+                release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, end, False)
         a = b + 1
 
 
@@ -142,7 +135,7 @@ def _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, s
         j = parts[k, _STOPPED]
         right = floats[ROW_RATE, j] if j < n - 1 else 0.0
         left = floats[ROW_RATE, j - 1] if j > 0 else 0.0
-        if is_driven_out(status[j], left, right):
+        if is_driven_out(status, floats, j, left, right):
             return False
         find_event(contacts, links, status, floats, bytes_, s, j)
         update_tournament(tree, leaves, floats, j)
@@ -167,7 +160,6 @@ def solve_long(
     leaves,
     account,
     lines,
-    sums,
     nodes,
     marks,
     order,
@@ -190,10 +182,9 @@ def solve_long(
         tree: tournament of the next events, changed in place.
         leaves: number of its leaves.
         account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        sums: sums for displacements, shape (R, 6), changed in place.
-        nodes: tree of bounds, shape (2 M, 5), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        lines: tables of the ramp, shape (15, N), changed in place.
+        nodes: the tree, shape (2 M, 10), changed in place.
+        marks: rows ENDS and STALE, shape (2, N), changed in place.
         order: memory for `find_turning`.
         parts: memory for the parts of the block, and for the contacts that stop, shape (P, 3).
         shortest: number of contacts from which a block is long.
@@ -217,7 +208,6 @@ def solve_long(
         leaves,
         account,
         lines,
-        sums,
         nodes,
         marks,
         s,
@@ -230,9 +220,9 @@ def solve_long(
     # what is known of the velocities, if `contact` is the only one that was not in a long block
     before = former_block(lines, marks, first, contact - 1)
     behind = former_block(lines, marks, contact + 1, last)
-    known = (before[1] >= 0 or contact == first) and (behind[1] >= 0 or contact == last)
+    known = (before[0][1] >= 0 or contact == first) and (behind[0][1] >= 0 or contact == last)
     effort, freed = _gather(
-        contacts, links, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, s, first, last
+        contacts, links, status, floats, bytes_, tree, leaves, account, lines, nodes, marks, s, first, last
     )
     stops = 0
     todo = 1
@@ -246,25 +236,22 @@ def solve_long(
         if b < a:  # the link between two walls
             floats[ROW_RATE, b] = -elasticity[STIFFNESS, b] * floats[ROW_D_ACTUATION, b]
             continue
-        rate, size = common_rate(lines, a, b)
-        anchor = wall_beside(a, b)
+        part, rise, size = rate_block(lines, nodes, marks, a, b)
         likely = (a, b, contact - 1, contact + 1)
-        turning = find_likely(lines, bytes_, anchor, rate, a, b, likely, CRITICAL * size)
+        turning = find_likely(lines, nodes, marks, bytes_, part, likely, CRITICAL * size)
         if turning < 0:
             least = -np.inf
             most = np.inf
             if known:
                 side = bytes_[ROW_SIDE, contact]
-                least, most = bound_part(lines, before, behind, contact, side, a, b, anchor, rate, size)
+                least, most = bound_part(lines, nodes, marks, before, behind, contact, side, part, size)
             if least < -CRITICAL * size or most > CRITICAL * size:
-                turning, looked, least, most = find_turning(
-                    lines, nodes, order, bytes_, anchor, rate, a, b, CRITICAL * size
-                )
+                turning, looked, least, most = find_turning(lines, nodes, marks, order, bytes_, part, CRITICAL * size)
                 effort += looked
         if turning >= 0:
             solved = stops < MOST_TURNS
             if solved:
-                stop_contact(contacts, links, floats, bytes_, account, nodes, s, a, b, turning, contact)
+                stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, b, turning, contact)
                 parts[stops, _STOPPED] = turning
                 stops += 1
                 if turning > 0:
@@ -276,13 +263,14 @@ def solve_long(
                     parts[todo, 1] = b
                     todo += 1
             continue
-        open_block(floats, bytes_, lines, marks, s, a, b, rate, least, most)
+        open_block(floats, bytes_, lines, marks, s, part, rise, least, most)
     for k in range(stops):
         bytes_[ROW_LEAVING, parts[k, _STOPPED]] = status[parts[k, _STOPPED]]
+        remove_contact(lines, nodes, marks, parts[k, _STOPPED])
     if solved:
         solved = _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, stops, s, first, last)
     if not solved:
-        _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last)
+        _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, contact)
         return False, stops - freed, effort
     a = first
     while a <= last:

@@ -18,31 +18,30 @@ from ..rates import advance_link, find_event, update_tournament
 from .blocks import (
     bound_part,
     close_block,
-    common_rate,
     enter_block,
     former_block,
     is_driven_out,
     open_block,
+    rate_block,
     stop_contact,
-    wall_beside,
 )
-from .slides import ENDS
-from .turning import find_likely, velocity_at
+from .tables import ENDS, add_contact, remove_contact
+from .turning import find_likely, state_at
 
 
 @lean
-def _close_around(contacts, links, floats, account, lines, sums, marks, s, first, last, contact):
+def _close_around(links, floats, account, lines, nodes, marks, s, first, last, contact):
     """Close the blocks beside a contact, and update the links beside it to s."""
-    n = contacts.shape[1]
+    n = lines.shape[1]
     if contact > first:
-        close_block(contacts, links, floats, account, lines, sums, marks, first, s)
+        close_block(links, floats, account, lines, nodes, marks, first, s)
         marks[ENDS, first] = -1
         marks[ENDS, contact - 1] = -1
         account[WORK] += floats[ROW_D_ACTUATION, contact - 1] * links[TENSION, contact - 1] * s
     elif contact > 0:
         account[WORK] += advance_link(links, floats, s, contact - 1)
     if contact < last:
-        close_block(contacts, links, floats, account, lines, sums, marks, contact + 1, s)
+        close_block(links, floats, account, lines, nodes, marks, contact + 1, s)
         marks[ENDS, contact + 1] = -1
         marks[ENDS, last] = -1
         account[WORK] += floats[ROW_D_ACTUATION, contact] * links[TENSION, contact] * s
@@ -62,7 +61,6 @@ def move_wall(
     leaves,
     account,
     lines,
-    sums,
     nodes,
     marks,
     s,
@@ -81,10 +79,9 @@ def move_wall(
         tree: tournament of the next events, changed in place.
         leaves: number of its leaves.
         account: account of the ramp, added to.
-        lines: tables of the ramp, and numbers of the blocks, shape (10, N), changed in place.
-        sums: sums for displacements, shape (R, 6), changed in place.
-        nodes: tree of bounds, shape (2 M, 5), changed in place.
-        marks: rows ENDS and SLID, shape (2, N), changed in place.
+        lines: tables of the ramp, shape (15, N), changed in place.
+        nodes: the tree, shape (2 M, 10), changed in place.
+        marks: rows ENDS and STALE, shape (2, N), changed in place.
         s: place on the ramp, 0 .. 1.
         first: first contact of the block before `contact`, or `contact` itself.
         last: last contact of the block behind it, or `contact` itself.
@@ -96,50 +93,45 @@ def move_wall(
     n = contacts.shape[1]
     before = former_block(lines, marks, first, contact - 1)
     behind = former_block(lines, marks, contact + 1, last)
-    if (contact > first and before[1] < 0) or (contact < last and behind[1] < 0) or first == last:
+    if (contact > first and before[0][1] < 0) or (contact < last and behind[0][1] < 0) or first == last:
         return False, 0
     if (first == 0 and last == lines.shape[1] - 1) or status[contact] == AT_FORWARD | AT_BACKWARD:
         return False, 0
     side = 1 if status[contact] & AT_FORWARD else -1
-    rate, size = common_rate(lines, first, last)
-    anchor = wall_beside(first, last)
-    if -side * velocity_at(lines, anchor, rate, contact) > CRITICAL * size:
+    add_contact(contacts, floats, lines, nodes, marks, contact, side)  # also if it is left to `solve_long`
+    block, rise, size = rate_block(lines, nodes, marks, first, last)
+    if -side * state_at(lines, nodes, marks, block, contact)[0] > CRITICAL * size:
         return False, 0
     neighbours = (contact - 1, contact + 1)
-    stopped = find_likely(lines, bytes_, anchor, rate, first, last, neighbours, CRITICAL * size)
+    stopped = find_likely(lines, nodes, marks, bytes_, block, neighbours, CRITICAL * size)
     if stopped in (first, last):
         return False, 0
-    end = last
-    rate_behind = 0.0
+    other, rise_behind, size_behind = block, 0.0, 0.0
     least_behind = np.inf
     most_behind = -np.inf
     if stopped >= 0:
-        end = stopped - 1
-        rate, size = common_rate(lines, first, end)
-        anchor = wall_beside(first, end)
-        rate_behind, size_behind = common_rate(lines, stopped + 1, last)
-        wall = wall_beside(stopped + 1, last)
-        least_behind, most_behind = bound_part(
-            lines, before, behind, contact, side, stopped + 1, last, wall, rate_behind, size_behind
-        )
+        block, rise, size = rate_block(lines, nodes, marks, first, stopped - 1)
+        other, rise_behind, size_behind = rate_block(lines, nodes, marks, stopped + 1, last)
+        least_behind, most_behind = bound_part(lines, nodes, marks, before, behind, contact, side, other, size_behind)
         if least_behind < -CRITICAL * size_behind or most_behind > CRITICAL * size_behind:
             return False, 0
-        if is_driven_out(status[stopped], rate, rate_behind):
+        if is_driven_out(status, floats, stopped, block[2] + rise, other[2]):
             return False, 0
-    least, most = bound_part(lines, before, behind, contact, side, first, end, anchor, rate, size)
+    least, most = bound_part(lines, nodes, marks, before, behind, contact, side, block, size)
     if least < -CRITICAL * size or most > CRITICAL * size:
         return False, 0
 
-    _close_around(contacts, links, floats, account, lines, sums, marks, s, first, last, contact)
-    freed = enter_block(contacts, status, floats, bytes_, tree, leaves, account, lines, sums, nodes, marks, contact)
+    _close_around(links, floats, account, lines, nodes, marks, s, first, last, contact)
+    freed = enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, marks, contact)
     left_rate = floats[ROW_RATE, first - 1] if first > 0 else 0.0
     right_rate = floats[ROW_RATE, last] if last < n - 1 else 0.0
     if stopped >= 0:
-        stop_contact(contacts, links, floats, bytes_, account, nodes, s, first, last, stopped, contact)
+        stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, stopped, contact)
+        remove_contact(lines, nodes, marks, stopped)
         bytes_[ROW_LEAVING, stopped] = status[stopped]
-        open_block(floats, bytes_, lines, marks, s, stopped + 1, last, rate_behind, least_behind, most_behind)
+        open_block(floats, bytes_, lines, marks, s, other, rise_behind, least_behind, most_behind)
         freed -= 1
-    open_block(floats, bytes_, lines, marks, s, first, end, rate, least, most)
+    open_block(floats, bytes_, lines, marks, s, block, rise, least, most)
     if stopped >= 0:
         find_event(contacts, links, status, floats, bytes_, s, stopped)
         update_tournament(tree, leaves, floats, stopped)
