@@ -227,7 +227,7 @@ def follow_events(
             # friction at the middle of the stretch, as it may be zero at its start
             middle = 0.5 * (s + until)
             if any_long:
-                release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, s)
+                release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, s, False)
             update(contacts, links, floats, account, s, 0, n - 1)
             for i in range(n):
                 floats[ROW_FORWARD, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
@@ -361,7 +361,7 @@ def follow_events(
 
     end = 1.0 if done else s
     if any_long:
-        release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, end)
+        release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, end, True)
     update(contacts, links, floats, account, end, 0, n - 1)
     for i in range(n):
         status[i] &= ~bytes_[ROW_LEAVING, i]

@@ -13,6 +13,7 @@ from ....rounding import EPS
 from ...state import AT_FORWARD, COMPLEMENTARITY, DISSIPATION, TENSION, VIOLATION, WORK
 from ..memory import (
     ELONGATION,
+    LEAF,
     LEAST_OF,
     MOST_OF,
     RATE_OF,
@@ -37,7 +38,7 @@ from ..memory import (
 from ..rates import advance_link, update_tournament
 from ..wide import add
 from .slides import displaced, leave_block, leave_link, move_contact
-from .tables import ENDS, START, add_contact, difference, is_changing, remove_contact, sum_range
+from .tables import ENDS, START, add_contact, difference, is_changing, sum_range
 from .turning import forget, state_at
 
 
@@ -279,7 +280,7 @@ def enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, ma
 def stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, j, contact):
     """Stop a contact of a block that is closed at s: it becomes a wall that leaves its bound.
 
-    The sums still hold what it added; `remove_contact` removes that.
+    The sums still hold what it added; `remove_contacts` removes that.
 
     Args:
         contacts: rows of the contacts, as in `follow_events`.
@@ -306,6 +307,8 @@ def stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, 
 def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, known):
     """Compute tensions and displacements of a block, closed at s, so that it becomes a short one.
 
+    The sums still hold what its contacts added; `remove_contacts` removes that.
+
     Args:
         contacts: rows of the contacts, as in `follow_events`.
         links: tensions, changed in place.
@@ -330,6 +333,7 @@ def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks,
     if known:
         v, rate = state_at(lines, nodes, marks, (first, last, lines[RATE_OF, first]), first)
     stretch = (0.0, 0.0)  # of the links from the first contact on, by their tensions
+    latest = 0.0  # of those of them that are not in the sum of two floats yet
     size = 0.0
     for i in range(first, last + 1):
         tension += lines[SLIDE_FORCE, i] + s * lines[SLIDE_GROWTH, i]
@@ -337,12 +341,15 @@ def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks,
         floats[ROW_V, i] = v
         floats[ROW_SINCE, i] = s
         start = difference(lines, ELONGATION, first, i)
-        floats[ROW_GAIN, i] = difference(lines, P, first, i) * part + ((stretch[0] - start) + stretch[1])
+        floats[ROW_GAIN, i] = difference(lines, P, first, i) * part + ((stretch[0] - start) + (stretch[1] + latest))
         if i < last:
             floats[ROW_RATE, i] = rate
             leave_link(links, floats, bytes_, account, s, i, tension)
             compliance = difference(lines, Q, i, i + 1)
-            stretch = add(stretch, (tension * compliance, 0.0))
+            latest += tension * compliance
+            if (i - first) % LEAF == LEAF - 1:
+                stretch = add(stretch, (latest, 0.0))
+                latest = 0.0
             size += abs(tension) * compliance
             if known:
                 v += floats[ROW_D_ACTUATION, i] + rate * compliance
@@ -371,6 +378,5 @@ def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks,
         if i < last:
             reach += abs(links[TENSION, i]) * difference(lines, Q, i, i + 1)
         move_contact(contacts, lines, account, i, base + floats[ROW_GAIN, i], terms)
-        remove_contact(lines, nodes, marks, i)
     marks[ENDS, first] = -1
     marks[ENDS, last] = -1

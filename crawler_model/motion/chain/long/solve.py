@@ -34,7 +34,7 @@ from .blocks import (
     stop_contact,
 )
 from .slides import leave_block
-from .tables import ENDS, remove_contact
+from .tables import ENDS, remove_contacts
 from .turning import find_likely, find_turning
 from .walls import move_wall
 
@@ -43,7 +43,7 @@ _STOPPED = 2
 
 
 @lean
-def release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, s):
+def release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, s, over):
     """Turn all long blocks into short ones.
 
     Args:
@@ -56,6 +56,7 @@ def release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, 
         nodes: the tree, shape (2 M, 10), changed in place.
         marks: rows ENDS and STALE, shape (2, N), changed in place.
         s: place on the ramp, 0 .. 1.
+        over: True if the ramp ends here.
     """
     n = contacts.shape[1]
     i = 0
@@ -64,6 +65,8 @@ def release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, 
         if last >= 0:
             close_block(links, floats, account, lines, nodes, marks, i, s)
             release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, i, last, True)
+            if not over:
+                remove_contacts(lines, nodes, marks, i, last)
             i = last
         i += 1
 
@@ -117,10 +120,10 @@ def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, f
                     release_block(
                         contacts, links, floats, bytes_, account, lines, nodes, marks, s, contact + 1, b, False
                     )
-                remove_contact(lines, nodes, marks, contact)
                 end = contact - 1
             if a <= end:
                 release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, end, False)
+            remove_contacts(lines, nodes, marks, a, b)
         a = b + 1
 
 
@@ -266,7 +269,7 @@ def solve_long(
         open_block(floats, bytes_, lines, marks, s, part, rise, least, most)
     for k in range(stops):
         bytes_[ROW_LEAVING, parts[k, _STOPPED]] = status[parts[k, _STOPPED]]
-        remove_contact(lines, nodes, marks, parts[k, _STOPPED])
+        remove_contacts(lines, nodes, marks, parts[k, _STOPPED], parts[k, _STOPPED])
     if solved:
         solved = _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, stops, s, first, last)
     if not solved:
@@ -277,5 +280,6 @@ def solve_long(
         b = marks[ENDS, a]
         if 0 <= b < a - 1 + shortest // 2:
             release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, b, True)
+            remove_contacts(lines, nodes, marks, a, b)
         a = max(a, b) + 1
     return True, stops - freed, effort

@@ -149,18 +149,20 @@ def add_contact(contacts, floats, lines, nodes, marks, i, side):
 
 
 @lean
-def remove_contact(lines, nodes, marks, i):
-    """Let the spring force on a contact no longer count in the sums.
+def remove_contacts(lines, nodes, marks, first, last):
+    """Let the spring forces on the contacts first..last no longer count in the sums.
 
     Args:
         lines: tables of the ramp, shape (15, N), changed in place.
         nodes: the tree, shape (2 M, 10), changed in place.
         marks: row STALE is changed in place, shape (2, N).
-        i: the contact.
+        first: first contact.
+        last: last contact.
     """
-    lines[SLIDE_FORCE, i] = 0.0
-    lines[SLIDE_GROWTH, i] = 0.0
-    _go_stale(nodes, marks, i)
+    for i in range(first, last + 1):
+        lines[SLIDE_FORCE, i] = 0.0
+        lines[SLIDE_GROWTH, i] = 0.0
+        _go_stale(nodes, marks, i)
 
 
 @lean

@@ -25,7 +25,7 @@ from .blocks import (
     rate_block,
     stop_contact,
 )
-from .tables import ENDS, add_contact, remove_contact
+from .tables import ENDS, add_contact, is_changing, remove_contacts
 from .turning import find_likely, state_at
 
 
@@ -98,7 +98,8 @@ def move_wall(
     if (first == 0 and last == lines.shape[1] - 1) or status[contact] == AT_FORWARD | AT_BACKWARD:
         return False, 0
     side = 1 if status[contact] & AT_FORWARD else -1
-    add_contact(contacts, floats, lines, nodes, marks, contact, side)  # also if it is left to `solve_long`
+    if is_changing(nodes):  # else its force does not count in rates
+        add_contact(contacts, floats, lines, nodes, marks, contact, side)  # also if it is left to `solve_long`
     block, rise, size = rate_block(lines, nodes, marks, first, last)
     if -side * state_at(lines, nodes, marks, block, contact)[0] > CRITICAL * size:
         return False, 0
@@ -127,7 +128,7 @@ def move_wall(
     right_rate = floats[ROW_RATE, last] if last < n - 1 else 0.0
     if stopped >= 0:
         stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, stopped, contact)
-        remove_contact(lines, nodes, marks, stopped)
+        remove_contacts(lines, nodes, marks, stopped, stopped)
         bytes_[ROW_LEAVING, stopped] = status[stopped]
         open_block(floats, bytes_, lines, marks, s, other, rise_behind, least_behind, most_behind)
         freed -= 1
