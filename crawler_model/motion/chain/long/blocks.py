@@ -37,7 +37,7 @@ from ..memory import (
 )
 from ..rates import advance_link, update_tournament
 from ..wide import add
-from .slides import displaced, leave_block, leave_link, move_contact
+from .slides import leave_block, leave_link, move_contacts
 from .tables import ENDS, START, add_contact, difference, is_changing, sum_range
 from .turning import forget, state_at
 
@@ -357,26 +357,6 @@ def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks,
     gap = abs(end - tension)
     account[VIOLATION] = max(account[VIOLATION], gap)
     account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-    if first > 0:
-        wall = first - 1
-        beside = links[TENSION, wall] * difference(lines, Q, wall, first)
-        start = difference(lines, ELONGATION, wall, first)
-        base = displaced(contacts, lines, wall) + (difference(lines, P, wall, first) * part + (beside - start))
-    else:
-        beside = end * difference(lines, Q, last, last + 1)
-        start = difference(lines, ELONGATION, last, last + 1)
-        base = displaced(contacts, lines, last + 1) - (difference(lines, P, last, last + 1) * part + (beside - start))
-        base -= floats[ROW_GAIN, last]
-    near = abs(base) + abs(beside) + abs(start)
-    reach = 0.0
-    for i in range(first, last + 1):
-        terms = near
-        if first > 0:
-            terms += reach + (lines[SIZE, i] - lines[SIZE, first]) * part
-        else:
-            terms += (size - reach) + (lines[SIZE, last] - lines[SIZE, i]) * part
-        if i < last:
-            reach += abs(links[TENSION, i]) * difference(lines, Q, i, i + 1)
-        move_contact(contacts, lines, account, i, base + floats[ROW_GAIN, i], terms)
+    move_contacts(contacts, links, lines, account, floats[ROW_GAIN], part, first, last, size)
     marks[ENDS, first] = -1
     marks[ENDS, last] = -1

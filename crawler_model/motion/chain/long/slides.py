@@ -47,22 +47,76 @@ def displaced(contacts, lines, i):
 
 
 @lean
-def move_contact(contacts, lines, account, i, displacement, size):
+def _move_contact(contacts, lines, account, i, displacement, size):
     """Move a contact that leaves a long block, and add the dissipation by the friction at the start of the ramp.
 
-    Args:
-        contacts: displacements, changed in place.
-        lines: tables of the ramp, shape (15, N).
-        account: account of the ramp, added to.
-        i: the contact.
-        displacement: its displacement since long blocks began in the ramp [m].
-        size: sum of the absolute terms of the displacement [m].
+    `displacement` is that since long blocks began in the ramp, `size` the sum of its absolute terms.
     """
     before = displaced(contacts, lines, i)
     change = displacement - before
     if abs(change) > _ROUNDING * (size + abs(before)):  # else the contact was at its bound, but did not move
         account[DISSIPATION] += lines[SLIDE_FORCE, i] * change
         shift(contacts, change, 1.0, i, 0.5)
+
+
+@lean
+def _extension(links, lines, part, i):
+    """Compute how much longer the link behind contact i became since long blocks began in the ramp.
+
+    Also returns the sum of the absolute terms.
+    """
+    stretch = links[TENSION, i] * difference(lines, Q, i, i + 1)
+    before = difference(lines, ELONGATION, i, i + 1)
+    change = difference(lines, P, i, i + 1) * part
+    return change + (stretch - before), abs(change) + abs(stretch) + abs(before)
+
+
+@lean
+def move_contacts(contacts, links, lines, account, gains, part, first, last, size):
+    """Move the contacts of a long block that ends, and add the dissipation by the friction at the start of the ramp.
+
+    Between two contacts at rest the elongations do not quite sum up to their distance, as rounding in the tension of
+    one link is in those of all links behind it. The difference is distributed like an elongation by one tension.
+
+    Args:
+        contacts: displacements, changed in place.
+        links: tensions at the end of the block.
+        lines: tables of the ramp, shape (15, N).
+        account: account of the ramp, added to.
+        gains: displacements since long blocks began in the ramp less that of the first contact, shape (N,) [m].
+        part: the part of the ramp since then.
+        first: first contact of the block.
+        last: last contact of the block.
+        size: sum of the absolute elongations of its links [m].
+    """
+    n = contacts.shape[1]
+    base = 0.0
+    near = 0.0
+    if first > 0:
+        longer, near = _extension(links, lines, part, first - 1)
+        base = displaced(contacts, lines, first - 1) + longer
+    slope = 0.0
+    if last < n - 1:
+        longer, near_other = _extension(links, lines, part, last)
+        other = displaced(contacts, lines, last + 1) - longer - gains[last]
+        if first > 0:
+            slope = (other - base) / difference(lines, Q, first - 1, last + 1)
+        else:
+            base = other
+            near = near_other
+    near += abs(base)
+    reach = 0.0
+    for i in range(first, last + 1):
+        terms = near
+        if first > 0:
+            terms += reach + (lines[SIZE, i] - lines[SIZE, first]) * part
+            displacement = base + gains[i] + slope * difference(lines, Q, first - 1, i)
+        else:
+            terms += (size - reach) + (lines[SIZE, last] - lines[SIZE, i]) * part
+            displacement = base + gains[i]
+        if i < last:
+            reach += abs(links[TENSION, i]) * difference(lines, Q, i, i + 1)
+        _move_contact(contacts, lines, account, i, displacement, terms)
 
 
 @lean
@@ -126,7 +180,7 @@ def leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s
         at_start = difference(lines, ELONGATION, left, j)
         moved = displaced(contacts, lines, left) + (difference(lines, P, left, j) * part + (stretch - at_start))
         size = (lines[SIZE, j] - lines[SIZE, left]) * part + abs(stretch) + abs(at_start)
-        move_contact(contacts, lines, account, j, moved, size)
+        _move_contact(contacts, lines, account, j, moved, size)
     else:
         between = sum_range(lines, nodes, marks, j + 1, right - 1)
         base = links[TENSION, right - 1]
@@ -136,7 +190,7 @@ def leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s
         at_start = difference(lines, ELONGATION, j, right)
         moved = displaced(contacts, lines, right) - (difference(lines, P, j, right) * part + (stretch - at_start))
         size = (lines[SIZE, right] - lines[SIZE, j]) * part + abs(stretch) + abs(at_start)
-        move_contact(contacts, lines, account, j, moved, size)
+        _move_contact(contacts, lines, account, j, moved, size)
     if j > first:
         leave_link(links, floats, bytes_, account, s, j - 1, before)
     if j < last:
