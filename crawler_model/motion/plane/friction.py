@@ -41,6 +41,22 @@ def corners_of(friction, directions):
 
 
 @lean
+def largest(mu):
+    """Return the largest friction of one contact.
+
+    Args:
+        mu: friction of the contact, shape (max(m, 1),) [N].
+
+    Returns:
+        The largest of them [N].
+    """
+    most = mu[0]
+    for k in range(1, mu.shape[0]):
+        most = max(most, mu[k])
+    return most
+
+
+@lean
 def resistance(mu, corners, v0, v1):
     """Compute R(v) of one contact.
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS
-from .friction import CLOSE_ENOUGH, STUCK, corners_of, excess, resistance
+from .friction import CLOSE_ENOUGH, STUCK, corners_of, excess, largest, resistance
 from .springs import diagonal, solve_band_in_place
 from .translation import choose_translation
 
@@ -43,7 +43,7 @@ def _sweep(springs, force, friction, directions, corners, backwards, velocity, m
         i = n - 1 - j if backwards else j
         q0 = force[i, 0]
         q1 = force[i, 1]
-        size = abs(q0) + abs(q1) + friction[i].max()
+        size = abs(q0) + abs(q1) + largest(friction[i])
         for e in range(springs.first[i] + 1, springs.first[i + 1]):
             c = springs.entry[e]
             other = springs.other[e]
