@@ -22,7 +22,7 @@ def step_graphs(
     share,
     elements,
     budget,
-    order,
+    layout,
     work,
     body_floats,
     changes,
@@ -42,7 +42,7 @@ def step_graphs(
         share: weight of each contact in the net translation, shape (N,).
         elements: both contacts of each element of a segment, shape (P, 2).
         budget: upper limit of work in a ramp.
-        order: order of the contacts in the band matrices, shape (N,).
+        layout: fields of the `Layout` of the springs.
         work: memory from `active_set.workspace`.
         body_floats: memory from `scratch`, like the next two.
         changes: floats of the springs.
@@ -62,7 +62,7 @@ def step_graphs(
         follow(
             plan.ends,
             part(lane, plan, ELASTICITY)[:springs],
-            (order, part(lane, plan, BANDS).reshape((n, width))),
+            (layout, part(lane, plan, BANDS).reshape((n, width))),
             work,
             contacts,
             links,

@@ -35,9 +35,9 @@ class Crawler:
             method: "exact" follows every event, "catch_up" takes one implicit step per ramp; by default exact on a
                 line. In the plane only "catch_up", with steps refined to the scene's tolerance.
             budget: upper limit of work in one ramp of `exact`: contacts solved (at an event those of the sliding block
-                that changes; in a graph all of them, in every round of its active set) plus breakpoints passed in
-                projections; by default 10 000 (N + 1 000). When it is exceeded, a catch-up step completes the ramp,
-                and `Step.overspent` counts it.
+                that changes; in a graph in every round of its active set) plus breakpoints passed in projections; by
+                default 10 000 (N + 1 000). When it is exceeded, a catch-up step completes the ramp, and
+                `Step.overspent` counts it.
 
         Raises:
             CommandError: if the method is unknown, or is `exact` in the plane.

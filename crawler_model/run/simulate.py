@@ -73,7 +73,7 @@ class Trajectory(Tabular):
         uniqueness_margin: margin of the commanded friction, its minimum over the waypoints [1]; None if undecided.
         visited_margin: how close all contacts came to sliding at once [1].
         visited_margin_sampled: True if this was sampled only at the ends of ramps (in the plane, of steps), so that
-            the path may have come closer in between: with catch_up, and for chains of more than 256 contacts.
+            the path may have come closer in between: with catch_up, and for bodies of more than 256 contacts.
         events: number of linear pieces.
         overspent: number of ramps whose budget of work was exceeded; a catch-up step completed each of them.
         unsolved: number of ramps in which the active set of a graph did not converge; the certificate shows the error.

@@ -53,7 +53,7 @@ class ManyRuns(Tabular):
         residual: stored + dissipation - work, relative to the largest of them and to the largest energy stored at a
             waypoint, shape (M,).
         violation: largest amount by which a spring force exceeds its bound, shape (M,) [N].
-        visited_margin: how close all contacts came to sliding at once, shape (M,); for chains of more than 256
+        visited_margin: how close all contacts came to sliding at once, shape (M,); for bodies of more than 256
             contacts and with catch_up only at the ends of ramps.
         period_work: work of the actuators in the last whole period, shape (M,) [J]; NaN without one.
         period_dissipation: energy lost to friction in the last whole period, likewise [J].

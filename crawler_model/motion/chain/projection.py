@@ -21,7 +21,8 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS, NOISE
-from .breakpoints import JUMP, POSITION, REACH, SLOPE, project_balanced
+from .breakpoints import REACH, project_balanced
+from .trees import JUMP, POSITION, SLOPE
 
 _MANY_MOVES, _ALWAYS_FEW = 32, 1024
 """Trees replace the stacks once more than `_MANY_MOVES` per link plus `_ALWAYS_FEW` breakpoints have changed stacks."""

@@ -7,14 +7,11 @@ spring forces and lower, upper = -mu_minus, mu_plus, and the rate problem of an 
 the bounds are rates of friction, infinite where a contact cannot slide in that direction. It is the dual of the
 projection that chains solve in the tensions (`chain.projection`).
 
-Each contact is stuck or slides in one direction. For the sliding contacts the minimum solves a linear system. The step
-towards it ends where the objective is least on the way, for each group of sliding contacts on its own: contacts that
-would reverse their direction do so, or stick. If none does, the contacts whose force is beyond its bound are released.
-Every round lowers the objective, so the search terminates. It is warm-started with the contacts that slid before.
-
-The linear system is eliminated like a network of resistors (star-mesh transform): conductances are only added, never
-subtracted, so that large stiffness ratios lose no digits. Contacts are numbered to make the matrix a narrow band
-(reverse Cuthill-McKee), and a row holds only the next `width` contacts.
+Each contact is stuck or slides in one direction. For the sliding contacts the minimum solves a linear system
+(`elimination`). The step towards it ends where the objective is least on the way, for each group of sliding contacts on
+its own: contacts that would reverse their direction do so, or stick. If none does, the contacts whose force is beyond
+its bound are released. Every round lowers the objective, so the search terminates. It is warm-started with the contacts
+that slid before, and inside a ramp with their velocities: few rounds then find the contacts that stick.
 """
 
 from __future__ import annotations
@@ -24,10 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...body.body import Body
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...errors import SceneError
 from ...rounding import EPS, NOISE
 from .descent import relax, search
+from .elimination import eliminate, pull_at
 
 _MOST_NUMBERS = 50_000_000
 _FEW_ROUNDS = 8
@@ -35,17 +33,40 @@ _FEW_ROUNDS = 8
 their neighbours are found only in later rounds: where blocks grow by many contacts, that takes as many rounds."""
 
 
+class Layout(NamedTuple):
+    """Which springs join which contacts, and the order of the contacts in the band.
+
+    Attributes:
+        order: contact at each position in the band, int, shape (N,).
+        place: position of each contact, int, shape (N,).
+        starts: first of the ends of springs at each contact in the next two, and 2 S, int, shape (N + 1,).
+        others: the contact at the other end, int, shape (2 S,).
+        springs: the spring, int, shape (2 S,).
+    """
+
+    order: np.ndarray
+    place: np.ndarray
+    starts: np.ndarray
+    others: np.ndarray
+    springs: np.ndarray
+
+
 class Network(NamedTuple):
     """The springs as a band matrix of conductances.
 
     Attributes:
-        order: contact at each position in the band, int, shape (N,).
+        layout: which springs join which contacts, and their order.
         band: stiffness between the contacts at positions p and p + 1 + d, shape (N, width), of variations
             (M, N, width) [N/m].
     """
 
-    order: np.ndarray
+    layout: Layout
     band: np.ndarray
+
+    @property
+    def order(self) -> np.ndarray:
+        """Contact at each position in the band, int, shape (N,)."""
+        return self.layout.order
 
 
 def build_network(body: Body) -> Network:
@@ -67,7 +88,8 @@ def build_network(body: Body) -> Network:
     a, b = body.ends.T
     graph = coo_matrix((np.ones(2 * a.size), (np.concatenate((a, b)), np.concatenate((b, a)))), shape=(n, n)).tocsr()
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    ends = np.argsort(order)[body.ends]  # positions of the two contacts of each spring
+    place = np.argsort(order)
+    ends = place[body.ends]  # positions of the two contacts of each spring
     width = int(np.abs(ends[:, 1] - ends[:, 0]).max())
     if n * width > _MOST_NUMBERS:
         raise SceneError(
@@ -77,7 +99,16 @@ def build_network(body: Body) -> Network:
     band = np.zeros((*body.stiffness.shape[:-1], n, width))
     low, high = ends.min(axis=1), ends.max(axis=1)
     np.add.at(band, (..., low, high - low - 1), body.stiffness)  # type: ignore[arg-type]
-    return Network(order, band)
+    return Network(_lay_out(body, order, place), band)
+
+
+def _lay_out(body: Body, order: np.ndarray, place: np.ndarray) -> Layout:
+    """List the springs at each contact."""
+    a, b = body.ends.T
+    at = np.concatenate((a, b))
+    sort = np.argsort(at, kind="stable")
+    starts = np.searchsorted(at[sort], np.arange(body.contacts + 1))
+    return Layout(order, place, starts, np.concatenate((b, a))[sort], np.tile(np.arange(body.springs), 2)[sort])
 
 
 def most_rounds(contacts: int) -> int:
@@ -92,106 +123,21 @@ def most_rounds(contacts: int) -> int:
     return 200 + 40 * contacts
 
 
-def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Allocate the scratch memory of `move`.
 
     Args:
         network: the springs.
 
     Returns:
-        A working copy of the band, floats of shape (5, N) and flags of shape (N,).
+        A working copy of the band, floats of shape (5, N), whole numbers of shape (2, N) and flags of shape (N,).
     """
     n, width = network.band.shape[-2:]
-    return np.empty((n, width)), np.empty((5, n)), np.zeros(n, np.int8)
+    return np.empty((n, width)), np.empty((5, n)), np.empty((2, n), np.int64), np.zeros(n, np.int8)
 
 
 @compiled
-def eliminate(band, work, ground, load, sliding, result):
-    """Solve K v = load for the sliding contacts, with the others at rest; all arrays in the order of the band.
-
-    Args:
-        band: as in `Network`, shape (N, width) [N/m].
-        work: scratch memory, same shape as `band`.
-        ground: scratch memory, shape (N,).
-        load: forces, shape (N,) [N].
-        sliding: 1 for sliding contacts, else 0, int8, shape (N,).
-        result: output, v, shape (N,).
-
-    Returns:
-        False if no contact is at rest. The last one is then set at rest, and K v = load holds for the others.
-    """
-    n, width = band.shape
-    last = -1
-    for p in range(n):
-        ground[p] = 0.0
-        result[p] = load[p] if sliding[p] else 0.0
-        for d in range(width):
-            work[p, d] = band[p, d]
-    for p in range(n):
-        for d in range(min(width, n - 1 - p)):
-            k = work[p, d]
-            if k != 0.0 and sliding[p] != sliding[p + 1 + d]:
-                work[p, d] = 0.0
-                if sliding[p]:
-                    ground[p] += k
-                else:
-                    ground[p + 1 + d] += k
-    grounded = False
-    for p in range(n):
-        if not sliding[p]:
-            grounded = True
-            continue
-        last = p
-        reach = min(width, n - 1 - p)
-        pivot = ground[p]
-        for d in range(reach):
-            if sliding[p + 1 + d]:
-                pivot += work[p, d]
-        if pivot == 0.0:
-            continue
-        for d in range(reach):
-            k = work[p, d]
-            if k == 0.0 or not sliding[p + 1 + d]:
-                continue
-            part = k / pivot
-            result[p + 1 + d] += part * result[p]
-            ground[p + 1 + d] += part * ground[p]
-            for e in range(d + 1, reach):
-                if work[p, e] != 0.0 and sliding[p + 1 + e]:
-                    work[p + 1 + d, e - d - 1] += part * work[p, e]
-    for p in range(last, -1, -1):
-        if not sliding[p]:
-            continue
-        pivot = ground[p]
-        total = result[p]
-        for d in range(min(width, n - 1 - p)):
-            if sliding[p + 1 + d]:
-                pivot += work[p, d]
-                total += work[p, d] * result[p + 1 + d]
-        result[p] = total / pivot if pivot > 0.0 else 0.0
-    return grounded
-
-
-@compiled
-def _forces(band, v, load, force, size):
-    """Compute load - K v, and the sums of the absolute values of its terms."""
-    n, width = band.shape
-    for p in range(n):
-        force[p] = load[p]
-        size[p] = abs(load[p])
-    for p in range(n):
-        for d in range(min(width, n - 1 - p)):
-            k = band[p, d]
-            if k != 0.0:
-                pull = k * (v[p + 1 + d] - v[p])
-                force[p] += pull
-                force[p + 1 + d] -= pull
-                size[p] += k * (abs(v[p]) + abs(v[p + 1 + d]))
-                size[p + 1 + d] += k * (abs(v[p]) + abs(v[p + 1 + d]))
-
-
-@compiled
-def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding, velocity, side):
+def move(band, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
     """Solve for the velocities; all arrays in the order of the band.
 
     Args:
@@ -201,33 +147,65 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
         upper: largest force at rest, shape (N,) [N], inf where there is none; lower <= upper.
         magnitude: magnitude of the numbers whose differences load and bounds are, shape (N,) [N].
         most_rounds: upper limit of rounds.
-        work: memory from `workspace`, which also allocates the next two.
+        work: memory from `workspace`, which also allocates the next three.
         floats: forces, magnitudes, loads and trial velocities.
-        sliding: 1 for sliding contacts.
-        velocity: output, shape (N,). On entry a guess, of which only the signs matter.
+        ints: lengths of rows of the band, and groups of contacts.
+        sliding: 1 for sliding contacts during the call, else zeros.
+        velocity: output, shape (N,). On entry where the search begins: zeros, or the solution of a similar problem.
         side: output, int8, shape (N,): 1 where the force is at its upper bound, -1 at its lower bound, else 0. A force
-            within rounding of a bound counts as on it.
+            within rounding of a bound counts as on it. On entry a guess of the directions in which contacts slide.
+        places: positions of the contacts to solve for, increasing, int, shape (P,): all of them, or contacts that can
+            slide and all that springs join to them. The other contacts must be at rest or separated from these by
+            contacts without bounds, which cannot slide; their velocities are read but not written.
 
     Returns:
         0 if the translation is determined, 1 if all contacts slide and nothing fixes it (the last contact is then at
         rest), -1 if it did not converge; and the number of rounds.
     """
-    n = load.shape[0]
+    found = _search_sides(
+        band, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places
+    )
+    for p in places:
+        sliding[p] = 0
+    return found
+
+
+@lean
+def _find_sides(lower, upper, magnitude, force, size, velocity, side, places):
+    """Set velocities that are rounding to zero, and find the contacts at rest whose force is at a bound."""
+    largest = 0.0
+    for p in places:
+        largest = max(largest, abs(velocity[p]))
+    for p in places:
+        if abs(velocity[p]) <= NOISE * largest:
+            velocity[p] = 0.0
+        if side[p] == 0 and (upper[p] < np.inf or lower[p] > -np.inf):
+            close = 32.0 * EPS * (size[p] + magnitude[p])
+            if upper[p] - force[p] <= close:
+                side[p] = 1
+            elif force[p] - lower[p] <= close:
+                side[p] = -1
+
+
+@compiled
+def _search_sides(
+    band, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places
+):
+    """Search for the sides of the contacts; see `move`."""
     ground, size, force, total, trial = floats[0], floats[1], floats[2], floats[3], floats[4]
-    for p in range(n):
-        side[p] = 0
-        if velocity[p] > 0.0 and upper[p] < np.inf:
-            side[p] = 1
-        elif velocity[p] < 0.0 and lower[p] > -np.inf:
-            side[p] = -1
-        velocity[p] = 0.0
+    lengths, groups = ints[0], ints[1]
+    for p in places:
+        if (upper[p] if side[p] == 1 else -lower[p]) == np.inf:
+            side[p] = 0
+        if side[p] * velocity[p] <= 0.0:
+            velocity[p] = 0.0
     grounded = True
     for turn in range(most_rounds):
         # the minimum for the sliding contacts
         mean = 0.0
         scale = 0.0
         free = True
-        for p in range(n):
+        for p in places:
             sliding[p] = side[p] != 0
             free = free and sliding[p]
             total[p] = load[p] - (upper[p] if side[p] == 1 else lower[p] if side[p] == -1 else 0.0)
@@ -238,57 +216,59 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
             direction = 1.0 if mean > 0.0 else -1.0
             first = -1
             far = np.inf
-            for p in range(n):
+            for p in places:
                 if side[p] * direction < 0.0 and abs(velocity[p]) < far:
                     far = abs(velocity[p])
                     first = p
             if first < 0:
                 return -1, turn + 1
-            for p in range(n):
+            for p in places:
                 velocity[p] += direction * far
             side[first] = 0
             velocity[first] = 0.0
             continue
-        grounded = eliminate(band, work, ground, total, sliding, trial)
+        grounded = eliminate(band, work, ground, lengths, groups, total, sliding, trial, places)
         if not grounded:
             # the translation is free: choose one for which all contacts slide in their directions, if possible
             least = -np.inf
             most = np.inf
-            for p in range(n):
+            for p in places:
                 if side[p] == 1:
                     least = max(least, -trial[p])
                 else:
                     most = min(most, -trial[p])
             away = 0.5 * (least + most) if least > -np.inf and most < np.inf else (least if most == np.inf else most)
-            for p in range(n):
+            for p in places:
                 trial[p] += away
         # stop where the cost is least, or at a contact that would reverse its direction and may not
-        largest = np.abs(trial).max()
+        largest = 0.0
+        for p in places:
+            largest = max(largest, abs(trial[p]))
         close = 16.0 * EPS * largest
         may_pass = grounded and 2 * turn < most_rounds
         parts = force  # memory that is free until the forces are computed
-        turned = search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, parts)
-        for p in range(n):
+        turned = search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places)
+        for p in places:
             if side[p] == 0:
                 continue
             was = velocity[p]
-            velocity[p] += parts[p] * (trial[p] - was)
+            velocity[p] = was + parts[p] * (trial[p] - was) if parts[p] < 1.0 else trial[p]
             if side[p] * trial[p] < -close and side[p] * velocity[p] <= 4.0 * EPS * abs(was):
                 passed = side[p] * velocity[p] < -4.0 * EPS * abs(was)
                 side[p] = -side[p] if passed else 0
                 velocity[p] = velocity[p] if passed else 0.0
-            elif not turned and side[p] * velocity[p] < 0.0:
+            elif side[p] * velocity[p] < 0.0:
                 velocity[p] = 0.0
         if turned:
             continue
         # release contacts whose force is beyond its bound
-        _forces(band, velocity, load, force, size)
         worst = -1
         excess = 0.0
         count = 0
-        for p in range(n):
-            if side[p] != 0:
+        for p in places:
+            if side[p] != 0 or (upper[p] == np.inf and lower[p] == -np.inf):
                 continue
+            force[p], size[p], _ = pull_at(band, velocity, load, p)
             close = 32.0 * EPS * (size[p] + magnitude[p])
             above, below = force[p] - upper[p], lower[p] - force[p]
             if max(above, below) > close:
@@ -299,17 +279,10 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, sliding
                 if turn < _FEW_ROUNDS and 2 * turn < most_rounds:
                     side[p] = 1 if above > below else -1
         if count == 0:
-            for p in range(n):
-                if abs(velocity[p]) <= NOISE * largest:
-                    velocity[p] = 0.0
-                close = 32.0 * EPS * (size[p] + magnitude[p])
-                if side[p] == 0 and upper[p] - force[p] <= close and upper[p] < np.inf:
-                    side[p] = 1
-                elif side[p] == 0 and force[p] - lower[p] <= close and lower[p] > -np.inf:
-                    side[p] = -1
+            _find_sides(lower, upper, magnitude, force, size, velocity, side, places)
             return (0 if grounded else 1), turn + 1
         if turn >= _FEW_ROUNDS and 2 * turn < most_rounds:
-            relax(band, load, lower, upper, magnitude, turn % 2 == 1, velocity, side)
+            relax(band, load, lower, upper, magnitude, turn % 2 == 1, velocity, side, places)
         elif 2 * turn >= most_rounds:  # rounding may have caused a cycle: one contact at a time is slow but safe
             side[worst] = 1 if force[worst] > upper[worst] else -1
     return -1, most_rounds

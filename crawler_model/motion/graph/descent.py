@@ -6,31 +6,11 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import EPS
+from .elimination import pull_at
 
 
 @compiled
-def _find_groups(band, sliding):
-    """Number the groups of sliding contacts that springs join; each has the number of one of its contacts."""
-    n, width = band.shape
-    group = np.arange(n)
-    for p in range(n):
-        for d in range(min(width, n - 1 - p)):
-            if band[p, d] != 0.0 and sliding[p] and sliding[p + 1 + d]:
-                a, b = p, p + 1 + d
-                while group[a] != a:
-                    group[a] = group[group[a]]
-                    a = group[a]
-                while group[b] != b:
-                    group[b] = group[group[b]]
-                    b = group[b]
-                group[max(a, b)] = min(a, b)
-    for p in range(n):
-        group[p] = group[group[p]]
-    return group
-
-
-@compiled
-def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, parts):
+def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places):
     """Find the part of the way to `trial` at which the cost is least, for each group of contacts on its own.
 
     The slope of the cost is -(1 - part) q on the way, q = d' K d, d = trial - v, and jumps where a contact reverses its
@@ -47,36 +27,55 @@ def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, 
         close: rounding of `trial`.
         may_pass: whether contacts may reverse their directions.
         parts: output, shape (N,).
+        groups: of the sliding contacts, from `eliminate`.
+        places: positions of the contacts, as in `move`.
 
     Returns:
         Whether any part is less than 1.
     """
     n, width = band.shape
     count = 0
-    whose = np.empty(n, np.int64)
-    places = np.empty(n)
-    for p in range(n):
+    passing = False
+    for p in places:
         parts[p] = 1.0
         if side[p] * trial[p] < -close:
-            whose[count] = p
-            places[count] = velocity[p] / (velocity[p] - trial[p]) if velocity[p] != 0.0 else 0.0
             count += 1
+            passing |= may_pass and velocity[p] != 0.0 and upper[p] - lower[p] < np.inf
     if count == 0:
         return False
-    group = _find_groups(band, sliding)
-    curvature = np.zeros(n)
-    slope = np.zeros(n)
-    for p in range(n):
+    if not passing:
+        for p in places:
+            if side[p] * trial[p] < -close:
+                at = velocity[p] / (velocity[p] - trial[p]) if velocity[p] != 0.0 else 0.0
+                parts[groups[p]] = min(parts[groups[p]], at)
+        for p in places:
+            parts[p] = parts[groups[p]]
+        return True
+    whose = np.empty(count, np.int64)
+    ats = np.empty(count)
+    count = 0
+    for p in places:
+        if side[p] * trial[p] < -close:
+            whose[count] = p
+            ats[count] = velocity[p] / (velocity[p] - trial[p]) if velocity[p] != 0.0 else 0.0
+            count += 1
+    curvature = np.empty(n)
+    slope = np.empty(n)
+    ended = np.empty(n, np.bool_)
+    for p in places:
+        curvature[p] = 0.0
+        slope[p] = 0.0
+        ended[p] = False
+    for p in places:
         for d in range(min(width, n - 1 - p)):
-            if band[p, d] != 0.0:
-                q = p + 1 + d
+            q = p + 1 + d
+            if band[p, d] != 0.0 and (sliding[p] or sliding[q]):
                 own = trial[p] - velocity[p] if sliding[p] else 0.0
                 other = trial[q] - velocity[q] if sliding[q] else 0.0
-                curvature[group[p if sliding[p] else q]] += band[p, d] * (own - other) ** 2
-    ended = np.zeros(n, np.bool_)
-    for j in np.argsort(places[:count]):
-        p, at = whose[j], places[j]
-        g = group[p]
+                curvature[groups[p if sliding[p] else q]] += band[p, d] * (own - other) ** 2
+    for j in np.argsort(ats):
+        p, at = whose[j], ats[j]
+        g = groups[p]
         if ended[g] or slope[g] >= (1.0 - at) * curvature[g]:
             continue
         passes = may_pass and velocity[p] != 0.0
@@ -84,17 +83,18 @@ def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, 
         if slope[g] >= (1.0 - at) * curvature[g]:
             parts[g] = at
             ended[g] = True
-    for p in range(n):
-        g = group[p]
-        if g == p and not ended[g] and slope[g] > 0.0:
-            parts[g] = 1.0 - slope[g] / curvature[g]
-    for p in range(n):
-        parts[p] = parts[group[p]]
-    return parts.min() < 1.0
+    for p in places:
+        if groups[p] == p and not ended[p] and slope[p] > 0.0:
+            parts[p] = 1.0 - slope[p] / curvature[p]
+    least = 1.0
+    for p in places:
+        parts[p] = parts[groups[p]]
+        least = min(least, parts[p])
+    return least < 1.0
 
 
 @compiled
-def relax(band, load, lower, upper, magnitude, backwards, velocity, side):
+def relax(band, load, lower, upper, magnitude, backwards, velocity, side, places):
     """Solve the problem of each contact in turn, which lowers the cost; whole rows of contacts start to slide.
 
     Args:
@@ -106,21 +106,14 @@ def relax(band, load, lower, upper, magnitude, backwards, velocity, side):
         backwards: whether to begin with the last contact.
         velocity: shape (N,), changed in place.
         side: output: directions, int8, shape (N,).
+        places: positions of the contacts, as in `move`.
     """
-    n, width = band.shape
-    for k in range(n):
-        p = n - 1 - k if backwards else k
-        pull = load[p]
-        size = abs(load[p]) + magnitude[p]
-        total = 0.0
-        for d in range(min(width, n - 1 - p)):
-            pull += band[p, d] * velocity[p + 1 + d]
-            size += abs(band[p, d] * velocity[p + 1 + d])
-            total += band[p, d]
-        for d in range(min(width, p)):
-            pull += band[p - 1 - d, d] * velocity[p - 1 - d]
-            size += abs(band[p - 1 - d, d] * velocity[p - 1 - d])
-            total += band[p - 1 - d, d]
+    for k in range(places.shape[0]):
+        p = places[places.shape[0] - 1 - k if backwards else k]
+        if lower[p] == -np.inf and upper[p] == np.inf:
+            continue
+        pull, size, total = pull_at(band, velocity, load, p)
+        size += magnitude[p]
         excess = pull - upper[p] if pull > upper[p] else (pull - lower[p] if pull < lower[p] else 0.0)
         if abs(excess) <= 32.0 * EPS * size:
             excess = 0.0

@@ -1,4 +1,8 @@
-"""A ramp of a graph of springs followed from event to event."""
+"""A ramp of a graph of springs followed from event to event.
+
+As in `chain.events`: contacts inside their bounds are walls, and an event changes only the rates of the block of
+contacts at their bounds around it; see `rates`.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,9 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
+from ..chain.events import FEW_CONTACTS
+from ..chain.memory import ROW_NEXT
+from ..chain.rates import begin_tournament, update_tournament
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -14,42 +21,40 @@ from ..state import (
     AT_BACKWARD,
     AT_FORWARD,
     BACKWARD,
-    COMPLEMENTARITY,
-    DISSIPATION,
     EVENTS,
     FORWARD,
     GAIN_LEAST,
     GAIN_MOST,
-    RELATIVE,
     TENSION,
     VISITED,
-    WORK,
-    shift,
 )
 from ..translation import choose_translation, is_wide
-from .margin import defer_arrivals, slides_at_once
+from .margin import slides_at_once
 from .memory import (
+    CHANGE,
+    RATE,
     ROW_ARRIVAL,
     ROW_COMING,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
-    ROW_FORCE_RATE,
-    ROW_GUESS,
-    ROW_HELD,
+    ROW_LEAVING,
     ROW_LOAD,
-    ROW_LOWER,
     ROW_MAGNITUDE,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
     ROW_SIDE,
-    ROW_UPPER,
+    ROW_SINCE,
     ROW_V,
+    SPRING_SINCE,
     add_load,
     contact_forces,
-    displace,
 )
+from .rates import advance, find_block, settle, solve
 
+_FEW_FREE = 2
+"""After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
+more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
 INSTANT = 1e-12
 """A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
 
@@ -81,7 +86,7 @@ def follow_events(
     Args:
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
-        network: order and band of the `Network`.
+        network: layout and band of the `Network`.
         work: memory from `active_set.workspace`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
@@ -104,129 +109,160 @@ def follow_events(
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
-    change = changes[0]
+    layout = network[0]
+    order = layout[0]
+    change = changes[CHANGE]
     whole = 0.0
-    for s in range(springs):
-        change[s] = target[s] - links[ACTUATION, s]
+    for j in range(springs):
+        change[j] = target[j] - links[ACTUATION, j]
+        changes[SPRING_SINCE, j] = 0.0
+        changes[RATE, j] = -stiffness[j] * change[j]
     for i in range(n):
         floats[ROW_D_FORWARD, i] = target[springs + i] - contacts[FORWARD, i]
         floats[ROW_D_BACKWARD, i] = target[springs + n + i] - contacts[BACKWARD, i]
         whole += contacts[FORWARD, i] + contacts[BACKWARD, i] + target[springs + i] + target[springs + n + i]
-        floats[ROW_GUESS, i] = 0.0
+        changing = floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0
+        floats[ROW_MAGNITUDE, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
+        floats[ROW_LOAD, i] = 0.0
+        floats[ROW_V, i] = 0.0
+        floats[ROW_SINCE, i] = 0.0
+        floats[ROW_ARRIVAL, i] = np.inf
+        bytes_[ROW_LEAVING, i] = 0
+        bytes_[ROW_SIDE, i] = 1 if status[i] & AT_FORWARD else (-1 if status[i] & AT_BACKWARD else 0)
+    add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_MAGNITUDE])
     contact_forces(ends, links[TENSION], floats[ROW_FORCE])
+    leaves = 1
+    while leaves < n:
+        leaves *= 2
+    tree = np.empty(4 * leaves)
+    marks = np.zeros((2, n), np.int64)
+    queue = np.empty(n, np.int64)
+    hits = np.empty(n, np.int64)
+    places = np.arange(n)
+    block = 0
+    v = floats[ROW_V]
+    verdict, spent = solve(
+        ends,
+        stiffness,
+        network,
+        work,
+        contacts,
+        links,
+        status,
+        floats,
+        changes,
+        bytes_,
+        account,
+        min(rounds, 1 + budget // n),
+        places,
+        0.0,
+    )
+    spent *= n
+    if verdict < 0:
+        return 0.0, spent >= budget
+    nexts = floats[ROW_ARRIVAL - ROW_NEXT :]  # the arrivals are where the tournament expects the next events
+    begin_tournament(tree, leaves, nexts)
+    free = 0
+    for i in range(n):
+        free += bytes_[ROW_SIDE, i] == 0
     at = 0.0
     pieces = 0
-    spent = 0
     while True:
-        for i in range(n):
-            upper = floats[ROW_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
-            lower = -floats[ROW_D_BACKWARD, i] if status[i] & AT_BACKWARD else -np.inf
-            if lower > upper:  # both bounds met by rounding just before the friction vanishes
-                upper = 0.5 * (lower + upper)
-                lower = upper
-            floats[ROW_UPPER, i] = upper
-            floats[ROW_LOWER, i] = lower
-            changing = floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0
-            floats[ROW_MAGNITUDE, i] = contacts[FORWARD, i] + contacts[BACKWARD, i] if changing else 0.0
-            floats[ROW_LOAD, i] = 0.0
-        add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_MAGNITUDE])
-        verdict, turns = displace(network, work, floats, bytes_, min(rounds, 1 + (budget - spent) // n))
-        spent += turns * n
-        if verdict < 0:
-            return at, spent >= budget
-        v = floats[ROW_V]
-        rate = changes[1]
-        for s in range(springs):
-            rate[s] = stiffness[s] * (v[ends[s, 1]] - v[ends[s, 0]] - change[s])
-        contact_forces(ends, rate, floats[ROW_FORCE_RATE])
-        when = np.inf
-        for i in range(n):
-            bytes_[ROW_COMING, i] = 0
-            g, g_rate = floats[ROW_FORCE, i], floats[ROW_FORCE_RATE, i]
-            if bytes_[ROW_SIDE, i] != 0 and floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
-                bytes_[ROW_HELD, i] = AT_FORWARD | AT_BACKWARD
-            else:
-                bytes_[ROW_HELD, i] = (
-                    AT_FORWARD if bytes_[ROW_SIDE, i] == 1 else (AT_BACKWARD if bytes_[ROW_SIDE, i] == -1 else 0)
-                )
-            floats[ROW_ARRIVAL, i] = np.inf
-            closing = g_rate - floats[ROW_D_FORWARD, i]
-            if closing > 0.0 and not status[i] & AT_FORWARD:
-                above = contacts[FORWARD, i] + at * floats[ROW_D_FORWARD, i] - g
-                floats[ROW_ARRIVAL, i] = at + max(above, 0.0) / closing
-                bytes_[ROW_COMING, i] = AT_FORWARD
-            closing = -g_rate - floats[ROW_D_BACKWARD, i]
-            if closing > 0.0 and not status[i] & AT_BACKWARD:
-                below = contacts[BACKWARD, i] + at * floats[ROW_D_BACKWARD, i] + g
-                other = at + max(below, 0.0) / closing
-                if other < floats[ROW_ARRIVAL, i]:
-                    floats[ROW_ARRIVAL, i] = other
-                    bytes_[ROW_COMING, i] = AT_BACKWARD
-            when = min(when, floats[ROW_ARRIVAL, i])
-        when = defer_arrivals(ends, stiffness, contacts, links, change, bytes_[ROW_COMING], floats, when)
+        first = int(tree[3])
+        when = tree[2]
         ending = not when < 1.0
         until = 1.0 if ending else when
         ds = until - at
-        middle = 0.5 * (at + until)
-
-        critical, margin = slides_at_once(
-            ends, stiffness, contacts, links, change, status, bytes_[ROW_SIDE], floats, at, whole
-        )
-        account[VISITED] = min(account[VISITED], margin)
-        if critical or verdict == 1:
-            for i in range(n):
-                floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
-                floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
-            least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
-            if ground is not None:
-                ds = min(ds, find_border(contacts, v, np.full(n, at), at, ground) - at)
-            if ds > SHORTEST_STRETCH and is_wide(least, most, v):
-                account[AMBIGUOUS] = 1.0
-                account[GAIN_LEAST] += least * ds
-                account[GAIN_MOST] += most * ds
+        shifted = False
+        if free <= _FEW_FREE or n <= FEW_CONTACTS:
+            advance(contacts, links, status, floats, changes, bytes_, account, at)
+            critical, margin = slides_at_once(
+                ends, stiffness, contacts, links, changes, status, bytes_[ROW_SIDE], floats, at, whole
+            )
+            account[VISITED] = min(account[VISITED], margin)
+            if critical or verdict == 1:
+                # friction at the middle of the stretch, as it may be zero at its start
+                middle = 0.5 * (at + until)
+                for i in range(n):
+                    floats[ROW_MIDDLE, i] = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
+                    floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
+                least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
+                shifted = True
+                if ground is not None:
+                    ds = min(ds, find_border(contacts, v, floats[ROW_SINCE], at, ground) - at)
+                if ds > SHORTEST_STRETCH and is_wide(least, most, v):
+                    account[AMBIGUOUS] = 1.0
+                    account[GAIN_LEAST] += least * ds
+                    account[GAIN_MOST] += most * ds
         at_border = False
         if ground is not None:
-            meeting = find_border(contacts, v, np.full(n, at), at, ground)
+            meeting = find_border(contacts, v, floats[ROW_SINCE], at, ground)
             if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 ending = False
                 at_border = True
-            ds = until - at
-            middle = 0.5 * (at + until)
         if not ending and spent > budget:
+            advance(contacts, links, status, floats, changes, bytes_, account, at)
             return at, True
         note_piece(pieces_met, at, until, v, floats[ROW_ARRIVAL], bytes_[ROW_COMING])
-        if ds > 0.0 or (pieces == 0 and not at_border):
+        if until > at or (pieces == 0 and not at_border):
             pieces += 1
             account[EVENTS] += 1
-        if ds > 0.0:
-            for s in range(springs):
-                gain = rate[s] * ds
-                account[WORK] -= (links[TENSION, s] + 0.5 * gain) * change[s] * ds
-                links[TENSION, s] += gain
-            for i in range(n):
-                floats[ROW_FORCE, i] += floats[ROW_FORCE_RATE, i] * ds
-                if v[i] != 0.0:
-                    mu_forward = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
-                    mu_backward = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
-                    force = floats[ROW_FORCE, i] - 0.5 * floats[ROW_FORCE_RATE, i] * ds
-                    if v[i] > 0.0:
-                        account[DISSIPATION] += mu_forward * v[i] * ds
-                        gap = mu_forward - force
-                    else:
-                        account[DISSIPATION] -= mu_backward * v[i] * ds
-                        gap = mu_backward + force
-                    account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v[i] * gap))
-                    shift(contacts, v[i], ds, i, at + 0.5 * ds)
-                    contacts[RELATIVE, i] += v[i] * ds
-                status[i] &= bytes_[ROW_HELD, i]
         at = until
-        if ground is not None and at_border:
-            mark_reached(contacts, v, ground, reached)
+        if at_border or ending:
+            advance(contacts, links, status, floats, changes, bytes_, account, at)
+            if at_border:
+                mark_reached(contacts, v, ground, reached)
             return at, True
-        if ending:
-            return 1.0, True
-        for i in range(n):
-            if floats[ROW_ARRIVAL, i] <= at:
-                status[i] |= bytes_[ROW_COMING, i]
-            floats[ROW_GUESS, i] = v[i]
+
+        count = 0
+        while tree[2] <= at:  # ties: collect all simultaneous arrivals, then solve
+            first = int(tree[3])
+            settle(status, floats, bytes_, at, first)
+            status[first] |= bytes_[ROW_COMING, first]
+            arrival = floats[ROW_ARRIVAL, first]
+            floats[ROW_ARRIVAL, first] = np.inf
+            update_tournament(tree, leaves, nexts, first)
+            floats[ROW_ARRIVAL, first] = arrival
+            hits[count] = first
+            count += 1
+        before = block
+        for j in range(count):
+            if marks[0, hits[j]] > before:
+                continue
+            block += 1
+            if shifted:
+                for i in range(n):
+                    settle(status, floats, bytes_, at, i)
+                    marks[0, i] = block
+                    places[i] = i
+                found = n
+            else:
+                found = find_block(layout, status, floats, bytes_, marks, block, queue, places, at, hits[j])
+            some = places[:found]
+            for p in some:
+                free -= bytes_[ROW_SIDE, order[p]] == 0
+            verdict, turns = solve(
+                ends,
+                stiffness,
+                network,
+                work,
+                contacts,
+                links,
+                status,
+                floats,
+                changes,
+                bytes_,
+                account,
+                min(rounds, 1 + max(budget - spent, 0) // found),
+                some,
+                at,
+            )
+            spent += turns * found
+            if verdict < 0:
+                advance(contacts, links, status, floats, changes, bytes_, account, at)
+                return at, spent >= budget
+            for p in some:
+                i = order[p]
+                free += bytes_[ROW_SIDE, i] == 0
+                update_tournament(tree, leaves, nexts, i)

@@ -38,7 +38,7 @@ def follow_many(
     Args:
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (M, S).
-        network: order of the contacts, shape (N,), and band matrices, shape (M, N, width).
+        network: layout of the springs, and band matrices, shape (M, N, width).
         work: memory from `active_set.workspace`.
         contacts: states as for `follow`, like the next two with a leading axis of variations, changed in place.
         links: rows of the springs, shape (M, 5, S).
@@ -59,7 +59,7 @@ def follow_many(
             (M, L, 2) [J].
         records: output: displacement, its rest and tension after each ramp, shape (M, V, 2 N + S).
     """
-    order, bands = network
+    layout, bands = network
     path = np.empty((rows.shape[0], targets.shape[2]))
     pieces = np.empty((0, 0))
     for m in range(targets.shape[0]):
@@ -69,7 +69,7 @@ def follow_many(
             follow(
                 ends,
                 stiffness[m],
-                (order, bands[m]),
+                (layout, bands[m]),
                 work,
                 contacts[m],
                 links[m],

@@ -10,14 +10,12 @@ are at their bounds within that rounding.
 
 from __future__ import annotations
 
-import numpy as np
-
-from ...compiled import compiled
-from ...rounding import CRITICAL, EPS, LATE
+from ...compiled import compiled, lean
+from ...rounding import CRITICAL, EPS
 from ..state import ACTUATION, AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, RELATIVE, TENSION
-from .memory import ROW_ARRIVAL, ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE, ROW_ROUNDING
+from .memory import CHANGE, ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE
 
-_BLUR = 32.0 * EPS
+BLUR = 32.0 * EPS
 """Rounding error of a force, relative to the sum of the absolute values of its terms."""
 
 
@@ -64,55 +62,29 @@ def distance_to_sliding(status, side, floats, contacts, s, ds):
     return known, measured, balance, total, free
 
 
-@compiled
-def _round_forces(ends, stiffness, contacts, links, change, rounding):
-    """Compute the rounding error of the force on each contact from the magnitudes of its terms [N]."""
-    for i in range(rounding.shape[0]):
-        rounding[i] = 0.0
-    for s in range(ends.shape[0]):
-        a, b = ends[s, 0], ends[s, 1]
-        lengths = abs(contacts[RELATIVE, a]) + abs(contacts[RELATIVE, b]) + abs(links[ACTUATION, s]) + abs(change[s])
-        size = _BLUR * (stiffness[s] * lengths + abs(links[TENSION, s]))
-        rounding[a] += size
-        rounding[b] += size
-
-
-@compiled
-def defer_arrivals(ends, stiffness, contacts, links, change, coming, floats, when):
-    """Defer arrivals to the end of the ramp where forces would exceed their bounds by no more than rounding.
+@lean
+def round_spring(stiffness, contacts, links, changes, spring, a, b):
+    """Compute the rounding error of the tension of a spring from the magnitudes of its terms.
 
     Args:
-        ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
-        change: change of the rest lengths along the ramp, shape (S,) [m].
-        coming: the bound that each contact approaches, int8, shape (N,).
-        floats: memory of the ramp, with the rates of the forces; the arrivals are changed.
-        when: the first arrival.
+        changes: changes of the springs, from `memory.scratch`.
+        spring: the spring.
+        a: one of its contacts.
+        b: the other one.
 
     Returns:
-        The first arrival after the change.
+        The error [N].
     """
-    if not LATE < when < 1.0:
-        return when
-    _round_forces(ends, stiffness, contacts, links, change, floats[ROW_ROUNDING])
-    first = np.inf
-    for i in range(contacts.shape[1]):
-        left = 1.0 - floats[ROW_ARRIVAL, i]
-        if left > 0.0:
-            rate = floats[ROW_FORCE_RATE, i]
-            forward, backward = floats[ROW_D_FORWARD, i], floats[ROW_D_BACKWARD, i]
-            closing = rate - forward if coming[i] == AT_FORWARD else -rate - backward
-            blur = _BLUR * (contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(forward) + abs(backward))
-            if closing * left <= floats[ROW_ROUNDING, i] + blur:
-                floats[ROW_ARRIVAL, i] = 1.0
-        first = min(first, floats[ROW_ARRIVAL, i])
-    return first
+    lengths = abs(contacts[RELATIVE, a]) + abs(contacts[RELATIVE, b])
+    lengths += abs(links[ACTUATION, spring]) + abs(changes[CHANGE, spring])
+    return BLUR * (stiffness[spring] * lengths + abs(links[TENSION, spring]))
 
 
 @compiled
-def _is_near(ends, stiffness, contacts, links, change, status, side, floats, distances, close):
+def _is_near(ends, stiffness, contacts, links, changes, status, side, floats, distances, close):
     """Return whether all contacts are at their bounds, within `close` and the rounding of forces.
 
     A single free contact carries the imbalance of all other bounds: if the bounds balance, it is at its bound.
@@ -122,11 +94,11 @@ def _is_near(ends, stiffness, contacts, links, change, status, side, floats, dis
         return False
     if free < 2 or measured <= close:
         return True
-    rounding = floats[ROW_ROUNDING]
-    _round_forces(ends, stiffness, contacts, links, change, rounding)
-    for i in range(side.shape[0]):
-        if side[i] == 0 and status[i] == 0:
-            close += rounding[i]
+    for spring in range(ends.shape[0]):
+        a, b = ends[spring, 0], ends[spring, 1]
+        free = (side[a] == 0 and status[a] == 0) + (side[b] == 0 and status[b] == 0)
+        if free > 0:
+            close += free * round_spring(stiffness, contacts, links, changes, spring, a, b)
     return measured <= close
 
 
@@ -146,7 +118,7 @@ def nearness_of(distances):
 
 
 @compiled
-def slides_at_once(ends, stiffness, contacts, links, change, status, side, floats, s, whole):
+def slides_at_once(ends, stiffness, contacts, links, changes, status, side, floats, s, whole):
     """Check whether all contacts are at their bounds from s to the end of the ramp; the translation may then be free.
 
     A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
@@ -157,7 +129,7 @@ def slides_at_once(ends, stiffness, contacts, links, change, status, side, float
         stiffness: stiffness of the springs, shape (S,) [N/m].
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, S).
-        change: change of the rest lengths along the ramp, shape (S,) [m].
+        changes: changes of the springs, from `memory.scratch`.
         status: bounds at which contacts are, int8, shape (N,).
         side: bounds at which they stay, int8, shape (N,).
         floats: memory of the ramp, with the forces at s and their rates.
@@ -171,10 +143,10 @@ def slides_at_once(ends, stiffness, contacts, links, change, status, side, float
     margin = nearness_of(here)
     if whole == 0.0:
         return True, margin
-    critical = _is_near(ends, stiffness, contacts, links, change, status, side, floats, here, CRITICAL * whole)
+    critical = _is_near(ends, stiffness, contacts, links, changes, status, side, floats, here, CRITICAL * whole)
     for part in (3.0, 1.5):
         if critical and s < 1.0:
             later = distance_to_sliding(status, side, floats, contacts, s, (1.0 - s) / part)
             close = CRITICAL * later[3] + 8.0 * EPS * whole
-            critical = _is_near(ends, stiffness, contacts, links, change, status, side, floats, later, close)
+            critical = _is_near(ends, stiffness, contacts, links, changes, status, side, floats, later, close)
     return critical, margin

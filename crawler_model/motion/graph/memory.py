@@ -18,16 +18,26 @@ from .active_set import move
     ROW_LOWER,
     ROW_UPPER,
     ROW_MAGNITUDE,
-    ROW_GUESS,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
-    ROW_ROUNDING,
     ROW_ARRIVAL,
-) = range(14)
-_FLOAT_ROWS = 14
-# Rows of the scratch bytes: side of a contact, bound that it approaches, bounds at which it stays; constant zeros.
-ROW_SIDE, ROW_COMING, ROW_HELD, ROW_NO_STATUS = range(4)
-_BYTE_ROWS = 4
+    ROW_SINCE,
+    # in the order of the band
+    _PLACED_LOAD,
+    _PLACED_LOWER,
+    _PLACED_UPPER,
+    _PLACED_MAGNITUDE,
+    _PLACED_V,
+) = range(18)
+_FLOAT_ROWS = 18
+# Rows of the scratch bytes: side of a contact, bound that it approaches, bounds that it leaves; constant zeros; sides
+# in the order of the band.
+ROW_SIDE, ROW_COMING, ROW_LEAVING, ROW_NO_STATUS, _PLACED_SIDE = range(5)
+_BYTE_ROWS = 5
+# Rows of the changes of the springs: of the rest lengths along the ramp; rates of the tensions, or the tensions of a
+# catch-up step; the place on the ramp since which the rates hold.
+CHANGE, RATE, SPRING_SINCE = range(3)
+_CHANGE_ROWS = 3
 
 
 def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -40,7 +50,11 @@ def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.nda
     Returns:
         Floats of the contacts, floats of the springs, and flags of the contacts, for `follow`.
     """
-    return np.zeros((_FLOAT_ROWS, contacts)), np.zeros((2, springs)), np.zeros((_BYTE_ROWS, contacts), np.int8)
+    return (
+        np.zeros((_FLOAT_ROWS, contacts)),
+        np.zeros((_CHANGE_ROWS, springs)),
+        np.zeros((_BYTE_ROWS, contacts), np.int8),
+    )
 
 
 @compiled
@@ -79,30 +93,36 @@ def add_load(ends, stiffness, change, load, magnitude):
 
 
 @compiled
-def displace(network, stiffness_work, floats, bytes_, rounds):
+def displace(network, stiffness_work, floats, bytes_, rounds, places):
     """Call `move` with the contacts in the order of the band; lower, upper, load and magnitude are rows of floats.
 
     Args:
-        network: order and band of the `Network`.
+        network: layout and band of the `Network`.
         stiffness_work: memory from `active_set.workspace`.
-        floats: rows of this module, shape (14, N); velocities are written.
-        bytes_: flags of the contacts, int8, shape (4, N); sides are written.
+        floats: rows of this module, shape (18, N); velocities are changed.
+        bytes_: flags of the contacts, int8, shape (5, N); sides are changed.
         rounds: upper limit of rounds of the active set.
+        places: positions of the contacts to solve for, as for `move`.
 
     Returns:
         The verdict of `move`, and its number of rounds.
     """
-    order, band = network
-    work, kernel_floats, sliding = stiffness_work
-    n = order.shape[0]
-    load, lower, upper, magnitude, v = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    side = np.empty(n, np.int8)
-    for p in range(n):
+    layout, band = network
+    order = layout[0]
+    load, lower, upper, magnitude = (
+        floats[_PLACED_LOAD],
+        floats[_PLACED_LOWER],
+        floats[_PLACED_UPPER],
+        floats[_PLACED_MAGNITUDE],
+    )
+    v, side = floats[_PLACED_V], bytes_[_PLACED_SIDE]
+    for p in places:
         i = order[p]
         load[p], lower[p], upper[p] = floats[ROW_LOAD, i], floats[ROW_LOWER, i], floats[ROW_UPPER, i]
-        magnitude[p], v[p] = floats[ROW_MAGNITUDE, i], floats[ROW_GUESS, i]
-    verdict, turns = move(band, load, lower, upper, magnitude, rounds, work, kernel_floats, sliding, v, side)
-    for p in range(n):
+        magnitude[p], v[p], side[p] = floats[ROW_MAGNITUDE, i], floats[ROW_V, i], bytes_[ROW_SIDE, i]
+    work, rows, ints, sliding = stiffness_work
+    verdict, turns = move(band, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
+    for p in places:
         floats[ROW_V, order[p]] = v[p]
         bytes_[ROW_SIDE, order[p]] = side[p]
     return verdict, turns

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...body.body import Body
+from ..chain.events import FEW_CONTACTS
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
 from . import active_set, many, memory, ramp
@@ -38,9 +39,13 @@ class GraphMotion:
     """
 
     methods: ClassVar[tuple[str, ...]] = ("exact", "catch_up")
-    samples_margin: ClassVar[bool] = False
     body: Body
     network: Network
+
+    @property
+    def samples_margin(self) -> bool:
+        """Whether an exact ramp samples its visited margin only at its ends, as in large graphs."""
+        return self.body.contacts > FEW_CONTACTS
 
     def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
         """Build the state at rest, see `Motion`."""
@@ -96,7 +101,7 @@ class GraphMotion:
         many.follow_many(
             body.ends,
             body.stiffness,
-            (self.network.order, self.network.band),
+            (tuple(self.network.layout), self.network.band),
             work,
             state.contacts,
             state.links,
@@ -133,7 +138,7 @@ class GraphMotion:
         found: tuple[int, float, int] = ramp.follow(
             body.ends,
             body.stiffness,
-            (self.network.order, self.network.band),
+            (tuple(self.network.layout), self.network.band),
             work,
             state.contacts,
             state.links,

@@ -1,8 +1,7 @@
 """One ramp of the commands on a body of any connected springs: exact, event to event, or a catch-up step.
 
-As in `chain.ramp`, but the rates of all contacts are solved at every event by `active_set`. The displacements are
-integrated; the tensions follow from them, and at the end of a ramp the sliding contacts are put exactly onto their
-bounds, so that no error accumulates from ramp to ramp.
+As in `chain.ramp`, but rates are solved by `active_set`. The displacements are integrated; the tensions follow from
+them, and at the end of a ramp the sliding contacts are put exactly onto their bounds, so that no error accumulates.
 """
 
 from __future__ import annotations
@@ -46,14 +45,15 @@ from ..state import (
     shift,
 )
 from ..translation import choose_translation, is_wide
-from .active_set import eliminate
+from .elimination import eliminate
 from .events import INSTANT, follow_events
 from .margin import distance_to_sliding, nearness_of, slides_at_once
 from .memory import (
+    CHANGE,
+    RATE,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
-    ROW_GUESS,
     ROW_LOAD,
     ROW_LOWER,
     ROW_MAGNITUDE,
@@ -129,8 +129,8 @@ def _catch_up(
     """Take one implicit step from the present state to `target`; return False if it did not converge."""
     n = contacts.shape[1]
     springs = ends.shape[0]
-    change = changes[0]
-    tension = changes[1]
+    change = changes[CHANGE]
+    tension = changes[RATE]
     for s in range(springs):
         change[s] = target[s] - links[ACTUATION, s]
         z = contacts[RELATIVE, ends[s, 1]] - contacts[RELATIVE, ends[s, 0]]
@@ -140,11 +140,12 @@ def _catch_up(
         floats[ROW_UPPER, i] = target[springs + i]
         floats[ROW_LOWER, i] = -target[springs + n + i]
         floats[ROW_MAGNITUDE, i] = 0.0
-        floats[ROW_GUESS, i] = 1.0 if status[i] == AT_FORWARD else (-1.0 if status[i] == AT_BACKWARD else 0.0)
+        floats[ROW_V, i] = 0.0
+        bytes_[ROW_SIDE, i] = 1 if status[i] == AT_FORWARD else (-1 if status[i] == AT_BACKWARD else 0)
     for s in range(springs):
         floats[ROW_MAGNITUDE, ends[s, 0]] += abs(tension[s])
         floats[ROW_MAGNITUDE, ends[s, 1]] += abs(tension[s])
-    verdict, _ = displace(network, work, floats, bytes_, rounds)
+    verdict, _ = displace(network, work, floats, bytes_, rounds, np.arange(n))
     if verdict < 0:
         return False
     v = floats[ROW_V]
@@ -162,7 +163,7 @@ def _catch_up(
         floats[ROW_MIDDLE_B, i] = 0.5 * (contacts[BACKWARD, i] + target[springs + n + i])
     # without status, the distances of contacts with side 0 are computed from their forces
     critical, _ = slides_at_once(
-        ends, stiffness, contacts, links, change, bytes_[ROW_NO_STATUS], bytes_[ROW_SIDE], floats, 1.0, whole
+        ends, stiffness, contacts, links, changes, bytes_[ROW_NO_STATUS], bytes_[ROW_SIDE], floats, 1.0, whole
     )
     if critical or verdict == 1:
         least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
@@ -200,7 +201,8 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
         contacts[BACKWARD, i] = target[springs + n + i]
     _set_tensions(ends, stiffness, contacts, links)
     contact_forces(ends, links[TENSION], floats[ROW_FORCE])
-    order, band = network
+    layout, band = network
+    order = layout[0]
     some = False
     load = np.zeros(n)
     sliding = np.zeros(n, np.int8)
@@ -213,7 +215,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
             some = True
     if some:
         result = np.empty(n)
-        eliminate(band, work[0], work[1][0], load, sliding, result)
+        eliminate(band, work[0], work[1][0], work[2][0], work[2][1], load, sliding, result, np.arange(n))
         size = max(abs(contacts[RELATIVE].max()), abs(contacts[RELATIVE].min()))
         largest = np.abs(result).max()
         if largest <= 1e6 * EPS * size:  # correct rounding errors only
@@ -261,7 +263,7 @@ def follow(
     Args:
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
-        network: order and band of the `Network`.
+        network: layout and band of the `Network`.
         work: memory from `active_set.workspace`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF (the last two unused here), shape (5, S), changed in place.
@@ -304,10 +306,8 @@ def follow(
             target = here
         if not is_in_force(contacts, links, target):
             energy = _stored_energy(stiffness, links)
-            for i in range(n):
-                before[i] = contacts[RELATIVE, i]
-            for i in range(ramp.shape[0]):
-                ramp[i] = 0.0
+            before[:] = contacts[RELATIVE]
+            ramp[:] = 0.0
             ramp[VISITED] = np.inf
             begin_loads(contacts, target)
             begin_ramp(pieces, v)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 
 CLOSE_ENOUGH = 1e-13
 """A step is solved if no force is farther from dR than this part of the magnitude of its terms."""
@@ -40,7 +40,23 @@ def corners_of(friction, directions):
     return corners
 
 
-@compiled
+@lean
+def largest(mu):
+    """Return the largest friction of one contact.
+
+    Args:
+        mu: friction of the contact, shape (max(m, 1),) [N].
+
+    Returns:
+        The largest of them [N].
+    """
+    most = mu[0]
+    for k in range(1, mu.shape[0]):
+        most = max(most, mu[k])
+    return most
+
+
+@lean
 def resistance(mu, corners, v0, v1):
     """Compute R(v) of one contact.
 
@@ -62,7 +78,7 @@ def resistance(mu, corners, v0, v1):
     return most
 
 
-@compiled
+@lean
 def excess(q0, q1, mu, directions, corners, close):
     """Subtract from a force the nearest admissible friction force.
 

@@ -26,16 +26,16 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS
-from .friction import CLOSE_ENOUGH, STUCK, corners_of, excess, resistance
+from .friction import CLOSE_ENOUGH, STUCK, corners_of, excess, largest, resistance
 from .springs import diagonal, solve_band_in_place
 from .translation import choose_translation
 
 MOST_SWEEPS = 300
 
 
-@compiled
+@lean
 def _sweep(springs, force, friction, directions, corners, backwards, velocity, motion, magnitude):
     """Solve the problem of each contact in turn; `magnitude` is set to the sum of the absolute terms of its force."""
     n = force.shape[0]
@@ -43,7 +43,7 @@ def _sweep(springs, force, friction, directions, corners, backwards, velocity, m
         i = n - 1 - j if backwards else j
         q0 = force[i, 0]
         q1 = force[i, 1]
-        size = abs(q0) + abs(q1) + friction[i].max()
+        size = abs(q0) + abs(q1) + largest(friction[i])
         for e in range(springs.first[i] + 1, springs.first[i + 1]):
             c = springs.entry[e]
             other = springs.other[e]
@@ -56,7 +56,7 @@ def _sweep(springs, force, friction, directions, corners, backwards, velocity, m
         velocity[i, 1] = e1 / diagonal(springs, i)
 
 
-@compiled
+@lean
 def _distance(g0, g1, v0, v1, mu, directions, corners, motion):
     """Compute the distance of the spring force g from dR(v)."""
     m = directions.shape[0]
@@ -79,7 +79,7 @@ def _distance(g0, g1, v0, v1, mu, directions, corners, motion):
     return math.hypot(g0 * d0 + g1 * d1 - mu[k], max(before, after, 0.0))
 
 
-@compiled
+@lean
 def _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring):
     """Compute the spring forces r - K v and their largest distance from dR(v), relative to their rounding.
 
@@ -109,7 +109,7 @@ def _residual(springs, force, friction, directions, corners, velocity, motion, m
     return worst
 
 
-@compiled
+@lean
 def _search_discs(friction, linear, quadratic, velocity, step):
     """Find the step length along `step`, at most 1, at which the slope of the cost is small or changes sign.
 

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS
 from .friction import resistance
 from .springs import diagonal, solve_band_in_place
@@ -165,7 +165,7 @@ def _slide(springs, push, normals, owner, rise, velocity):
         velocity[owner[a], 1] += rate[a] * normals[a, 1]
 
 
-@compiled
+@lean
 def _reaches_disc(g0, g1, rate0, rate1, mu, growth, band, sliding):
     """Compute when a force that changes linearly reaches the boundary of its disc."""
     size = math.hypot(g0, g1)
@@ -231,7 +231,7 @@ def find_rates(springs, spring, push, friction, growth, directions, band, veloci
     return first
 
 
-@compiled
+@lean
 def missed(moved, spring, friction, directions, corners, band, compliance):
     """Bound the error of an implicit step, taken as a straight path.
 

@@ -94,7 +94,7 @@ def diagonal(springs, i):
     return springs.entry[springs.first[i]]
 
 
-@compiled
+@lean
 def solve_band_in_place(matrix, right):
     """Solve a positive definite system by Cholesky factorisation.
 

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ..state import PLANAR_ACTUATION as ACTUATION
 from ..state import PLANAR_TENSION as TENSION
 from .friction import STUCK, corners_of, resistance
@@ -35,7 +35,7 @@ _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
 
 
-@compiled
+@lean
 def farthest(a):
     """Compute the largest Euclidean norm of the rows of an array.
 
@@ -51,7 +51,7 @@ def farthest(a):
     return most
 
 
-@compiled
+@lean
 def _stay(guess, moved):
     """Undo the choice of a translation where it is undetermined only at the end of a straight step.
 
@@ -110,7 +110,7 @@ def step(stage, spring, mu, directions, springs, most_sweeps, stages, motions, p
     return solved
 
 
-@compiled
+@lean
 def pull(ends, tension, loads, target, part, spring):
     """Compute the force that friction balances on each contact: that of its springs and its load.
 
@@ -134,7 +134,7 @@ def pull(ends, tension, loads, target, part, spring):
             spring[ends[s, 1], c] -= tension[s, c]
 
 
-@compiled
+@lean
 def load_at(loads, target, part, i, c):
     """Interpolate a load on the way to its target.
 
@@ -152,7 +152,7 @@ def load_at(loads, target, part, i, c):
     return goal if part == 1.0 else loads[0, i, c] + part * (goal - loads[0, i, c])
 
 
-@compiled
+@lean
 def stretch(ends, stiffness, moved, target, links, part, tension):
     """Update tensions for displacements of the contacts and part of the change of the rest lengths.
 
@@ -235,7 +235,7 @@ def _walk(
     return True, total
 
 
-@compiled
+@lean
 def _steady_part(moved, motion, velocity, part, spring, friction, springs, loose, tolerance):
     """Estimate the part of a stretch in which no contact starts or stops; 1 if none does."""
     steady = 1.0
@@ -249,7 +249,7 @@ def _steady_part(moved, motion, velocity, part, spring, friction, springs, loose
     return steady
 
 
-@compiled
+@lean
 def _growth(allowed, error, last, pieces):
     """Choose the factor for the length of the next stretch: for the same number of walks or one more, at least work."""
     if error == 0.0:

@@ -172,3 +172,24 @@ def test_a_load_that_alternates_and_grows(n):
     assert force.max() <= 0.1 + 1e-9
     if n <= 1_000:
         assert kkt_error(*problem, tension) < 1e-10
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3, 4, 5, 6, 7, 8])
+def test_trees_of_breakpoints_are_joined_and_cut(seed):
+    """Loads that swing with a growing size move most breakpoints at every link, but the zero ends between them."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1_000, 2_000))
+    i = np.arange(n)
+    size = 10.0 ** rng.uniform(2.5, 3.5) * (1.0 + i / 100.0)
+    target = size * np.sin(rng.uniform(2.0, 3.1) * i) * rng.uniform(0.5, 1.5, n)
+    stiffness = np.exp(rng.uniform(-1.0, 1.0, n))
+    lower, upper = -rng.uniform(0.1, 0.5, n + 1), rng.uniform(0.1, 0.5, n + 1)
+    if seed % 3 == 0:
+        upper[rng.integers(0, n, 3)] = np.inf
+    tension, side = np.empty(n), np.empty(n + 1, np.int8)
+    moved = project(target, 1 / stiffness, -lower, upper, np.zeros(n + 1), tension, side, workspace(n))
+    assert moved > 32 * n  # breakpoints are in trees
+    assert kkt_error(target, stiffness, lower, upper, tension) < 1e-10
+    force = np.diff(np.concatenate(([0.0], tension, [0.0])))
+    assert force[side == 1] == pytest.approx(upper[side == 1], abs=1e-10 * size[-1])
+    assert force[side == -1] == pytest.approx(lower[side == -1], abs=1e-10 * size[-1])

@@ -17,9 +17,8 @@ def velocities(network: Network, load, bound, rounds):
     order = network.order
     n = order.size
     v, side = np.zeros(n), np.zeros(n, np.int8)
-    verdict, _ = move(
-        network.band, load[order], -bound[order], bound[order], np.zeros(n), rounds, *workspace(network), v, side
-    )
+    given = load[order], -bound[order], bound[order], np.zeros(n)
+    verdict, _ = move(network.band, *given, rounds, *workspace(network), v, side, np.arange(n))
     found = np.empty(n)
     found[order] = v
     return verdict, found

@@ -1,0 +1,321 @@
+"""The rates of a block of contacts of a graph, and the next event of each contact.
+
+A contact strictly inside its bounds is at rest while it stays there: it is a wall. An event changes the rates only of
+the block of contacts at their bounds that springs join to the contact of the event without passing a wall, of the
+springs at them and of the forces on the walls around. Everything else is updated when it is next needed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import compiled, lean
+from ...rounding import LATE
+from ..state import (
+    AT_BACKWARD,
+    AT_FORWARD,
+    BACKWARD,
+    COMPLEMENTARITY,
+    DISSIPATION,
+    FORWARD,
+    RELATIVE,
+    TENSION,
+    WORK,
+    shift,
+)
+from .margin import BLUR, round_spring
+from .memory import (
+    CHANGE,
+    RATE,
+    ROW_ARRIVAL,
+    ROW_COMING,
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
+    ROW_FORCE,
+    ROW_FORCE_RATE,
+    ROW_LEAVING,
+    ROW_LOWER,
+    ROW_SIDE,
+    ROW_SINCE,
+    ROW_UPPER,
+    ROW_V,
+    SPRING_SINCE,
+    displace,
+)
+
+
+@lean
+def settle(status, floats, bytes_, s, i):
+    """Mark contact i as inside the bound that it left before s.
+
+    Args:
+        status: bits of the contacts, changed in place.
+        floats: places since which rates hold.
+        bytes_: bounds that contacts leave, changed in place.
+        s: place on the ramp, 0 .. 1.
+        i: the contact.
+    """
+    if bytes_[ROW_LEAVING, i] != 0 and floats[ROW_SINCE, i] < s:
+        status[i] &= ~bytes_[ROW_LEAVING, i]
+        bytes_[ROW_LEAVING, i] = 0
+
+
+@lean
+def advance_contact(contacts, floats, account, s, i):
+    """Update the force on contact i, its displacement and the account from its last change to s.
+
+    Args:
+        contacts: rows X .. RELATIVE, changed in place.
+        floats: forces, velocities and rates, and the places since which they hold; changed in place.
+        account: account of the ramp, added to.
+        s: place on the ramp, 0 .. 1.
+        i: the contact.
+    """
+    since = floats[ROW_SINCE, i]
+    ds = s - since
+    floats[ROW_SINCE, i] = s
+    if not ds > 0.0:
+        return
+    gain = floats[ROW_FORCE_RATE, i] * ds
+    floats[ROW_FORCE, i] += gain
+    v = floats[ROW_V, i]
+    if v == 0.0:
+        return
+    middle = 0.5 * (since + s)
+    force = floats[ROW_FORCE, i] - 0.5 * gain
+    if v > 0.0:
+        bound = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
+        account[DISSIPATION] += bound * v * ds
+        gap = bound - force
+    else:
+        bound = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
+        account[DISSIPATION] -= bound * v * ds
+        gap = bound + force
+    account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
+    shift(contacts, v, ds, i, since + 0.5 * ds)
+    contacts[RELATIVE, i] += v * ds
+
+
+@lean
+def advance_spring(links, changes, account, s, spring):
+    """Update the tension of a spring and the work of its actuator from its last change to s.
+
+    Args:
+        links: row TENSION is changed in place.
+        changes: rates, and the places since which they hold; changed in place.
+        account: account of the ramp, added to.
+        s: place on the ramp, 0 .. 1.
+        spring: the spring.
+    """
+    ds = s - changes[SPRING_SINCE, spring]
+    changes[SPRING_SINCE, spring] = s
+    if ds > 0.0:
+        gain = changes[RATE, spring] * ds
+        account[WORK] -= (links[TENSION, spring] + 0.5 * gain) * changes[CHANGE, spring] * ds
+        links[TENSION, spring] += gain
+
+
+@lean
+def advance(contacts, links, status, floats, changes, bytes_, account, s):
+    """Update all contacts and springs to s.
+
+    Args:
+        contacts: rows X .. RELATIVE, changed in place.
+        links: row TENSION is changed in place.
+        status: bits of the contacts, changed in place.
+        floats: memory of the ramp, like the next two.
+        changes: rates of the springs.
+        bytes_: bounds that contacts leave.
+        account: account of the ramp, added to.
+        s: place on the ramp, 0 .. 1.
+    """
+    for spring in range(links.shape[1]):
+        advance_spring(links, changes, account, s, spring)
+    for i in range(contacts.shape[1]):
+        settle(status, floats, bytes_, s, i)
+        advance_contact(contacts, floats, account, s, i)
+
+
+@lean
+def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, contact):
+    """Find the block of contacts at their bounds around a contact, and the walls around them.
+
+    Args:
+        layout: fields of the `Layout`.
+        status: bits of the contacts; they are settled.
+        floats: places since which rates hold.
+        bytes_: bounds that contacts leave.
+        marks: row 0: number of the last block that a contact is in; row 1: that it is next to; int, shape (2, N),
+            changed in place.
+        number: of the new block, larger than those of all others.
+        queue: scratch memory, int, shape (N,).
+        places: output: positions of its contacts and of the walls around, increasing, int, shape (N,).
+        s: place on the ramp, 0 .. 1.
+        contact: the contact, at a bound.
+
+    Returns:
+        How many positions there are.
+    """
+    order, place, starts, others, _ = layout
+    queue[0] = contact
+    marks[0, contact] = number
+    lowest = place[contact]
+    highest = lowest
+    read = 0
+    count = 1
+    while read < count:
+        i = queue[read]
+        read += 1
+        for k in range(starts[i], starts[i + 1]):
+            j = others[k]
+            if marks[0, j] == number or marks[1, j] == number:
+                continue
+            settle(status, floats, bytes_, s, j)
+            lowest = min(lowest, place[j])
+            highest = max(highest, place[j])
+            if status[j] != 0:
+                marks[0, j] = number
+                queue[count] = j
+                count += 1
+            else:
+                marks[1, j] = number
+    found = 0
+    for p in range(lowest, highest + 1):
+        if marks[0, order[p]] == number or marks[1, order[p]] == number:
+            places[found] = p
+            found += 1
+    return found
+
+
+@lean
+def _find_arrival(stiffness, layout, contacts, links, status, floats, changes, bytes_, s, i):
+    """Find where the force on contact i reaches a bound that it is not at.
+
+    If it would exceed the bound by no more than rounding at the end of the ramp, it arrives there.
+    """
+    arrival = np.inf
+    coming = 0
+    g, rate = floats[ROW_FORCE, i], floats[ROW_FORCE_RATE, i]
+    forward, backward = floats[ROW_D_FORWARD, i], floats[ROW_D_BACKWARD, i]
+    closing = 0.0
+    if rate - forward > 0.0 and not status[i] & AT_FORWARD:
+        closing = rate - forward
+        arrival = s + max(contacts[FORWARD, i] + s * forward - g, 0.0) / closing
+        coming = AT_FORWARD
+    if -rate - backward > 0.0 and not status[i] & AT_BACKWARD:
+        other = s + max(contacts[BACKWARD, i] + s * backward + g, 0.0) / (-rate - backward)
+        if other < arrival:
+            closing = -rate - backward
+            arrival = other
+            coming = AT_BACKWARD
+    if LATE < arrival < 1.0:
+        _, _, starts, others, springs = layout
+        blur = BLUR * (contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(forward) + abs(backward))
+        for k in range(starts[i], starts[i + 1]):
+            blur += round_spring(stiffness, contacts, links, changes, springs[k], i, others[k])
+        if closing * (1.0 - arrival) <= blur:
+            arrival = 1.0
+    floats[ROW_ARRIVAL, i] = arrival
+    bytes_[ROW_COMING, i] = coming
+
+
+@lean
+def _bound_rates(status, floats, i):
+    """Set the bounds of the rate of the force on contact i: none where it is inside its bounds."""
+    upper = floats[ROW_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
+    lower = -floats[ROW_D_BACKWARD, i] if status[i] & AT_BACKWARD else -np.inf
+    if lower > upper:  # both bounds met by rounding just before the friction vanishes
+        upper = 0.5 * (lower + upper)
+        lower = upper
+    floats[ROW_UPPER, i] = upper
+    floats[ROW_LOWER, i] = lower
+
+
+@lean
+def _set_rates(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, account, places, s):
+    """Set the rates of the springs at contacts that can slide, then the rates of forces and the next events."""
+    order, _, starts, _, springs = layout
+    for p in places:
+        i = order[p]
+        if status[i] == 0:
+            continue
+        for k in range(starts[i], starts[i + 1]):
+            spring = springs[k]
+            if ends[spring, 0] != i and status[ends[spring, 0]] != 0:
+                continue  # it is updated from its other end
+            advance_spring(links, changes, account, s, spring)
+            gain = floats[ROW_V, ends[spring, 1]] - floats[ROW_V, ends[spring, 0]]
+            changes[RATE, spring] = stiffness[spring] * (gain - changes[CHANGE, spring])
+    for p in places:
+        i = order[p]
+        held = 0
+        if bytes_[ROW_SIDE, i] != 0:
+            held = AT_FORWARD if bytes_[ROW_SIDE, i] == 1 else AT_BACKWARD
+            if floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
+                held = AT_FORWARD | AT_BACKWARD
+        bytes_[ROW_LEAVING, i] = status[i] & ~held
+        if held != 0 and floats[ROW_D_FORWARD, i] + floats[ROW_D_BACKWARD, i] >= 0.0:
+            # it moves with its bound, and the other bound does not approach
+            floats[ROW_FORCE_RATE, i] = floats[ROW_UPPER if bytes_[ROW_SIDE, i] == 1 else ROW_LOWER, i]
+            floats[ROW_ARRIVAL, i] = np.inf
+            bytes_[ROW_COMING, i] = 0
+            continue
+        rate = 0.0
+        for k in range(starts[i], starts[i + 1]):
+            spring = springs[k]
+            rate += changes[RATE, spring] if ends[spring, 0] == i else -changes[RATE, spring]
+        floats[ROW_FORCE_RATE, i] = rate
+        _find_arrival(stiffness, layout, contacts, links, status, floats, changes, bytes_, s, i)
+
+
+@compiled
+def solve(
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    floats,
+    changes,
+    bytes_,
+    account,
+    rounds,
+    places,
+    s,
+):
+    """Solve for the rates of a block at s, and find the next event of each of its contacts and of the walls around.
+
+    Args:
+        ends: the two contacts of each spring, shape (S, 2).
+        stiffness: stiffness of the springs, shape (S,) [N/m].
+        network: layout and band of the `Network`.
+        work: memory from `active_set.workspace`.
+        contacts: rows X .. RELATIVE, updated in place to s.
+        links: rows SHAPE .. ACTUATION_REF, likewise.
+        status: bits of the contacts.
+        floats: memory of the ramp: the loads and their magnitudes are given; velocities, rates and events are written.
+        changes: changes of the springs; rates are written.
+        bytes_: sides, bounds that are approached and bounds that are left are written.
+        account: account of the ramp, added to.
+        rounds: upper limit of rounds of the active set.
+        places: positions of the contacts of the block and of the walls around, int, shape (P,).
+        s: place on the ramp, 0 .. 1.
+
+    Returns:
+        As of `active_set.move`.
+    """
+    order = network[0][0]
+    for p in places:
+        i = order[p]
+        advance_contact(contacts, floats, account, s, i)
+        _bound_rates(status, floats, i)
+        if floats[ROW_ARRIVAL, i] <= s:
+            bytes_[ROW_SIDE, i] = 1 if bytes_[ROW_COMING, i] == AT_FORWARD else -1
+        elif s > 0.0 and floats[ROW_V, i] == 0.0:
+            bytes_[ROW_SIDE, i] = 0
+    verdict, turns = displace(network, work, floats, bytes_, rounds, places)
+    if verdict >= 0:
+        _set_rates(ends, stiffness, network[0], contacts, links, status, floats, changes, bytes_, account, places, s)
+    return verdict, turns
