@@ -46,13 +46,13 @@ class Limits:
         Raises:
             CommandError: naming the number, its limit and the parameter.
         """
-        one_after_another = isinstance(columns, int)
-        largest = self.largest[columns : columns + values.size] if one_after_another else self.largest[columns]
+        which = slice(columns, columns + values.size) if isinstance(columns, int) else columns
+        largest = self.largest[which]
         excess = np.abs(values) > largest
         if not excess.any():
             return
         i = int(np.argmax(excess))
-        column = columns + i if one_after_another else columns[i]
+        column = columns + i if isinstance(columns, int) else columns[i]
         parameter = "limit.length" if column < self.lengths else "limit.friction"
         most = largest[i]
         raise CommandError(f"{what}: {names[i]} is {values[i]:g}; at most {most:g} is accepted (parameter {parameter})")
