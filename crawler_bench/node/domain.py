@@ -139,19 +139,23 @@ class Domain:
         finally:
             shutil.rmtree(recording, ignore_errors=True)
 
-    def rate(self, seconds: float) -> float:
+    def rate(self, seconds: float, driven: bool = False) -> float:
         """Measure ticks per second; see `cost`."""
-        return self.cost(seconds, ())[0]
+        return self.cost(seconds, (), driven)[0]
 
-    def cost(self, seconds: float, pids: Sequence[int]) -> tuple[float, list[float]]:
+    def cost(self, seconds: float, pids: Sequence[int], driven: bool = False) -> tuple[float, list[float]]:
         """Measure ticks per second from the stamps and tick counts of the diagnostics, and processor time per tick.
 
         Args:
             seconds: duration, after a second of warm-up [s].
             pids: processes.
+            driven: whether a trajectory drives the simulator.
 
         Returns:
             Ticks per second [Hz], and the processor time of each process per tick [us].
+
+        Raises:
+            RuntimeError: when the trajectory ended before the measurement: holding still is faster.
         """
         first = len(self.reports) + 1  # the next report may still belong to the start
         wait_until(lambda: len(self.reports) > first)
@@ -160,6 +164,8 @@ class Domain:
         wait_until(lambda: self.reports[-1][0] - began >= (seconds - 0.2) * NS)
         ended, after = self.reports[-1]
         used = [cpu_seconds(pid) - u for pid, u in zip(pids, used, strict=True)]
+        if driven and after["rows waiting"].startswith("0 "):
+            raise RuntimeError(f"the trajectory ended within {seconds:g} s: the drives of the bench are too short")
         ticks = int(after["ticks"]) - int(before["ticks"])
         return ticks / ((ended - began) / NS), [1e6 * u / ticks for u in used]
 
@@ -173,14 +179,16 @@ class Domain:
         self._reservation.close()
 
 
-def drive(domain: Domain, names: Sequence[str], rows: np.ndarray, spacing: float) -> None:
-    """Send a long trajectory.
+def build_trajectory(names: Sequence[str], rows: np.ndarray, spacing: float) -> Any:
+    """Build the message of a long trajectory.
 
     Args:
-        domain: domain of the simulator.
         names: names of joints.
         rows: positions, shape (points, names).
         spacing: simulated time between points [s].
+
+    Returns:
+        A trajectory_msgs/JointTrajectory.
     """
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -190,4 +198,4 @@ def drive(domain: Domain, names: Sequence[str], rows: np.ndarray, spacing: float
         ns = round(k * spacing * NS)
         point.time_from_start.sec, point.time_from_start.nanosec = ns // NS, ns % NS
         message.points.append(point)
-    domain.publisher("joint_trajectory").publish(message)
+    return message

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from crawler_model.body.names import name_links
 
-from .domain import Domain, drive
+from .domain import Domain, build_trajectory
 
 
 def write_chain(folder: Path, contacts: int) -> Path:
@@ -53,13 +55,18 @@ def write_segment(folder: Path, accuracy: float) -> Path:
 
 def wave(domain: Domain, contacts: int) -> None:
     """Drive a chain by a travelling wave with a period of 1 s for the longest duration of a measurement."""
-    samples, periods = (64, 300) if contacts <= 100 else (16, 40)
+    domain.publisher("joint_trajectory").publish(_wave_trajectory(contacts))
+
+
+@functools.cache
+def _wave_trajectory(contacts: int) -> Any:
+    samples, periods = (32, 3000) if contacts <= 100 else (16, 120)
     time_in_period = np.arange(samples * periods)[:, None] / samples
     rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
-    drive(domain, name_links(contacts - 1), rows, 1.0 / samples)
+    return build_trajectory(name_links(contacts - 1), rows, 1.0 / samples)
 
 
 def strokes(domain: Domain) -> None:
     """Stretch the segment of `write_segment` back and forth for the longest duration of a measurement."""
     rows = np.tile([[0.0], [0.2]], (300, 1))
-    drive(domain, ["trunk"], rows, 0.5)
+    domain.publisher("joint_trajectory").publish(build_trajectory(["trunk"], rows, 0.5))

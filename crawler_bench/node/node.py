@@ -220,7 +220,7 @@ def measure_ledger(
                 if silent:
                     time.sleep(seconds + 1.5)
                 else:
-                    rate = domain.rate(seconds)
+                    rate = domain.rate(seconds, driven=driver is not None)
                 memory = sum(map(memory_mb, [pid, *children(pid)]))
             if silent:  # without diagnostics, the last line of the log has the number of ticks
                 counted = re.search(r"stopped after (\d+) ticks", log.read_text())

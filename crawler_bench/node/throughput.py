@@ -67,7 +67,7 @@ def measure_throughput(
                     wave(domain, n)
                 if subscribed:
                     time.sleep(1.5)  # until it has discovered all topics
-                found[variant].append(domain.cost(seconds, [pid, *children(pid)]))
+                found[variant].append(domain.cost(seconds, [pid, *children(pid)], driven))
     rows = []
     for (n, record, subscribed, driven, every), costs in found.items():
         if not costs:

@@ -164,13 +164,13 @@ class Ahead:
         # ticks whose messages have the same layout share a table; runs of them are contiguous in it
         kinds = batch.read + 2 * np.diff(batch.taken.first) if outlets[_LEDGER].wanted else batch.read.astype(np.int64)
         rank = np.empty(ticks, np.int64)
-        encoded: dict[int, tuple[_Rows, bytes]] = {}
+        encoded: dict[int, tuple[_Rows, memoryview]] = {}
         for kind in set(kinds.tolist()):
             which = np.flatnonzero(kinds == kind)
             rank[which] = np.arange(which.size)
             table = self._table(kind, which.size)
             self._fill(table, batch, which)
-            encoded[kind] = table, table.table[: which.size].tobytes()
+            encoded[kind] = table, table.table.data.cast("B")
         begins = np.concatenate(([0], 1 + np.flatnonzero(np.diff(kinds))))
         runs = list(
             zip(kinds[begins].tolist(), rank[begins].tolist(), np.diff(begins, append=ticks).tolist(), strict=True)
@@ -179,7 +179,7 @@ class Ahead:
             records = []
             for kind, first, count in runs:
                 table, data = encoded[kind]
-                records.append(memoryview(data)[first * table.size : (first + count) * table.size])
+                records.append(data[first * table.size : (first + count) * table.size])
             recorder.record_all(records)
         for kind, first, count in runs if heard else ():
             table, data = encoded[kind]
@@ -188,7 +188,7 @@ class Ahead:
             ]
             for place in range(first * table.size, (first + count) * table.size, table.size):
                 for publish, start, end in published:
-                    publish(data[place + start : place + end])
+                    publish(bytes(data[place + start : place + end]))
 
     def _table(self, kind: int, rows: int) -> _Rows:
         """Return the table for ticks with 2 P or, if they are read, 2 P + 1 for a number: P points in the ledger."""

@@ -71,13 +71,14 @@ class Outgoing:
         outlets["joint_states"].send(self.joints.encode(now_ns))
         if outlets["contact_states"].wanted:
             outlets["contact_states"].send(self.contacts.encode(now_ns))
-        if outlets["pose"].wanted:
+        if outlets["pose"].wanted or outlets["odom"].wanted:
             y = crawler.net_translation
+        if outlets["pose"].wanted:
             place = (y,) if isinstance(y, float) else y
             outlets["pose"].send(self._pose.encode(now_ns, *place))
         if outlets["odom"].wanted:
             gain = crawler.body.share @ crawler.gained
-            outlets["odom"].send(self._odometry.encode(now_ns, crawler.net_translation, gain / seconds))
+            outlets["odom"].send(self._odometry.encode(now_ns, y, gain / seconds))
         if outlets["/clock"].wanted:
             outlets["/clock"].send(encode_clock(now_ns))
 

@@ -1,13 +1,14 @@
-"""The recording process, and the simulator's end of the pipe to it.
+"""The recording process, and the simulator's end of the memory and the pipes that they share.
 
-`python -m crawler_ros.recording.recorder` writes the file.
+`python -m crawler_ros.recording.recorder` writes the file. The simulator copies records into a ring of shared memory
+and sends the process, through a pipe, where they are: the contents of a pipe would be copied twice more.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
+import mmap
 import os
 import select
 import struct
@@ -15,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +27,60 @@ from .record_head import message_head
 
 FLUSH_EVERY_S = 0.5
 
-_PIPE_BYTES = 1 << 20
-_JOINED_BYTES = 1 << 15
-"""Items smaller than this on average are copied together: a system call costs as much as copying them."""
 _PUSH_EVERY_NS = 2_000_000
 _LISTEN_EVERY_NS = 200_000_000
-_MOST_WAITING = 1 << 26
-"""Bytes. Waiting data is lost when the simulator is killed: no more than can be written in a second."""
+_LOOK_EVERY_S = 0.001
+_HEAD = 4096
+"""Bytes of the shared memory before the ring: they hold the number of bytes that were taken from it."""
+_RING_BYTES = 1 << 26
+"""No more than can be written in a second."""
+_JOINED_BYTES = 1 << 12
+"""Items smaller than this on average are joined before they are copied into the ring."""
+_PIECE = struct.Struct("<QQ")
+"""Of the ring: where it begins and its size [bytes]."""
+
+
+class _Ring:
+    """The writing end of the ring; only one thread writes."""
+
+    def __init__(self) -> None:
+        self.fd = os.memfd_create("crawler_recording")
+        os.ftruncate(self.fd, _HEAD + _RING_BYTES)
+        shared = memoryview(mmap.mmap(self.fd, _HEAD + _RING_BYTES))
+        self._taken, self._memory = shared[:_HEAD].cast("Q"), shared[_HEAD:]
+        self._place = self._written = 0
+        self.pieces: list[tuple[int, int]] = []
+        """What was written and not yet sent: where it begins and its size."""
+
+    @property
+    def used(self) -> int:
+        """Bytes that the process has not taken yet."""
+        return self._written - self._taken[0]
+
+    def write(self, data: memoryview) -> int:
+        """Copy all of `data` if it fits, or as much as the ring holds if it is empty; return the bytes copied."""
+        used = self.used
+        if used == 0:
+            self._place = 0  # the beginning is still in the processor's cache
+        if used and len(data) > _RING_BYTES - used:
+            return 0
+        left = data[:_RING_BYTES]
+        while left:
+            size = min(len(left), _RING_BYTES - self._place)
+            self._memory[self._place : self._place + size] = left[:size]
+            if self.pieces and sum(self.pieces[-1]) == self._place:
+                begin, before = self.pieces.pop()
+                self.pieces.append((begin, before + size))
+            else:
+                self.pieces.append((self._place, size))
+            self._written += size
+            self._place = (self._place + size) % _RING_BYTES
+            left = left[size:]
+        return min(len(data), _RING_BYTES)
 
 
 class Recorder:
-    """The simulator's end of a pipe to a recording process.
+    """The simulator's end of the memory and the pipes that it shares with a recording process.
 
     The process outlives a killed simulator and finishes the file; a slow or full disk does not stall the loop.
     """
@@ -57,15 +101,14 @@ class Recorder:
         """The reason why recording has stopped."""
         self.trouble = ""
         """A problem during which the recording continues."""
-        self.waiting = 0
-        """Bytes collected by `push` and not yet written to the pipe."""
         self._attachments = attachments
         self._names: dict[str, str] = {}
         self._channels: list[tuple[str, str, str, dict[str, str]]] = []
         self._sequences: list[int] = []
         self._process: subprocess.Popen[bytes] | None = None
-        self._arrived: list[bytes | memoryview] = []  # any thread appends, one empties it
-        self._blocks: deque[memoryview] = deque()
+        self._arrived: list[bytes] = []  # any thread appends, one empties it
+        self._blocks: deque[memoryview] = deque()  # for which the ring had no room
+        self._kept = 0  # bytes of these
         self._next_push_ns = self._next_listen_ns = 0
         self._output = b""
 
@@ -95,21 +138,24 @@ class Recorder:
             OSError: when the folder cannot be created.
         """
         self.folder = make_folder(self.folder, self._name)
+        self._ring = _Ring()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "crawler_ros.recording.recorder"],
+            [sys.executable, "-m", "crawler_ros.recording.recorder", str(self._ring.fd)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            pass_fds=(self._ring.fd,),
             start_new_session=True,
         )
+        os.close(self._ring.fd)
         attachments = self._attachments | {"topics": self._names}  # replay finds them by these names, remapped or not
         header = {"folder": str(self.folder), "attachments": attachments, "channels": self._channels}
-        data = json.dumps(header).encode()
         self._fd = self._process.stdin.fileno()  # type: ignore[union-attr]
-        self._arrived.append(struct.pack("<I", len(data)) + data)
-        with contextlib.suppress(OSError):  # a larger pipe is not essential
-            fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        self._ring.write(memoryview(json.dumps(header).encode()))
+        with contextlib.suppress(BrokenPipeError):  # `push` finds out why
+            self._send_pieces()  # by itself, so that the process knows where it ends
+        self._reports = self._process.stdout.fileno()  # type: ignore[union-attr]
         os.set_blocking(self._fd, False)
-        os.set_blocking(self._process.stdout.fileno(), False)  # type: ignore[union-attr]
+        os.set_blocking(self._reports, False)
 
     def now_ns(self) -> int:
         """Return the time for the messages of a recording [ns, wall].
@@ -150,13 +196,17 @@ class Recorder:
         return first
 
     def record_all(self, records: Sequence[bytes | memoryview]) -> None:
-        """Accept message records, complete with their heads, as `record` accepts a message.
+        """Accept message records, complete with their heads; call it from the thread that calls `push`.
 
         Args:
-            records: the records; each item holds any number of them.
+            records: the records; each item holds any number of them. They are copied.
         """
-        if self.error is None:
-            self._arrived.extend(records)
+        if self.error is not None:
+            return
+        self._fill_ring()
+        for item in records:
+            if self._blocks or not self._ring.write(memoryview(item)):
+                self._keep(memoryview(bytes(item)))
 
     @property
     def messages(self) -> int:
@@ -164,7 +214,7 @@ class Recorder:
         return sum(self._sequences)
 
     def push(self, now_ns: int) -> None:
-        """Write accepted messages to the pipe from time to time; block only if very many wait; call from one thread.
+        """Hand over accepted messages from time to time; block only if very many wait; call from one thread.
 
         Args:
             now_ns: time of a steady clock [ns].
@@ -173,7 +223,7 @@ class Recorder:
             return
         self._next_push_ns = now_ns + _PUSH_EVERY_NS
         if self.error is None:
-            self._write_pipe(_MOST_WAITING)
+            self._hand_over()
         if self.error is None and now_ns >= self._next_listen_ns:
             self._next_listen_ns = now_ns + _LISTEN_EVERY_NS
             self._read_reports()
@@ -184,15 +234,20 @@ class Recorder:
         return self.error or self.trouble
 
     @property
+    def waiting(self) -> int:
+        """Bytes that the process has not taken yet."""
+        return self._ring.used + self._kept if self.error is None else 0
+
+    @property
     def is_behind(self) -> bool:
-        """Whether so much waits for the pipe that `push` may have to block soon."""
-        return self.waiting > _MOST_WAITING // 2
+        """Whether so much waits for the process that `push` may have to block soon."""
+        return self.waiting > _RING_BYTES // 2
 
     def _read_reports(self) -> None:
         """Read the lines of the process: each names a problem, and an empty one means that it is over."""
         output = self._process.stdout.read()  # type: ignore[union-attr]
         if output == b"":  # it has ended unexpectedly
-            self.error = self._wait_for_error() or "recording stopped: the process has ended"
+            self._fail(self._wait_for_error() or "recording stopped: the process has ended")
         elif output is not None:
             self._output += output
             lines = self._output.split(b"\n")
@@ -200,44 +255,64 @@ class Recorder:
                 self.trouble = f"recording in trouble: {lines[-2].decode()}" if lines[-2] else ""
             self._output = lines[-1]
 
-    def _write_pipe(self, most: int) -> None:
-        """Write as much as the pipe accepts, and wait until no more than `most` bytes are left."""
-        arrived = self._arrived
+    def _keep(self, block: memoryview) -> None:
+        if block:
+            self._blocks.append(block)
+            self._kept += len(block)
+
+    def _fill_ring(self) -> None:
+        """Copy accepted messages into the ring, as many as it has room for."""
+        arrived, blocks = self._arrived, self._blocks
         if arrived:
             taken = arrived[:]
             del arrived[: len(taken)]  # messages that arrived meanwhile stay
-            size = sum(map(len, taken))
-            self._blocks.extend(map(memoryview, [b"".join(taken)] if size < len(taken) * _JOINED_BYTES else taken))
-            self.waiting += size
-        blocks, blocking = self._blocks, False
+            joined = sum(map(len, taken)) < len(taken) * _JOINED_BYTES
+            for data in [b"".join(taken)] if joined else taken:
+                self._keep(memoryview(data))
+        while blocks:
+            written = self._ring.write(blocks[0])
+            if written == 0:
+                return
+            block = blocks.popleft()
+            self._kept -= written
+            if written < len(block):
+                blocks.appendleft(block[written:])
+
+    def _hand_over(self) -> None:
+        """Copy all accepted messages into the ring, waiting until there is room, and send the process their places."""
         try:
-            while blocks:
-                if blocking != (self.waiting > most):
-                    blocking = not blocking
-                    os.set_blocking(self._fd, blocking)
-                block = blocks.popleft()
-                try:
-                    written = os.write(self._fd, block[:_PIPE_BYTES])
-                except BlockingIOError:
-                    blocks.appendleft(block)
+            while True:
+                self._fill_ring()
+                self._send_pieces()
+                if not self._blocks:
                     return
-                self.waiting -= written
-                if written < len(block):
-                    blocks.appendleft(block[written:])
+                select.select([self._reports], [], [], _LOOK_EVERY_S)
+                self._read_reports()
+                if self.error is not None:
+                    return
         except BrokenPipeError:
-            self.error = self._wait_for_error()
-            blocks.clear()
-            self.waiting = 0
-        finally:
-            if blocking:
-                os.set_blocking(self._fd, False)
+            self._fail(self._wait_for_error())
+
+    def _send_pieces(self) -> None:
+        pieces = self._ring.pieces
+        try:
+            while pieces:
+                os.write(self._fd, _PIECE.pack(*pieces[0]))
+                del pieces[0]
+        except BlockingIOError:  # they are sent later
+            pass
+
+    def _fail(self, error: str | None) -> None:
+        self.error = error
+        self._blocks.clear()
 
     def close(self) -> None:
-        """Write the rest to the pipe and let the process write the end of the file and metadata.yaml."""
+        """Hand over the rest and let the process write the end of the file and metadata.yaml."""
         assert self._process is not None
         assert self._process.stdin is not None
         if self.error is None:
-            self._write_pipe(0)
+            os.set_blocking(self._fd, True)
+            self._hand_over()
         with contextlib.suppress(BrokenPipeError):
             self._process.stdin.close()
         self.error = self.error or self._wait_for_error()
@@ -256,21 +331,41 @@ class Recorder:
 
 
 def main() -> int:
-    """Record the messages that arrive on standard input until it ends."""
-    fd = sys.stdin.fileno()
-    data = b""
-    while len(data) < 4 or len(data) < 4 + struct.unpack_from("<I", data)[0]:
-        block = os.read(fd, _PIPE_BYTES)
-        if not block:
-            return 0
-        data += block
-    size = 4 + struct.unpack_from("<I", data)[0]
-    header, data = json.loads(data[4:size]), data[size:]
+    """Record the messages in the ring whose places arrive on standard input until it ends."""
+    ring = int(sys.argv[1])
+    with memoryview(mmap.mmap(ring, _HEAD + _RING_BYTES)) as shared:
+        os.close(ring)
+        pieces = _read_pieces(sys.stdin.fileno(), shared)
+        header = next(pieces, None)
+        return 0 if header is None else _record(json.loads(bytes(header)), pieces)
+
+
+def _read_pieces(fd: int, shared: memoryview) -> Iterator[memoryview]:
+    """Yield the pieces of the ring whose places arrive, one after another, and nothing in between where none does."""
+    taken, memory, rest = shared[:_HEAD].cast("Q"), shared[_HEAD:], b""
+    while True:
+        ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
+        if not ready:
+            yield memory[:0]
+            continue
+        found = os.read(fd, 256 * _PIECE.size)
+        if not found:
+            return
+        rest += found
+        whole = len(rest) - len(rest) % _PIECE.size
+        for place, size in _PIECE.iter_unpack(rest[:whole]):
+            yield memory[place : place + size]
+            taken[0] += size
+        rest = rest[whole:]
+
+
+def _record(header: dict[str, Any], pieces: Iterator[memoryview]) -> int:
+    """Write the recording that a header describes; return the exit status."""
     try:
         bag = BagWriter(Path(header["folder"]), header["attachments"])
         for name, type_name, definition, metadata in header["channels"]:
             bag.add_channel(name, type_name, definition.encode(), metadata)
-        _record(fd, data, bag)
+        _write(pieces, bag)
         trouble = bag.find_trouble()
         bag.close()
     except OSError as error:  # such as a full disk: flushed messages can be recovered
@@ -287,31 +382,17 @@ def _report(text: str) -> None:
         os.write(sys.stdout.fileno(), f"{' '.join(text.split())}\n".encode())
 
 
-def _record(fd: int, data: bytes, bag: BagWriter) -> None:
-    """Write `data` and the message records that follow it, flushing twice a second."""
-    buffer = bytearray(2 * _PIPE_BYTES)
-    filled = len(data)
-    buffer[:filled] = data
-    flushed, trouble = time.monotonic(), ""
-    while True:
-        with memoryview(buffer) as view:
-            taken = bag.write_records(view[:filled])
-            view[: filled - taken] = view[taken:filled]
-            filled -= taken
-        if filled > len(buffer) - _PIPE_BYTES:  # for a message larger than any before
-            buffer += bytes(len(buffer))
+def _write(pieces: Iterator[memoryview], bag: BagWriter) -> None:
+    """Write message records, flushing twice a second."""
+    rest, flushed, trouble = b"", time.monotonic(), ""
+    for piece in pieces:
+        data = memoryview(rest + piece) if rest else piece  # a record may go on at the beginning of the ring
+        rest = bytes(data[bag.write_records(data) :])
         if time.monotonic() - flushed >= FLUSH_EVERY_S:
             bag.flush()
             flushed, before, trouble = time.monotonic(), trouble, bag.find_trouble()
             if trouble != before:
                 _report(trouble)
-        ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
-        if ready:
-            with memoryview(buffer) as view:
-                count = os.readv(fd, [view[filled:]])
-            if count == 0:
-                return
-            filled += count
 
 
 if __name__ == "__main__":

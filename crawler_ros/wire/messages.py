@@ -169,8 +169,8 @@ class OdometryMessage:
 
     def encode(self, stamp_ns: int, position: np.ndarray | float, velocity: np.ndarray | float) -> bytes:
         """Return the bytes for a net translation and its velocity: numbers on a line, shape (2,) in the plane."""
-        self._position[: np.size(position)] = position
-        self._velocity[: np.size(velocity)] = velocity
+        self._position[: 1 if isinstance(position, float) else 2] = position
+        self._velocity[: 1 if isinstance(velocity, float) else 2] = velocity
         _put_stamp(self._buffer, self._stamp, stamp_ns)
         return bytes(self._buffer)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -32,7 +33,7 @@ from crawler_ros.recording.recorder import Recorder
 from crawler_ros.wire.definitions import type_hash
 from crawler_ros.wire.topics import read_topics
 
-from .graph import graph, seconds
+from .graph import environment, graph, seconds
 
 DECODE = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
 OUT = {"/joint_states", "/contact_states", "/pose", "/applied_commands", "/diagnostics"}
@@ -363,6 +364,49 @@ def test_what_waits_for_a_slow_recording_is_bounded_and_nothing_is_lost(tmp_path
     assert recorder.error is None
     assert limit - 10**6 < most <= limit
     assert bag.examine(recorder.folder).counts == {"/pose": 2000}
+
+
+def test_messages_larger_than_the_shared_memory_and_empty_ones_are_recorded(tmp_path):
+    recorder = Recorder(tmp_path, "large", {})
+    channel = recorder.add_topic(read_topics()["pose"], "/pose")
+    recorder.start()
+    sizes = [100_000, 0, (1 << 26) + 12_345, 0, 7, (1 << 26) - 31, 100_000]
+    for k, size in enumerate(sizes):
+        recorder.record(channel, k, k, bytes([k]) * size)
+    recorder.push(10**9)
+    assert recorder.waiting <= 1 << 26
+    recorder.close()
+    assert recorder.error is None
+    read = [record.data for record in bag.read(recorder.folder)]
+    assert read == [bytes([k]) * size for k, size in enumerate(sizes)]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from crawler_ros.recording.recorder import Recorder
+from crawler_ros.wire.topics import read_topics
+
+recorder = Recorder(Path(sys.argv[1]), "killed", {})
+channel = recorder.add_topic(read_topics()["pose"], "/pose")
+recorder.start()
+os.kill(recorder._process.pid, signal.SIGSTOP)
+for k in range(300):
+    recorder.record(channel, k, k, bytes(100_000))
+recorder.push(10**9)
+print(recorder._process.pid, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_simulator_handed_over_to_a_slow_recording_is_kept(tmp_path):
+    words = [sys.executable, "-c", KILLED, str(tmp_path)]
+    done = subprocess.run(words, env=environment(), stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, timeout=120)
+    assert done.returncode == -signal.SIGKILL
+    os.kill(int(done.stdout), signal.SIGCONT)
+    path = only(tmp_path)
+    wait_until(lambda: (path / "metadata.yaml").exists())
+    assert bag.examine(path).counts == {"/pose": 300}  # 30 MB, many times what a pipe holds
 
 
 def test_nothing_piles_up_behind_a_recording_that_failed(tmp_path):

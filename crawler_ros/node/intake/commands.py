@@ -123,8 +123,8 @@ class CommandQueue:
                 counts = f"{self._lengths}, x and y of each link"
             raise CommandError(f"actuation command has {array.size} value(s); it needs {counts}")
         checks.check_finite("actuation command", array)
-        row = array if planar else np.repeat(array, sizes)
-        self._limits.check("actuation command", self._columns.names[: self._lengths], row)
+        row = array if array.size == self._lengths else np.repeat(array, sizes)
+        self._limits.check("actuation command", self._columns.names, row)
         with self._lock:
             self._reserve(1)
             self._pending += 1
@@ -347,7 +347,7 @@ class CommandQueue:
                 if k < len(waiting):
                     row[first : first + waiting[k].size] = waiting[k]
             vertices.append(Vertex(start_ns + (end_ns - start_ns) * (k + 1) // count, row))
-        self._path.end(Vertex(end_ns, row))
+        self._path.end(vertices[-1])  # at the end of the tick
         return vertices
 
     def _join_all(self, trajectories: list[Trajectory], now_ns: int, end_ns: int) -> None:

@@ -46,13 +46,15 @@ class Limits:
         Raises:
             CommandError: naming the number, its limit and the parameter.
         """
-        which = columns + np.arange(values.size) if isinstance(columns, int) else columns
-        excess = np.abs(values) > self.largest[which]
+        which = slice(columns, columns + values.size) if isinstance(columns, int) else columns
+        largest = self.largest[which]
+        excess = np.abs(values) > largest
         if not excess.any():
             return
         i = int(np.argmax(excess))
-        parameter = "limit.length" if which[i] < self.lengths else "limit.friction"
-        most = self.largest[which[i]]
+        column = columns + i if isinstance(columns, int) else columns[i]
+        parameter = "limit.length" if column < self.lengths else "limit.friction"
+        most = largest[i]
         raise CommandError(f"{what}: {names[i]} is {values[i]:g}; at most {most:g} is accepted (parameter {parameter})")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,7 @@ class Trajectory:
     positions: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Vertex:
+class Vertex(NamedTuple):
     """The end of a ramp within a tick: its simulated time [ns] and the row commanded there."""
 
     due_ns: int

@@ -21,6 +21,10 @@ _ENCODINGS = {  # by the second byte: byte order and largest alignment
     6: (">", 4),
     7: ("<", 4),
 }
+_WITHOUT_DIMENSIONS = b"\x00\x01\x00\x00\x00\x00\x00\x00"
+_ARRAY_COUNT = struct.Struct("<I4x")
+_ARRAY_COUNT_AT, _ARRAY_AT = 12, 20
+"""In a Float64MultiArray without dimensions, little-endian, as almost every one is: place of its count and numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +101,10 @@ def read_array(data: bytes) -> np.ndarray:
     Raises:
         CommandError: when the bytes are not such a message.
     """
+    if data[: len(_WITHOUT_DIMENSIONS)] == _WITHOUT_DIMENSIONS and len(data) > _ARRAY_AT:
+        (size,) = _ARRAY_COUNT.unpack_from(data, _ARRAY_COUNT_AT)
+        if _ARRAY_AT + 8 * size <= len(data):
+            return np.frombuffer(data, "<f8", size, _ARRAY_AT)
     reader = _Reader(data)
     for _ in range(reader.count()):  # dimensions: label, size, stride
         reader.text()
