@@ -1,8 +1,8 @@
 """Borders between patches of ground, as limits of the displacements of contacts inside the compiled event loops.
 
 A contact stands in a patch or on a border; which of the two is data that `ground` changes (rounded positions do not
-determine it). A ramp is followed until a sliding contact reaches its next border, and stops there. A contact that
-stands on a border reaches it as soon as it moves: it leaves.
+determine it). A ramp is followed until a sliding contact reaches its next border, and stops there, unless that is left
+to the event loop of a chain. A contact that stands on a border reaches it as soon as it moves: it leaves.
 """
 
 from __future__ import annotations
@@ -24,10 +24,16 @@ SAME = 16.0 * EPS
 """Bounds closer than this, relative to their size, count as equal."""
 _NEAR = 8.0 * EPS
 
-JUMP_RAMP, JUMP_PART, JUMP_CONTACT, JUMP_BORDER, JUMP_DISTANCE, JUMP_LOSS = range(6)
-"""Columns of a row of jumps, as the attributes of `Jump`."""
-COUNT, LOST, OF_RAMP = range(3)
-"""Columns of the first row of jumps: their number, the sum of their losses on the present ramp, and this ramp."""
+JUMP_RAMP, JUMP_PART, JUMP_CONTACT, JUMP_BORDER, JUMP_DISTANCE, JUMP_LOSS, JUMP_OPEN = range(7)
+"""Columns of a row of jumps, as the attributes of `Jump`; and the direction of a jump that has not ended, with the
+displacement at the border in place of the distance, else 0."""
+COUNT, LOST, OF_RAMP, STOPPED, SUM_FORWARD, SUM_BACKWARD = range(6)
+"""Columns of the first row of jumps: their number, the sum of their losses on the present ramp, this ramp, AT_BORDER or
+AT_JUMP if it has stopped at a border, and the sums of all forward and all backward bounds at its end."""
+AT_BORDER, AT_JUMP = 1, 2
+"""How a ramp stopped: as soon as contacts reached a border, or after some have crossed it, with jumps in progress."""
+_HOLDS = 1e-9
+"""Sums of bounds below this part of their size are computed anew, as they change at each border."""
 
 
 class Patches(NamedTuple):
@@ -49,7 +55,7 @@ class Patches(NamedTuple):
     meetings: np.ndarray
     """Memory of a chain for the tournament of the next borders, from `room_for_meetings`."""
     jumps: np.ndarray
-    """Output: a row with COUNT .. OF_RAMP, then a row for each jump, shape (J + 1, 6)."""
+    """Output: a row with COUNT .. SUM_BACKWARD, then a row for each jump, shape (J + 1, 7)."""
 
 
 def room_for_meetings(contacts: int) -> np.ndarray:
@@ -71,9 +77,23 @@ def room_for_jumps(contacts: int) -> np.ndarray:
         contacts: number of contacts N.
 
     Returns:
-        Shape (J + 1, 6).
+        Shape (J + 1, 7).
     """
-    return np.zeros((contacts + 16, 6))
+    return np.zeros((contacts + 16, 7))
+
+
+@compiled
+def surely_holds(jumps):
+    """Check whether the ground holds the body at the end of a ramp, beyond rounding.
+
+    Args:
+        jumps: the first row, shape (J + 1, 7).
+
+    Returns:
+        True if both sums of bounds are positive.
+    """
+    forward, backward = jumps[0, SUM_FORWARD], jumps[0, SUM_BACKWARD]
+    return min(forward, backward) > _HOLDS * (abs(forward) + abs(backward))
 
 
 @compiled

@@ -34,15 +34,17 @@ def read_jumps(rows: np.ndarray, ramp: int, done: float) -> tuple[Jump, ...]:
     """Read the jumps that a compiled loop has written.
 
     Args:
-        rows: as in `Patches.jumps`, shape (J + 1, 6).
+        rows: as in `Patches.jumps`, shape (J + 1, 7).
         ramp: the number of the first ramp that the loop followed.
         done: the part of it that had been followed before.
 
     Returns:
-        The jumps, with ramps and parts counted as in `Jump`.
+        The jumps that have ended, with ramps and parts counted as in `Jump`.
     """
     found = []
-    for row in rows[1 : 1 + int(rows[0, COUNT])].tolist():
+    for *row, is_open in rows[1 : 1 + int(rows[0, COUNT])].tolist():
+        if is_open:
+            continue
         of_ramp, part = int(row[JUMP_RAMP]), row[JUMP_PART]
         if of_ramp == 0:
             part = done + part * (1.0 - done)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
-from ..borders import mark_reached
+from ..borders import AT_BORDER, AT_JUMP, STOPPED, mark_reached
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -30,7 +30,8 @@ from ..state import (
     advance_loads,
 )
 from ..translation import choose_translation, is_wide
-from .crossing import begin_meetings, cross_borders, next_meeting, update_meetings
+from .border import begin_meetings, next_meeting, sum_bounds, update_meetings
+from .crossing import cross_borders
 from .long.slides import ENDS, finish_slides
 from .long.solve import begin_long, release_long, solve_long
 from .memory import (
@@ -165,7 +166,7 @@ def follow_events(
     shortest = long_ints[0]
     until_long = long_ints[3]
     lines, sums, nodes, order, marks, parts = carve(long_floats, long_ints)
-    whole = (0.0, 0.0)
+    whole = sum_bounds(contacts, target)
     may_be_long = marks.shape[1] > 0 and not wide and patches is None and pieces_met.shape[0] == 0
     any_long = False
     for i in range(n):
@@ -176,10 +177,6 @@ def follow_events(
         floats[ROW_D_ACTUATION, i] = target[i] - links[ACTUATION, i] if i < n - 1 else 0.0
         floats[ROW_D_FORWARD, i] = target[n - 1 + i] - contacts[FORWARD, i]
         floats[ROW_D_BACKWARD, i] = target[2 * n - 1 + i] - contacts[BACKWARD, i]
-        whole = (
-            whole[0] + contacts[FORWARD, i] + contacts[BACKWARD, i],
-            whole[1] + target[n - 1 + i] + target[2 * n - 1 + i],
-        )
         steady = floats[ROW_D_FORWARD, i] == 0.0 and floats[ROW_D_BACKWARD, i] == 0.0
         may_be_long &= steady and contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0
         bytes_[ROW_LEAVING, i] = 0
@@ -195,6 +192,7 @@ def follow_events(
     pieces = 1
     done = True
     at_border = False
+    crossed = False
     while True:
         shifted = False
         least = 0.0
@@ -204,6 +202,9 @@ def follow_events(
         ending = not when < 1.0
         until = 1.0 if ending else when
         look = free <= _FEW_FREE or n <= FEW_CONTACTS
+        if look and crossed:
+            whole = sum_bounds(contacts, target)
+            crossed = False
         critical = look and _near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
         if critical or free_translation:
             # friction at the middle of the stretch, as it may be zero at its start
@@ -235,8 +236,8 @@ def follow_events(
             if patches is not None and patches.crosses and not shifted and not wide:
                 if look:
                     _visit(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
-                count, grown, grown_end = cross_borders(
-                    elasticity[COMPLIANCE],
+                count, done = cross_borders(
+                    elasticity,
                     contacts,
                     links,
                     status,
@@ -246,14 +247,14 @@ def follow_events(
                     hits,
                     leaves,
                     patches,
-                    commands[0],
-                    commands[1],
+                    commands,
                     target,
                     s,
                     fastest,
                 )
-                whole = (whole[0] + grown, whole[1] + grown_end)
-            done = count > 0
+                crossed = True
+            else:
+                done = crossed = False
             if not done or s == 1.0:
                 pieces -= not moved_on
                 break
@@ -382,7 +383,9 @@ def follow_events(
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
         advance_loads(contacts, s)
-        if patches is not None and at_border and not patches.reached.any():
-            mark_reached(contacts, floats[ROW_V], patches.ground, patches.reached)
+        if patches is not None and at_border:
+            patches.jumps[0, STOPPED] = AT_JUMP if crossed else AT_BORDER
+            if not crossed:
+                mark_reached(contacts, floats[ROW_V], patches.ground, patches.reached)
     account[EVENTS] += pieces
     return done, end

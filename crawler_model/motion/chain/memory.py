@@ -30,8 +30,8 @@ from . import projection
 ) = range(16)
 _FLOAT_ROWS = 16
 # Rows of the scratch bytes.
-ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED = range(4)
-_BYTE_ROWS = 4
+ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED, ROW_HIT = range(5)
+_BYTE_ROWS = 5
 
 _HEADER = 4
 SHORTEST_LONG = 32

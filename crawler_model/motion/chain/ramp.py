@@ -18,7 +18,7 @@ import numpy as np
 from ...body.places import put_on_ground
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS
-from ..borders import FOLLOWED, LOST, OF_RAMP, PASSED
+from ..borders import AT_JUMP, FOLLOWED, LOST, OF_RAMP, PASSED, STOPPED, SUM_BACKWARD, SUM_FORWARD
 from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
@@ -299,8 +299,10 @@ def follow(
                 return v, 0.0, unheld
             commands = (targets[v - 1] if v > 0 else patches.command, target)
             target = here
-            patches.jumps[0, LOST] = 0.0
+            patches.jumps[0, LOST:] = 0.0
             patches.jumps[0, OF_RAMP] = v
+            patches.jumps[0, SUM_FORWARD] = here[n - 1 : 2 * n - 1].sum()
+            patches.jumps[0, SUM_BACKWARD] = here[2 * n - 1 : 3 * n - 1].sum()
         if not is_in_force(contacts, links, target):
             bytes_[ROW_MOVED] = 0
             ramp[:] = 0.0
@@ -330,12 +332,15 @@ def follow(
                     commands,
                     pieces,
                 )
-            if patches is not None and not finished and patches.reached.any():
+            if patches is not None and patches.jumps[0, STOPPED] != 0.0:
                 middle = np.empty(target.shape[0])
                 read_commands(contacts, links, middle)
                 if part == 1.0:
                     middle[:] = target
+                visited = ramp[VISITED]
                 _finish(elasticity, contacts, links, status, middle, bytes_, ramp, energy, wide)
+                if patches.jumps[0, STOPPED] == AT_JUMP:  # a jump does not count for the visited margin
+                    ramp[VISITED] = visited
                 ramp[DISSIPATION] -= patches.jumps[0, LOST]
                 end_loads(contacts, middle, ramp)
                 add_ramp(account, ramp)

@@ -9,6 +9,8 @@ contact that reaches a border forward with the spring force g, which is its forw
   fall is followed like any other ramp; the part of the bound that the ground does not provide is an extra load, whose
   work is the energy lost. Borders that are met during the fall are further events.
 
+The event loop of a chain does all this itself (`motion.chain.crossing`), except for the cases that it leaves to this file.
+
 Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with the displacements
 of the others; so the end of a jump is the least displacement at which all bounds hold. Where no equilibrium is left,
 all contacts are at their forward bounds, and the body slides as a whole to the next border of one of them.
@@ -25,7 +27,7 @@ from ...body.ground import Track
 from ...body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE, keep_borders, put_on_ground, survey
 from ...errors import CommandError
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
-from ..borders import FOLLOWED, PASSED, SAME, Patches, move_all
+from ..borders import COUNT, FOLLOWED, PASSED, SAME, Patches, move_all
 from ..jump import Jump, read_jumps
 from ..state import (
     ACTUATION,
@@ -77,14 +79,14 @@ class Walk:
         account: np.ndarray,
         patches: Patches,
     ) -> None:
-        """Begin where ramps have been followed to a first border.
+        """Begin where ramps have been followed to a first stop at a border.
 
         Args:
             line: the motion between borders.
             track: the ground.
             state: changed in place.
             scratch: memory of `line`.
-            budget: upper limit of work between two borders.
+            budget: upper limit of work between two stops at borders.
             account: shape (14,), added to.
             patches: the ground, with the contacts that are at that border.
         """
@@ -93,11 +95,12 @@ class Walk:
         self._springs, self._n = state.links.shape[1], state.status.size
         self._patches, self._reached = patches, patches.reached
         self._falls: dict[int, _Fall] = {}
-        self._jumps = list(read_jumps(patches.jumps, 0, 0.0))
+        self._jumps: list[Jump] = []
         self._no_records = np.empty((0, 2 * self._n + self._springs))
         self._slid = 0.0
         self._at = (0, 0.0)
         self._stops = 0
+        self._read_jumps(0, 0.0)
 
     def follow(self, targets: np.ndarray, records: np.ndarray, found: tuple[int, float, int]) -> tuple[Jump, ...]:
         """Follow ramps to each of the targets in turn.
@@ -138,7 +141,15 @@ class Walk:
             undetermined = account[_UNDETERMINED]
             self._patches.jumps[0] = 0.0
             found = self._follow(rows, records[ramp:][: len(rows)], self._ground, True)
-            self._jumps += read_jumps(self._patches.jumps, ramp, done)
+            self._read_jumps(ramp, done)
+
+    def _read_jumps(self, ramp: int, done: float) -> None:
+        """Read the jumps of a chain within a ramp, those that have ended and those that have not."""
+        rows = self._patches.jumps
+        self._jumps += read_jumps(rows, ramp, done)
+        for _, _, contact, border, x, loss, direction in rows[1 : 1 + int(rows[0, COUNT])].tolist():
+            if direction:
+                self._falls[int(contact)] = _Fall(int(direction), border, x, loss)
 
     @property
     def _ground(self) -> np.ndarray:
