@@ -36,7 +36,7 @@ def read_jumps(rows: np.ndarray, ramp: int, done: float) -> tuple[Jump, ...]:
     Args:
         rows: as in `Patches.jumps`, shape (J + 1, 7).
         ramp: the number of the first ramp that the loop followed.
-        done: the part of it that had been followed before.
+        done: the part of it that had been followed before, 0 .. 1 [1].
 
     Returns:
         The jumps that have ended, with ramps and parts counted as in `Jump`.
