@@ -80,7 +80,6 @@ def step_chains(
             account,
             records,
             None,
-            None,
             pieces,
         )
         end_step(lane, clock, plan, contacts, links, False, observes, logs[m])

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..rounding import EPS
 from .directions import unit_directions
-from .places import put_all_on_ground, put_on_ground
-
-_NEAR = 16.0 * EPS
+from .places import NEAR, Stretches, find_bounds, put_all_on_ground, survey, survey_all
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,15 +18,27 @@ class Track:
     the forward bound is that of the stretch ahead, the backward bound that of the stretch behind.
 
     Attributes:
-        borders: positions on the track, increasing, shape (M,) [m].
-        factor: by which each stretch multiplies the friction of each contact, forward and backward, shape
-            (2, M + 1, N).
-        tilt: load that each stretch adds to that of the track's slope, shape (M + 1, N) [N].
+        stretches: what each stretch does to friction and loads.
     """
 
-    borders: np.ndarray
-    factor: np.ndarray
-    tilt: np.ndarray
+    stretches: Stretches
+
+    @property
+    def borders(self) -> np.ndarray:
+        """Positions on the track, increasing, shape (M,) [m]."""
+        return self.stretches.borders
+
+    @property
+    def factor(self) -> np.ndarray:
+        """Factor of each stretch on the friction of each contact, forward and backward, shape (2, M + 1, N)."""
+        stretches = self.stretches
+        pressed = np.where(stretches.follows, stretches.pressed[:, None], 1.0)
+        return np.asarray(stretches.grip[:, :, None] * pressed)
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """Load that each stretch adds to that of the track's slope, shape (M + 1, N) [N]."""
+        return np.asarray(-self.stretches.weight * self.stretches.rise[:, None])
 
     def find_places(self, position: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Find the places of contacts; within rounding of a border they are on it.
@@ -43,10 +51,12 @@ class Track:
             Shape (N,), int64.
         """
         at = position + x
-        nearest = np.abs(at[:, None] - self.borders).argmin(axis=1)
+        stretch = np.searchsorted(self.borders, at)
+        behind, ahead = np.maximum(stretch - 1, 0), np.minimum(stretch, self.borders.size - 1)
+        nearest = np.where(np.abs(at - self.borders[behind]) <= np.abs(at - self.borders[ahead]), behind, ahead)
         border = self.borders[nearest]
-        near = _NEAR * (np.abs(position) + np.abs(x) + np.abs(border))
-        return np.where(np.abs(at - border) <= near, 2 * nearest + 1, 2 * np.searchsorted(self.borders, at))
+        near = NEAR * (np.abs(position) + np.abs(x) + np.abs(border))
+        return np.where(np.abs(at - border) <= near, 2 * nearest + 1, 2 * stretch)
 
     def find_ground(self, position: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Collect what the ground at given places does to a body.
@@ -58,29 +68,9 @@ class Track:
         Returns:
             Rows AHEAD_FACTOR .. ROUNDING_OF_PLACE, shape (8, N).
         """
-        return self._ground(position.tobytes(), place.tobytes())
-
-    @functools.lru_cache(maxsize=8)  # noqa: B019
-    def _ground(self, positions: bytes, places: bytes) -> np.ndarray:
-        position, place = np.frombuffer(positions), np.frombuffer(places, np.int64)
-        ends = np.concatenate(([-np.inf], self.borders, [np.inf]))
-        ahead, behind = ends[place // 2 + 1], ends[(place + 1) // 2]
-        sizes = [np.where(np.isfinite(end), np.abs(end), 0.0) for end in (ahead, behind)]
-        rounding = 0.5 * _NEAR * (np.maximum(*sizes) + np.abs(position))
-        return np.vstack((self._sides(places), ahead - position, behind - position, rounding))
-
-    @functools.lru_cache(maxsize=8)  # noqa: B019
-    def _sides(self, places: bytes) -> np.ndarray:
-        """Find the factors and additional loads of the ground ahead and behind, rows AHEAD_FACTOR .. MEAN_TILT."""
-        place = np.frombuffer(places, np.int64)
-        return self._sides_of(np.arange(place.size), place)
-
-    def _sides_of(self, contacts: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Find the rows AHEAD_FACTOR .. MEAN_TILT of some contacts at their places."""
-        ahead, behind = (places + 1) // 2, places // 2
-        tilts = self.tilt[ahead, contacts], self.tilt[behind, contacts]
-        factors = self.factor[0, ahead, contacts], self.factor[1, behind, contacts]
-        return np.stack((factors[0], tilts[0], factors[1], tilts[1], 0.5 * (tilts[0] + tilts[1])))
+        ground = np.empty((8, place.size))
+        survey_all(self.stretches, position, place, ground)
+        return ground
 
     def bounds(self, targets: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the bounds of the spring forces at given places, see `places.put_on_ground`.
@@ -95,12 +85,12 @@ class Track:
         """
         rows = np.array(targets, dtype=np.float64).reshape(-1, targets.shape[-1])
         out = np.empty((rows.shape[0], 3 * place.size))
-        put_all_on_ground(rows, self._sides(place.tobytes()), out)
+        put_all_on_ground(rows, self.find_ground(np.zeros(place.size), place), out)
         forward, backward, load = np.moveaxis(out.reshape(*targets.shape[:-1], 3, place.size), -2, 0)
         return forward, backward, load
 
     def bounds_at(self, contact: int, target: np.ndarray, place: int) -> tuple[float, float, float]:
-        """Compute the bounds of the spring force of one contact at a place, see `places.put_on_ground`.
+        """Compute the bounds of the spring force of one contact at a place, see `places.find_bounds`.
 
         Args:
             contact: its number.
@@ -111,10 +101,10 @@ class Track:
         Returns:
             Forward bound, backward bound and load [N].
         """
-        side = self._sides_of(np.array([contact]), np.array([place]))
-        out = np.empty(3)
-        put_on_ground(target[contact :: self.tilt.shape[1]].copy(), 0, side, out)
-        return float(out[0]), float(out[1]), float(out[2])
+        ground = np.empty((8, 1))
+        survey(self.stretches, 0.0, place, contact, ground, 0)
+        forward, backward, load = find_bounds(target, 0, self.stretches.weight.size, contact, ground, 0)
+        return forward, backward, load
 
     def bounds_along(self, targets: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Compute the bounds of the spring forces along a path.
@@ -157,7 +147,7 @@ class Ground:
     @property
     def has_one_slope(self) -> bool:
         """Whether the slope is the same everywhere."""
-        return self.track is None or not self.track.tilt.any()
+        return self.track is None or not (self.track.stretches.weight.any() and self.track.stretches.rise.any())
 
     @property
     def slope_load(self) -> np.ndarray:

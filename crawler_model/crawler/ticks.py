@@ -139,7 +139,6 @@ def _follow_ticks(
             accounts[tick],
             records,
             None,
-            None,
             pieces,
         )
         if read[tick]:

@@ -1,15 +1,17 @@
 """Borders between patches of ground, as limits of the displacements of contacts inside the compiled event loops.
 
 A contact stands in a patch or on a border; which of the two is data that `ground` changes (rounded positions do not
-determine it). A ramp is followed until a sliding contact reaches its next border, and stops there. A contact that
-stands on a border reaches it as soon as it moves: it leaves.
+determine it). A ramp is followed until a sliding contact reaches its next border, and stops there, unless that is left
+to the event loop of a chain. A contact that stands on a border reaches it as soon as it moves: it leaves.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ..body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE
+from ..body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE, Stretches
 from ..compiled import compiled
 from ..rounding import EPS, NOISE
 from .state import RELATIVE, X_REST, X, shift
@@ -18,23 +20,137 @@ FOLLOWED, PASSED = 0, 2
 """How the following of ramps ended: at the last target or at a border; or after a ramp that was completed by a step,
 which passes over borders. 1 and -1, from `put_on_ground`: before a ramp at whose end the ground holds nothing."""
 
+SAME = 16.0 * EPS
+"""Bounds closer than this, relative to their size, count as equal."""
 _NEAR = 8.0 * EPS
 
+JUMP_RAMP, JUMP_PART, JUMP_CONTACT, JUMP_BORDER, JUMP_DISTANCE, JUMP_LOSS, JUMP_OPEN = range(7)
+"""Columns of a row of jumps, as the attributes of `Jump`; and the direction of a jump that has not ended, with the
+displacement at the border in place of the distance, else 0."""
+COUNT, LOST, OF_RAMP, STOPPED, SUM_FORWARD, SUM_BACKWARD = range(6)
+"""Columns of the first row of jumps: their number, the sum of their losses on the present ramp, this ramp, AT_BORDER or
+AT_JUMP if it has stopped at a border, and the sums of all forward and all backward bounds at its end."""
+AT_BORDER, AT_JUMP = 1, 2
+"""How a ramp stopped: as soon as contacts reached a border, or after some have crossed it, with jumps in progress."""
+_HOLDS = 1e-9
+"""Sums of bounds below this part of their size are computed anew, as they change at each border."""
+
+
+class Patches(NamedTuple):
+    """The ground under a body, for the compiled loops."""
+
+    ground: np.ndarray
+    """Rows as in `Track.find_ground`, shape (8, N)."""
+    reached: np.ndarray
+    """Output: 1 for a border reached forward, -1 backward, else 0; int8, shape (N,), zero before."""
+    crosses: bool
+    """Whether a chain may cross borders; `place` and `ground` then change, and `command` is in force at the start."""
+    place: np.ndarray
+    """As in `Track`, int64, shape (N,)."""
+    position: np.ndarray
+    """Reference positions, shape (N,) [m]."""
+    stretches: Stretches
+    command: np.ndarray
+    """The target in force, for ground without patches, shape (S + 2 N,), with loads (S + 3 N,)."""
+    meetings: np.ndarray
+    """Memory of a chain for the tournament of the next borders, from `room_for_meetings`."""
+    jumps: np.ndarray
+    """Output: a row with COUNT .. SUM_BACKWARD, then a row for each jump, shape (J + 1, 7)."""
+
+
+def room_for_meetings(contacts: int) -> np.ndarray:
+    """Allocate the memory for the tournament of the next borders of the contacts of a chain.
+
+    Args:
+        contacts: number of contacts N.
+
+    Returns:
+        Shape (4 M,) with the least power of two M that is at least N.
+    """
+    return np.zeros(4 << max(contacts - 1, 1).bit_length())
+
+
+def room_for_jumps(contacts: int) -> np.ndarray:
+    """Allocate the rows for the jumps of one call; after so many, a call stops at a border.
+
+    Args:
+        contacts: number of contacts N.
+
+    Returns:
+        Shape (J + 1, 7).
+    """
+    return np.zeros((contacts + 16, 7))
+
 
 @compiled
-def _is_moving(velocity, i, fastest):
-    """Check whether the velocity of contact i is more than rounding."""
-    return abs(velocity[i]) > NOISE * fastest
+def surely_holds(jumps):
+    """Check whether the ground holds the body at the end of a ramp, beyond rounding.
+
+    Args:
+        jumps: the first row, shape (J + 1, 7).
+
+    Returns:
+        True if both sums of bounds are positive.
+    """
+    forward, backward = jumps[0, SUM_FORWARD], jumps[0, SUM_BACKWARD]
+    return min(forward, backward) > _HOLDS * (abs(forward) + abs(backward))
 
 
 @compiled
-def _gap(contacts, velocity, ground, i):
-    """Compute the distance of contact i from the border ahead of its motion, and the rounding error of it."""
-    if velocity[i] > 0.0:
+def is_moving(velocity, fastest):
+    """Check whether a velocity is more than rounding.
+
+    Args:
+        velocity: of a contact [m per unit of the ramp].
+        fastest: the largest velocity.
+
+    Returns:
+        True if it is.
+    """
+    return abs(velocity) > NOISE * fastest
+
+
+@compiled
+def gap_ahead(contacts, ground, i, direction):
+    """Compute the distance of contact i from the next border in a direction, and the rounding error of it.
+
+    Args:
+        contacts: rows X .. LOAD_WORK, shape (9, N).
+        ground: rows as in `Track.find_ground`, shape (8, N).
+        i: the contact.
+        direction: positive or negative.
+
+    Returns:
+        The distance, infinite if there is no border, and its error [m].
+    """
+    if direction > 0.0:
         gap = (ground[AHEAD, i] - contacts[X, i]) - contacts[X_REST, i]
     else:
         gap = (contacts[X, i] - ground[BEHIND, i]) + contacts[X_REST, i]
     return gap, ground[ROUNDING_OF_PLACE, i] + _NEAR * abs(contacts[X, i])
+
+
+@compiled
+def find_meeting(contacts, velocity, since, ground, i):
+    """Find where on the ramp a contact reaches a border if its velocity stays as it is, see `find_border`.
+
+    Args:
+        contacts: rows X .. LOAD_WORK, shape (9, N).
+        velocity: of the contact, not zero [m per unit of the ramp].
+        since: place on the ramp at which its displacement was last updated.
+        ground: rows as in `Track.find_ground`, shape (8, N).
+        i: the contact.
+
+    Returns:
+        The place on the ramp, at least `since` less rounding; infinite if there is no border.
+    """
+    gap, near = gap_ahead(contacts, ground, i, velocity)
+    if gap == np.inf:
+        return np.inf
+    when = since + (gap - near) / abs(velocity)
+    if when < 1.0 <= since + (gap + near) / abs(velocity):
+        when = 1.0
+    return when
 
 
 @compiled
@@ -57,13 +173,8 @@ def find_border(contacts, velocity, since, s, ground):
     fastest = np.abs(velocity).max()
     first = np.inf
     for i in range(velocity.shape[0]):
-        if _is_moving(velocity, i, fastest):
-            gap, near = _gap(contacts, velocity, ground, i)
-            if gap < np.inf:
-                when = max(since[i] + (gap - near) / abs(velocity[i]), s)
-                if when < 1.0 <= since[i] + (gap + near) / abs(velocity[i]):
-                    when = 1.0
-                first = min(first, when)
+        if is_moving(velocity[i], fastest):
+            first = min(first, max(find_meeting(contacts, velocity[i], since[i], ground, i), s))
     return first
 
 
@@ -87,8 +198,8 @@ def mark_reached(contacts, velocity, ground, reached):
     arriving = False
     for i in range(velocity.shape[0]):
         reached[i] = 0
-        if _is_moving(velocity, i, fastest):
-            gap, near = _gap(contacts, velocity, ground, i)
+        if is_moving(velocity[i], fastest):
+            gap, near = gap_ahead(contacts, ground, i, velocity[i])
             direction = 1 if velocity[i] > 0.0 else -1
             if gap <= 2.0 * near:
                 reached[i] = direction

@@ -11,6 +11,7 @@ from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
 from ..body.ground import Ground, Track
+from ..body.places import Stretches
 from ..errors import SceneError
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts, angles_of
@@ -76,10 +77,10 @@ def _assemble_track(parts: SceneParts, weight: np.ndarray, follows: np.ndarray) 
     if parts.body.weights is None and any(slope != ground.slope for _, _, slope in stretches):
         raise SceneError("body.weights: missing; the slope of a patch acts on the weight of each contact")
     forward, backward, slope = np.array(stretches).T
-    theta, track = np.radians(slope)[:, None], math.radians(ground.slope)
-    pressed = np.where(follows, np.cos(theta) / math.cos(track), 1.0)
-    tilt = -weight * (np.sin(theta) - math.sin(track))
-    return Track(frozen(borders), frozen(np.stack((forward, backward))[:, :, None] * pressed), frozen(tilt))
+    theta, track = np.radians(slope), math.radians(ground.slope)
+    pressed, rise = np.cos(theta) / math.cos(track), np.sin(theta) - math.sin(track)
+    rows = (frozen(borders), frozen(np.stack((forward, backward))), frozen(pressed), frozen(rise))
+    return Track(Stretches(*rows, follows, weight))
 
 
 def weights_of(parts: SceneParts, body: Body, doubts: np.ndarray | None = None) -> np.ndarray:

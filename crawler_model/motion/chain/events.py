@@ -14,12 +14,11 @@ import numpy as np
 
 from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
-from ..borders import find_border, mark_reached
+from ..borders import AT_BORDER, AT_JUMP, STOPPED, mark_reached
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
-    AT_BACKWARD,
     BACKWARD,
     COMPLIANCE,
     CONTACT_ROWS,
@@ -29,11 +28,12 @@ from ..state import (
     GAIN_MOST,
     LOAD_CHANGE,
     ROUNDING,
-    TENSION,
     VISITED,
     advance_loads,
 )
 from ..translation import choose_translation, is_wide
+from .border import begin_meetings, next_meeting, sum_bounds, update_meetings
+from .crossing import cross_borders
 from .long.solve import release_long, solve_long
 from .long.tables import ENDS, tabulate
 from .memory import (
@@ -53,19 +53,12 @@ from .memory import (
     ROW_V_BEFORE,
     carve,
 )
-from .rates import begin_tournament, slack, solve, update, update_tournament
+from .rates import begin_tournament, settle, slack, solve, update, update_tournament
+from .wide import uncertainty
 
 _FEW_FREE, FEW_CONTACTS = 2, 256
 """After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
 more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
-
-
-@lean
-def _settle(status, floats, bytes_, s, i):
-    """Mark contact i as free if it left its bound before s."""
-    if bytes_[ROW_LEAVING, i] != 0 and floats[ROW_SINCE, i] < s:
-        status[i] &= ~bytes_[ROW_LEAVING, i]
-        bytes_[ROW_LEAVING, i] = 0
 
 
 @lean
@@ -80,6 +73,14 @@ def _visited(contacts, links, floats, side, whole, s):
 
 
 @lean
+def _visit(contacts, links, floats, side, account, whole, s):
+    """Update the visited margin at s; return the sum of the distances of all contacts from their nearest bounds."""
+    near, total = _visited(contacts, links, floats, side, whole, s)
+    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    return near
+
+
+@lean
 def _near_criticality(contacts, links, floats, side, account, whole, s):
     """Update the visited margin, and return whether all contacts stay at their bounds up to the end of the ramp.
 
@@ -87,8 +88,7 @@ def _near_criticality(contacts, links, floats, side, account, whole, s):
     vanishes from here on. The ends of the ramp are not used, as friction may vanish there. `whole` holds the sums of
     all bounds at the start and at the end of the ramp.
     """
-    near, total = _visited(contacts, links, floats, side, whole, s)
-    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    near = _visit(contacts, links, floats, side, account, whole, s)
     both = whole[0] + whole[1]
     if both == 0.0:
         return True
@@ -98,21 +98,6 @@ def _near_criticality(contacts, links, floats, side, account, whole, s):
     more, total_more = _visited(contacts, links, floats, side, whole, s + (1.0 - s) / 1.5)
     close = 8.0 * EPS * both
     return some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
-
-
-@lean
-def _uncertainty(contacts, links, floats, coming, s, i):
-    """Compute the error of the event of contact i due to the rounding of forces, as part of the ramp."""
-    n = contacts.shape[1]
-    size = abs(contacts[FORWARD, i]) + abs(s * floats[ROW_D_FORWARD, i])
-    closing = floats[ROW_D_FORWARD, i]
-    if coming == AT_BACKWARD:
-        size = abs(contacts[BACKWARD, i]) + abs(s * floats[ROW_D_BACKWARD, i])
-        closing = -floats[ROW_D_BACKWARD, i]
-    for j in range(max(i - 1, 0), min(i + 1, n - 1)):
-        size += abs(links[TENSION, j]) + abs(s * floats[ROW_RATE, j])
-        closing += floats[ROW_RATE, j] if j < i else -floats[ROW_RATE, j]
-    return min(EPS * (size + abs(closing)) / abs(closing), 1.0) if closing != 0.0 else 0.0
 
 
 @lean
@@ -143,8 +128,8 @@ def follow_events(
     elements,
     share,
     wide,
-    ground,
-    reached,
+    patches,
+    commands,
     pieces_met,
 ):
     """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
@@ -167,8 +152,8 @@ def follow_events(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         wide: True to use the projection in double-double arithmetic.
-        ground: rows as in `Track.find_ground`, shape (8, N); None on ground that is the same everywhere.
-        reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        patches: a `Patches`, changed in place; None on ground that is the same everywhere.
+        commands: the targets at the start and at the end of the ramp, for ground without patches.
         pieces_met: output, from `room_for_pieces`, or without rows.
 
     Returns:
@@ -183,8 +168,8 @@ def follow_events(
     shortest = long_ints[0]
     until_long = long_ints[3]
     lines, nodes, order, marks, parts = carve(long_floats, long_ints)
-    whole = (0.0, 0.0)
-    may_be_long = marks.shape[1] > 0 and not wide and ground is None and pieces_met.shape[0] == 0
+    whole = sum_bounds(contacts, target)
+    may_be_long = marks.shape[1] > 0 and not wide and patches is None and pieces_met.shape[0] == 0
     any_long = False
     for i in range(n):
         floats[ROW_RATE, i] = 0.0
@@ -194,10 +179,6 @@ def follow_events(
         floats[ROW_D_ACTUATION, i] = target[i] - links[ACTUATION, i] if i < n - 1 else 0.0
         floats[ROW_D_FORWARD, i] = target[n - 1 + i] - contacts[FORWARD, i]
         floats[ROW_D_BACKWARD, i] = target[2 * n - 1 + i] - contacts[BACKWARD, i]
-        whole = (
-            whole[0] + contacts[FORWARD, i] + contacts[BACKWARD, i],
-            whole[1] + target[n - 1 + i] + target[2 * n - 1 + i],
-        )
         may_be_long &= contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0
         may_be_long &= target[n - 1 + i] + target[2 * n - 1 + i] > 0.0
         if contacts.shape[0] > CONTACT_ROWS:
@@ -208,11 +189,14 @@ def follow_events(
     free_translation, spent = solve(
         elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
     )
-    begin_tournament(tree, leaves, floats)
+    begin_tournament(tree, leaves, floats[ROW_NEXT])
+    if patches is not None:
+        fastest = begin_meetings(contacts, floats, patches, leaves)
     free = _count_free(bytes_)
     pieces = 1
     done = True
     at_border = False
+    crossed = False
     while True:
         shifted = False
         least = 0.0
@@ -222,6 +206,9 @@ def follow_events(
         ending = not when < 1.0
         until = 1.0 if ending else when
         look = free <= _FEW_FREE or n <= FEW_CONTACTS
+        if look and crossed:
+            whole = sum_bounds(contacts, target)
+            crossed = False
         critical = look and _near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
         if critical or free_translation:
             # friction at the middle of the stretch, as it may be zero at its start
@@ -234,8 +221,10 @@ def follow_events(
                 floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
             shifted = True
-        if ground is not None:
-            meeting = find_border(contacts, floats[ROW_V], floats[ROW_SINCE], s, ground)
+            if patches is not None:
+                fastest = begin_meetings(contacts, floats, patches, leaves)
+        if patches is not None:
+            meeting = next_meeting(floats, patches, leaves, s, fastest)
             if meeting < until or (ending and meeting <= 1.0):
                 until = meeting
                 at_border = True
@@ -244,27 +233,52 @@ def follow_events(
             account[GAIN_LEAST] += least * (until - s)
             account[GAIN_MOST] += most * (until - s)
         note_piece(pieces_met, s, until, floats[ROW_V], floats[ROW_NEXT], bytes_[ROW_COMING])
+        count = 0
         if at_border:
-            done = False
-            pieces -= until <= s
+            moved_on = until > s
             s = until
-            break
-        if ending:
+            if patches is not None and patches.crosses and not shifted and not wide:
+                if look:
+                    _visit(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
+                count, done = cross_borders(
+                    elasticity,
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    bytes_,
+                    account,
+                    hits,
+                    leaves,
+                    patches,
+                    commands,
+                    target,
+                    s,
+                    fastest,
+                )
+                crossed = True
+            else:
+                done = crossed = False
+            if not done or s == 1.0:
+                pieces -= not moved_on
+                break
+            at_border = False
+            pieces += moved_on
+        elif ending:
             break
         spent += n if look or shifted else 0
         if spent > budget:
             done = False
             break
-        if when > s:
-            pieces += 1
-        s = when
+        if count == 0:
+            pieces += when > s
+            s = when
 
-        count = 0
         blur = 0.0
         while floats[ROW_NEXT, first_hit] <= s:  # ties: collect all simultaneous arrivals, then solve
-            _settle(status, floats, bytes_, s, first_hit)
+            settle(status, floats, bytes_, s, first_hit)
             if wide:
-                blur += _uncertainty(contacts, links, floats, bytes_[ROW_COMING, first_hit], s, first_hit)
+                blur += uncertainty(contacts, links, floats, bytes_[ROW_COMING, first_hit], s, first_hit)
             status[first_hit] |= bytes_[ROW_COMING, first_hit]
             floats[ROW_NEXT, first_hit] = np.inf
             update_tournament(tree, leaves, floats, first_hit)
@@ -282,12 +296,12 @@ def follow_events(
                 first = 0
                 last = n - 1
                 for i in range(n):
-                    _settle(status, floats, bytes_, s, i)
+                    settle(status, floats, bytes_, s, i)
             else:
                 beside_long = False
                 first = contact
                 while first > 0:
-                    _settle(status, floats, bytes_, s, first - 1)
+                    settle(status, floats, bytes_, s, first - 1)
                     if status[first - 1] == 0:
                         break
                     first -= 1
@@ -296,7 +310,7 @@ def follow_events(
                         beside_long = True
                 last = contact
                 while last < n - 1:
-                    _settle(status, floats, bytes_, s, last + 1)
+                    settle(status, floats, bytes_, s, last + 1)
                     if status[last + 1] == 0:
                         break
                     last += 1
@@ -308,7 +322,7 @@ def follow_events(
             if longish and until_long <= 0:
                 if not any_long:
                     for i in range(n):
-                        _settle(status, floats, bytes_, s, i)
+                        settle(status, floats, bytes_, s, i)
                     update(contacts, links, floats, account, s, 0, n - 1)
                     tabulate(elasticity[COMPLIANCE], contacts, links, floats, lines, nodes, marks, s)
                     any_long = True
@@ -358,6 +372,8 @@ def follow_events(
                 free += bytes_[ROW_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
                 update_tournament(tree, leaves, floats, i)
+            if patches is not None:
+                fastest = update_meetings(contacts, floats, patches, leaves, first, last, fastest)
 
     end = 1.0 if done else s
     if any_long:
@@ -372,7 +388,9 @@ def follow_events(
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
         advance_loads(contacts, s)
-        if ground is not None and at_border:
-            mark_reached(contacts, floats[ROW_V], ground, reached)
+        if patches is not None and at_border:
+            patches.jumps[0, STOPPED] = AT_JUMP if crossed else AT_BORDER
+            if not crossed:
+                mark_reached(contacts, floats[ROW_V], patches.ground, patches.reached)
     account[EVENTS] += pieces
     return done, end

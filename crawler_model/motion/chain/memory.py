@@ -26,11 +26,12 @@ from . import projection
     ROW_ZEROS,  # never written
     ROW_V_BEFORE,  # velocity before the last event
     ROW_GAIN,
-) = range(15)
-_FLOAT_ROWS = 15
+    ROW_MEETING,  # where contacts reach borders of patches, at the start of a tournament of these
+) = range(16)
+_FLOAT_ROWS = 16
 # Rows of the scratch bytes.
-ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED = range(4)
-_BYTE_ROWS = 4
+ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED, ROW_HIT = range(5)
+_BYTE_ROWS = 5
 
 _HEADER = 4
 SHORTEST_LONG = 32

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...body.body import Body
+from ..borders import Patches
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
 from . import many, memory, ramp
@@ -46,11 +47,10 @@ class ChainMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        ground: np.ndarray,
-        reached: np.ndarray,
+        patches: Patches,
     ) -> tuple[int, float, int]:
-        """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, ground, reached, NO_PIECES)
+        """Follow straight ramps exactly, across borders where that is simple, see `Motion` and `LineMotion`."""
+        return self._follow(state, scratch, targets, True, budget, account, records, patches, NO_PIECES)
 
     def follow(
         self,
@@ -64,7 +64,7 @@ class ChainMotion:
         pieces: np.ndarray = NO_PIECES,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        self._follow(state, scratch, targets, exact, budget, account, records, None, None, pieces)
+        self._follow(state, scratch, targets, exact, budget, account, records, None, pieces)
 
     def follow_many(
         self,
@@ -107,8 +107,7 @@ class ChainMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        ground: np.ndarray | None,
-        reached: np.ndarray | None,
+        patches: Patches | None,
         pieces: np.ndarray,
     ) -> tuple[int, float, int]:
         body = self.body
@@ -125,8 +124,7 @@ class ChainMotion:
             *scratch,
             account,
             records,
-            ground,
-            reached,
+            patches,
             pieces,
         )
         return found

@@ -18,7 +18,7 @@ import numpy as np
 from ...body.places import put_on_ground
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS
-from ..borders import FOLLOWED, PASSED
+from ..borders import AT_JUMP, FOLLOWED, LOST, OF_RAMP, PASSED, STOPPED, SUM_BACKWARD, SUM_FORWARD
 from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
@@ -250,11 +250,10 @@ def follow(
     long_ints,
     account,
     records,
-    ground,
-    reached,
+    patches,
     pieces,
 ):
-    """Follow straight ramps to each of the targets in turn, until a contact reaches a border of the ground.
+    """Follow straight ramps to each of the targets in turn, until contacts reach a border that they do not cross.
 
     Args:
         elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
@@ -274,9 +273,8 @@ def follow(
         long_ints: likewise.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 3 N - 1), or no rows.
-        ground: from `Track.find_ground`, shape (8, N), for contacts with rows of loads; None on ground that is the
-            same everywhere, where the gained displacement starts at zero.
-        reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
+        patches: a `Patches`, for contacts with rows of loads, changed in place; None on ground that is the same
+            everywhere, where the gained displacement starts at zero.
         pieces: output, from `room_for_pieces`, or without rows.
 
     Returns:
@@ -284,7 +282,7 @@ def follow(
     """
     n = contacts.shape[1]
     ramp = np.zeros(account.shape[0])
-    if ground is None:
+    if patches is None:
         contacts[GAINED, :] = 0.0
     else:
         here = np.empty(4 * n - 1)
@@ -294,11 +292,17 @@ def follow(
         energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
     for v in range(targets.shape[0]):
         target = targets[v]
-        if ground is not None:
-            unheld = put_on_ground(targets[v], n - 1, ground, here)
+        commands = (target, target)
+        if patches is not None:
+            unheld = put_on_ground(target, n - 1, patches.ground, here)
             if unheld != 0:
                 return v, 0.0, unheld
+            commands = (targets[v - 1] if v > 0 else patches.command, target)
             target = here
+            patches.jumps[0, LOST:] = 0.0
+            patches.jumps[0, OF_RAMP] = v
+            patches.jumps[0, SUM_FORWARD] = here[n - 1 : 2 * n - 1].sum()
+            patches.jumps[0, SUM_BACKWARD] = here[2 * n - 1 : 3 * n - 1].sum()
         if not is_in_force(contacts, links, target):
             bytes_[ROW_MOVED] = 0
             ramp[:] = 0.0
@@ -324,16 +328,20 @@ def follow(
                     elements,
                     share,
                     wide,
-                    ground,
-                    reached,
+                    patches,
+                    commands,
                     pieces,
                 )
-            if ground is not None and not finished and reached.any():
+            if patches is not None and patches.jumps[0, STOPPED] != 0.0:
                 middle = np.empty(target.shape[0])
                 read_commands(contacts, links, middle)
                 if part == 1.0:
                     middle[:] = target
+                visited = ramp[VISITED]
                 _finish(elasticity, contacts, links, status, middle, bytes_, ramp, energy, wide)
+                if patches.jumps[0, STOPPED] == AT_JUMP:  # a jump does not count for the visited margin
+                    ramp[VISITED] = visited
+                ramp[DISSIPATION] -= patches.jumps[0, LOST]
                 end_loads(contacts, middle, ramp)
                 add_ramp(account, ramp)
                 return v, part, FOLLOWED
@@ -346,11 +354,13 @@ def follow(
                     elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, share, wide
                 )
             energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)
+            if patches is not None:
+                ramp[DISSIPATION] -= patches.jumps[0, LOST]
             end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             record(contacts, links, account, records[v])
-        if ground is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
+        if patches is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
             return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         force = floats[ROW_TRIAL]

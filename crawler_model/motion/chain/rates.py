@@ -56,22 +56,41 @@ def _play(tree, node):
 
 
 @lean
-def begin_tournament(tree, leaves, floats):
-    """Enter the next events of all contacts in the tournament.
+def begin_tournament(tree, leaves, places):
+    """Enter the next events of all contacts in a tournament.
 
     Args:
         tree: the tournament, a heap with the place of the event and the contact of each winner, the root at 2 and 3,
             shape (4 M,); changed in place.
         leaves: number of its leaves M, a power of two.
-        floats: row ROW_NEXT.
+        places: place of the next event of each contact, shape (N,).
     """
-    n = floats.shape[1]
+    n = places.shape[0]
     for i in range(leaves):
         place = 2 * (leaves + i)
-        tree[place] = floats[ROW_NEXT, i] if i < n else np.inf
+        tree[place] = places[i] if i < n else np.inf
         tree[place + 1] = i
     for node in range(leaves - 1, 0, -1):
         _play(tree, node)
+
+
+@lean
+def enter_event(tree, leaves, place, i):
+    """Enter another next event of contact i in a tournament.
+
+    Args:
+        tree: the tournament, from `begin_tournament`, changed in place.
+        leaves: number of its leaves.
+        place: place of the event.
+        i: the contact.
+    """
+    node = leaves + i
+    if tree[2 * node] == place:
+        return
+    tree[2 * node] = place
+    node >>= 1
+    while node >= 1 and _play(tree, node):
+        node >>= 1
 
 
 @lean
@@ -84,13 +103,23 @@ def update_tournament(tree, leaves, floats, i):
         floats: row ROW_NEXT.
         i: the contact.
     """
-    node = leaves + i
-    if tree[2 * node] == floats[ROW_NEXT, i]:
-        return
-    tree[2 * node] = floats[ROW_NEXT, i]
-    node >>= 1
-    while node >= 1 and _play(tree, node):
-        node >>= 1
+    enter_event(tree, leaves, floats[ROW_NEXT, i], i)
+
+
+@lean
+def settle(status, floats, bytes_, s, i):
+    """Mark contact i as free if it left its bound before s.
+
+    Args:
+        status: bounds at which contacts are, changed in place.
+        floats: row ROW_SINCE.
+        bytes_: row ROW_LEAVING, changed in place.
+        s: place on the ramp, 0 .. 1.
+        i: the contact.
+    """
+    if bytes_[ROW_LEAVING, i] != 0 and floats[ROW_SINCE, i] < s:
+        status[i] &= ~bytes_[ROW_LEAVING, i]
+        bytes_[ROW_LEAVING, i] = 0
 
 
 @lean

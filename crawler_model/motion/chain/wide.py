@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import EPS
+from ..state import AT_BACKWARD, BACKWARD, FORWARD, TENSION
+from .memory import ROW_D_BACKWARD, ROW_D_FORWARD, ROW_RATE
 
 WIDE = 1e4
 """Stiffness ratio above which the projection uses two floats per number; below it, rounding errors are < 1e-11 dL."""
@@ -250,3 +252,30 @@ def project_wide(target, compliance, backward, forward, magnitude, tension, side
     close = 8.0 * EPS * (magnitude[0] + abs(after[0]))
     side[0] = 1 if after[0] >= forward[0] - close else -1 if after[0] <= close - backward[0] else 0
     return 10 * moved
+
+
+@lean
+def uncertainty(contacts, links, floats, coming, s, i):
+    """Compute the error of the place of an event that is due to the rounding of forces.
+
+    Args:
+        contacts: rows of the contacts, as in `follow_events`.
+        links: tensions.
+        floats: rates, and changes of the bounds.
+        coming: the bound that the contact reaches.
+        s: the place on the ramp.
+        i: the contact.
+
+    Returns:
+        The error, as part of the ramp.
+    """
+    n = contacts.shape[1]
+    size = abs(contacts[FORWARD, i]) + abs(s * floats[ROW_D_FORWARD, i])
+    closing = floats[ROW_D_FORWARD, i]
+    if coming == AT_BACKWARD:
+        size = abs(contacts[BACKWARD, i]) + abs(s * floats[ROW_D_BACKWARD, i])
+        closing = -floats[ROW_D_BACKWARD, i]
+    for j in range(max(i - 1, 0), min(i + 1, n - 1)):
+        size += abs(links[TENSION, j]) + abs(s * floats[ROW_RATE, j])
+        closing += floats[ROW_RATE, j] if j < i else -floats[ROW_RATE, j]
+    return min(EPS * (size + abs(closing)) / abs(closing), 1.0) if closing != 0.0 else 0.0

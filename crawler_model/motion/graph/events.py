@@ -12,8 +12,7 @@ from ...compiled import compiled
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
 from ..chain.events import FEW_CONTACTS
-from ..chain.memory import ROW_NEXT
-from ..chain.rates import begin_tournament, update_tournament
+from ..chain.rates import begin_tournament, enter_event
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -160,8 +159,7 @@ def follow_events(
     spent *= n
     if verdict < 0:
         return 0.0, spent >= budget
-    nexts = floats[ROW_ARRIVAL - ROW_NEXT :]  # the arrivals are where the tournament expects the next events
-    begin_tournament(tree, leaves, nexts)
+    begin_tournament(tree, leaves, floats[ROW_ARRIVAL])
     free = 0
     for i in range(n):
         free += bytes_[ROW_SIDE, i] == 0
@@ -220,10 +218,7 @@ def follow_events(
             first = int(tree[3])
             settle(status, floats, bytes_, at, first)
             status[first] |= bytes_[ROW_COMING, first]
-            arrival = floats[ROW_ARRIVAL, first]
-            floats[ROW_ARRIVAL, first] = np.inf
-            update_tournament(tree, leaves, nexts, first)
-            floats[ROW_ARRIVAL, first] = arrival
+            enter_event(tree, leaves, np.inf, first)
             hits[count] = first
             count += 1
         before = block
@@ -265,4 +260,4 @@ def follow_events(
             for p in some:
                 i = order[p]
                 free += bytes_[ROW_SIDE, i] == 0
-                update_tournament(tree, leaves, nexts, i)
+                enter_event(tree, leaves, floats[ROW_ARRIVAL, i], i)

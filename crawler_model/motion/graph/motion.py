@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...body.body import Body
+from ..borders import Patches
 from ..chain.events import FEW_CONTACTS
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
@@ -63,11 +64,11 @@ class GraphMotion:
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        ground: np.ndarray,
-        reached: np.ndarray,
+        patches: Patches,
     ) -> tuple[int, float, int]:
         """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, ground, reached, NO_PIECES)
+        found = patches.ground, patches.reached
+        return self._follow(state, scratch, targets, True, budget, account, records, *found, NO_PIECES)
 
     def follow(
         self,

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...body.body import Body
+from ..borders import Patches
 from ..line_state import LineState
 
 
@@ -35,10 +36,11 @@ class LineMotion(Protocol):
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        ground: np.ndarray,
-        reached: np.ndarray,
+        patches: Patches,
     ) -> tuple[int, float, int]:
-        """Follow straight ramps exactly, until a contact reaches a border.
+        """Follow straight ramps exactly, until contacts reach a border that they do not cross.
+
+        A chain crosses borders, and jumps, where no more is involved than the contacts around the one that does.
 
         Args:
             state: changed in place.
@@ -47,8 +49,7 @@ class LineMotion(Protocol):
             budget: upper limit of work in one ramp.
             account: entries as in `motion.state`, shape (14,), added to.
             records: output, as for `Motion.follow`.
-            ground: from `Track.find_ground`, shape (8, N).
-            reached: output: 1 for a border reached forward, -1 backward, else 0; int8, shape (N,), zero before.
+            patches: the ground; `reached` marks the contacts that are at a border at the end.
 
         Returns:
             The number of targets reached; the part of the next ramp that was followed; and how it ended: FOLLOWED or

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...body.ground import Track
-from ..borders import FOLLOWED
-from ..jump import Jump
+from ..borders import FOLLOWED, Patches, room_for_jumps, room_for_meetings
+from ..jump import Jump, read_jumps
 from ..line_state import build_line_state
 from .line import LineMotion
 from .state import GroundState, build_ground_state
@@ -44,7 +44,8 @@ class GroundMotion:
 
     def scratch(self) -> tuple[Any, ...]:
         """Allocate the working memory of a ramp, see `Motion`."""
-        return self.line.scratch(), np.zeros(self.line.body.contacts, np.int8)
+        n = self.line.body.contacts
+        return self.line.scratch(), np.zeros(n, np.int8), room_for_meetings(n), room_for_jumps(n)
 
     def follow(
         self,
@@ -57,22 +58,23 @@ class GroundMotion:
         records: np.ndarray,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        line_scratch, reached = scratch
-        kept = state.memory.copy()
+        line_scratch, reached, meetings, jumps = scratch
+        body, kept = self.line.body, state.memory.copy()
         state.gained.fill(0.0)
         if state.ground is None:
-            state.ground = self.track.find_ground(self.line.body.position, state.place)
-        found = self.line.follow_to_border(
-            state, line_scratch, targets, budget, account, records, state.ground, reached
-        )
-        if found == (targets.shape[0], 0.0, FOLLOWED):
-            if targets.shape[0]:
-                state.command[:] = targets[-1]
-            return ()
+            state.ground = self.track.find_ground(body.position, state.place)
+        ground, stretches = state.ground, self.track.stretches
+        patches = Patches(ground, reached, True, state.place, body.position, stretches, state.command, meetings, jumps)
         try:
-            walk = Walk(self.line, self.track, state, line_scratch, budget, account, reached)
-            return walk.follow(targets, records, found)
+            jumps[0] = 0.0
+            found = self.line.follow_to_border(state, line_scratch, targets, budget, account, records, patches)
+            if found != (targets.shape[0], 0.0, FOLLOWED):
+                walk = Walk(self.line, self.track, state, line_scratch, budget, account, patches)
+                return walk.follow(targets, records, found)
         except BaseException:
             state.restore(kept)
             reached.fill(0)
             raise
+        if targets.shape[0]:
+            state.command[:] = targets[-1]
+        return read_jumps(jumps, 0, 0.0)

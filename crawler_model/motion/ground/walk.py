@@ -9,6 +9,9 @@ contact that reaches a border forward with the spring force g, which is its forw
   fall is followed like any other ramp; the part of the bound that the ground does not provide is an extra load, whose
   work is the energy lost. Borders that are met during the fall are further events.
 
+The event loop of a chain does all this itself (`motion.chain.crossing`), except for the cases that it leaves to this
+file.
+
 Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with the displacements
 of the others; so the end of a jump is the least displacement at which all bounds hold. Where no equilibrium is left,
 all contacts are at their forward bounds, and the body slides as a whole to the next border of one of them.
@@ -22,11 +25,11 @@ from typing import Any
 import numpy as np
 
 from ...body.ground import Track
-from ...body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE, keep_borders, put_on_ground
+from ...body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE, keep_borders, put_on_ground, survey
 from ...errors import CommandError
 from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
-from ..borders import FOLLOWED, PASSED, move_all
-from ..jump import Jump
+from ..borders import COUNT, FOLLOWED, PASSED, SAME, Patches, move_all
+from ..jump import Jump, read_jumps
 from ..state import (
     ACTUATION,
     AMBIGUOUS,
@@ -49,8 +52,6 @@ from ..state import (
 from .line import LineMotion
 from .state import GroundState
 
-_SAME = 16.0 * EPS
-"""Bounds closer than this, relative to their size, count as equal."""
 _MOST_STOPS = 1000
 """Average number of borders per contact in one ramp beyond which the rest of the ramp passes over borders."""
 _UNDETERMINED = [AMBIGUOUS, GAIN_LEAST, GAIN_MOST]
@@ -77,29 +78,30 @@ class Walk:
         scratch: tuple[Any, ...],
         budget: int,
         account: np.ndarray,
-        reached: np.ndarray,
+        patches: Patches,
     ) -> None:
-        """Begin where ramps have been followed to a first border.
+        """Begin where ramps have been followed to a first stop at a border.
 
         Args:
             line: the motion between borders.
             track: the ground.
             state: changed in place.
             scratch: memory of `line`.
-            budget: upper limit of work between two borders.
+            budget: upper limit of work between two stops at borders.
             account: shape (14,), added to.
-            reached: the contacts that are at that border, as in `LineMotion.follow_to_border`.
+            patches: the ground, with the contacts that are at that border.
         """
         self._line, self._track, self._state, self._scratch = line, track, state, scratch
         self._budget, self._account = budget, account
         self._springs, self._n = state.links.shape[1], state.status.size
-        self._reached = reached
+        self._patches, self._reached = patches, patches.reached
         self._falls: dict[int, _Fall] = {}
         self._jumps: list[Jump] = []
         self._no_records = np.empty((0, 2 * self._n + self._springs))
         self._slid = 0.0
         self._at = (0, 0.0)
         self._stops = 0
+        self._read_jumps(0, 0.0)
 
     def follow(self, targets: np.ndarray, records: np.ndarray, found: tuple[int, float, int]) -> tuple[Jump, ...]:
         """Follow ramps to each of the targets in turn.
@@ -120,7 +122,7 @@ class Walk:
         ramp, done = 0, 0.0
         rows = targets
         while True:
-            count, part = self._settle_end(rows[0], self._ground(), found)
+            count, part = self._settle_end(rows[0], self._ground, found)
             if 1.0 - done <= SHORTEST_STRETCH:  # what is left of a ramp is an instant
                 account[_UNDETERMINED] = undetermined
             if count:
@@ -138,19 +140,27 @@ class Walk:
                 return tuple(self._jumps)
             rows = targets[ramp:] if done == 0.0 else targets[ramp : ramp + 1]
             undetermined = account[_UNDETERMINED]
-            found = self._follow(rows, records[ramp:][: len(rows)], self._ground())
+            self._patches.jumps[0] = 0.0
+            found = self._follow(rows, records[ramp:][: len(rows)], self._ground, True)
+            self._read_jumps(ramp, done)
 
+    def _read_jumps(self, ramp: int, done: float) -> None:
+        """Read the jumps of a chain within a ramp, those that have ended and those that have not."""
+        rows = self._patches.jumps
+        self._jumps += read_jumps(rows, ramp, done)
+        for _, _, contact, border, x, loss, direction in rows[1 : 1 + int(rows[0, COUNT])].tolist():
+            if direction:
+                self._falls[int(contact)] = _Fall(int(direction), border, x, loss)
+
+    @property
     def _ground(self) -> np.ndarray:
-        """Find the ground at the places of the contacts."""
-        state = self._state
-        if state.ground is None:
-            state.ground = self._track.find_ground(self._line.body.position, state.place)
-        return state.ground
+        """The ground at the places of the contacts."""
+        return self._patches.ground
 
     def _here(self, target: np.ndarray) -> np.ndarray:
         """Turn a target for ground without patches into that for the places of the contacts."""
         here = np.empty(self._springs + 3 * self._n)
-        put_on_ground(target, self._springs, self._ground(), here)
+        put_on_ground(target, self._springs, self._ground, here)
         return here
 
     def _settle_end(self, target: np.ndarray, ground: np.ndarray, found: tuple[int, float, int]) -> tuple[int, float]:
@@ -182,14 +192,16 @@ class Walk:
         now = max(float(state.contacts[row].sum()), 0.0)
         share = now / (now - goal)
         begin = np.concatenate((state.links[ACTUATION], *state.contacts[[FORWARD, BACKWARD, LOAD]]))
-        _, part, _ = self._follow((begin + share * (end - begin))[None], self._no_records, keep_borders(ground))
+        _, part, _ = self._follow((begin + share * (end - begin))[None], self._no_records, keep_borders(ground), False)
         if self._reached.any():
             return share * part
         self._slide(direction, end)
         return share
 
-    def _follow(self, targets: np.ndarray, records: np.ndarray, ground: np.ndarray) -> tuple[int, float, int]:
-        """Follow ramps to the first border."""
+    def _follow(
+        self, targets: np.ndarray, records: np.ndarray, ground: np.ndarray, crosses: bool
+    ) -> tuple[int, float, int]:
+        """Follow ramps to the first border, or to the first one that contacts do not cross."""
         state, account = self._state, self._account
         self._reached[:] = 0
         state.contacts[LOAD_WORK] = 0.0
@@ -200,15 +212,16 @@ class Walk:
             ground[AHEAD], ground[BEHIND], ground[ROUNDING_OF_PLACE] = np.inf, -np.inf, 0.0
             targets = targets[:1]
             account[OVERSPENT] += 1
+        patches = self._patches._replace(ground=ground, crosses=crosses and not spent)
         count, part, ending = self._line.follow_to_border(
-            state, self._scratch, targets, self._budget, account, records, ground, self._reached
+            state, self._scratch, targets, self._budget, account, records, patches
         )
         return count, part, PASSED if spent and ending == FOLLOWED else ending
 
     def _slide(self, direction: int, target: np.ndarray) -> None:
         """Slide the whole body, with all contacts at their bounds, to the next border of one of them."""
         state, account = self._state, self._account
-        ground = self._ground()
+        ground = self._ground
         x = state.contacts[X]
         gaps = (ground[AHEAD] - x if direction > 0 else x - ground[BEHIND]) - direction * state.contacts[X_REST]
         distance = float(gaps.min())
@@ -268,7 +281,7 @@ class Walk:
         now = state.contacts[row, i]
         bounds = self._bounds_of(i, state.place[i] + 2 * direction)
         new = bounds[0 if direction > 0 else 1]
-        near = _SAME * (abs(state.contacts[FORWARD, i]) + abs(state.contacts[BACKWARD, i]) + abs(new))
+        near = SAME * (abs(state.contacts[FORWARD, i]) + abs(state.contacts[BACKWARD, i]) + abs(new))
         if new > now + near or not self._is_at_bound(i, direction):
             self._enter(i, state.place[i] + direction, 0)
             state.status[i] &= ~bit
@@ -300,7 +313,8 @@ class Walk:
     def _enter(self, i: int, place: int, bit: int) -> None:
         """Put contact i onto a place, at the bound of its motion unless `bit` is 0."""
         state = self._state
-        state.place[i], state.ground = place, None
+        state.place[i] = place
+        survey(self._track.stretches, self._line.body.position[i], place, i, self._ground, i)
         forward, backward, load = self._bounds_of(i, place)
         state.contacts[FORWARD, i], state.contacts[BACKWARD, i], state.contacts[LOAD, i] = forward, backward, load
         if bit:
@@ -310,7 +324,7 @@ class Walk:
         """Find the places of contacts again after a step that passed over borders; those that are not held jump."""
         state, body = self._state, self._line.body
         x = state.contacts[X]
-        ground = self._ground()
+        ground = self._ground.copy()
         near = 2.0 * ground[ROUNDING_OF_PLACE] + 16.0 * EPS * np.abs(x)
         beyond = np.flatnonzero((x > ground[AHEAD] + near) | (x < ground[BEHIND] - near))
         places = self._track.find_places(body.position, x)
@@ -341,8 +355,8 @@ class Walk:
             x, rest = state.contacts[X].copy(), state.contacts[X_REST].copy()
             worked = account[LOADS_WORK]
             falls = dict(self._falls)
-            ground = keep_borders(self._ground())
-            count, _ = self._settle_end(target, ground, self._follow(target[None], self._no_records, ground))
+            ground = keep_borders(self._ground)
+            count, _ = self._settle_end(target, ground, self._follow(target[None], self._no_records, ground, False))
             work = state.contacts[LOAD_WORK] + state.contacts[LOAD] * self._slid
             for i, fall in falls.items():
                 loss = max(-float(work[i]), 0.0)
