@@ -110,7 +110,7 @@ def _name_missing(requirements: dict[str, str]) -> None:
     """Print which peers are left out, and by which requirement each is installed."""
     for requirement in dict.fromkeys(requirements.values()):
         names = ", ".join(name for name, needed in requirements.items() if needed == requirement)
-        text = f"{names} not installed and left out; install with: pip install '{requirement}'"
+        text = f"{names} not installed or not starting, and left out; install with: pip install '{requirement}'"
         print(f"crawler: {text}", file=sys.stderr)
 
 

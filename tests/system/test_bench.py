@@ -270,9 +270,19 @@ def test_environments_that_are_not_installed_are_named(monkeypatch, capsys, tmp_
     out, said = capsys.readouterr()
     assert {row["environment"] for row in json.loads(out)["rows"]} == {"Crawler-v0"}
     assert [line for line in said.splitlines() if "compiling" not in line] == [
-        "crawler: Swimmer-v5, HalfCheetah-v5 not installed and left out; install with: pip install 'crawler-ros[bench]'",
-        "crawler: OctoFlat-v0 not installed and left out; install with: pip install 'gym-softrobot'",
+        "crawler: Swimmer-v5, HalfCheetah-v5 not installed or not starting, and left out; "
+        "install with: pip install 'crawler-ros[bench]'",
+        "crawler: OctoFlat-v0 not installed or not starting, and left out; install with: pip install 'gym-softrobot'",
     ]
+
+
+def test_an_environment_that_does_not_start_is_left_out(monkeypatch, tmp_path):
+    """As one that uses what NumPy has dropped: importing it raises no ImportError."""
+    environments = pytest.importorskip("crawler_bench.features.environments")
+    (tmp_path / "gym_softrobot.py").write_text("import numpy\n\nnumpy.float\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "gym_softrobot", raising=False)
+    assert environments.missing_peers()["OctoFlat-v0"] == "gym-softrobot"
 
 
 @pytest.mark.slow
@@ -337,7 +347,10 @@ def test_without_mujoco_sysid_our_identification_is_measured_alone(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     said = [line for line in done.stderr.splitlines() if "compiling" not in line]
-    assert said == ["crawler: mujoco.sysid not installed and left out; install with: pip install 'mujoco[sysid]>=4,<5'"]
+    assert said == [
+        "crawler: mujoco.sysid not installed or not starting, and left out; "
+        "install with: pip install 'mujoco[sysid]>=4,<5'"
+    ]
     rows = json.loads(done.stdout)["rows"]
     assert json.loads((tmp_path / "identify.json").read_text())["rows"] == rows
     assert [row["called_determined"] for row in rows] == [3, 3, 0, 0, 2, 2]
