@@ -14,6 +14,10 @@ from numpy.typing import ArrayLike
 from ..compiled import compiled
 from ..rounding import CRITICAL, NOISE
 
+FEW_FREE, FEW_CONTACTS = 2, 256
+"""After an event all contacts are checked for criticality if at most `FEW_FREE` are free, as the check then costs no
+more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
+
 
 def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> float:
     """Compute how close all contacts are to sliding at once in one state.

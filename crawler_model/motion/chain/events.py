@@ -31,7 +31,8 @@ from ..state import (
     VISITED,
     advance_loads,
 )
-from ..translation import choose_translation, is_wide
+from ..tournament import begin_tournament
+from ..translation import FEW_CONTACTS, FEW_FREE, choose_translation, is_wide
 from .border import begin_meetings, next_meeting, sum_bounds, update_meetings
 from .crossing import cross_borders
 from .long.solve import release_long, solve_long
@@ -53,12 +54,8 @@ from .memory import (
     ROW_V_BEFORE,
     carve,
 )
-from .rates import begin_tournament, settle, slack, solve, update, update_tournament
+from .rates import settle, slack, solve, update, update_tournament
 from .wide import uncertainty
-
-_FEW_FREE, FEW_CONTACTS = 2, 256
-"""After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
-more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
 
 
 @lean
@@ -205,7 +202,7 @@ def follow_events(
         when = floats[ROW_NEXT, first_hit]
         ending = not when < 1.0
         until = 1.0 if ending else when
-        look = free <= _FEW_FREE or n <= FEW_CONTACTS
+        look = free <= FEW_FREE or n <= FEW_CONTACTS
         if look and crossed:
             whole = sum_bounds(contacts, target)
             crossed = False

@@ -11,8 +11,8 @@ from ...body.body import Body
 from ..borders import Patches
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
+from ..translation import FEW_CONTACTS
 from . import many, memory, ramp
-from .events import FEW_CONTACTS
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,6 @@ import numpy as np
 from ...compiled import compiled
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
-from ..chain.events import FEW_CONTACTS
-from ..chain.rates import begin_tournament, enter_event
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -27,7 +25,8 @@ from ..state import (
     TENSION,
     VISITED,
 )
-from ..translation import choose_translation, is_wide
+from ..tournament import begin_tournament, enter_event
+from ..translation import FEW_CONTACTS, FEW_FREE, choose_translation, is_wide
 from .margin import slides_at_once
 from .memory import (
     CHANGE,
@@ -51,9 +50,6 @@ from .memory import (
 )
 from .rates import advance, find_block, settle, solve
 
-_FEW_FREE = 2
-"""After an event all contacts are checked for criticality if at most `_FEW_FREE` are free, as the check then costs no
-more than the solve, or if there are at most `FEW_CONTACTS`. Otherwise the visited margin is sampled at ramp ends."""
 INSTANT = 1e-12
 """A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
 
@@ -172,7 +168,7 @@ def follow_events(
         until = 1.0 if ending else when
         ds = until - at
         shifted = False
-        if free <= _FEW_FREE or n <= FEW_CONTACTS:
+        if free <= FEW_FREE or n <= FEW_CONTACTS:
             advance(contacts, links, status, floats, changes, bytes_, account, at)
             critical, margin = slides_at_once(
                 ends, stiffness, contacts, links, changes, status, bytes_[ROW_SIDE], floats, at, whole

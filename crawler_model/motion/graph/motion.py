@@ -10,9 +10,9 @@ import numpy as np
 
 from ...body.body import Body
 from ..borders import Patches
-from ..chain.events import FEW_CONTACTS
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
+from ..translation import FEW_CONTACTS
 from . import active_set, many, memory, ramp
 from .active_set import Network
 
