@@ -40,6 +40,7 @@ ROOMS = {
         "motion.ground",
         "motion.chain",
         "motion.chain.long",
+        "motion.chain.patches",
         "motion.graph",
         "motion.plane",
         "motion",

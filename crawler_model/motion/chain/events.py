@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled, lean
-from ...rounding import CRITICAL, EPS, SHORTEST_STRETCH
+from ...rounding import SHORTEST_STRETCH
 from ..borders import AT_BORDER, AT_JUMP, STOPPED, mark_reached
 from ..pieces import note_piece
 from ..state import (
@@ -28,13 +28,12 @@ from ..state import (
     GAIN_MOST,
     LOAD_CHANGE,
     ROUNDING,
-    VISITED,
     advance_loads,
 )
 from ..tournament import begin_tournament
 from ..translation import FEW_CONTACTS, FEW_FREE, choose_translation, is_wide
-from .border import begin_meetings, next_meeting, sum_bounds, update_meetings
-from .crossing import cross_borders
+from .criticality import is_near_criticality, visit
+from .long.monotone import follow_monotone
 from .long.solve import release_long, solve_long
 from .long.tables import ENDS, tabulate
 from .memory import (
@@ -54,57 +53,21 @@ from .memory import (
     ROW_V_BEFORE,
     carve,
 )
-from .rates import settle, slack, solve, update, update_tournament
+from .patches.border import begin_meetings, next_meeting, sum_bounds, update_meetings
+from .patches.crossing import cross_borders
+from .rates import settle, solve, update, update_tournament
 from .wide import uncertainty
 
 
 @lean
-def _visited(contacts, links, floats, side, whole, s):
-    """Compute at s the sum of the distances of all contacts from their nearest bounds, and the sum of all bounds."""
-    near = 0.0
-    for i in range(contacts.shape[1]):
-        if side[i] == 0:
-            above, below = slack(contacts, links, floats, s, i)
-            near += abs(min(above, below))
-    return near, max(whole[0] + s * (whole[1] - whole[0]), 0.0)
-
-
-@lean
-def _visit(contacts, links, floats, side, account, whole, s):
-    """Update the visited margin at s; return the sum of the distances of all contacts from their nearest bounds."""
-    near, total = _visited(contacts, links, floats, side, whole, s)
-    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
-    return near
-
-
-@lean
-def _near_criticality(contacts, links, floats, side, account, whole, s):
-    """Update the visited margin, and return whether all contacts stay at their bounds up to the end of the ramp.
-
-    A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
-    vanishes from here on. The ends of the ramp are not used, as friction may vanish there. `whole` holds the sums of
-    all bounds at the start and at the end of the ramp.
-    """
-    near = _visit(contacts, links, floats, side, account, whole, s)
-    both = whole[0] + whole[1]
-    if both == 0.0:
-        return True
-    if near > CRITICAL * both:
-        return False
-    some, total_some = _visited(contacts, links, floats, side, whole, s + (1.0 - s) / 3.0)
-    more, total_more = _visited(contacts, links, floats, side, whole, s + (1.0 - s) / 1.5)
-    close = 8.0 * EPS * both
-    return some <= CRITICAL * total_some + close and more <= CRITICAL * total_more + close
-
-
-@lean
-def _count_free(bytes_):
-    """Count the contacts that are free or are leaving their bound."""
+def _survey(floats, bytes_):
+    """Count the contacts that are free or are leaving their bound, and find the place of the next event."""
     free = 0
+    soonest = np.inf
     for i in range(bytes_.shape[1]):
-        if bytes_[ROW_SIDE, i] == 0:
-            free += 1
-    return free
+        free += bytes_[ROW_SIDE, i] == 0
+        soonest = min(soonest, floats[ROW_NEXT, i])
+    return free, soonest
 
 
 @compiled
@@ -183,13 +146,23 @@ def follow_events(
         bytes_[ROW_LEAVING, i] = 0
 
     s = 0.0
-    free_translation, spent = solve(
-        elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
-    )
+    in_steps = may_be_long and n > FEW_CONTACTS
+    while True:
+        free_translation, spent = solve(
+            elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
+        )
+        free, soonest = _survey(floats, bytes_)
+        if not in_steps or free <= FEW_FREE or not soonest < 1.0:
+            break
+        part = follow_monotone(elasticity, contacts, links, status, target, floats, bytes_, stacks, account)
+        if part == 1.0:
+            return True, 1.0
+        if part == 0.0:
+            break
+        in_steps = False  # what is left of the ramp is the ramp from now on
     begin_tournament(tree, leaves, floats[ROW_NEXT])
     if patches is not None:
         fastest = begin_meetings(contacts, floats, patches, leaves)
-    free = _count_free(bytes_)
     pieces = 1
     done = True
     at_border = False
@@ -206,7 +179,7 @@ def follow_events(
         if look and crossed:
             whole = sum_bounds(contacts, target)
             crossed = False
-        critical = look and _near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
+        critical = look and is_near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
         if critical or free_translation:
             # friction at the middle of the stretch, as it may be zero at its start
             middle = 0.5 * (s + until)
@@ -236,7 +209,7 @@ def follow_events(
             s = until
             if patches is not None and patches.crosses and not shifted and not wide:
                 if look:
-                    _visit(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
+                    visit(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
                 count, done = cross_borders(
                     elasticity,
                     contacts,

@@ -17,23 +17,18 @@ import numpy as np
 
 from ...body.places import put_on_ground
 from ...compiled import compiled
-from ...rounding import CRITICAL, EPS
+from ...rounding import EPS
 from ..borders import AT_JUMP, FOLLOWED, LOST, OF_RAMP, PASSED, STOPPED, SUM_BACKWARD, SUM_FORWARD
 from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
     ACTUATION_REF,
-    AMBIGUOUS,
-    AT_BACKWARD,
     AT_FORWARD,
     BACKWARD,
-    COMPLEMENTARITY,
     COMPLIANCE,
     DISSIPATION,
     EVENTS,
     FORWARD,
-    GAIN_LEAST,
-    GAIN_MOST,
     GAINED,
     OVERSPENT,
     RESIDUAL,
@@ -54,13 +49,12 @@ from ..state import (
     is_in_force,
     read_commands,
     record,
-    shift,
 )
-from ..translation import choose_translation, is_wide, nearness
+from ..translation import nearness
 from .events import follow_events
-from .memory import ROW_BACKWARD, ROW_FORWARD, ROW_MOVED, ROW_RATE, ROW_SIDE, ROW_TRIAL, ROW_V, ROW_ZEROS
-from .projection import chain_velocities, project, shape_gain
-from .wide import project_wide, spans_decades
+from .implicit_step import catch_up
+from .memory import ROW_MOVED, ROW_TRIAL
+from .wide import spans_decades
 
 
 @compiled
@@ -157,78 +151,6 @@ def _finish(elasticity, contacts, links, status, target, bytes_, account, energy
         account[ROUNDING] += _discord(elasticity[COMPLIANCE], contacts, links)
     account[RESIDUAL] = (stored - energy) + account[DISSIPATION] - account[WORK]
     return stored
-
-
-@compiled
-def _catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, share, wide):
-    """Take one implicit step from the present state to `target`."""
-    n = contacts.shape[1]
-    stiffness = elasticity[STIFFNESS]
-    tension = links[TENSION]
-    forward = target[n - 1 : 2 * n - 1]
-    backward = target[2 * n - 1 : 3 * n - 1]
-    trial = floats[ROW_TRIAL]
-    new = floats[ROW_RATE]
-    side = bytes_[ROW_SIDE]
-    for i in range(n - 1):
-        origin = links[TENSION_REF, i] - stiffness[i] * (links[ACTUATION, i] - links[ACTUATION_REF, i])
-        if tension[i] == origin:
-            trial[i] = links[TENSION_REF, i] - stiffness[i] * (target[i] - links[ACTUATION_REF, i])
-        else:
-            trial[i] = tension[i] - stiffness[i] * (target[i] - links[ACTUATION, i])
-    compliance, blur = elasticity[COMPLIANCE], floats[ROW_ZEROS]
-    if wide:
-        project_wide(trial[: n - 1], compliance, backward, forward, blur, new[: n - 1], side)
-    else:
-        project(trial[: n - 1], compliance, backward, forward, blur, new[: n - 1], side, stacks)
-    work = 0.0
-    for i in range(n - 1):
-        gain = shape_gain(new[i], trial[i], elasticity[COMPLIANCE, i])
-        bytes_[ROW_MOVED, i] |= gain != 0.0
-        work -= 0.5 * (tension[i] + new[i]) * (target[i] - links[ACTUATION, i])
-        tension[i] = new[i]
-        trial[i] = gain
-    account[WORK] += work
-    velocity = floats[ROW_V]
-    free_translation = chain_velocities(trial, side, velocity, 0, n - 1)
-    near = 0.0
-    total = 0.0
-    for i in range(n):
-        if side[i] == 0:
-            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
-            near += max(min(forward[i] - g, backward[i] + g), 0.0)
-        total += forward[i] + backward[i]
-    if free_translation or near <= CRITICAL * total:
-        for i in range(n):
-            floats[ROW_FORWARD, i] = 0.5 * (contacts[FORWARD, i] + forward[i])
-            floats[ROW_BACKWARD, i] = 0.5 * (contacts[BACKWARD, i] + backward[i])
-        least, most = choose_translation(velocity, floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
-        if is_wide(least, most, velocity):
-            account[AMBIGUOUS] = 1.0
-            account[GAIN_LEAST] += least
-            account[GAIN_MOST] += most
-    dissipation = 0.0
-    complementarity = account[COMPLEMENTARITY]
-    for i in range(n):
-        v = velocity[i]
-        if v != 0.0:
-            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
-            if v > 0.0:
-                dissipation += 0.5 * (contacts[FORWARD, i] + forward[i]) * v
-                gap = forward[i] - g
-            else:
-                dissipation -= 0.5 * (contacts[BACKWARD, i] + backward[i]) * v
-                gap = backward[i] + g
-            complementarity = max(complementarity, abs(v * gap))
-            shift(contacts, v, 1.0, i, 0.5)
-        if side[i] == 0:
-            status[i] = 0
-        elif forward[i] + backward[i] == 0.0:
-            status[i] = AT_FORWARD | AT_BACKWARD
-        else:
-            status[i] = AT_FORWARD if side[i] == 1 else AT_BACKWARD
-    account[DISSIPATION] += dissipation
-    account[COMPLEMENTARITY] = complementarity
 
 
 @compiled
@@ -350,7 +272,7 @@ def follow(
                     ramp[OVERSPENT] = 1.0
                 else:
                     ramp[EVENTS] = 1.0
-                _catch_up(
+                catch_up(
                     elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, share, wide
                 )
             energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)

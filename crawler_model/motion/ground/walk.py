@@ -9,8 +9,8 @@ contact that reaches a border forward with the spring force g, which is its forw
   fall is followed like any other ramp; the part of the bound that the ground does not provide is an extra load, whose
   work is the energy lost. Borders that are met during the fall are further events.
 
-The event loop of a chain does all this itself (`motion.chain.crossing`), except for the cases that it leaves to this
-file.
+The event loop of a chain does all this itself (`motion.chain.patches.crossing`), except for the cases that it leaves to
+this file.
 
 Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with the displacements
 of the others; so the end of a jump is the least displacement at which all bounds hold. Where no equilibrium is left,

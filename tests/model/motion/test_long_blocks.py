@@ -8,60 +8,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, Scene, Step, load_scene, simulate
+from crawler_model import Scene, load_scene, simulate
 from crawler_model.motion.chain import memory
-from crawler_model.motion.state import TENSION
 
-NEVER = 10**9
-Row = np.ndarray | tuple[np.ndarray, ...]
-
-
-def chain(stiffness: np.ndarray, forward: np.ndarray, backward: np.ndarray, loads: np.ndarray | None = None) -> Scene:
-    data = {
-        "name": "test",
-        "body": {"contacts": list(range(forward.size)), "links": {"stiffness": stiffness.tolist()}},
-        "friction": {"forward": forward.tolist(), "backward": backward.tolist()},
-    }
-    return Scene.model_validate(data if loads is None else data | {"loads": loads.tolist()})
-
-
-def follow(
-    scene: Scene,
-    rows: list[Row],
-    shortest: int,
-    monkeypatch: pytest.MonkeyPatch,
-    visits: float = 0.0,
-    **more: int,
-):
-    monkeypatch.setattr(memory, "SHORTEST_LONG", shortest)
-    monkeypatch.setattr(memory, "VISITS_BEFORE", visits)
-    crawler = Crawler(scene, **more)
-    found: list[tuple[np.ndarray, np.ndarray, Step]] = []
-    for row in rows:
-        step = crawler.advance(*(row if isinstance(row, tuple) else (row,)))
-        found.append((crawler.displacement.copy(), crawler._state.links[TENSION].copy(), step))
-    return found
-
-
-def assert_same(
-    scene: Scene, rows: list[Row], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, visits: float = 0.0
-) -> int:
-    """Compare both paths relative to the motion; return the number of pieces."""
-    short = follow(scene, rows, NEVER, monkeypatch)
-    long = follow(scene, rows, 8, monkeypatch, visits)
-    pieces = 0
-    for (x, tension, step), (x_long, tension_long, step_long) in zip(short, long, strict=True):
-        size = max(np.abs(x).max(), max(np.abs(row[0] if isinstance(row, tuple) else row).max() for row in rows))
-        assert np.abs(x_long - x).max() <= near * size
-        assert np.abs(tension_long - tension).max() <= near * max(np.abs(tension).max(), 1.0)
-        energy = abs(step.work) + step.dissipation
-        assert step_long.work == pytest.approx(step.work, rel=0, abs=near * energy)
-        assert step_long.dissipation == pytest.approx(step.dissipation, rel=0, abs=near * energy)
-        assert abs(step_long.certificate.energy_residual) <= near * energy
-        assert step_long.certificate.violation <= near * max(np.abs(tension).max(), 1.0)
-        assert step_long.certificate.complementarity <= near * energy
-        pieces += step.events
-    return pieces
+from ..long_chains import NEVER, Row, assert_same, chain, follow
 
 
 def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
@@ -174,7 +124,7 @@ def test_long_blocks_take_fewer_visits_than_short_ones(monkeypatch):
     """A budget that short blocks exceed, because they solve a whole block at each event, is enough for long ones."""
     n = 1_000
     scene = chain(np.full(n - 1, float(n)), np.full(n, 0.1 / n), np.full(n, 0.3 / n))
-    row = np.full(n - 1, 0.5 / n)
+    row = np.random.default_rng(n).uniform(0.4, 0.6, n - 1) / n
     assert follow(scene, [row], NEVER, monkeypatch, budget=300 * n)[0][2].overspent == 1
     assert follow(scene, [row], 128, monkeypatch, budget=300 * n)[0][2].overspent == 0
 

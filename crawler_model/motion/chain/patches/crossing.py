@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
-from ..borders import find_meeting, gap_ahead, is_moving, surely_holds
-from ..state import AT_BACKWARD, AT_FORWARD, COMPLIANCE
-from ..tournament import enter_event
+from ....compiled import compiled
+from ...borders import find_meeting, gap_ahead, is_moving, surely_holds
+from ...state import AT_BACKWARD, AT_FORWARD, COMPLIANCE
+from ...tournament import enter_event
+from ..memory import ROW_HIT, ROW_LEAVING, ROW_SINCE, ROW_V
+from ..rates import update
 from .border import enter, meet
 from .fall import add_hit, jump
-from .memory import ROW_HIT, ROW_LEAVING, ROW_SINCE, ROW_V
-from .rates import update
 
 
 @compiled

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...body.places import find_bounds, survey
-from ...compiled import compiled, lean
-from ..borders import SAME, SUM_BACKWARD, SUM_FORWARD, find_meeting, is_moving
-from ..state import AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, LOAD, LOAD_CHANGE
-from ..tournament import begin_tournament, enter_event
-from .memory import ROW_D_BACKWARD, ROW_D_FORWARD, ROW_MEETING, ROW_SINCE, ROW_V
+from ....body.places import find_bounds, survey
+from ....compiled import compiled, lean
+from ...borders import SAME, SUM_BACKWARD, SUM_FORWARD, find_meeting, is_moving
+from ...state import AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, LOAD, LOAD_CHANGE
+from ...tournament import begin_tournament, enter_event
+from ..memory import ROW_D_BACKWARD, ROW_D_FORWARD, ROW_MEETING, ROW_SINCE, ROW_V
 
 
 @compiled

@@ -8,8 +8,8 @@ tensions follow from the one behind the first by sums over the falling bounds, a
 
 from __future__ import annotations
 
-from ...compiled import compiled, lean
-from ..borders import (
+from ....compiled import compiled, lean
+from ...borders import (
     COUNT,
     JUMP_BORDER,
     JUMP_CONTACT,
@@ -23,7 +23,7 @@ from ..borders import (
     gap_ahead,
     is_moving,
 )
-from ..state import (
+from ...state import (
     AT_BACKWARD,
     AT_FORWARD,
     BACKWARD,
@@ -34,8 +34,7 @@ from ..state import (
     X,
     shift,
 )
-from .border import meet
-from .memory import (
+from ..memory import (
     ROW_BACKWARD,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
@@ -49,7 +48,8 @@ from .memory import (
     ROW_TRIAL,
     ROW_V_BEFORE,
 )
-from .rates import settle, slack, update
+from ..rates import settle, slack, update
+from .border import meet
 
 # Rows of the scratch floats that a jump uses, all written anew by what uses them otherwise.
 _SPEED = ROW_TRIAL

@@ -1,0 +1,1 @@
+"""Patches of ground: borders that contacts of a chain cross within a ramp, and jumps there."""
