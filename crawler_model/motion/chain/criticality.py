@@ -42,7 +42,7 @@ def visit(contacts, links, floats, side, account, whole, s):
 
 @lean
 def is_near_criticality(contacts, links, floats, side, account, whole, s):
-    """Update the visited margin, and return whether all contacts stay at their bounds up to the end of the ramp.
+    """Update the visited margin, and determine whether all contacts stay at their bounds up to the end of the ramp.
 
     A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
     vanishes from here on. The ends of the ramp are not used, as friction may vanish there.
@@ -55,6 +55,9 @@ def is_near_criticality(contacts, links, floats, side, account, whole, s):
         account: account of the ramp, changed in place.
         whole: sums of all bounds at the start and at the end of the ramp [N].
         s: place on the ramp, 0 .. 1.
+
+    Returns:
+        True if they do, and the translation is therefore free.
     """
     near = visit(contacts, links, floats, side, account, whole, s)
     both = whole[0] + whole[1]

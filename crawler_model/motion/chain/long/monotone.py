@@ -45,22 +45,26 @@ _BESIDE = 1e-6
 
 
 @lean
-def _push(stiffness, floats, i, n):
+def _push(stiffness, links, floats, i):
     """Compute the rate of the force on a contact if none moved; rounding counts as zero [N per unit of the ramp]."""
-    after = stiffness[i] * floats[ROW_D_ACTUATION, i] if i < n - 1 else 0.0
-    before = stiffness[i - 1] * floats[ROW_D_ACTUATION, i - 1] if i > 0 else 0.0
-    push = before - after
-    return push if abs(push) > 16.0 * EPS * (abs(before) + abs(after)) else 0.0
+    push = 0.0
+    size = 0.0
+    if i > 0:
+        push += stiffness[i - 1] * floats[ROW_D_ACTUATION, i - 1]
+        size += stiffness[i - 1] * (abs(floats[ROW_D_ACTUATION, i - 1]) + abs(links[ACTUATION, i - 1]))
+    if i < links.shape[1]:
+        push -= stiffness[i] * floats[ROW_D_ACTUATION, i]
+        size += stiffness[i] * (abs(floats[ROW_D_ACTUATION, i]) + abs(links[ACTUATION, i]))
+    return push if abs(push) > 4.0 * EPS * size else 0.0
 
 
 @lean
-def _begins_monotone(stiffness, floats):
+def _begins_monotone(stiffness, links, floats):
     """Determine whether bounds are constant, and every contact that slides at first is pushed where it slides."""
-    n = floats.shape[1]
-    for i in range(n):
+    for i in range(floats.shape[1]):
         if floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0:
             return False
-        if floats[ROW_V, i] * _push(stiffness, floats, i, n) < 0.0:
+        if floats[ROW_V, i] * _push(stiffness, links, floats, i) < 0.0:
             return False
     return True
 
@@ -85,7 +89,7 @@ def _examine(stiffness, contacts, links, floats, bytes_, account):
     total = 0.0
     for i in range(n):
         total += contacts[FORWARD, i] + contacts[BACKWARD, i]
-        push = _push(stiffness, floats, i, n)
+        push = _push(stiffness, links, floats, i)
         v = moved[i]
         left = moved[i - 1] if i > 0 else 0.0
         right = moved[i + 1] if i < n - 1 else 0.0
@@ -173,7 +177,7 @@ def follow_monotone(elasticity, contacts, links, status, target, floats, bytes_,
         The part of the ramp that was followed; if 0, state and velocities have not changed.
     """
     stiffness, compliance = elasticity[STIFFNESS], elasticity[COMPLIANCE]
-    if not _begins_monotone(stiffness, floats):
+    if not _begins_monotone(stiffness, links, floats):
         return 0.0
     project_step(elasticity, links, target, floats, bytes_, stacks, False)
     exact, until = _examine(stiffness, contacts, links, floats, bytes_, account)
