@@ -1,9 +1,8 @@
-"""Breakpoints of the projection of a chain in balanced trees, for loads that move many of them at every link.
+"""Breakpoints of the projection of a chain in trees, for loads that move many of them at every link.
 
 `projection.project` stores the breakpoints on two stacks that meet at the zero of the curve. A breakpoint that the
-zero passes moves from one stack to the other, one at a time. Here a stack holds trees of breakpoints (`trees`): a tree
-that the zero passes moves to the other stack as a whole, and only the tree in which the zero ends is cut. Neighbouring
-trees of a stack are joined when there are too many. A shift of a whole stack is stored once.
+zero passes moves from one stack to the other, one at a time. Here the stacks hold trees of breakpoints (`trees`), which
+move as a whole. A shift of a whole stack is stored once.
 """
 
 from __future__ import annotations
@@ -11,16 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled
-from .trees import DEPTH, FIRST, FLOATS, JUMP, LAST, POSITION, RISE, SLOPE, TURN, cut, gather, move, plant, plant_row
+from .trees import FLOATS, near_end, pass_zero, plant
 
-REACH = 3
-"""Row of a stack of breakpoints behind POSITION, SLOPE (its growth outwards) and JUMP: with one entry per link."""
-_TREES = 40
-"""A stack of more trees than this is joined to two trees."""
+POSITION, SLOPE, JUMP, REACH = range(4)
+"""Rows of a stack of breakpoints: positions relative to the shift of the stack, by how much the slope grows outwards,
+how high the curve jumps, and the scale of the rounding error, with one entry per link."""
 
 
 @compiled
-def project_balanced(
+def project_in_trees(
     target,
     compliance,
     backward,
@@ -53,34 +51,22 @@ def project_balanced(
         reach: as in `project`.
 
     Returns:
-        The number of breakpoints visited to find the zeros, times eight, as each costs as much as eight moves.
+        The number of trees visited to find the zeros, times six, as each costs as much as six moves of a breakpoint.
     """
     n = target.shape[0]
-    size = n_left + n_right + 2 * (n - start)
-    floats = np.empty((size, FLOATS))
-    children = np.empty((size, 2), np.int64)
-    path = np.empty(DEPTH, np.int64)
-    lefts = np.empty(_TREES + 4, np.int64)
-    rights = np.empty(_TREES + 4, np.int64)
-    lefts[-1] = 0
-    rights[-1] = 1
-    used = 0
+    most = n_left + n_right + 2 * (n - start)
+    floats = np.empty((2 * most, FLOATS))
+    children = np.empty((2 * most, 2), np.int32)
+    unused = np.array([-1, 0])
+    lefts = np.empty(most, np.int32)
+    rights = np.empty(most, np.int32)
     for j in range(n_left):
-        plant(floats, children, used, stacks[0, POSITION, j] + shift_left, -stacks[0, SLOPE, j], stacks[0, JUMP, j])
-        used += 1
+        position, slope, jump = stacks[0, POSITION, j], stacks[0, SLOPE, j], stacks[0, JUMP, j]
+        lefts[j] = plant(floats, children, unused, position, -slope, jump)
     for j in range(n_right):
-        plant(floats, children, used, stacks[1, POSITION, j] + shift_right, stacks[1, SLOPE, j], stacks[1, JUMP, j])
-        used += 1
-    planted = np.arange(used + 1)
-    planted[-1] = 0
-    lefts[0] = plant_row(floats, children, planted, path, 0, n_left - 1)
-    planted[-1] = 1
-    rights[0] = plant_row(floats, children, planted, path, n_left, used - 1)
-    n_left = min(n_left, 1)
-    n_right = min(n_right, 1)
-    shift_left = 0.0
-    shift_right = 0.0
-    looked = used
+        position, slope, jump = stacks[1, POSITION, j], stacks[1, SLOPE, j], stacks[1, JUMP, j]
+        rights[j] = plant(floats, children, unused, position, slope, jump)
+    visited = 0
     for i in range(start, n):
         flat = compliance[i]
         zero = target[i]
@@ -88,88 +74,16 @@ def project_balanced(
         slope_right = flat
         jump_left = 0.0
         jump_right = 0.0
-        if n_left > 0 and zero < floats[lefts[n_left - 1], LAST] + shift_left:
-            here = floats[lefts[n_left - 1], LAST] + shift_left
-            height = (here - zero) * flat
-            slope = flat
-            while True:
-                n_left -= 1
-                root = lefts[n_left]
-                looked += 1
-                beyond = max(slope - floats[root, TURN], flat)
-                length = floats[root, LAST] - floats[root, FIRST]
-                fall = beyond * length + floats[root, RISE]
-                if fall >= height:
-                    kept, passed, zero, jump_right, jump_left, slope_right, slope_left, count = cut(
-                        floats, children, path, root, -1.0, floats[root, LAST], height, slope, flat
-                    )
-                    zero += shift_left
-                    looked += count
-                    if kept >= 0:
-                        lefts[n_left] = kept
-                        n_left += 1
-                    if passed >= 0:
-                        move(floats, passed, shift_left - shift_right)
-                        rights[n_right] = passed
-                        n_right += 1
-                        if n_right > _TREES:
-                            n_right = gather(floats, children, path, rights, n_right)
-                    break
-                move(floats, root, shift_left - shift_right)
-                here = floats[root, FIRST] + shift_right
-                rights[n_right] = root
-                n_right += 1
-                if n_right > _TREES:
-                    n_right = gather(floats, children, path, rights, n_right)
-                height -= fall
-                slope = beyond
-                zero = here - height / slope
-                slope_left = slope
-                slope_right = slope
-                if n_left == 0 or zero >= floats[lefts[n_left - 1], LAST] + shift_left:
-                    break
-                height -= slope * (here - (floats[lefts[n_left - 1], LAST] + shift_left))
-        elif n_right > 0 and zero > floats[rights[n_right - 1], FIRST] + shift_right:
-            here = floats[rights[n_right - 1], FIRST] + shift_right
-            height = (zero - here) * flat
-            slope = flat
-            while True:
-                n_right -= 1
-                root = rights[n_right]
-                looked += 1
-                beyond = max(slope + floats[root, TURN], flat)
-                length = floats[root, LAST] - floats[root, FIRST]
-                rise = slope * length + floats[root, RISE]
-                if rise >= height:
-                    passed, kept, zero, jump_left, jump_right, slope_left, slope_right, count = cut(
-                        floats, children, path, root, 1.0, floats[root, FIRST], height, slope, flat
-                    )
-                    zero += shift_right
-                    looked += count
-                    if kept >= 0:
-                        rights[n_right] = kept
-                        n_right += 1
-                    if passed >= 0:
-                        move(floats, passed, shift_right - shift_left)
-                        lefts[n_left] = passed
-                        n_left += 1
-                        if n_left > _TREES:
-                            n_left = gather(floats, children, path, lefts, n_left)
-                    break
-                move(floats, root, shift_right - shift_left)
-                here = floats[root, LAST] + shift_left
-                lefts[n_left] = root
-                n_left += 1
-                if n_left > _TREES:
-                    n_left = gather(floats, children, path, lefts, n_left)
-                height -= rise
-                slope = beyond
-                zero = here + height / slope
-                slope_left = slope
-                slope_right = slope
-                if n_right == 0 or zero <= floats[rights[n_right - 1], FIRST] + shift_right:
-                    break
-                height -= slope * (floats[rights[n_right - 1], FIRST] + shift_right - here)
+        count = 0
+        if n_left > 0 and zero < near_end(floats, lefts[n_left - 1], shift_left, -1.0):
+            n_left, n_right, zero, jump_left, jump_right, slope_left, slope_right, count = pass_zero(
+                floats, children, unused, lefts, n_left, shift_left, rights, n_right, shift_right, -1.0, zero, flat
+            )
+        elif n_right > 0 and zero > near_end(floats, rights[n_right - 1], shift_right, 1.0):
+            n_right, n_left, zero, jump_right, jump_left, slope_right, slope_left, count = pass_zero(
+                floats, children, unused, rights, n_right, shift_right, lefts, n_left, shift_left, 1.0, zero, flat
+            )
+        visited += count
         tension[i] = zero
         low = -backward[i + 1]
         high = forward[i + 1]
@@ -177,26 +91,18 @@ def project_balanced(
         reach = 0.0 if low == -np.inf and high == np.inf else reach + magnitude[i + 1]
         if low > -np.inf:
             shift_left += low
-            plant(floats, children, used, zero + low - shift_left, -slope_left, jump_left)
-            lefts[n_left] = used
+            lefts[n_left] = plant(floats, children, unused, zero + low - shift_left, -slope_left, jump_left)
             n_left += 1
-            if n_left > _TREES:
-                n_left = gather(floats, children, path, lefts, n_left)
-            used += 1
             reach += abs(low)
         else:
             n_left = 0
             shift_left = 0.0
         if high < np.inf:
             shift_right += high
-            plant(floats, children, used, zero + high - shift_right, slope_right, jump_right)
-            rights[n_right] = used
+            rights[n_right] = plant(floats, children, unused, zero + high - shift_right, slope_right, jump_right)
             n_right += 1
-            if n_right > _TREES:
-                n_right = gather(floats, children, path, rights, n_right)
-            used += 1
             reach += abs(high)
         else:
             n_right = 0
             shift_right = 0.0
-    return 8 * looked
+    return 6 * visited

@@ -12,7 +12,7 @@ its zero, moves the left part by -backward, the right part by forward and leaves
 breakpoints are stored, on two stacks that meet at the zero, each with a shift common to all its members; a breakpoint
 stores by how much the slope grows outwards, and how high the curve jumps there (the ends of the domain are infinite
 jumps). Johnson's algorithm for the fused lasso is of the same family. Where the zero passes many of them at every link,
-`breakpoints` stores them in trees: O(N log N) for any load.
+`breakpoints` stores them in trees.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS, NOISE
-from .breakpoints import REACH, project_balanced
-from .trees import JUMP, POSITION, SLOPE
+from .breakpoints import JUMP, POSITION, REACH, SLOPE, project_in_trees
 
-_MANY_MOVES, _ALWAYS_FEW = 32, 1024
+_MANY_MOVES, _ALWAYS_FEW = 24, 1024
 """Trees replace the stacks once more than `_MANY_MOVES` per link plus `_ALWAYS_FEW` breakpoints have changed stacks."""
 
 
@@ -83,7 +82,7 @@ def project(target, compliance, backward, forward, magnitude, tension, side, sta
 
     for i in range(n):
         if moved > _MANY_MOVES * i + _ALWAYS_FEW:
-            moved += project_balanced(
+            moved += project_in_trees(
                 target,
                 compliance,
                 backward,
@@ -127,14 +126,17 @@ def project(target, compliance, backward, forward, magnitude, tension, side, sta
                 right[JUMP, n_right] = jump
                 n_right += 1
                 slope = outer
+                if n_left > 0:
+                    further = left[POSITION, n_left - 1] + shift_left
+                    fall = slope * (here - further)
+                    if fall < value:
+                        value -= fall
+                        here = further
+                        continue
                 zero = here - value / slope
-                if n_left == 0 or zero >= left[POSITION, n_left - 1] + shift_left:
-                    slope_left = slope
-                    slope_right = slope
-                    break
-                further = left[POSITION, n_left - 1] + shift_left
-                value -= slope * (here - further)
-                here = further
+                slope_left = slope
+                slope_right = slope
+                break
         elif n_right > 0 and zero > right[POSITION, n_right - 1] + shift_right:
             here = right[POSITION, n_right - 1] + shift_right
             value = (here - zero) * flat
@@ -157,14 +159,17 @@ def project(target, compliance, backward, forward, magnitude, tension, side, sta
                 left[JUMP, n_left] = jump
                 n_left += 1
                 slope = outer
+                if n_right > 0:
+                    further = right[POSITION, n_right - 1] + shift_right
+                    rise = slope * (further - here)
+                    if rise < -value:
+                        value += rise
+                        here = further
+                        continue
                 zero = here - value / slope
-                if n_right == 0 or zero <= right[POSITION, n_right - 1] + shift_right:
-                    slope_left = slope
-                    slope_right = slope
-                    break
-                further = right[POSITION, n_right - 1] + shift_right
-                value += slope * (further - here)
-                here = further
+                slope_left = slope
+                slope_right = slope
+                break
 
         tension[i] = zero
         low = -backward[i + 1]

@@ -1,293 +1,198 @@
-"""Balanced trees of breakpoints of a piecewise-linear curve: treaps ordered by position.
+"""Trees of breakpoints of a piecewise-linear curve, on two stacks that meet at the zero of the curve.
 
-A node stores the rise of the curve over its subtree, so that a tree which the zero of the curve passes moves as a
-whole, and a tree in which the zero ends is searched and cut in O(log N). A shift of a whole tree is stored at its root,
-from where it is pushed down to the children when needed.
+The leaves of a tree are breakpoints, and a tree stores the rise of the curve over all of them. A tree that the zero
+passes moves to the other stack as a whole; a tree in which the zero ends is divided into its two subtrees until a leaf
+or a gap is reached. Trees far from the zero thus stay whole, and those beside it are as small as the zero needs them.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from ...compiled import lean
 
-POSITION, SLOPE, JUMP, _SHIFT, FIRST, LAST, TURN, RISE = range(8)
-"""Columns of a node: its position, the growth of the slope from left to right at it and the jump of the curve; the
-shift not yet applied to its children; the smallest and largest position in its subtree, the growth of the slope from
-left to right over the subtree, and the rise of the curve over the subtree if its slope is 0 at the left."""
-FLOATS = 8
+_PLACE, _REST, _LENGTH, _TURN, _RISE, _OFFSET = range(6)
+"""Columns of a tree: the position of its leftmost breakpoint relative to the shift of its stack, as the sum of two
+floats; its length; by how much the slope grows over it from left to right; the rise of the curve over it if the slope
+at its left is 0; the distance between the leftmost breakpoints of its two subtrees. Lengths and distances do not change
+when the tree moves, so that its rounding errors do not grow with the number of moves."""
+FLOATS = 6
 _LEFT, _RIGHT = range(2)
-DEPTH = 256
-"""More nodes than any path from a root: the trees are balanced."""
+_MOST = 6
+"""If the zero passes more trees than this at once, neighbours among them are joined."""
 
 
 @lean
-def move(floats, root, by):
-    """Move all breakpoints of a tree.
+def _take(children, unused):
+    """Return a row that is not used: `unused` is the head of the list of rows left, and the first row never used."""
+    tree = unused[0]
+    if tree >= 0:
+        unused[0] = children[tree, _LEFT]
+        return tree
+    unused[1] += 1
+    return unused[1] - 1
+
+
+@lean
+def _leave(children, unused, tree):
+    """Add the row of a tree to the list of rows left."""
+    children[tree, _LEFT] = unused[0]
+    unused[0] = tree
+
+
+@lean
+def plant(floats, children, unused, position, turn, jump):
+    """Create a tree of one breakpoint.
 
     Args:
-        floats: the nodes, shape (B, 8), changed in place.
-        root: root of the tree; -1 for none.
-        by: by how much [N].
-    """
-    if root >= 0 and by != 0.0:
-        floats[root, POSITION] += by
-        floats[root, FIRST] += by
-        floats[root, LAST] += by
-        floats[root, _SHIFT] += by
-
-
-@lean
-def _push_down(floats, children, node):
-    """Apply the pending shift of a node to its children."""
-    by = floats[node, _SHIFT]
-    if by != 0.0:
-        move(floats, children[node, _LEFT], by)
-        move(floats, children[node, _RIGHT], by)
-        floats[node, _SHIFT] = 0.0
-
-
-@lean
-def _sum_up(floats, children, node):
-    """Compute the subtree data of a node from its children."""
-    position = floats[node, POSITION]
-    first = position
-    last = position
-    turn = floats[node, SLOPE]
-    rise = floats[node, JUMP]
-    left = children[node, _LEFT]
-    if left >= 0:
-        first = floats[left, FIRST]
-        turn += floats[left, TURN]
-        rise += floats[left, RISE] + floats[left, TURN] * (position - floats[left, LAST])
-    right = children[node, _RIGHT]
-    if right >= 0:
-        last = floats[right, LAST]
-        rise += turn * (last - position) + floats[right, RISE]
-        turn += floats[right, TURN]
-    floats[node, FIRST] = first
-    floats[node, LAST] = last
-    floats[node, TURN] = turn
-    floats[node, RISE] = rise
-
-
-@lean
-def _rank(node):
-    """Return the priority of a node, highest at the root: pseudo-random, but the same in every run."""
-    mixed = np.uint64(node + 1) * np.uint64(0x9E3779B97F4A7C15)
-    mixed ^= mixed >> np.uint64(29)
-    return mixed * np.uint64(0xBF58476D1CE4E5B9)
-
-
-@lean
-def plant(floats, children, node, position, slope, jump):
-    """Create a tree with one breakpoint.
-
-    Args:
-        floats: the nodes, shape (B, 8), changed in place.
-        children: children of the nodes, -1 for none, int, shape (B, 2), changed in place.
-        node: the new node.
-        position: its position [N].
-        slope: by how much the slope grows from left to right.
+        floats: the trees, shape (B, 6), changed in place.
+        children: their subtrees, -1 for none, int, shape (B, 2), changed in place.
+        unused: the last row left, -1 for none, and the first row never used, int, shape (2,), changed in place.
+        position: the position of the breakpoint, relative to the shift of its stack [N].
+        turn: by how much the slope grows from left to right.
         jump: how high the curve jumps.
+
+    Returns:
+        The new tree.
     """
-    floats[node, POSITION] = position
-    floats[node, SLOPE] = slope
-    floats[node, JUMP] = jump
-    floats[node, _SHIFT] = 0.0
-    children[node, _LEFT] = -1
-    children[node, _RIGHT] = -1
-    _sum_up(floats, children, node)
+    tree = _take(children, unused)
+    floats[tree, _PLACE] = position
+    floats[tree, _REST] = 0.0
+    floats[tree, _LENGTH] = 0.0
+    floats[tree, _TURN] = turn
+    floats[tree, _RISE] = jump
+    children[tree, _LEFT] = -1
+    return tree
 
 
 @lean
-def _climb(floats, children, path, depth, low, high):
-    """Reattach the lower and the upper part of a tree to the nodes on the path to the cut."""
-    for j in range(depth - 1, -1, -1):
-        node = path[j] >> 1
-        if path[j] & 1:  # the path went right: the node belongs to the lower part
-            children[node, _RIGHT] = low
-            low = node
-        else:
-            children[node, _LEFT] = high
-            high = node
-        _sum_up(floats, children, node)
+def _join(floats, children, unused, low, high):
+    """Join two trees of the same stack; all positions of `low` come before those of `high`."""
+    tree = _take(children, unused)
+    offset = floats[high, _PLACE] - floats[low, _PLACE] + (floats[high, _REST] - floats[low, _REST])
+    length = offset + floats[high, _LENGTH]
+    turn = floats[low, _TURN]
+    floats[tree, _PLACE] = floats[low, _PLACE]
+    floats[tree, _REST] = floats[low, _REST]
+    floats[tree, _LENGTH] = length
+    floats[tree, _TURN] = turn + floats[high, _TURN]
+    floats[tree, _RISE] = floats[low, _RISE] + floats[high, _RISE] + turn * (length - floats[low, _LENGTH])
+    floats[tree, _OFFSET] = offset
+    children[tree, _LEFT] = low
+    children[tree, _RIGHT] = high
+    return tree
+
+
+@lean
+def _divide(floats, children, unused, tree):
+    """Divide a tree into its two subtrees."""
+    low, high = children[tree, _LEFT], children[tree, _RIGHT]
+    floats[low, _PLACE] = floats[tree, _PLACE]
+    floats[low, _REST] = floats[tree, _REST]
+    floats[high, _PLACE] = floats[tree, _PLACE] + floats[tree, _OFFSET]
+    floats[high, _REST] = floats[tree, _REST]
+    _leave(children, unused, tree)
     return low, high
 
 
 @lean
-def _join(floats, children, path, low, high):
-    """Join two trees; all positions of `low` come before those of `high`."""
-    depth = 0
-    while low >= 0 and high >= 0:
-        if _rank(low) > _rank(high):
-            _push_down(floats, children, low)
-            path[depth] = 2 * low + 1
-            low = children[low, _RIGHT]
-        else:
-            _push_down(floats, children, high)
-            path[depth] = 2 * high
-            high = children[high, _LEFT]
-        depth += 1
-    root = low if low >= 0 else high
-    for j in range(depth - 1, -1, -1):
-        node = path[j] >> 1
-        children[node, _RIGHT if path[j] & 1 else _LEFT] = root
-        _sum_up(floats, children, node)
-        root = node
-    return root
+def _move(floats, tree, by, rest):
+    """Move a tree by the sum of two floats, without a rounding error of the size of its position."""
+    before = floats[tree, _PLACE]
+    after = before + by
+    part = after - before
+    floats[tree, _PLACE] = after
+    floats[tree, _REST] += (before - (after - part)) + (by - part) + rest
 
 
 @lean
-def cut(floats, children, path, root, direction, here, height, slope, flat):
-    """Find where the curve has fallen (direction -1) or risen (1) by `height` outwards from `here`; cut the tree there.
+def near_end(floats, tree, shift, direction):
+    """Compute the position of the end of a tree that the zero reaches first.
 
     Args:
-        floats: the nodes, shape (B, 8), changed in place.
-        children: children of the nodes, int, shape (B, 2), changed in place.
-        path: scratch memory, int, shape (DEPTH,).
-        root: root of the tree.
-        direction: -1.0 or 1.0.
-        here: where the search begins, beside the tree [N].
-        height: by how much the curve falls or rises.
-        slope: slope of the curve at `here`.
-        flat: its least slope.
+        floats: the trees, shape (B, 6).
+        tree: the tree.
+        shift: shift of its stack [N].
+        direction: the direction in which the zero moves, -1.0 or 1.0.
 
     Returns:
-        The trees below and above, the zero, the heights left before and beyond it, the slopes there, and the number of
-        nodes visited. A breakpoint at the zero is in neither tree: its jump is split.
+        The position [N].
     """
-    near, inner = (_RIGHT, LAST) if direction < 0.0 else (_LEFT, FIRST)
-    outer = FIRST if direction < 0.0 else LAST
-    depth = 0
-    node = root
-    low = -1
-    high = -1
-    while node >= 0:
-        _push_down(floats, children, node)
-        beside = children[node, near]
-        start = here
-        left_over = height
-        steep = slope
-        if beside >= 0:
-            left_over -= steep * direction * (floats[beside, inner] - start)
-            turn = floats[beside, TURN]
-            at_left = max(steep - turn, flat) if direction < 0.0 else steep
-            left_over -= at_left * (floats[beside, LAST] - floats[beside, FIRST]) + floats[beside, RISE]
-            start = floats[beside, outer]
-            steep = max(steep + direction * turn, flat)
-        beyond = left_over - steep * direction * (floats[node, POSITION] - start)
-        if left_over <= 0.0 and beside >= 0:  # before the last breakpoint on this side
-            path[depth] = 2 * node + (direction < 0.0)
-            depth += 1
-            node = beside
+    return floats[tree, _PLACE] + shift + (floats[tree, _REST] + (floats[tree, _LENGTH] if direction < 0.0 else 0.0))
+
+
+@lean
+def pass_zero(floats, children, unused, near, n_near, shift_near, far, n_far, shift_far, direction, zero, flat):
+    """Move the zero of the curve outwards past trees of one stack, which move to the other stack.
+
+    Args:
+        floats: the trees, shape (B, 6), changed in place.
+        children: their subtrees, int, shape (B, 2), changed in place.
+        unused: as for `plant`.
+        near: trees of the stack on the side to which the zero moves, top last, changed in place.
+        n_near: their number.
+        shift_near: common shift of their positions [N].
+        far: trees of the other stack, changed in place.
+        n_far: their number.
+        shift_far: common shift of their positions [N].
+        direction: the direction in which the zero moves, -1.0 or 1.0.
+        zero: the zero of the curve if no breakpoint came; it is beyond the first one [N].
+        flat: slope of the curve before the first breakpoint, and its least slope.
+
+    Returns:
+        The numbers of trees on both stacks, the zero, how high the curve jumps there on the near and on the far side,
+        the slopes on both sides, and the number of trees visited. A breakpoint at the zero is in no tree: its jump is
+        divided.
+    """
+    leftwards = direction < 0.0
+    by = shift_near - shift_far
+    part = by - shift_near
+    rest = (shift_near - (by - part)) - (shift_far + part)
+    tree = near[n_near - 1]
+    here = near_end(floats, tree, shift_near, direction)
+    height = direction * (zero - here) * flat
+    slope = flat
+    start = n_far
+    visited = 0
+    while True:
+        visited += 1
+        beyond = max(slope + direction * floats[tree, _TURN], flat)
+        fall = (beyond if leftwards else slope) * floats[tree, _LENGTH] + floats[tree, _RISE]
+        if fall >= height:
+            n_near -= 1
+            if children[tree, _LEFT] < 0:
+                _leave(children, unused, tree)
+                zero, jump_near, jump_far, slope_near = here, floats[tree, _RISE] - height, height, beyond
+                break
+            low, high = _divide(floats, children, unused, tree)
+            near[n_near] = low if leftwards else high
+            tree = high if leftwards else low
+            near[n_near + 1] = tree
+            n_near += 2
             continue
-        if beyond <= 0.0:  # between the subtree and the node
-            zero = start + direction * left_over / steep
-            path[depth] = 2 * node + (direction < 0.0)
-            depth += 1
-            if direction < 0.0:
-                high = beside
-            else:
-                low = beside
-            low, high = _climb(floats, children, path, depth, low, high)
-            return low, high, zero, 0.0, 0.0, steep, steep, depth
-        here = floats[node, POSITION]
-        after = max(steep + direction * floats[node, SLOPE], flat)
-        if floats[node, JUMP] >= beyond:  # at the node
-            low, high = children[node, _LEFT], children[node, _RIGHT]
-            low, high = _climb(floats, children, path, depth, low, high)
-            return low, high, here, beyond, floats[node, JUMP] - beyond, steep, after, depth + 1
-        height = beyond - floats[node, JUMP]
-        slope = after
-        path[depth] = 2 * node + (direction > 0.0)
-        depth += 1
-        node = children[node, 1 - near]
-    low, high = _climb(floats, children, path, depth, low, high)
-    return low, high, here + direction * height / slope, 0.0, 0.0, slope, slope, depth
-
-
-@lean
-def _hang(floats, children, path, depth, node, near, far):
-    """Place the next breakpoint outwards on a spine of `depth` nodes; returns the new depth."""
-    rank = _rank(node)
-    below = -1
-    while depth > 0 and _rank(path[depth - 1]) < rank:
-        depth -= 1
-        children[path[depth], far] = below
-        below = path[depth]
-        _sum_up(floats, children, below)
-    floats[node, _SHIFT] = 0.0
-    children[node, near] = below
-    path[depth] = node
-    return depth + 1
-
-
-@lean
-def plant_row(floats, children, side, path, first, last):
-    """Join neighbouring trees of one breakpoint each to one tree, in linear time.
-
-    Args:
-        floats: the nodes, shape (B, 8), changed in place.
-        children: children of the nodes, int, shape (B, 2), changed in place.
-        side: the roots of the trees of a stack; its last entry is 0 for the left stack, whose top is its rightmost
-            tree, and 1 for the right stack.
-        path: scratch memory, int, shape (DEPTH,).
-        first: the first of the trees.
-        last: the last one.
-
-    Returns:
-        The root; -1 without trees.
-    """
-    near, far = (_LEFT, _RIGHT) if side[-1] == 0 else (_RIGHT, _LEFT)
-    depth = 0
-    for j in range(first, last + 1):
-        depth = _hang(floats, children, path, depth, side[j], near, far)
-    below = -1
-    while depth > 0:
-        depth -= 1
-        children[path[depth], far] = below
-        below = path[depth]
-        _sum_up(floats, children, below)
-    return below
-
-
-@lean
-def gather(floats, children, path, side, count):
-    """Join neighbouring trees of a stack until two are left; the last tree is the top.
-
-    Args:
-        floats: the nodes, shape (B, 8), changed in place.
-        children: children of the nodes, int, shape (B, 2), changed in place.
-        path: scratch memory, int, shape (DEPTH,).
-        side: the roots of the trees, changed in place; its last entry as for `plant_row`.
-        count: number of trees.
-
-    Returns:
-        The number of trees left.
-    """
-    kept = 0
-    first = 0
-    while first < count:
-        last = first
-        while last < count and children[side[last], _LEFT] < 0 and children[side[last], _RIGHT] < 0:
-            last += 1
-        if last > first + 1:
-            side[kept] = plant_row(floats, children, side, path, first, last - 1)
-            first = last
-        else:
-            side[kept] = side[first]
-            first += 1
-        kept += 1
-    count = kept
-    while count > 2:
-        kept = 0
-        for j in range(0, count, 2):
-            root = side[j]
-            if j + 1 < count:
-                low, high = (root, side[j + 1]) if side[-1] == 0 else (side[j + 1], root)
-                root = _join(floats, children, path, low, high)
-            side[kept] = root
-            kept += 1
-        count = kept
-    return count
+        n_near -= 1
+        _move(floats, tree, by, rest)
+        far[n_far] = tree
+        n_far += 1
+        here = near_end(floats, tree, shift_far, -direction)
+        height -= fall
+        slope = beyond
+        if n_near > 0:
+            tree = near[n_near - 1]
+            further = near_end(floats, tree, shift_near, direction)
+            fall = slope * direction * (further - here)
+            if fall < height:
+                height -= fall
+                here = further
+                continue
+        zero, jump_near, jump_far, slope_near = here + direction * height / slope, 0.0, 0.0, slope
+        break
+    if n_far - start > _MOST:
+        end = n_far
+        n_far = start
+        for j in range(start, end, 2):
+            tree = far[j]
+            if j + 1 < end:
+                low, high = (far[j + 1], tree) if leftwards else (tree, far[j + 1])
+                tree = _join(floats, children, unused, low, high)
+            far[n_far] = tree
+            n_far += 1
+    return n_near, n_far, zero, jump_near, jump_far, slope_near, slope, visited
