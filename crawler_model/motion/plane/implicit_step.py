@@ -36,11 +36,29 @@ MOST_SWEEPS = 300
 
 
 @lean
-def _sweep(springs, force, friction, directions, corners, backwards, velocity, motion, magnitude):
-    """Solve the problem of each contact in turn; `magnitude` is set to the sum of the absolute terms of its force."""
+def _sweep(springs, force, friction, directions, corners, backwards, velocity, motion, magnitude, spring, awake):
+    """Solve the problem of each contact in turn.
+
+    A contact that its friction holds is asleep until the velocity of a neighbour changes.
+
+    Args:
+        springs: the springs, with K, as in `Springs`.
+        force: r, shape (n, 2) [N].
+        friction: mu, shape (n, max(m, 1)) [N].
+        directions: unit vectors d_k, shape (m, 2).
+        corners: corners of the polygons, shape (n, m, 2) [N].
+        backwards: whether to begin with the last contact.
+        velocity: changed in place, shape (n, 2) [m].
+        motion: motion of each contact, changed in place, shape (n,).
+        magnitude: sum of the absolute terms of the force on each contact, changed in place, shape (n,) [N].
+        spring: r - K v of contacts that fall asleep, changed in place, shape (n, 2) [N].
+        awake: the contacts to solve, changed in place, shape (n,).
+    """
     n = force.shape[0]
     for j in range(n):
         i = n - 1 - j if backwards else j
+        if not awake[i]:
+            continue
         q0 = force[i, 0]
         q1 = force[i, 1]
         size = abs(q0) + abs(q1) + largest(friction[i])
@@ -52,8 +70,15 @@ def _sweep(springs, force, friction, directions, corners, backwards, velocity, m
             size += abs(c) * (abs(velocity[other, 0]) + abs(velocity[other, 1]))
         magnitude[i] = size
         motion[i], e0, e1 = excess(q0, q1, friction[i], directions, corners[i], 8.0 * EPS * size)
+        if motion[i] == STUCK and velocity[i, 0] == 0.0 and velocity[i, 1] == 0.0:
+            awake[i] = False
+            spring[i, 0] = q0
+            spring[i, 1] = q1
+            continue
         velocity[i, 0] = e0 / diagonal(springs, i)
         velocity[i, 1] = e1 / diagonal(springs, i)
+        for e in range(springs.first[i] + 1, springs.first[i + 1]):
+            awake[springs.other[e]] = True
 
 
 @lean
@@ -80,14 +105,18 @@ def _distance(g0, g1, v0, v1, mu, directions, corners, motion):
 
 
 @lean
-def _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring):
+def _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring, awake):
     """Compute the spring forces r - K v and their largest distance from dR(v), relative to their rounding.
+
+    Friction holds the contacts that are asleep, and their forces have not changed.
 
     Rounding changes the direction of a slow velocity; the resulting change of its friction is tolerated.
     """
     n = force.shape[0]
     worst = 0.0
     for i in range(n):
+        if not awake[i]:
+            continue
         g0 = force[i, 0]
         g1 = force[i, 1]
         for e in range(springs.first[i], springs.first[i + 1]):
@@ -122,6 +151,8 @@ def _search_discs(friction, linear, quadratic, velocity, step):
     for trial in range(60):
         slope = linear + at * quadratic
         for i in range(velocity.shape[0]):
+            if step[i, 0] == 0.0 and step[i, 1] == 0.0:
+                continue
             length = math.hypot(step[i, 0], step[i, 1])
             v0 = velocity[i, 0] + at * step[i, 0]
             v1 = velocity[i, 1] + at * step[i, 1]
@@ -141,6 +172,8 @@ def _search_discs(friction, linear, quadratic, velocity, step):
     stopped = -1
     nearest = 1e-6
     for i in range(velocity.shape[0]):
+        if step[i, 0] == 0.0 and step[i, 1] == 0.0:
+            continue
         left = math.hypot(velocity[i, 0] + low * step[i, 0], velocity[i, 1] + low * step[i, 1])
         speed = math.hypot(velocity[i, 0], velocity[i, 1])
         if left < nearest * speed and friction[i, 0] > 0.0:
@@ -211,7 +244,7 @@ def _search_polygons(directions, friction, corners, linear, quadratic, velocity,
 
 
 @compiled
-def _newton(springs, friction, directions, corners, velocity, motion, spring, magnitude):
+def _newton(springs, friction, directions, corners, velocity, motion, spring, magnitude, awake):
     """Take a Newton step for all sliding contacts, the others fixed; return whether a contact shortened it."""
     n = velocity.shape[0]
     m = directions.shape[0]
@@ -275,13 +308,17 @@ def _newton(springs, friction, directions, corners, velocity, motion, spring, ma
     reach = 0.0
     longest = 0.0
     for i in range(n):
-        reach = max(reach, math.hypot(velocity[i, 0], velocity[i, 1]), magnitude[i] / diagonal(springs, i))
-        longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
+        reach = max(reach, magnitude[i] / diagonal(springs, i))
+        if motion[i] != STUCK:
+            reach = max(reach, math.hypot(velocity[i, 0], velocity[i, 1]))
+            longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
     if longest > 8.0 * reach:  # a free translation
         step *= 8.0 * reach / longest
     linear = 0.0
     quadratic = 0.0
     for i in range(n):
+        if motion[i] == STUCK:
+            continue
         linear -= spring[i, 0] * step[i, 0] + spring[i, 1] * step[i, 1]
         for e in range(springs.first[i], springs.first[i + 1]):
             j = springs.other[e]
@@ -293,8 +330,12 @@ def _newton(springs, friction, directions, corners, velocity, motion, spring, ma
     else:
         at, stopped, k = _search_polygons(directions, friction, corners, linear, quadratic, velocity, step, motion)
     for i in range(n):
+        if motion[i] == STUCK:
+            continue
         velocity[i, 0] += at * step[i, 0]
         velocity[i, 1] += at * step[i, 1]
+        for e in range(springs.first[i] + 1, springs.first[i + 1]):
+            awake[springs.other[e]] = True
     if stopped < 0:
         return False
     along = 0.0
@@ -328,19 +369,22 @@ def project_planar(springs, force, friction, directions, most_sweeps, velocity, 
     corners = corners_of(friction, directions)
     magnitude = np.empty(n)
     spring = np.empty((n, 2))
+    awake = np.ones(n, np.bool_)
+    rules = friction, directions, corners
+    state = velocity, motion, magnitude, spring, awake
     residual = np.inf
     sweeps = 0
     solved = False
     while sweeps < most_sweeps and not solved:
-        _sweep(springs, force, friction, directions, corners, sweeps % 2 == 1, velocity, motion, magnitude)
+        _sweep(springs, force, *rules, sweeps % 2 == 1, *state)
         sweeps += 1
-        residual = _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring)
+        residual = _residual(springs, force, *rules, *state)
         blocked = 2 * n
         while residual > CLOSE_ENOUGH and blocked > 0:
-            if not _newton(springs, friction, directions, corners, velocity, motion, spring, magnitude):
+            if not _newton(springs, *rules, velocity, motion, spring, magnitude, awake):
                 blocked = 1
             blocked -= 1
-            residual = _residual(springs, force, friction, directions, corners, velocity, motion, magnitude, spring)
+            residual = _residual(springs, force, *rules, *state)
         solved = residual <= CLOSE_ENOUGH
     unique = not solved or choose_translation(velocity, spring, friction, directions, magnitude, motion)
     return solved, residual, unique, sweeps

@@ -75,7 +75,7 @@ def test_rates_are_those_of_least_squares():
 def rates(spring, push, friction, growth=None, directions=DISC):
     friction = np.array(friction, float)
     growth = np.zeros_like(friction) if growth is None else np.array(growth, float)
-    velocity = np.empty((2, 2))
+    velocity = np.zeros((2, 2))
     arrays = np.array(spring, float), np.array(push, float), friction, growth
     event = find_rates(PAIR, *arrays, directions, np.full(2, 1e-11), velocity)
     return event, velocity.tolist()
