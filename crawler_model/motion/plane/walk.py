@@ -21,9 +21,9 @@ from .rates import missed
 from .springs import diagonal
 
 # Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the length
-# after which a contact started in the last trial, the error
-# still allowed at starts and stops, implicit steps tried, whether there are loads and the translation is determined at
-# the start of this substep, its solved stages, and which of them are not unique.
+# after which a contact starts according to the last trial, the error still allowed at starts and stops, implicit steps
+# tried, whether there are loads and the translation is determined at the start of this substep, its solved stages, and
+# which of them are not unique.
 RAMP, PLACE, LENGTH, START, ERROR_LEFT, TRIALS, DETERMINED, KNOWN, NOT_UNIQUE = range(9)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
@@ -264,7 +264,7 @@ def _steady_part(moved, motion, velocity, part, spring, friction, springs, loose
 
 @lean
 def _same_sliding(motions, stages, pieces, negligible):
-    """Return whether the same contacts slide, by more than a negligible displacement, in a walk and in a single step."""
+    """Return whether the same contacts slide in a walk as in a single step, except by negligible displacements."""
     for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):
         for i in range(motions.shape[1]):
             if motions[stage, i] != motions[0, i]:
@@ -322,7 +322,8 @@ def attempt(
 
     Returns:
         Whether all steps were solved; the displacement and, in further rows, dissipation and work, and the work of the
-        loads if there are any; its error; the number of walks used, 0 if a contact starts inside; the factor for the next part.
+        loads if there are any; its error; the number of walks used, 0 if it is too long because a contact starts
+        inside; the factor for the next part.
     """
     n = spring.shape[0]
     ok, one = _walk(1, part, springs, directions, links, friction, loads, target, *memory)
