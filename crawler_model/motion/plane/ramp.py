@@ -188,6 +188,7 @@ def _follow(
             progress[PLACE] = 0.0
             progress[LENGTH] = 1.0
             progress[START] = np.inf
+            velocity[:] = 0.0  # the answer does not depend on how many ramps are followed in one call
             progress[ERROR_LEFT] = tolerance
             progress[TRIALS] = 0.0
         if not done:

@@ -82,3 +82,15 @@ def test_starts_along_a_long_body_keep_the_tolerance():
         size = np.ptp(lengths, axis=0).max()
         assert np.abs(crawler.displacement - fine.displacement).max() <= count * tolerance * size
         assert abs(step.certificate.energy_residual) <= tolerance * size * 20.0
+
+
+def test_ramps_followed_together_end_where_they_end_one_by_one():
+    (together, lengths), (alone, _) = long_waves(20, 1e-4), long_waves(20, 1e-4)
+    friction = np.full(20, 1.0)
+    targets = np.array([np.concatenate((target.ravel(), friction)) for target in lengths[1:11]])
+    together.follow(targets)
+    for target in targets:
+        alone.follow(target[None])
+    assert together.displacement.any()
+    np.testing.assert_array_equal(together.displacement, alone.displacement)
+    np.testing.assert_array_equal(together.tension, alone.tension)
