@@ -48,6 +48,7 @@ from .walk import (
     PLACE,
     RAMP,
     STAGES,
+    START,
     TRIALS,
     attempt,
     friction_at,
@@ -176,7 +177,7 @@ def _follow(
     most_sweeps, stages, motions, problem = memory
     n = friction.shape[0]
     spring = np.empty((n, 2))
-    velocity = np.empty((n, 2))
+    velocity = np.zeros((n, 2))
     band = np.empty(n)
     loads = contacts[LOAD:]
     while progress[RAMP] < targets.shape[0]:
@@ -186,6 +187,8 @@ def _follow(
             done = _is_still(links, friction, loads, target)
             progress[PLACE] = 0.0
             progress[LENGTH] = 1.0
+            progress[START] = np.inf
+            velocity[:] = 0.0  # the answer does not depend on how many ramps are followed in one call
             progress[ERROR_LEFT] = tolerance
             progress[TRIALS] = 0.0
         if not done:
@@ -195,6 +198,7 @@ def _follow(
             length = progress[LENGTH]
             rest = 1.0 - progress[PLACE]
             event = _look_ahead(springs, directions, links, friction, loads, target, spring, band, velocity) * rest
+            event = min(event, progress[START])
             cut = not forced and event < min(length, rest) * (1.0 - 1e-9)
             if cut:
                 length = event
@@ -261,7 +265,11 @@ def _follow(
             if accepted and loads.shape[0] > 0 and allowed > tolerance * length:
                 growth = max(growth, 2.0)  # the error is that of rounding, which shorter steps do not reduce
             longest = growth * length
-            progress[LENGTH] = max(longest, progress[LENGTH]) if accepted and cut else longest
+            progress[START] = longest if walks == 0 and not accepted else np.inf
+            if walks == 0 or (accepted and cut):  # an event ended it, not its error
+                progress[LENGTH] = max(longest, progress[LENGTH])
+            else:
+                progress[LENGTH] = longest
             progress[TRIALS] += max(progress[KNOWN], 1.0)
             progress[KNOWN] = 0.0
             progress[NOT_UNIQUE:] = 0.0

@@ -105,13 +105,15 @@ def _slide(springs, push, normals, owner, rise, velocity):
     """Solve for lambda >= 0 with the active set of Lawson and Hanson; write the resulting velocities.
 
     Lawson and Hanson add one variable at a time, which takes as many rounds as contacts begin to slide along the body.
-    Therefore all contacts that are pulled begin to slide together in the first rounds.
+    Therefore all contacts that are pulled begin to slide together in the first rounds, and before them those that slid
+    at the instant before, in `velocity`.
     """
     count = owner.shape[0]
     first = np.full(push.shape[0], 0)
     last = np.full(push.shape[0], -1)
     right = np.empty(count)
     size = np.empty(count)
+    chosen = np.empty(count, np.bool_)
     for a in range(count):
         i = owner[a]
         if last[i] < 0:
@@ -119,8 +121,10 @@ def _slide(springs, push, normals, owner, rise, velocity):
         last[i] = a
         right[a] = push[i, 0] * normals[a, 0] + push[i, 1] * normals[a, 1] - rise[a]
         size[a] = abs(push[i, 0]) + abs(push[i, 1]) + abs(rise[a])
+        slid = velocity[i, 0] * normals[a, 0] + velocity[i, 1] * normals[a, 1] > 0.0
+        chosen[a] = slid or right[a] > CRITICAL * size[a]
     rate = np.zeros(count)
-    chosen = right > CRITICAL * size
+    velocity[:] = 0.0
     for turn in range(4 * count + 4 + _TOGETHER):
         while chosen.any():
             goal = _slide_alone(springs, normals, owner, first, last, chosen, right)
@@ -196,7 +200,8 @@ def find_rates(springs, spring, push, friction, growth, directions, band, veloci
         growth: rates of mu, in the same shape [N per unit of the ramp].
         directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
         band: forces this close to the boundary count as on it, shape (n,) [N].
-        velocity: output, shape (n, 2) [m per unit of the ramp].
+        velocity: changed in place, shape (n, 2) [m per unit of the ramp]: the search starts with the contacts that
+            slide on entry.
 
     Returns:
         Part of the ramp after which a contact reaches a bound, infinite if none does.
@@ -207,10 +212,8 @@ def find_rates(springs, spring, push, friction, growth, directions, band, veloci
     normals = np.empty((most, 2))
     owner = np.empty(most, np.int64)
     rise = np.empty(most)
-    velocity[:] = 0.0
     count = _normals_at(springs.order, spring, friction, growth, directions, band, normals, owner, rise)
-    if count > 0:
-        _slide(springs, push, normals[:count], owner[:count], rise[:count], velocity)
+    _slide(springs, push, normals[:count], owner[:count], rise[:count], velocity)
     first = np.inf
     for i in range(n):
         rate0 = push[i, 0]

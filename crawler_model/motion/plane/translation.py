@@ -98,6 +98,11 @@ def choose_translation(velocity, spring, friction, directions, magnitude, motion
         Whether the translation is unique.
     """
     n = velocity.shape[0]
+    normals = np.empty((6 * n, 2))
+    offsets = np.empty(6 * n)
+    count = _normal_cones(velocity, spring, friction, directions, magnitude, normals, offsets)
+    if count < 0:
+        return True
     size = 0.0
     goal0 = 0.0
     goal1 = 0.0
@@ -106,11 +111,6 @@ def choose_translation(velocity, spring, friction, directions, magnitude, motion
         goal0 -= velocity[i, 0] / n
         goal1 -= velocity[i, 1] / n
     if size == 0.0:
-        return True
-    normals = np.empty((6 * n, 2))
-    offsets = np.empty(6 * n)
-    count = _normal_cones(velocity, spring, friction, directions, magnitude, normals, offsets)
-    if count < 0:
         return True
     inside = True
     for c in range(count):

@@ -20,10 +20,11 @@ from .implicit_step import project_planar
 from .rates import missed
 from .springs import diagonal
 
-# Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the error
-# still allowed at starts and stops, implicit steps tried, whether there are loads and the translation is determined at
-# the start of this substep, its solved stages, and which of them are not unique.
-RAMP, PLACE, LENGTH, ERROR_LEFT, TRIALS, DETERMINED, KNOWN, NOT_UNIQUE = range(8)
+# Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the length
+# after which a contact starts according to the last trial, the error still allowed at starts and stops, implicit steps
+# tried, whether there are loads and the translation is determined at the start of this substep, its solved stages, and
+# which of them are not unique.
+RAMP, PLACE, LENGTH, START, ERROR_LEFT, TRIALS, DETERMINED, KNOWN, NOT_UNIQUE = range(9)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
 """Implicit steps of a substep: 1 + 2 + ... plus one that corrects the extrapolation."""
@@ -222,6 +223,8 @@ def _walk(
         mean = 0.5 * (mu + mu_before)
         corners = corners_of(mean, directions)
         for i in range(n):
+            if stages[stage, i, 0] == 0.0 and stages[stage, i, 1] == 0.0:
+                continue
             total[n, 0] += resistance(mean[i], corners[i], stages[stage, i, 0], stages[stage, i, 1])
         for s in range(ends.shape[0]):
             for c in range(2):
@@ -237,16 +240,38 @@ def _walk(
 
 @lean
 def _steady_part(moved, motion, velocity, part, spring, friction, springs, loose, tolerance):
-    """Estimate the part of a stretch in which no contact starts or stops; 1 if none does."""
+    """Estimate the part of a stretch in which no contact starts or stops; 1 if none does.
+
+    Also returns whether it ends with a start, whose place is known well, and not with a stop.
+    """
     steady = 1.0
+    starts = False
     for i in range(moved.shape[0]):
-        size = diagonal(springs, i) * math.hypot(moved[i, 0], moved[i, 1])
+        if motion[i] == STUCK:
+            if part * math.hypot(velocity[i, 0], velocity[i, 1]) > _AT_ONCE * tolerance and steady > 0.3:
+                steady = 0.3
+                starts = False
+            continue
+        moves = math.hypot(moved[i, 0], moved[i, 1])
         gap = friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
-        if motion[i] != STUCK and gap > loose:
-            steady = min(steady, max(0.95 * gap / (gap + size), 0.05))
-        elif motion[i] == STUCK and part * math.hypot(velocity[i, 0], velocity[i, 1]) > _AT_ONCE * tolerance:
-            steady = min(steady, 0.3)
-    return steady
+        if gap > loose and moves > _AT_ONCE * tolerance:
+            before = max(gap / (gap + diagonal(springs, i) * moves), 0.05)
+            if before < steady:
+                steady = before
+                starts = True
+    return steady, starts
+
+
+@lean
+def _same_sliding(motions, stages, pieces, negligible):
+    """Return whether the same contacts slide in a walk as in a single step, except by negligible displacements."""
+    for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):
+        for i in range(motions.shape[1]):
+            if motions[stage, i] != motions[0, i]:
+                one = math.hypot(stages[0, i, 0], stages[0, i, 1])
+                if max(one, math.hypot(stages[stage, i, 0], stages[stage, i, 1])) > negligible:
+                    return False
+    return True
 
 
 @lean
@@ -297,7 +322,8 @@ def attempt(
 
     Returns:
         Whether all steps were solved; the displacement and, in further rows, dissipation and work, and the work of the
-        loads if there are any; its error; the number of walks used; the factor for the next part.
+        loads if there are any; its error; the number of walks used, 0 if it is too long because a contact starts
+        inside; the factor for the next part.
     """
     n = spring.shape[0]
     ok, one = _walk(1, part, springs, directions, links, friction, loads, target, *memory)
@@ -310,9 +336,9 @@ def attempt(
         return True, one, bound, 1, 0.5
     motions = memory[2]
     loose = max(band.max(), _AT_ONCE * tolerance / springs.compliance)
-    steady = _steady_part(one[:n], motions[0], velocity, part, spring, friction, springs, loose, tolerance)
+    steady, starts = _steady_part(one[:n], motions[0], velocity, part, spring, friction, springs, loose, tolerance)
     if steady < 1.0:
-        return True, one, bound, 1, steady
+        return True, one, bound, 0 if starts else 1, steady
     error = bound
     table = np.zeros((_WALKS, *one.shape))
     table[0] = one
@@ -322,9 +348,8 @@ def attempt(
         ok, newest = _walk(pieces, part, springs, directions, links, friction, loads, target, *memory)
         if not ok:
             return False, newest, error, pieces, 1.0
-        for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):
-            if not np.array_equal(motions[stage], motions[0]):
-                return True, one, bound, 1, 0.5
+        if not _same_sliding(motions, memory[1], pieces, _AT_ONCE * tolerance):
+            return True, one, bound, 1, 0.5
         plain = newest
         before = newest
         for column in range(pieces - 1):  # Aitken and Neville, in 1/steps

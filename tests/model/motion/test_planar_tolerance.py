@@ -65,17 +65,17 @@ def test_rates_are_those_of_least_squares():
         normals = (spring / friction)[1:]
         pull = (root[:, None, None] * incidence[:, 1:, None] * normals).transpose(0, 2, 1).reshape(-1, n - 1)
         speed = nnls(pull, (root[:, None] * longer).ravel())[0]
-        velocity = np.empty((n, 2))
         band = np.full(n, 1e-11)
-        find_rates(build_springs(ends, root**2, n), spring, push, friction, np.zeros((n, 1)), DISC, band, velocity)
-        np.testing.assert_allclose(velocity[1:], speed[:, None] * normals, atol=1e-9)
-        assert not velocity[0].any()
+        for velocity in (np.zeros((n, 2)), rng.normal(size=(n, 2))):  # wherever the search starts
+            find_rates(build_springs(ends, root**2, n), spring, push, friction, np.zeros((n, 1)), DISC, band, velocity)
+            np.testing.assert_allclose(velocity[1:], speed[:, None] * normals, atol=1e-9)
+            assert not velocity[0].any()
 
 
 def rates(spring, push, friction, growth=None, directions=DISC):
     friction = np.array(friction, float)
     growth = np.zeros_like(friction) if growth is None else np.array(growth, float)
-    velocity = np.empty((2, 2))
+    velocity = np.zeros((2, 2))
     arrays = np.array(spring, float), np.array(push, float), friction, growth
     event = find_rates(PAIR, *arrays, directions, np.full(2, 1e-11), velocity)
     return event, velocity.tolist()
