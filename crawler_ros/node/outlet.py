@@ -40,12 +40,20 @@ class Outlet:
         Args:
             data: its CDR bytes.
         """
-        self.last = data
-        if self._record is not None:  # before a subscriber can answer
-            now = self._now_ns()
-            self._record(self.channel, now, now, data)
+        self.record(data)  # before a subscriber can answer
         if self.publish is not None:
             self.publish(data)
+
+    def record(self, data: bytes) -> None:
+        """Record a message that is published later.
+
+        Args:
+            data: its CDR bytes.
+        """
+        self.last = data
+        if self._record is not None:
+            now = self._now_ns()
+            self._record(self.channel, now, now, data)
 
     def is_heard(self) -> bool:
         """Determine whether a message that is published now can be received: at once, or later if it is latched."""
