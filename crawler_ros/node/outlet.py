@@ -27,7 +27,9 @@ class Outlet:
         self._now_ns = time.time_ns if recorder is None else recorder.now_ns
         self.channel = -1 if channel is None else channel
         """The channel of the recording; -1 if the topic is not recorded."""
-        self.wanted = self.publish is not None or self._record is not None
+        self.recorded = self._record is not None
+        """Whether the topic is recorded."""
+        self.wanted = self.publish is not None or self.recorded
         self._publisher = publisher
         self._latched = publisher is not None and publisher.qos_profile.durability.name != "VOLATILE"
         self.last = b""

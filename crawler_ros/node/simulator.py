@@ -295,7 +295,7 @@ class Simulator(QuietNode):
         self.outgoing.record_ledger(start_ns, vertices)
         if shown or self.commands.ended or self.stepper.tick % self.every == 0:
             self.outgoing.send_states(self.crawler, end_ns, (end_ns - start_ns) / NS)
-        self.outgoing.publish_ledger()  # a controller waits only for the states
+        self.outgoing.publish_ledger(start_ns, vertices)  # a controller waits only for the states
         if self.feed is not None:
             dues = [max(v.due_ns, start_ns) for v in vertices]
             self.feed.show(end_ns, self.crawler, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
