@@ -170,10 +170,9 @@ class Ahead:
             table = self._table(kind, which.size)
             self._fill(table, batch, which)
             encoded[kind] = table, table.table.data.cast("B")
-        begins = np.concatenate(([0], 1 + np.flatnonzero(np.diff(kinds))))
-        runs = list(
-            zip(kinds[begins].tolist(), rank[begins].tolist(), np.diff(begins, append=ticks).tolist(), strict=True)
-        )
+        bounds = np.concatenate(([0], 1 + np.flatnonzero(kinds[1:] != kinds[:-1]), [ticks]))
+        begins, sizes = bounds[:-1], bounds[1:] - bounds[:-1]
+        runs = list(zip(kinds[begins].tolist(), rank[begins].tolist(), sizes.tolist(), strict=True))
         if recorder is not None:
             records = []
             for kind, first, count in runs:
