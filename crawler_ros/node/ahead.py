@@ -179,10 +179,13 @@ class Ahead:
                 table, data = encoded[kind]
                 records.append(data[first * table.size : (first + count) * table.size])
             recorder.record_all(records)
+        ledger = outlets[_LEDGER]
         for kind, first, count in runs if heard else ():
             table, data = encoded[kind]
             published: list[tuple[Any, int, int]] = [
-                (outlet.publish, start, end) for outlet, start, end in table.slices if outlet in heard
+                (outlet.publish, start, end)
+                for outlet, start, end in sorted(table.slices, key=lambda found: found[0] is ledger)  # the states first
+                if outlet in heard
             ]
             for place in range(first * table.size, (first + count) * table.size, table.size):
                 for publish, start, end in published:
