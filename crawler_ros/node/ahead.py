@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
 from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
 from ..wire.messages import JointStateMessage, MessageLayout
 from ..wire.states import joint_state_names
-from .intake.path import Vertices
+from .intake.path import Path, Vertex, Vertices
 from .outgoing import Outgoing
 from .outlet import Outlet
 
@@ -102,7 +102,7 @@ class Ahead:
         self._joints, self._contacts = (np.empty((self._most, 3, width)) for width in widths)
         self._moved = np.empty((self._most, 2, scene.body.contacts))
 
-    def run(self, crawler: Crawler, taken: Vertices, tick: int, start_ns: int, ends: Sequence[int]) -> np.ndarray:
+    def run(self, crawler: Crawler, taken: Vertices, tick: int, start_ns: int, ends_ns: np.ndarray) -> np.ndarray:
         """Run ticks and send their messages.
 
         Args:
@@ -110,13 +110,12 @@ class Ahead:
             taken: the vertices of the ticks.
             tick: number of ticks before them.
             start_ns: simulated time at the start of the first [ns].
-            ends: simulated time at the end of each [ns].
+            ends_ns: simulated time at the end of each, shape (K,) [ns].
 
         Returns:
             The account of each tick, shape (K, 14).
         """
         began, used = time.monotonic_ns(), time.thread_time_ns()
-        ends_ns = np.array(ends, np.int64)
         starts_ns = np.concatenate(([start_ns], ends_ns[:-1]))
         seconds = (ends_ns - starts_ns) / NS
         read = np.arange(tick + 1, tick + 1 + ends_ns.size) % self._every == 0
@@ -171,20 +170,22 @@ class Ahead:
             table = self._table(kind, which.size)
             self._fill(table, batch, which)
             encoded[kind] = table, table.table.data.cast("B")
-        begins = np.concatenate(([0], 1 + np.flatnonzero(np.diff(kinds))))
-        runs = list(
-            zip(kinds[begins].tolist(), rank[begins].tolist(), np.diff(begins, append=ticks).tolist(), strict=True)
-        )
+        bounds = np.concatenate(([0], 1 + np.flatnonzero(kinds[1:] != kinds[:-1]), [ticks]))
+        begins, sizes = bounds[:-1], bounds[1:] - bounds[:-1]
+        runs = list(zip(kinds[begins].tolist(), rank[begins].tolist(), sizes.tolist(), strict=True))
         if recorder is not None:
             records = []
             for kind, first, count in runs:
                 table, data = encoded[kind]
                 records.append(data[first * table.size : (first + count) * table.size])
             recorder.record_all(records)
+        ledger = outlets[_LEDGER]
         for kind, first, count in runs if heard else ():
             table, data = encoded[kind]
             published: list[tuple[Any, int, int]] = [
-                (outlet.publish, start, end) for outlet, start, end in table.slices if outlet in heard
+                (outlet.publish, start, end)
+                for outlet, start, end in sorted(table.slices, key=lambda found: found[0] is ledger)  # the states first
+                if outlet in heard
             ]
             for place in range(first * table.size, (first + count) * table.size, table.size):
                 for publish, start, end in published:
@@ -239,6 +240,7 @@ def compile_ticks(scene: Scene) -> None:
     joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
     crawler, readout = Crawler(scene), Readout(scene.body, np.zeros(0, np.int64))
     readout.read(crawler, np.inf, joints.numbers, contacts.numbers)
+    Path(Vertex(0, crawler.row)).follow_many(0, np.ones(1, np.int64), crawler.row)
     if runs_in_one_call(crawler):
         n, width = scene.body.contacts, scene.columns.index.size
         tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]

@@ -47,16 +47,26 @@ class Outgoing:
         self.readout = Readout(body, shown_contacts(body) if shown else np.zeros(0, np.int64))
         self._pose, self._odometry = PoseMessage(frame), OdometryMessage(frame, "base_link")
 
-    def send_ledger(self, start_ns: int, vertices: Sequence[Vertex]) -> None:
-        """Send the commands that a tick followed.
+    def record_ledger(self, start_ns: int, vertices: Sequence[Vertex]) -> None:
+        """Record the commands that a tick followed, if they are recorded.
 
         Args:
             start_ns: simulated time at its start [ns].
             vertices: the ends of its ramps.
         """
-        if self.outlets["applied_commands"].wanted:
-            times = [max(v.due_ns - start_ns, 0) for v in vertices]
-            self.outlets["applied_commands"].send(self.ledger.encode(start_ns, times, [v.row for v in vertices]))
+        outlet = self.outlets["applied_commands"]
+        if outlet.recorded:
+            outlet.record(self._encode_ledger(start_ns, vertices))
+
+    def publish_ledger(self, start_ns: int, vertices: Sequence[Vertex]) -> None:
+        """Publish the commands that a tick followed, after `record_ledger`; the arguments are the same."""
+        outlet = self.outlets["applied_commands"]
+        if outlet.publish is not None:
+            outlet.publish(outlet.last if outlet.recorded else self._encode_ledger(start_ns, vertices))
+
+    def _encode_ledger(self, start_ns: int, vertices: Sequence[Vertex]) -> bytes:
+        times = [max(v.due_ns - start_ns, 0) for v in vertices]
+        return self.ledger.encode(start_ns, times, [v.row for v in vertices])
 
     def send_states(self, crawler: Crawler, now_ns: int, seconds: float) -> None:
         """Send the states at the end of a tick.

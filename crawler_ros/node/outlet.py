@@ -27,7 +27,9 @@ class Outlet:
         self._now_ns = time.time_ns if recorder is None else recorder.now_ns
         self.channel = -1 if channel is None else channel
         """The channel of the recording; -1 if the topic is not recorded."""
-        self.wanted = self.publish is not None or self._record is not None
+        self.recorded = self._record is not None
+        """Whether the topic is recorded."""
+        self.wanted = self.publish is not None or self.recorded
         self._publisher = publisher
         self._latched = publisher is not None and publisher.qos_profile.durability.name != "VOLATILE"
         self.last = b""
@@ -40,12 +42,20 @@ class Outlet:
         Args:
             data: its CDR bytes.
         """
-        self.last = data
-        if self._record is not None:  # before a subscriber can answer
-            now = self._now_ns()
-            self._record(self.channel, now, now, data)
+        self.record(data)  # before a subscriber can answer
         if self.publish is not None:
             self.publish(data)
+
+    def record(self, data: bytes) -> None:
+        """Record a message that is published later.
+
+        Args:
+            data: its CDR bytes.
+        """
+        self.last = data
+        if self._record is not None:
+            now = self._now_ns()
+            self._record(self.channel, now, now, data)
 
     def is_heard(self) -> bool:
         """Determine whether a message that is published now can be received: at once, or later if it is latched."""

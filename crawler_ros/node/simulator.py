@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import sys
 import threading
@@ -291,9 +292,10 @@ class Simulator(QuietNode):
             vertices = []
             step = self.crawler.follow(self._hold)
         self.stepper.finish()
-        self.outgoing.send_ledger(start_ns, vertices)
+        self.outgoing.record_ledger(start_ns, vertices)
         if shown or self.commands.ended or self.stepper.tick % self.every == 0:
             self.outgoing.send_states(self.crawler, end_ns, (end_ns - start_ns) / NS)
+        self.outgoing.publish_ledger(start_ns, vertices)  # a controller waits only for the states
         if self.feed is not None:
             dues = [max(v.due_ns, start_ns) for v in vertices]
             self.feed.show(end_ns, self.crawler, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
@@ -362,6 +364,8 @@ def main(args: list[str] | None = None) -> int:
         The exit status: 0, or 1 when the scene or a parameter was invalid or the recording failed.
     """
     sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to release the lock
+    with contextlib.suppress(OSError):  # by default, Linux lets a thread sleep 50 us longer than it asked for
+        Path("/proc/self/timerslack_ns").write_text("1", encoding="ascii")
     return run_node("simulator", _build, _spin, args, " ".join(read_parameters()))
 
 

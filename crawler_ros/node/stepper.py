@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import numpy as np
+
 from crawler_model.body.drive import NS
 from crawler_model.run.ticks import tick_end_ns
 
@@ -99,19 +101,19 @@ class Stepper:
         else:
             self._go_to(self.tick + ticks)
 
-    def ends_ns(self, ticks: int) -> list[int]:
+    def ends_ns(self, ticks: int) -> np.ndarray:
         """Compute when the next ticks end.
 
         Args:
-            ticks: their number.
+            ticks: their number K.
 
         Returns:
-            Simulated time at the end of each [ns].
+            Simulated time at the end of each, shape (K,) [ns].
         """
         period, rest = divmod(NS * self.rate.denominator, self.rate.numerator)
         if rest == 0:
-            return list(range(self.now_ns + period, self.now_ns + ticks * period + 1, period))
-        return [tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)]
+            return self.now_ns + period * np.arange(1, ticks + 1)
+        return np.array([tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)])
 
     def reset(self) -> None:
         """Return to simulated time 0; the count of late ticks is not reset."""

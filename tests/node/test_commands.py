@@ -10,11 +10,11 @@ NS = 1_000_000_000
 TICK = NS // 100
 
 
-def queue(contacts=3) -> CommandQueue:
+def queue(contacts=3, lock_step=False) -> CommandQueue:
     links = {"stiffness": 1.0}
     body = {"contacts": list(range(contacts)), "links": links}
     scene = Scene.model_validate({"name": "q", "body": body, "friction": {"forward": 1.0, "backward": 2.0}})
-    return CommandQueue(scene.columns, scene.drive.rows[0])
+    return CommandQueue(scene.columns, scene.drive.rows[0], lock_step)
 
 
 def take(commands, tick=0):
@@ -322,3 +322,29 @@ def test_after_a_refused_tick_waiting_messages_remain_and_a_running_trajectory_e
     commands.resume(vertex.row)
     assert commands.is_idle
     assert take(commands, 3) == []
+
+
+@pytest.mark.parametrize("lock_step", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_vertices_taken_ahead_are_those_of_one_tick_after_another_to_the_bit(lock_step, seed):
+    random = np.random.default_rng(seed)
+    values = random.choice([-0.1, -0.0, 0.0, 0.3, 1 / 3], size=(30, 2))  # with repeats, and zeros of both signs
+    times = np.sort(random.integers(0, 20, 30)) * (TICK // 2) + random.integers(0, 3)
+    alone, ahead = queue(lock_step=lock_step), queue(lock_step=lock_step)
+    for commands in (alone, ahead):
+        commands.accept_trajectory(["link_0", "link_1"], times, values, 0)
+        take(commands)  # the trajectory joins the path
+    tick, ended = 1, False
+    while not ended:
+        ends_ns = TICK * np.arange(tick + 1, tick + 1 + random.integers(1, 6))
+        taken = ahead.take_ahead(TICK * tick, ends_ns)
+        for k in range(taken.first.size - 1):
+            vertices = take(alone, tick + k)
+            which = slice(*taken.first[k : k + 2])
+            assert [v.due_ns for v in vertices] == taken.due_ns[which].tolist()
+            assert [v.row.tobytes() for v in vertices] == [row.tobytes() for row in taken.rows[which]]
+            ended = ended or alone.ended
+            assert (taken.ended == k) == alone.ended
+        assert ahead.now_ns == alone.now_ns
+        assert ahead.in_force.tobytes() == alone.in_force.tobytes()
+        tick += taken.first.size - 1

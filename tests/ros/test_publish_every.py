@@ -63,7 +63,7 @@ def test_states_come_at_every_nth_tick_and_where_commands_end_and_replay_is_iden
     ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.3, 0.1]))  # changes nothing
     wait_until(lambda: ticks(ros)[-1] == 25)
     ros.publish("joint_trajectory", trajectory(0.04))
-    wait_until(lambda: ticks(ros)[-1] == 29)
+    wait_until(lambda: len(ticks(ros, "applied_commands")) == 29)  # published after the states
     assert ticks(ros) == ticks(ros, "contact_states") == ticks(ros, "pose") == [0, 5, 10, 15, 20, 23, 24, 25, 29]
     assert ticks(ros, "applied_commands") == list(range(29))
     assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success

@@ -27,7 +27,7 @@ from crawler_bench.node.processes import children, wait_until
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.recording.mcap_file import McapFile
+from crawler_ros.recording.mcap_file import COMPRESSION, McapFile
 from crawler_ros.recording.record_head import message_head
 from crawler_ros.recording.recorder import Recorder
 from crawler_ros.wire.definitions import type_hash
@@ -303,7 +303,7 @@ def test_the_file_is_that_of_the_mcap_library(tmp_path, monkeypatch, messages, r
     """The same records through our writer, torn into odd pieces, and through mcap's, byte for byte."""
     rng = np.random.default_rng(messages)
     ours, theirs = tmp_path / "ours.mcap", tmp_path / "theirs.mcap"
-    compress = zstandard.ZstdCompressor(level=-1).compress  # theirs takes the default
+    compress = zstandard.ZstdCompressor(compression_params=COMPRESSION).compress  # theirs takes the default
     monkeypatch.setattr(mcap.writer.zstandard, "compress", compress)
     sent = [
         (1 + int(rng.integers(2)), 10**18 + int(rng.integers(10**9)), rng.bytes(int(rng.integers(400))))

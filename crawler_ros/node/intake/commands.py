@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import threading
 from collections import deque
 from collections.abc import Sequence
@@ -122,9 +121,10 @@ class CommandQueue:
             if planar:
                 counts = f"{self._lengths}, x and y of each link"
             raise CommandError(f"actuation command has {array.size} value(s); it needs {counts}")
-        checks.check_finite("actuation command", array)
         row = array if array.size == self._lengths else np.repeat(array, sizes)
-        self._limits.check("actuation command", self._columns.names, row)
+        if not (np.abs(row) <= self._limits.largest[: row.size]).all():  # NaN included
+            checks.check_finite("actuation command", array)
+            self._limits.check("actuation command", self._columns.names, row)
         with self._lock:
             self._reserve(1)
             self._pending += 1
@@ -273,12 +273,12 @@ class CommandQueue:
             self._path.anchor = past[-1]
         return past + self._pair(actuation, beside, start_ns, end_ns)
 
-    def take_ahead(self, start_ns: int, ends_ns: Sequence[int]) -> Vertices | None:
+    def take_ahead(self, start_ns: int, ends_ns: np.ndarray) -> Vertices | None:
         """Take the vertices of the next ticks at once, as `take` would one after another.
 
         Args:
             start_ns: simulated time at the start of the first tick [ns].
-            ends_ns: simulated time at the end of each tick [ns].
+            ends_ns: simulated time at the end of each tick, shape (K,) [ns].
 
         Returns:
             The vertices, in lock-step of fewer ticks if the trajectory ends before; None where `take` is needed,
@@ -290,9 +290,10 @@ class CommandQueue:
         if self._lock_step:
             if not path.ahead:
                 return None
-            ends_ns = ends_ns[: 1 + bisect.bisect_left(ends_ns, path.ahead[-1].due_ns)]
-        self.now_ns, self._tick_ns = ends_ns[-1], ends_ns[-1] - (ends_ns[-2] if len(ends_ns) > 1 else start_ns)
-        taken = path.follow_many(start_ns, ends_ns).without_repeats(self._in_force)
+            ends_ns = ends_ns[: 1 + np.searchsorted(ends_ns, path.ahead[-1].due_ns)]
+        self.now_ns = int(ends_ns[-1])
+        self._tick_ns = self.now_ns - (int(ends_ns[-2]) if ends_ns.size > 1 else start_ns)
+        taken = path.follow_many(start_ns, ends_ns, self._in_force)
         if taken.due_ns.size:
             self._in_force = taken.rows[-1]
         return taken

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+
+from .waypoints import follow_waypoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,29 +49,6 @@ class Vertices:
     rows: np.ndarray
     first: np.ndarray
     ended: int
-
-    def without_repeats(self, in_force: np.ndarray) -> Vertices:
-        """Leave out the vertices that only repeat the row before them.
-
-        Args:
-            in_force: the row before the first one, shape (C,).
-
-        Returns:
-            The others.
-        """
-        if not self.rows.size:
-            return self
-        bits = self.rows.view(np.int64)
-        changed = bits[0] != in_force.view(np.int64)
-        if changed.any():  # mostly, a number that changes once changes everywhere
-            one = bits[:, changed.argmax()]
-            if (one[1:] != one[:-1]).all():
-                return self
-        kept = np.concatenate(([changed.any()], (bits[1:] != bits[:-1]).any(axis=1)))
-        if kept.all():
-            return self
-        first = np.concatenate(([0], np.cumsum(kept)))[self.first]
-        return Vertices(self.due_ns[kept], self.rows[kept], first, self.ended)
 
 
 class Path:
@@ -166,74 +144,24 @@ class Path:
             del ahead[:count]
         return vertices
 
-    def follow_many(self, start_ns: int, ends_ns: Sequence[int]) -> Vertices:
+    def follow_many(self, start_ns: int, ends_ns: np.ndarray, in_force: np.ndarray) -> Vertices:
         """Follow the path through consecutive ticks, to the bits of `follow`, but faster for many than one by one.
 
         Args:
             start_ns: simulated time at the start of the first tick [ns].
-            ends_ns: simulated time at the end of each tick [ns].
+            ends_ns: simulated time at the end of each tick, shape (K,) [ns].
+            in_force: the command row in force, shape (C,).
 
         Returns:
             The waypoints passed, those already past at the start of the first tick, and where the path extends beyond
-            the end of a tick, the point on the straight line there.
+            the end of a tick, the point on the straight line there; without those that repeat the row before them.
         """
         ahead, last, count = self.ahead, ends_ns[-1], 0
         while count < len(ahead) and ahead[count].due_ns <= last:
             count += 1
         near = [self.anchor, *ahead[: count + 1]]
-        ends = np.array(ends_ns, np.int64)
-        due = np.array([v.due_ns for v in near], np.int64)
-        # the waypoints before and after the end of each tick
-        before = np.searchsorted(due[1:], ends, side="right")
-        ends = ends[: np.searchsorted(before, len(near) - 1)]  # the path extends beyond these
-        before = before[: ends.size]
-        span = due[before + 1] - due[before]
-        part = np.maximum(ends - due[before], 0) / np.maximum(span, 1)
-        passed_in = np.searchsorted(ends_ns, due[1 : count + 1])
-        tick = np.concatenate((passed_in, np.arange(ends.size)))
-        order = np.argsort(tick, kind="stable")
         self.anchor = near[count]
         del ahead[:count]
-        return Vertices(
-            np.concatenate((np.maximum(due[1 : count + 1], start_ns), ends))[order],
-            _interpolate(np.array([v.row for v in near]), count, before, part, order),
-            np.searchsorted(tick[order], np.arange(len(ends_ns) + 1)),
-            int(passed_in[-1]) if count and not ahead else -1,
-        )
-
-
-def _interpolate(table: np.ndarray, count: int, before: np.ndarray, part: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Compute the rows of waypoints and of points on the straight lines between them, in a given order.
-
-    Args:
-        table: rows of the last waypoint passed, of those that are passed now, and of the next one.
-        count: number of those that are passed now.
-        before: waypoint before each point on a line, shape (K,).
-        part: position of each point on its line, from 0 to 1, shape (K,) [1].
-        order: what each row is: one of the `count` waypoints, then one of the K points, shape (count + K,).
-
-    Returns:
-        Shape (count + K, C).
-    """
-    bits = table.view(np.int64)
-    # numbers with equal bits everywhere are copied; a sum with 0 changes the bits of -0, so that it counts as moving
-    moving = np.flatnonzero((bits[1:] != bits[:-1]).any(axis=0) | (bits[0] == np.iinfo(np.int64).min))
-    columns = slice(moving[0], moving[-1] + 1) if moving.size else slice(0, 0)
-    rows = np.empty((order.size, table.shape[1]))
-    rows[:, : columns.start] = table[0, : columns.start]
-    rows[:, columns.stop :] = table[0, columns.stop :]
-    moved = table[:, columns]
-    start = moved[before]
-    between = moved[before + 1]
-    between -= start
-    between *= part[:, None]
-    between += start
-    between[part == 0.0] = start[part == 0.0]
-    if count == 0:
-        rows[:, columns] = between
-    else:
-        place = np.empty_like(order)
-        place[order] = np.arange(order.size)
-        rows[place[:count], columns] = moved[1 : count + 1]
-        rows[place[count:], columns] = between
-    return rows
+        due = np.array([v.due_ns for v in near], np.int64)
+        rows = np.array([v.row for v in near])
+        return Vertices(*follow_waypoints(due, rows, start_ns, ends_ns, in_force))
