@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
+from ..chain.wide import spans_decades
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -48,10 +49,97 @@ from .memory import (
     add_load,
     contact_forces,
 )
-from .rates import advance, find_block, settle, solve
+from .paths import find_path, solve_path
+from .rates import advance, find_arrival, find_block, settle, solve
 
 INSTANT = 1e-12
 """A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
+
+
+@lean
+def _count_free(order, bytes_, places):
+    """Count the contacts at some positions that are free, or are leaving their bound."""
+    count = 0
+    for p in places:
+        count += bytes_[ROW_SIDE, order[p]] == 0
+    return count
+
+
+@compiled
+def _solve_around(
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    floats,
+    changes,
+    bytes_,
+    account,
+    narrow,
+    marks,
+    number,
+    queue,
+    places,
+    rounds,
+    budget,
+    s,
+    contact,
+):
+    """Solve for the rates of the block around a contact that is at a bound at s; contacts outside keep their rates.
+
+    `narrow` allows the block to be solved as a path; `number` marks its contacts; their positions are written into
+    `places`, with those of the walls around.
+
+    Returns the verdict of `move`, the number of positions, how many contacts there were free or leaving before, and the
+    work.
+    """
+    layout = network[0]
+    order = layout[0]
+    if narrow:
+        first, last = find_path(layout, status, floats, bytes_, marks, number, work[4], places, s, contact)
+        if last > first:
+            found = last - first + 1
+            was_free = _count_free(order, bytes_, places[:found])
+            effort = solve_path(
+                ends,
+                stiffness,
+                layout,
+                contacts,
+                links,
+                status,
+                floats,
+                changes,
+                bytes_,
+                account,
+                work[4],
+                first,
+                last,
+                s,
+            )
+            return 0, found, was_free, effort
+    found = find_block(layout, status, floats, bytes_, marks, number, queue, places, s, contact)
+    was_free = _count_free(order, bytes_, places[:found])
+    most = min(rounds, 1 + max(budget, 0) // found)
+    verdict, turns = solve(
+        ends,
+        stiffness,
+        network,
+        work,
+        contacts,
+        links,
+        status,
+        floats,
+        changes,
+        bytes_,
+        account,
+        most,
+        places[:found],
+        s,
+    )
+    return verdict, found, was_free, turns * found
 
 
 @compiled
@@ -82,7 +170,7 @@ def follow_events(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
         network: layout and band of the `Network`.
-        work: memory from `active_set.workspace`.
+        work: memory from `GraphMotion.scratch`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
@@ -133,28 +221,44 @@ def follow_events(
     marks = np.zeros((2, n), np.int64)
     queue = np.empty(n, np.int64)
     hits = np.empty(n, np.int64)
-    places = np.arange(n)
+    places = np.empty(n + 1, np.int64)
+    narrow = not spans_decades(stiffness)
     block = 0
     v = floats[ROW_V]
-    verdict, spent = solve(
-        ends,
-        stiffness,
-        network,
-        work,
-        contacts,
-        links,
-        status,
-        floats,
-        changes,
-        bytes_,
-        account,
-        min(rounds, 1 + budget // n),
-        places,
-        0.0,
-    )
-    spent *= n
-    if verdict < 0:
-        return 0.0, spent >= budget
+    verdict = 0
+    spent = 0
+    for i in range(n):
+        if status[i] == 0 or marks[0, i] > 0:
+            continue
+        block += 1
+        verdict, _, _, effort = _solve_around(
+            ends,
+            stiffness,
+            network,
+            work,
+            contacts,
+            links,
+            status,
+            floats,
+            changes,
+            bytes_,
+            account,
+            narrow,
+            marks,
+            block,
+            queue,
+            places,
+            rounds,
+            budget - spent,
+            0.0,
+            i,
+        )
+        spent += effort
+        if verdict < 0:
+            return 0.0, spent >= budget
+    for i in range(n):
+        if status[i] == 0:
+            find_arrival(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, 0.0, i)
     begin_tournament(tree, leaves, floats[ROW_ARRIVAL])
     free = 0
     for i in range(n):
@@ -227,33 +331,54 @@ def follow_events(
                     settle(status, floats, bytes_, at, i)
                     marks[0, i] = block
                     places[i] = i
+                    free -= bytes_[ROW_SIDE, i] == 0
                 found = n
+                verdict, turns = solve(
+                    ends,
+                    stiffness,
+                    network,
+                    work,
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    changes,
+                    bytes_,
+                    account,
+                    min(rounds, 1 + max(budget - spent, 0) // n),
+                    places[:n],
+                    at,
+                )
+                effort = turns * n
             else:
-                found = find_block(layout, status, floats, bytes_, marks, block, queue, places, at, hits[j])
-            some = places[:found]
-            for p in some:
-                free -= bytes_[ROW_SIDE, order[p]] == 0
-            verdict, turns = solve(
-                ends,
-                stiffness,
-                network,
-                work,
-                contacts,
-                links,
-                status,
-                floats,
-                changes,
-                bytes_,
-                account,
-                min(rounds, 1 + max(budget - spent, 0) // found),
-                some,
-                at,
-            )
-            spent += turns * found
+                verdict, found, was_free, effort = _solve_around(
+                    ends,
+                    stiffness,
+                    network,
+                    work,
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    changes,
+                    bytes_,
+                    account,
+                    narrow,
+                    marks,
+                    block,
+                    queue,
+                    places,
+                    rounds,
+                    budget - spent,
+                    at,
+                    hits[j],
+                )
+                free -= was_free
+            spent += effort
             if verdict < 0:
                 advance(contacts, links, status, floats, changes, bytes_, account, at)
                 return at, spent >= budget
-            for p in some:
+            for p in places[:found]:
                 i = order[p]
                 free += bytes_[ROW_SIDE, i] == 0
                 enter_event(tree, leaves, floats[ROW_ARRIVAL, i], i)

@@ -264,7 +264,7 @@ def follow(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         network: layout and band of the `Network`.
-        work: memory from `active_set.workspace`.
+        work: memory from `GraphMotion.scratch`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF (the last two unused here), shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
