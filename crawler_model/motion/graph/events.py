@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import compiled
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
-from ..chain.wide import spans_decades
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -56,15 +55,6 @@ INSTANT = 1e-12
 """A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
 
 
-@lean
-def _count_free(order, bytes_, places):
-    """Count the contacts at some positions that are free, or are leaving their bound."""
-    count = 0
-    for p in places:
-        count += bytes_[ROW_SIDE, order[p]] == 0
-    return count
-
-
 @compiled
 def _solve_around(
     ends,
@@ -78,7 +68,6 @@ def _solve_around(
     changes,
     bytes_,
     account,
-    narrow,
     marks,
     number,
     queue,
@@ -90,38 +79,38 @@ def _solve_around(
 ):
     """Solve for the rates of the block around a contact that is at a bound at s; contacts outside keep their rates.
 
-    `narrow` allows the block to be solved as a path; `number` marks its contacts; their positions are written into
-    `places`, with those of the walls around.
+    Its contacts are marked by `number`, or by the number before it. The positions of all contacts whose next events may
+    have changed are written into `places`.
 
-    Returns the verdict of `move`, the number of positions, how many contacts there were free or leaving before, and the
-    work.
+    Returns the verdict of `move`, the number of these positions, how many of their contacts were free or leaving
+    before, and the work.
     """
     layout = network[0]
-    order = layout[0]
-    if narrow:
-        first, last = find_path(layout, status, floats, bytes_, marks, number, work[4], places, s, contact)
-        if last > first:
-            found = last - first + 1
-            was_free = _count_free(order, bytes_, places[:found])
-            effort = solve_path(
-                ends,
-                stiffness,
-                layout,
-                contacts,
-                links,
-                status,
-                floats,
-                changes,
-                bytes_,
-                account,
-                work[4],
-                first,
-                last,
-                s,
-            )
+    first, last = find_path(layout, status, floats, bytes_, marks, number - 1, work[4], s, contact)
+    if last > first:
+        found, was_free, effort = solve_path(
+            ends,
+            stiffness,
+            layout,
+            contacts,
+            links,
+            status,
+            floats,
+            changes,
+            bytes_,
+            account,
+            work[4],
+            first,
+            last,
+            places,
+            s,
+        )
+        if found > 0:
             return 0, found, was_free, effort
     found = find_block(layout, status, floats, bytes_, marks, number, queue, places, s, contact)
-    was_free = _count_free(order, bytes_, places[:found])
+    was_free = 0
+    for p in places[:found]:
+        was_free += bytes_[ROW_SIDE, layout[0][p]] == 0
     most = min(rounds, 1 + max(budget, 0) // found)
     verdict, turns = solve(
         ends,
@@ -222,7 +211,6 @@ def follow_events(
     queue = np.empty(n, np.int64)
     hits = np.empty(n, np.int64)
     places = np.empty(n + 1, np.int64)
-    narrow = not spans_decades(stiffness)
     block = 0
     v = floats[ROW_V]
     verdict = 0
@@ -230,7 +218,7 @@ def follow_events(
     for i in range(n):
         if status[i] == 0 or marks[0, i] > 0:
             continue
-        block += 1
+        block += 2
         verdict, _, _, effort = _solve_around(
             ends,
             stiffness,
@@ -243,7 +231,6 @@ def follow_events(
             changes,
             bytes_,
             account,
-            narrow,
             marks,
             block,
             queue,
@@ -325,7 +312,7 @@ def follow_events(
         for j in range(count):
             if marks[0, hits[j]] > before:
                 continue
-            block += 1
+            block += 2
             if shifted:
                 for i in range(n):
                     settle(status, floats, bytes_, at, i)
@@ -363,7 +350,6 @@ def follow_events(
                     changes,
                     bytes_,
                     account,
-                    narrow,
                     marks,
                     block,
                     queue,

@@ -61,58 +61,64 @@ def settle(status, floats, bytes_, s, i):
 
 
 @lean
-def advance_contact(contacts, floats, account, s, i):
-    """Update the force on contact i, its displacement and the account from its last change to s.
+def advance_contact(contacts, floats, s, i):
+    """Update the force on a contact and its displacement from its last change to s.
 
     Args:
         contacts: rows X .. RELATIVE, changed in place.
         floats: forces, velocities and rates, and the places since which they hold; changed in place.
-        account: account of the ramp, added to.
         s: place on the ramp, 0 .. 1.
         i: the contact.
+
+    Returns:
+        The energy lost to friction since then [J]; the product of velocity and distance from the bound [J].
     """
     since = floats[ROW_SINCE, i]
     ds = s - since
     floats[ROW_SINCE, i] = s
     if not ds > 0.0:
-        return
+        return 0.0, 0.0
     gain = floats[ROW_FORCE_RATE, i] * ds
     floats[ROW_FORCE, i] += gain
     v = floats[ROW_V, i]
     if v == 0.0:
-        return
+        return 0.0, 0.0
     middle = 0.5 * (since + s)
     force = floats[ROW_FORCE, i] - 0.5 * gain
     if v > 0.0:
         bound = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
-        account[DISSIPATION] += bound * v * ds
+        lost = bound * v * ds
         gap = bound - force
     else:
         bound = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
-        account[DISSIPATION] -= bound * v * ds
+        lost = -bound * v * ds
         gap = bound + force
-    account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-    shift(contacts, v, ds, i, since + 0.5 * ds)
+    shift(contacts, v, ds, i, middle)
     contacts[RELATIVE, i] += v * ds
+    return lost, abs(v * gap)
 
 
 @lean
-def advance_spring(links, changes, account, s, spring):
-    """Update the tension of a spring and the work of its actuator from its last change to s.
+def advance_spring(links, changes, s, spring):
+    """Update the tension of a spring from its last change to s.
 
     Args:
         links: row TENSION is changed in place.
         changes: rates, and the places since which they hold; changed in place.
-        account: account of the ramp, added to.
         s: place on the ramp, 0 .. 1.
         spring: the spring.
+
+    Returns:
+        The work of its actuator since then [J].
     """
     ds = s - changes[SPRING_SINCE, spring]
     changes[SPRING_SINCE, spring] = s
-    if ds > 0.0:
-        gain = changes[RATE, spring] * ds
-        account[WORK] -= (links[TENSION, spring] + 0.5 * gain) * changes[CHANGE, spring] * ds
-        links[TENSION, spring] += gain
+    if not ds > 0.0:
+        return 0.0
+    gain = changes[RATE, spring] * ds
+    before = links[TENSION, spring]
+    links[TENSION, spring] = before + gain
+    return -(before + 0.5 * gain) * changes[CHANGE, spring] * ds
 
 
 @lean
@@ -130,10 +136,12 @@ def advance(contacts, links, status, floats, changes, bytes_, account, s):
         s: place on the ramp, 0 .. 1.
     """
     for spring in range(links.shape[1]):
-        advance_spring(links, changes, account, s, spring)
+        account[WORK] += advance_spring(links, changes, s, spring)
     for i in range(contacts.shape[1]):
         settle(status, floats, bytes_, s, i)
-        advance_contact(contacts, floats, account, s, i)
+        lost, gap = advance_contact(contacts, floats, s, i)
+        account[DISSIPATION] += lost
+        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], gap)
 
 
 @lean
@@ -276,7 +284,7 @@ def _set_rates(ends, stiffness, layout, contacts, links, status, floats, changes
             spring = springs[k]
             if ends[spring, 0] != i and status[ends[spring, 0]] != 0:
                 continue  # it is updated from its other end
-            advance_spring(links, changes, account, s, spring)
+            account[WORK] += advance_spring(links, changes, s, spring)
             gain = floats[ROW_V, ends[spring, 1]] - floats[ROW_V, ends[spring, 0]]
             changes[RATE, spring] = stiffness[spring] * (gain - changes[CHANGE, spring])
     for p in places:
@@ -324,7 +332,9 @@ def solve(
     order = network[0][0]
     for p in places:
         i = order[p]
-        advance_contact(contacts, floats, account, s, i)
+        lost, gap = advance_contact(contacts, floats, s, i)
+        account[DISSIPATION] += lost
+        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], gap)
         bound_rates(status, floats, i)
         if floats[ROW_ARRIVAL, i] <= s:
             bytes_[ROW_SIDE, i] = 1 if bytes_[ROW_COMING, i] == AT_FORWARD else -1

@@ -84,14 +84,14 @@ def test_a_command_that_is_in_force_changes_nothing():
 
 @pytest.mark.parametrize("method", ["exact", "catch_up"])
 def test_a_search_that_gives_up_is_said_to_be_no_matter_of_the_budget(method, monkeypatch):
-    crawler = Crawler(load_scene("three_springs"), method)
+    crawler = net(4, complete(4), method)
     monkeypatch.setattr(graph_kernel, "most_rounds", lambda contacts: 0)
-    step = crawler.advance([30.0, 0.0, -20.0])
+    step = crawler.advance([30.0, 0.0, -20.0, 0.0, 0.0, 0.0])
     assert (step.unsolved, step.overspent) == (1, 0)
     assert step.certificate.violation > 1.0
     assert not crawler.gained.any()
     monkeypatch.undo()
-    step = crawler.advance([31.0, 0.0, -20.0])
+    step = crawler.advance([31.0, 0.0, -20.0, 0.0, 0.0, 0.0])
     assert (step.unsolved, step.overspent) == (0, 0)
 
 
