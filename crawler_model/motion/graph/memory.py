@@ -121,7 +121,8 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
         load[p], lower[p], upper[p] = floats[ROW_LOAD, i], floats[ROW_LOWER, i], floats[ROW_UPPER, i]
         magnitude[p], v[p], side[p] = floats[ROW_MAGNITUDE, i], floats[ROW_V, i], bytes_[ROW_SIDE, i]
     work, rows, ints, sliding, _ = stiffness_work
-    verdict, turns = move(band, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
+    net = (band, *layout[5:])
+    verdict, turns = move(net, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
     for p in places:
         floats[ROW_V, order[p]] = v[p]
         bytes_[ROW_SIDE, order[p]] = side[p]

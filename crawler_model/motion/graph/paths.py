@@ -103,7 +103,7 @@ def find_path(layout, status, floats, bytes_, marks, number, paths, s, contact):
     Returns:
         The columns of the first and of the last contact in the walk; the last is before the first if it is no path.
     """
-    _, _, starts, others, springs = layout
+    _, _, starts, others, springs = layout[:5]
     walk = paths.walk
     middle = walk.shape[1] // 2
     if starts[contact + 1] - starts[contact] > 2:

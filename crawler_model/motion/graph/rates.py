@@ -164,7 +164,7 @@ def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, 
     Returns:
         How many positions there are.
     """
-    order, place, starts, others, _ = layout
+    order, place, starts, others, _ = layout[:5]
     queue[0] = contact
     marks[0, contact] = number
     lowest = place[contact]
@@ -224,7 +224,7 @@ def find_arrival(ends, stiffness, layout, contacts, links, status, floats, chang
         floats[ROW_ARRIVAL, i] = np.inf
         bytes_[ROW_COMING, i] = 0
         return
-    _, _, starts, others, springs = layout
+    _, _, starts, others, springs = layout[:5]
     g = floats[ROW_FORCE, i]
     rate = 0.0
     for k in range(starts[i], starts[i + 1]):
@@ -275,7 +275,7 @@ def bound_rates(status, floats, i):
 @lean
 def _set_rates(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, account, places, s):
     """Set the rates of the springs at contacts that can slide, then the rates of forces and the next events."""
-    order, _, starts, _, springs = layout
+    order, _, starts, _, springs = layout[:5]
     for p in places:
         i = order[p]
         if status[i] == 0:

@@ -18,7 +18,7 @@ def velocities(network: Network, load, bound, rounds):
     n = order.size
     v, side = np.zeros(n), np.zeros(n, np.int8)
     given = load[order], -bound[order], bound[order], np.zeros(n)
-    verdict, _ = move(network.band, *given, rounds, *workspace(network), v, side, np.arange(n))
+    verdict, _ = move((network.band, *network.layout[5:]), *given, rounds, *workspace(network), v, side, np.arange(n))
     found = np.empty(n)
     found[order] = v
     return verdict, found
