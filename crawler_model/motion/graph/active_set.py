@@ -28,9 +28,13 @@ from .descent import relax, search
 from .elimination import eliminate, pull_at
 
 _MOST_NUMBERS = 50_000_000
-_FEW_ROUNDS, _FEW_CONTACTS = 8, 32
-"""Rounds and contacts above which each round ends with sweeps. A round finds only the neighbours of the contacts that
-slide and, in each group, the first contacts that stop: where many change, that takes as many rounds."""
+_FEW_ROUNDS = 8
+"""Rounds after which contacts that begin to slide are found by a sweep. Released contacts begin to slide at once, but
+their neighbours are found only in later rounds: where blocks grow by many contacts, that takes as many rounds."""
+_WIDE = 8
+"""Width of the band above which sweeps, in the first rounds, also find contacts that stop. A round finds only the first
+of them in each group, and takes longer than a sweep by the square of the width. In a narrow band groups are long, and a
+sweep, which passes on changes from neighbour to neighbour, would stop contacts that the whole group moves on."""
 
 
 class Layout(NamedTuple):
@@ -140,7 +144,8 @@ def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
         A working copy of the band, floats of shape (5, N), whole numbers of shape (2, N) and flags of shape (N,).
     """
     n, width = network.band.shape[-2:]
-    return np.empty((n, width)), np.empty((5, n)), np.empty((2, n), np.int64), np.zeros(n, np.int8)
+    # elimination multiplies numbers of contacts that it does not solve for by zero, so they have to be finite
+    return np.empty((n, width)), np.zeros((5, n)), np.empty((2, n), np.int64), np.zeros(n, np.int8)
 
 
 @compiled
@@ -197,6 +202,7 @@ def _find_sides(lower, upper, magnitude, force, size, velocity, side, places):
 @compiled
 def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
     """Search for the sides of the contacts; see `move`."""
+    band = net[0]
     ground, size, force, total, trial = floats[0], floats[1], floats[2], floats[3], floats[4]
     lengths, groups = ints[0], ints[1]
     for p in places:
@@ -264,10 +270,10 @@ def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats,
                 velocity[p] = velocity[p] if passed else 0.0
             elif side[p] * velocity[p] < 0.0:
                 velocity[p] = 0.0
-        sweeps = 2 * turn < most_rounds and (turn >= _FEW_ROUNDS or places.shape[0] > _FEW_CONTACTS)
         if turned:
-            if sweeps:
-                relax(net, load, lower, upper, magnitude, velocity, side, places)
+            if may_pass and turn < _FEW_ROUNDS and band.shape[1] > _WIDE:
+                relax(net, load, lower, upper, magnitude, False, velocity, side, places)
+                relax(net, load, lower, upper, magnitude, True, velocity, side, places)
             continue
         # release contacts whose force is beyond its bound
         worst = -1
@@ -289,8 +295,8 @@ def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats,
         if count == 0:
             _find_sides(lower, upper, magnitude, force, size, velocity, side, places)
             return (0 if grounded else 1), turn + 1
-        if sweeps:
-            relax(net, load, lower, upper, magnitude, velocity, side, places)
+        if turn >= _FEW_ROUNDS and 2 * turn < most_rounds:
+            relax(net, load, lower, upper, magnitude, turn % 2 == 1, velocity, side, places)
         elif 2 * turn >= most_rounds:  # rounding may have caused a cycle: one contact at a time is slow but safe
             side[worst] = 1 if force[worst] > upper[worst] else -1
     return -1, most_rounds

@@ -95,10 +95,8 @@ def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, p
 
 
 @compiled
-def relax(net, load, lower, upper, magnitude, velocity, side, places):
-    """Solve the problem of each contact in turn, first to last and back, which lowers the cost.
-
-    Whole rows of contacts start to slide or stop.
+def relax(net, load, lower, upper, magnitude, backwards, velocity, side, places):
+    """Solve the problem of each contact in turn, which lowers the cost; whole rows of contacts start to slide or stop.
 
     Args:
         net: band of the `Network`, and heads and near of its `Layout`.
@@ -106,13 +104,13 @@ def relax(net, load, lower, upper, magnitude, velocity, side, places):
         lower: smallest force at rest, shape (N,) [N].
         upper: largest force at rest, shape (N,) [N].
         magnitude: magnitude of the numbers whose differences load and bounds are, shape (N,) [N].
+        backwards: whether to begin with the last contact.
         velocity: shape (N,), changed in place.
         side: output: directions, int8, shape (N,).
         places: positions of the contacts, as in `move`.
     """
-    count = places.shape[0]
-    for k in range(2 * count):
-        p = places[k if k < count else 2 * count - 1 - k]
+    for k in range(places.shape[0]):
+        p = places[places.shape[0] - 1 - k if backwards else k]
         if lower[p] == -np.inf and upper[p] == np.inf:
             continue
         pull, size, total = pull_at(net, velocity, load, p)

@@ -9,7 +9,7 @@ from crawler_model import Crawler, Scene, SceneError, load_scene
 from crawler_model.motion.graph import active_set as graph_kernel
 from crawler_model.motion.graph.active_set import Network, build_network, move, workspace
 
-from ..hard_cases import complete, ladder, net
+from ..hard_cases import complete, grid, ladder, net
 
 
 def velocities(network: Network, load, bound, rounds):
@@ -24,7 +24,7 @@ def velocities(network: Network, load, bound, rounds):
     return verdict, found
 
 
-@pytest.mark.parametrize("between", [ladder(24), complete(7)], ids=["ladder", "complete"])
+@pytest.mark.parametrize("between", [ladder(24), complete(7), grid(9)], ids=["ladder", "complete", "grid"])
 def test_however_many_rounds_it_has_it_gives_the_answer_or_gives_up(between):
     n = 1 + max(map(max, between))
     body = net(n, between, "exact").body
