@@ -43,7 +43,7 @@ def step_graphs(
         elements: both contacts of each element of a segment, shape (P, 2).
         budget: upper limit of work in a ramp.
         layout: fields of the `Layout` of the springs.
-        work: memory from `active_set.workspace`.
+        work: memory from `GraphMotion.scratch`.
         body_floats: memory from `scratch`, like the next two.
         changes: floats of the springs.
         bytes_: flags of the contacts.

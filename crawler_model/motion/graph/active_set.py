@@ -31,6 +31,10 @@ _MOST_NUMBERS = 50_000_000
 _FEW_ROUNDS = 8
 """Rounds after which contacts that begin to slide are found by a sweep. Released contacts begin to slide at once, but
 their neighbours are found only in later rounds: where blocks grow by many contacts, that takes as many rounds."""
+_WIDE = 8
+"""Width of the band above which sweeps, in the first rounds, also find contacts that stop. A round finds only the first
+of them in each group, and takes longer than a sweep by the square of the width. In a narrow band groups are long, and a
+sweep, which passes on changes from neighbour to neighbour, would stop contacts that the whole group moves on."""
 
 
 class Layout(NamedTuple):
@@ -42,6 +46,8 @@ class Layout(NamedTuple):
         starts: first of the ends of springs at each contact in the next two, and 2 S, int, shape (N + 1,).
         others: the contact at the other end, int, shape (2 S,).
         springs: the spring, int, shape (2 S,).
+        heads: first of the neighbours of each position in `near`, and their number, int, shape (N + 1,).
+        near: the positions in the band that springs join to a position, increasing, int.
     """
 
     order: np.ndarray
@@ -49,6 +55,8 @@ class Layout(NamedTuple):
     starts: np.ndarray
     others: np.ndarray
     springs: np.ndarray
+    heads: np.ndarray
+    near: np.ndarray
 
 
 class Network(NamedTuple):
@@ -103,12 +111,15 @@ def build_network(body: Body) -> Network:
 
 
 def _lay_out(body: Body, order: np.ndarray, place: np.ndarray) -> Layout:
-    """List the springs at each contact."""
+    """List the springs at each contact, and the neighbours of each position."""
     a, b = body.ends.T
-    at = np.concatenate((a, b))
+    at, others = np.concatenate((a, b)), np.concatenate((b, a))
     sort = np.argsort(at, kind="stable")
-    starts = np.searchsorted(at[sort], np.arange(body.contacts + 1))
-    return Layout(order, place, starts, np.concatenate((b, a))[sort], np.tile(np.arange(body.springs), 2)[sort])
+    each = np.arange(body.contacts + 1)
+    starts = np.searchsorted(at[sort], each)
+    pairs = np.unique(np.stack((place[at], place[others]), axis=1), axis=0)
+    heads, near = np.searchsorted(pairs[:, 0], each), np.ascontiguousarray(pairs[:, 1])
+    return Layout(order, place, starts, others[sort], np.tile(np.arange(body.springs), 2)[sort], heads, near)
 
 
 def most_rounds(contacts: int) -> int:
@@ -133,15 +144,16 @@ def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
         A working copy of the band, floats of shape (5, N), whole numbers of shape (2, N) and flags of shape (N,).
     """
     n, width = network.band.shape[-2:]
-    return np.empty((n, width)), np.empty((5, n)), np.empty((2, n), np.int64), np.zeros(n, np.int8)
+    # elimination multiplies numbers of contacts that it does not solve for by zero, so they have to be finite
+    return np.empty((n, width)), np.zeros((5, n)), np.empty((2, n), np.int64), np.zeros(n, np.int8)
 
 
 @compiled
-def move(band, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
+def move(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
     """Solve for the velocities; all arrays in the order of the band.
 
     Args:
-        band: as in `Network`, shape (N, width) [N/m].
+        net: band of the `Network`, and heads and near of its `Layout`.
         load: r, shape (N,) [N].
         lower: smallest force at rest, shape (N,) [N], -inf where there is none.
         upper: largest force at rest, shape (N,) [N], inf where there is none; lower <= upper.
@@ -163,7 +175,7 @@ def move(band, load, lower, upper, magnitude, most_rounds, work, floats, ints, s
         rest), -1 if it did not converge; and the number of rounds.
     """
     found = _search_sides(
-        band, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places
+        net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places
     )
     for p in places:
         sliding[p] = 0
@@ -188,10 +200,9 @@ def _find_sides(lower, upper, magnitude, force, size, velocity, side, places):
 
 
 @compiled
-def _search_sides(
-    band, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places
-):
+def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
     """Search for the sides of the contacts; see `move`."""
+    band = net[0]
     ground, size, force, total, trial = floats[0], floats[1], floats[2], floats[3], floats[4]
     lengths, groups = ints[0], ints[1]
     for p in places:
@@ -227,7 +238,7 @@ def _search_sides(
             side[first] = 0
             velocity[first] = 0.0
             continue
-        grounded = eliminate(band, work, ground, lengths, groups, total, sliding, trial, places)
+        grounded = eliminate(net, work, ground, lengths, groups, total, sliding, trial, places)
         if not grounded:
             # the translation is free: choose one for which all contacts slide in their directions, if possible
             least = -np.inf
@@ -247,7 +258,7 @@ def _search_sides(
         close = 16.0 * EPS * largest
         may_pass = grounded and 2 * turn < most_rounds
         parts = force  # memory that is free until the forces are computed
-        turned = search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places)
+        turned = search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places)
         for p in places:
             if side[p] == 0:
                 continue
@@ -260,6 +271,9 @@ def _search_sides(
             elif side[p] * velocity[p] < 0.0:
                 velocity[p] = 0.0
         if turned:
+            if may_pass and turn < _FEW_ROUNDS and band.shape[1] > _WIDE:
+                relax(net, load, lower, upper, magnitude, False, velocity, side, places)
+                relax(net, load, lower, upper, magnitude, True, velocity, side, places)
             continue
         # release contacts whose force is beyond its bound
         worst = -1
@@ -268,7 +282,7 @@ def _search_sides(
         for p in places:
             if side[p] != 0 or (upper[p] == np.inf and lower[p] == -np.inf):
                 continue
-            force[p], size[p], _ = pull_at(band, velocity, load, p)
+            force[p], size[p], _ = pull_at(net, velocity, load, p)
             close = 32.0 * EPS * (size[p] + magnitude[p])
             above, below = force[p] - upper[p], lower[p] - force[p]
             if max(above, below) > close:
@@ -282,7 +296,7 @@ def _search_sides(
             _find_sides(lower, upper, magnitude, force, size, velocity, side, places)
             return (0 if grounded else 1), turn + 1
         if turn >= _FEW_ROUNDS and 2 * turn < most_rounds:
-            relax(band, load, lower, upper, magnitude, turn % 2 == 1, velocity, side, places)
+            relax(net, load, lower, upper, magnitude, turn % 2 == 1, velocity, side, places)
         elif 2 * turn >= most_rounds:  # rounding may have caused a cycle: one contact at a time is slow but safe
             side[worst] = 1 if force[worst] > upper[worst] else -1
     return -1, most_rounds

@@ -10,14 +10,14 @@ from .elimination import pull_at
 
 
 @compiled
-def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places):
+def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places):
     """Find the part of the way to `trial` at which the cost is least, for each group of contacts on its own.
 
     The slope of the cost is -(1 - part) q on the way, q = d' K d, d = trial - v, and jumps where a contact reverses its
     direction. If it may not, or has only begun to slide, the way ends there.
 
     Args:
-        band: as in `Network`, shape (N, width) [N/m].
+        net: band of the `Network`, and heads and near of its `Layout`.
         lower: smallest force at rest, shape (N,) [N].
         upper: largest force at rest, shape (N,) [N].
         velocity: present velocities, shape (N,).
@@ -33,7 +33,8 @@ def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, 
     Returns:
         Whether any part is less than 1.
     """
-    n, width = band.shape
+    band, heads, near = net
+    n = band.shape[0]
     count = 0
     passing = False
     for p in places:
@@ -67,12 +68,12 @@ def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, 
         slope[p] = 0.0
         ended[p] = False
     for p in places:
-        for d in range(min(width, n - 1 - p)):
-            q = p + 1 + d
-            if band[p, d] != 0.0 and (sliding[p] or sliding[q]):
+        for k in range(heads[p], heads[p + 1]):
+            q = near[k]
+            if q > p and (sliding[p] or sliding[q]):
                 own = trial[p] - velocity[p] if sliding[p] else 0.0
                 other = trial[q] - velocity[q] if sliding[q] else 0.0
-                curvature[groups[p if sliding[p] else q]] += band[p, d] * (own - other) ** 2
+                curvature[groups[p if sliding[p] else q]] += band[p, q - p - 1] * (own - other) ** 2
     for j in np.argsort(ats):
         p, at = whose[j], ats[j]
         g = groups[p]
@@ -94,11 +95,11 @@ def search(band, lower, upper, velocity, trial, side, sliding, close, may_pass, 
 
 
 @compiled
-def relax(band, load, lower, upper, magnitude, backwards, velocity, side, places):
-    """Solve the problem of each contact in turn, which lowers the cost; whole rows of contacts start to slide.
+def relax(net, load, lower, upper, magnitude, backwards, velocity, side, places):
+    """Solve the problem of each contact in turn, which lowers the cost; whole rows of contacts start to slide or stop.
 
     Args:
-        band: as in `Network`, shape (N, width) [N/m].
+        net: band of the `Network`, and heads and near of its `Layout`.
         load: r, shape (N,) [N].
         lower: smallest force at rest, shape (N,) [N].
         upper: largest force at rest, shape (N,) [N].
@@ -112,7 +113,7 @@ def relax(band, load, lower, upper, magnitude, backwards, velocity, side, places
         p = places[places.shape[0] - 1 - k if backwards else k]
         if lower[p] == -np.inf and upper[p] == np.inf:
             continue
-        pull, size, total = pull_at(band, velocity, load, p)
+        pull, size, total = pull_at(net, velocity, load, p)
         size += magnitude[p]
         excess = pull - upper[p] if pull > upper[p] else (pull - lower[p] if pull < lower[p] else 0.0)
         if abs(excess) <= 32.0 * EPS * size:

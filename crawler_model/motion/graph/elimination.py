@@ -11,11 +11,34 @@ from ...compiled import lean
 
 
 @lean
-def eliminate(band, work, ground, lengths, groups, load, sliding, result, places):
-    """Solve K v = load for the sliding contacts, with the others at rest; all arrays in the order of the band.
+def conductance(band, p, q):
+    """Compute the stiffness between two positions that springs join.
 
     Args:
         band: as in `Network`, shape (N, width) [N/m].
+        p: one position.
+        q: the other one.
+
+    Returns:
+        The sum of the stiffnesses of these springs [N/m].
+    """
+    return band[p, q - p - 1] if q > p else band[q, p - q - 1]
+
+
+@lean
+def _lengthen(work, lengths, p, length):
+    """Fill row p with zeros up to a length."""
+    for d in range(lengths[p], length):
+        work[p, d] = 0.0
+    lengths[p] = max(lengths[p], length)
+
+
+@lean
+def eliminate(net, work, ground, lengths, groups, load, sliding, result, places):
+    """Solve K v = load for the sliding contacts, with the others at rest; all arrays in the order of the band.
+
+    Args:
+        net: band of the `Network`, and heads and near of its `Layout`.
         work: scratch memory, same shape as `band`.
         ground: scratch memory, shape (N,).
         lengths: scratch memory, int, shape (N,).
@@ -30,29 +53,24 @@ def eliminate(band, work, ground, lengths, groups, load, sliding, result, places
         False if none of these contacts is at rest. The last one is then set at rest, and K v = load holds for the
         others.
     """
-    n, width = band.shape
+    band, heads, near = net
     grounded = False
     for p in places:
         ground[p] = 0.0
+        lengths[p] = 0
+        groups[p] = p
         result[p] = load[p] if sliding[p] else 0.0
         grounded = grounded or not sliding[p]
-    for p in places:  # a spring to a contact at rest is a spring to the ground
-        length = 0
-        for d in range(min(width, n - 1 - p)):
-            k = band[p, d]
-            work[p, d] = 0.0
-            if k == 0.0:
-                continue
-            if sliding[p]:
-                if sliding[p + 1 + d]:
-                    work[p, d] = k
-                    length = d + 1
-                else:
-                    ground[p] += k
-            elif sliding[p + 1 + d]:
-                ground[p + 1 + d] += k
-        lengths[p] = length
-        groups[p] = p
+    for p in places:
+        if not sliding[p]:
+            continue
+        for k in range(heads[p], heads[p + 1]):
+            q = near[k]
+            if not sliding[q]:  # a spring to a contact at rest is a spring to the ground
+                ground[p] += conductance(band, p, q)
+            elif q > p:
+                _lengthen(work, lengths, p, q - p)
+                work[p, q - p - 1] = band[p, q - p - 1]
     for p in places:
         if not sliding[p]:
             continue
@@ -76,7 +94,7 @@ def eliminate(band, work, ground, lengths, groups, load, sliding, result, places
             result[q] += part * pull
             ground[q] += part * to_ground
             if d + 1 < length:
-                lengths[q] = max(lengths[q], length - d - 1)
+                _lengthen(work, lengths, q, length - d - 1)
                 row, added = work[q], work[p, d + 1 : length]
                 for e in range(length - d - 1):
                     row[e] += part * added[e]
@@ -93,11 +111,11 @@ def eliminate(band, work, ground, lengths, groups, load, sliding, result, places
 
 
 @lean
-def pull_at(band, v, load, p):
+def pull_at(net, v, load, p):
     """Compute the force on a contact at rest.
 
     Args:
-        band: as in `Network`, shape (N, width) [N/m].
+        net: band of the `Network`, and heads and near of its `Layout`.
         v: velocities, shape (N,).
         load: shape (N,) [N].
         p: position of the contact.
@@ -106,20 +124,14 @@ def pull_at(band, v, load, p):
         The load plus the forces of the springs [N]; the sum of the absolute values of these terms [N]; the sum of the
         stiffnesses of its springs [N/m].
     """
-    n, width = band.shape
+    band, heads, near = net
     pull = load[p]
     size = abs(pull)
     total = 0.0
-    for d in range(min(width, n - 1 - p)):
-        k = band[p, d]
-        if k != 0.0:
-            pull += k * v[p + 1 + d]
-            size += abs(k * v[p + 1 + d])
-            total += k
-    for d in range(min(width, p)):
-        k = band[p - 1 - d, d]
-        if k != 0.0:
-            pull += k * v[p - 1 - d]
-            size += abs(k * v[p - 1 - d])
-            total += k
+    for j in range(heads[p], heads[p + 1]):
+        q = near[j]
+        k = conductance(band, p, q)
+        pull += k * v[q]
+        size += abs(k * v[q])
+        total += k
     return pull, size, total

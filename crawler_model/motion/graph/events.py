@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
 from ..pieces import note_piece
@@ -48,10 +48,87 @@ from .memory import (
     add_load,
     contact_forces,
 )
-from .rates import advance, find_block, settle, solve
+from .paths import find_path, solve_path
+from .rates import advance, find_arrival, find_block, settle, solve
 
 INSTANT = 1e-12
 """A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
+
+
+@lean
+def _solve_around(
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    floats,
+    changes,
+    bytes_,
+    account,
+    marks,
+    number,
+    queue,
+    places,
+    rounds,
+    budget,
+    s,
+    contact,
+):
+    """Solve for the rates of the block around a contact that is at a bound at s; contacts outside keep their rates.
+
+    Its contacts are marked by `number`, or by the number before it. The positions of all contacts whose next events may
+    have changed are written into `places`.
+
+    Returns the verdict of `move`, the number of these positions, how many of their contacts were free or leaving
+    before, and the work.
+    """
+    layout = network[0]
+    first, last = find_path(layout, status, floats, bytes_, marks, number - 1, work[4], s, contact)
+    if last > first:
+        found, was_free, effort = solve_path(
+            ends,
+            stiffness,
+            layout,
+            contacts,
+            links,
+            status,
+            floats,
+            changes,
+            bytes_,
+            account,
+            work[4],
+            first,
+            last,
+            places,
+            s,
+        )
+        if found > 0:
+            return 0, found, was_free, effort
+    found = find_block(layout, status, floats, bytes_, marks, number, queue, places, s, contact)
+    was_free = 0
+    for p in places[:found]:
+        was_free += bytes_[ROW_SIDE, layout[0][p]] == 0
+    most = min(rounds, 1 + max(budget, 0) // found)
+    verdict, turns = solve(
+        ends,
+        stiffness,
+        network,
+        work,
+        contacts,
+        links,
+        status,
+        floats,
+        changes,
+        bytes_,
+        account,
+        most,
+        places[:found],
+        s,
+    )
+    return verdict, found, was_free, turns * found
 
 
 @compiled
@@ -82,7 +159,7 @@ def follow_events(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
         network: layout and band of the `Network`.
-        work: memory from `active_set.workspace`.
+        work: memory from `GraphMotion.scratch`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
@@ -133,26 +210,61 @@ def follow_events(
     marks = np.zeros((2, n), np.int64)
     queue = np.empty(n, np.int64)
     hits = np.empty(n, np.int64)
-    places = np.arange(n)
+    places = np.empty(n + 1, np.int64)
     block = 0
     v = floats[ROW_V]
-    verdict, spent = solve(
-        ends,
-        stiffness,
-        network,
-        work,
-        contacts,
-        links,
-        status,
-        floats,
-        changes,
-        bytes_,
-        account,
-        min(rounds, 1 + budget // n),
-        places,
-        0.0,
-    )
-    spent *= n
+    verdict = 0
+    spent = 0
+    if n <= FEW_CONTACTS:  # all blocks together take less time than one by one
+        for i in range(n):
+            places[i] = i
+        verdict, turns = solve(
+            ends,
+            stiffness,
+            network,
+            work,
+            contacts,
+            links,
+            status,
+            floats,
+            changes,
+            bytes_,
+            account,
+            min(rounds, 1 + budget // n),
+            places[:n],
+            0.0,
+        )
+        spent = turns * n
+    else:
+        for i in range(n):
+            if status[i] == 0 or marks[0, i] > 0 or verdict < 0:
+                continue
+            block += 2
+            verdict, _, _, effort = _solve_around(
+                ends,
+                stiffness,
+                network,
+                work,
+                contacts,
+                links,
+                status,
+                floats,
+                changes,
+                bytes_,
+                account,
+                marks,
+                block,
+                queue,
+                places,
+                rounds,
+                budget - spent,
+                0.0,
+                i,
+            )
+            spent += effort
+        for i in range(n):
+            if status[i] == 0:
+                find_arrival(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, 0.0, i)
     if verdict < 0:
         return 0.0, spent >= budget
     begin_tournament(tree, leaves, floats[ROW_ARRIVAL])
@@ -221,39 +333,59 @@ def follow_events(
         for j in range(count):
             if marks[0, hits[j]] > before:
                 continue
-            block += 1
+            block += 2
             if shifted:
                 for i in range(n):
                     settle(status, floats, bytes_, at, i)
                     marks[0, i] = block
                     places[i] = i
+                    free -= bytes_[ROW_SIDE, i] == 0
                 found = n
+                verdict, turns = solve(
+                    ends,
+                    stiffness,
+                    network,
+                    work,
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    changes,
+                    bytes_,
+                    account,
+                    min(rounds, 1 + max(budget - spent, 0) // n),
+                    places[:n],
+                    at,
+                )
+                effort = turns * n
             else:
-                found = find_block(layout, status, floats, bytes_, marks, block, queue, places, at, hits[j])
-            some = places[:found]
-            for p in some:
-                free -= bytes_[ROW_SIDE, order[p]] == 0
-            verdict, turns = solve(
-                ends,
-                stiffness,
-                network,
-                work,
-                contacts,
-                links,
-                status,
-                floats,
-                changes,
-                bytes_,
-                account,
-                min(rounds, 1 + max(budget - spent, 0) // found),
-                some,
-                at,
-            )
-            spent += turns * found
+                verdict, found, was_free, effort = _solve_around(
+                    ends,
+                    stiffness,
+                    network,
+                    work,
+                    contacts,
+                    links,
+                    status,
+                    floats,
+                    changes,
+                    bytes_,
+                    account,
+                    marks,
+                    block,
+                    queue,
+                    places,
+                    rounds,
+                    budget - spent,
+                    at,
+                    hits[j],
+                )
+                free -= was_free
+            spent += effort
             if verdict < 0:
                 advance(contacts, links, status, floats, changes, bytes_, account, at)
                 return at, spent >= budget
-            for p in some:
+            for p in places[:found]:
                 i = order[p]
                 free += bytes_[ROW_SIDE, i] == 0
                 enter_event(tree, leaves, floats[ROW_ARRIVAL, i], i)

@@ -39,7 +39,7 @@ def follow_many(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (M, S).
         network: layout of the springs, and band matrices, shape (M, N, width).
-        work: memory from `active_set.workspace`.
+        work: memory from `GraphMotion.scratch`.
         contacts: states as for `follow`, like the next two with a leading axis of variations, changed in place.
         links: rows of the springs, shape (M, 5, S).
         status: bits of the contacts, int8, shape (M, N).

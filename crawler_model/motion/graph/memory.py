@@ -98,7 +98,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
 
     Args:
         network: layout and band of the `Network`.
-        stiffness_work: memory from `active_set.workspace`.
+        stiffness_work: memory from `GraphMotion.scratch`.
         floats: rows of this module, shape (18, N); velocities are changed.
         bytes_: flags of the contacts, int8, shape (5, N); sides are changed.
         rounds: upper limit of rounds of the active set.
@@ -120,8 +120,9 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
         i = order[p]
         load[p], lower[p], upper[p] = floats[ROW_LOAD, i], floats[ROW_LOWER, i], floats[ROW_UPPER, i]
         magnitude[p], v[p], side[p] = floats[ROW_MAGNITUDE, i], floats[ROW_V, i], bytes_[ROW_SIDE, i]
-    work, rows, ints, sliding = stiffness_work
-    verdict, turns = move(band, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
+    work, rows, ints, sliding, _ = stiffness_work
+    net = (band, *layout[5:])
+    verdict, turns = move(net, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
     for p in places:
         floats[ROW_V, order[p]] = v[p]
         bytes_[ROW_SIDE, order[p]] = side[p]

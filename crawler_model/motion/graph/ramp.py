@@ -202,7 +202,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
     _set_tensions(ends, stiffness, contacts, links)
     contact_forces(ends, links[TENSION], floats[ROW_FORCE])
     layout, band = network
-    order = layout[0]
+    net, order = (band, *layout[5:]), layout[0]
     some = False
     load = np.zeros(n)
     sliding = np.zeros(n, np.int8)
@@ -215,7 +215,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
             some = True
     if some:
         result = np.empty(n)
-        eliminate(band, work[0], work[1][0], work[2][0], work[2][1], load, sliding, result, np.arange(n))
+        eliminate(net, work[0], work[1][0], work[2][0], work[2][1], load, sliding, result, np.arange(n))
         size = max(abs(contacts[RELATIVE].max()), abs(contacts[RELATIVE].min()))
         largest = np.abs(result).max()
         if largest <= 1e6 * EPS * size:  # correct rounding errors only
@@ -264,7 +264,7 @@ def follow(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         network: layout and band of the `Network`.
-        work: memory from `active_set.workspace`.
+        work: memory from `GraphMotion.scratch`.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF (the last two unused here), shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.

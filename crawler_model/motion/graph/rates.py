@@ -61,58 +61,64 @@ def settle(status, floats, bytes_, s, i):
 
 
 @lean
-def advance_contact(contacts, floats, account, s, i):
-    """Update the force on contact i, its displacement and the account from its last change to s.
+def advance_contact(contacts, floats, s, i):
+    """Update the force on a contact and its displacement from its last change to s.
 
     Args:
         contacts: rows X .. RELATIVE, changed in place.
         floats: forces, velocities and rates, and the places since which they hold; changed in place.
-        account: account of the ramp, added to.
         s: place on the ramp, 0 .. 1.
         i: the contact.
+
+    Returns:
+        The energy lost to friction since then [J]; the product of velocity and distance from the bound [J].
     """
     since = floats[ROW_SINCE, i]
     ds = s - since
     floats[ROW_SINCE, i] = s
     if not ds > 0.0:
-        return
+        return 0.0, 0.0
     gain = floats[ROW_FORCE_RATE, i] * ds
     floats[ROW_FORCE, i] += gain
     v = floats[ROW_V, i]
     if v == 0.0:
-        return
+        return 0.0, 0.0
     middle = 0.5 * (since + s)
     force = floats[ROW_FORCE, i] - 0.5 * gain
     if v > 0.0:
         bound = contacts[FORWARD, i] + middle * floats[ROW_D_FORWARD, i]
-        account[DISSIPATION] += bound * v * ds
+        lost = bound * v * ds
         gap = bound - force
     else:
         bound = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
-        account[DISSIPATION] -= bound * v * ds
+        lost = -bound * v * ds
         gap = bound + force
-    account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-    shift(contacts, v, ds, i, since + 0.5 * ds)
+    shift(contacts, v, ds, i, middle)
     contacts[RELATIVE, i] += v * ds
+    return lost, abs(v * gap)
 
 
 @lean
-def advance_spring(links, changes, account, s, spring):
-    """Update the tension of a spring and the work of its actuator from its last change to s.
+def advance_spring(links, changes, s, spring):
+    """Update the tension of a spring from its last change to s.
 
     Args:
         links: row TENSION is changed in place.
         changes: rates, and the places since which they hold; changed in place.
-        account: account of the ramp, added to.
         s: place on the ramp, 0 .. 1.
         spring: the spring.
+
+    Returns:
+        The work of its actuator since then [J].
     """
     ds = s - changes[SPRING_SINCE, spring]
     changes[SPRING_SINCE, spring] = s
-    if ds > 0.0:
-        gain = changes[RATE, spring] * ds
-        account[WORK] -= (links[TENSION, spring] + 0.5 * gain) * changes[CHANGE, spring] * ds
-        links[TENSION, spring] += gain
+    if not ds > 0.0:
+        return 0.0
+    gain = changes[RATE, spring] * ds
+    before = links[TENSION, spring]
+    links[TENSION, spring] = before + gain
+    return -(before + 0.5 * gain) * changes[CHANGE, spring] * ds
 
 
 @lean
@@ -130,10 +136,12 @@ def advance(contacts, links, status, floats, changes, bytes_, account, s):
         s: place on the ramp, 0 .. 1.
     """
     for spring in range(links.shape[1]):
-        advance_spring(links, changes, account, s, spring)
+        account[WORK] += advance_spring(links, changes, s, spring)
     for i in range(contacts.shape[1]):
         settle(status, floats, bytes_, s, i)
-        advance_contact(contacts, floats, account, s, i)
+        lost, gap = advance_contact(contacts, floats, s, i)
+        account[DISSIPATION] += lost
+        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], gap)
 
 
 @lean
@@ -156,7 +164,7 @@ def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, 
     Returns:
         How many positions there are.
     """
-    order, place, starts, others, _ = layout
+    order, place, starts, others, _ = layout[:5]
     queue[0] = contact
     marks[0, contact] = number
     lowest = place[contact]
@@ -188,14 +196,42 @@ def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, 
 
 
 @lean
-def _find_arrival(stiffness, layout, contacts, links, status, floats, changes, bytes_, s, i):
-    """Find where the force on contact i reaches a bound that it is not at.
+def find_arrival(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, s, i):
+    """Find the bounds that a contact leaves at s, the rate of the force on it, and the bound that it reaches next.
 
-    If it would exceed the bound by no more than rounding at the end of the ramp, it arrives there.
+    Args:
+        ends: the two contacts of each spring, shape (S, 2).
+        stiffness: stiffness of the springs, shape (S,) [N/m].
+        layout: fields of the `Layout`.
+        contacts: rows X .. RELATIVE, shape (6, N).
+        links: rows SHAPE .. ACTUATION_REF, shape (5, S).
+        status: bits of the contacts.
+        floats: memory of the ramp, with the force at s; the rate of the force and the event are written.
+        changes: rates of the springs, which are known.
+        bytes_: the sides are known; bounds that are approached and bounds that are left are written.
+        s: place on the ramp, 0 .. 1.
+        i: the contact.
     """
+    held = 0
+    if bytes_[ROW_SIDE, i] != 0:
+        held = AT_FORWARD if bytes_[ROW_SIDE, i] == 1 else AT_BACKWARD
+        if floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
+            held = AT_FORWARD | AT_BACKWARD
+    bytes_[ROW_LEAVING, i] = status[i] & ~held
+    if held != 0 and floats[ROW_D_FORWARD, i] + floats[ROW_D_BACKWARD, i] >= 0.0:
+        # it moves with its bound, and the other bound does not approach
+        floats[ROW_FORCE_RATE, i] = floats[ROW_UPPER if bytes_[ROW_SIDE, i] == 1 else ROW_LOWER, i]
+        floats[ROW_ARRIVAL, i] = np.inf
+        bytes_[ROW_COMING, i] = 0
+        return
+    _, _, starts, others, springs = layout[:5]
+    g = floats[ROW_FORCE, i]
+    rate = 0.0
+    for k in range(starts[i], starts[i + 1]):
+        rate += changes[RATE, springs[k]] if ends[springs[k], 0] == i else -changes[RATE, springs[k]]
+    floats[ROW_FORCE_RATE, i] = rate
     arrival = np.inf
     coming = 0
-    g, rate = floats[ROW_FORCE, i], floats[ROW_FORCE_RATE, i]
     forward, backward = floats[ROW_D_FORWARD, i], floats[ROW_D_BACKWARD, i]
     closing = 0.0
     if rate - forward > 0.0 and not status[i] & AT_FORWARD:
@@ -208,8 +244,7 @@ def _find_arrival(stiffness, layout, contacts, links, status, floats, changes, b
             closing = -rate - backward
             arrival = other
             coming = AT_BACKWARD
-    if LATE < arrival < 1.0:
-        _, _, starts, others, springs = layout
+    if LATE < arrival < 1.0:  # beyond the bound by no more than rounding at the end of the ramp: it arrives there
         blur = BLUR * (contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(forward) + abs(backward))
         for k in range(starts[i], starts[i + 1]):
             blur += round_spring(stiffness, contacts, links, changes, springs[k], i, others[k])
@@ -220,8 +255,14 @@ def _find_arrival(stiffness, layout, contacts, links, status, floats, changes, b
 
 
 @lean
-def _bound_rates(status, floats, i):
-    """Set the bounds of the rate of the force on contact i: none where it is inside its bounds."""
+def bound_rates(status, floats, i):
+    """Set the bounds of the rate of the force on a contact: none where it is inside its bounds.
+
+    Args:
+        status: bits of the contacts.
+        floats: rates of the bounds; rows ROW_UPPER and ROW_LOWER are written.
+        i: the contact.
+    """
     upper = floats[ROW_D_FORWARD, i] if status[i] & AT_FORWARD else np.inf
     lower = -floats[ROW_D_BACKWARD, i] if status[i] & AT_BACKWARD else -np.inf
     if lower > upper:  # both bounds met by rounding just before the friction vanishes
@@ -234,7 +275,7 @@ def _bound_rates(status, floats, i):
 @lean
 def _set_rates(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, account, places, s):
     """Set the rates of the springs at contacts that can slide, then the rates of forces and the next events."""
-    order, _, starts, _, springs = layout
+    order, _, starts, _, springs = layout[:5]
     for p in places:
         i = order[p]
         if status[i] == 0:
@@ -243,29 +284,11 @@ def _set_rates(ends, stiffness, layout, contacts, links, status, floats, changes
             spring = springs[k]
             if ends[spring, 0] != i and status[ends[spring, 0]] != 0:
                 continue  # it is updated from its other end
-            advance_spring(links, changes, account, s, spring)
+            account[WORK] += advance_spring(links, changes, s, spring)
             gain = floats[ROW_V, ends[spring, 1]] - floats[ROW_V, ends[spring, 0]]
             changes[RATE, spring] = stiffness[spring] * (gain - changes[CHANGE, spring])
     for p in places:
-        i = order[p]
-        held = 0
-        if bytes_[ROW_SIDE, i] != 0:
-            held = AT_FORWARD if bytes_[ROW_SIDE, i] == 1 else AT_BACKWARD
-            if floats[ROW_UPPER, i] == floats[ROW_LOWER, i]:
-                held = AT_FORWARD | AT_BACKWARD
-        bytes_[ROW_LEAVING, i] = status[i] & ~held
-        if held != 0 and floats[ROW_D_FORWARD, i] + floats[ROW_D_BACKWARD, i] >= 0.0:
-            # it moves with its bound, and the other bound does not approach
-            floats[ROW_FORCE_RATE, i] = floats[ROW_UPPER if bytes_[ROW_SIDE, i] == 1 else ROW_LOWER, i]
-            floats[ROW_ARRIVAL, i] = np.inf
-            bytes_[ROW_COMING, i] = 0
-            continue
-        rate = 0.0
-        for k in range(starts[i], starts[i + 1]):
-            spring = springs[k]
-            rate += changes[RATE, spring] if ends[spring, 0] == i else -changes[RATE, spring]
-        floats[ROW_FORCE_RATE, i] = rate
-        _find_arrival(stiffness, layout, contacts, links, status, floats, changes, bytes_, s, i)
+        find_arrival(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, s, order[p])
 
 
 @compiled
@@ -291,7 +314,7 @@ def solve(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
         network: layout and band of the `Network`.
-        work: memory from `active_set.workspace`.
+        work: memory from `GraphMotion.scratch`.
         contacts: rows X .. RELATIVE, updated in place to s.
         links: rows SHAPE .. ACTUATION_REF, likewise.
         status: bits of the contacts.
@@ -309,8 +332,10 @@ def solve(
     order = network[0][0]
     for p in places:
         i = order[p]
-        advance_contact(contacts, floats, account, s, i)
-        _bound_rates(status, floats, i)
+        lost, gap = advance_contact(contacts, floats, s, i)
+        account[DISSIPATION] += lost
+        account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], gap)
+        bound_rates(status, floats, i)
         if floats[ROW_ARRIVAL, i] <= s:
             bytes_[ROW_SIDE, i] = 1 if bytes_[ROW_COMING, i] == AT_FORWARD else -1
         elif s > 0.0 and floats[ROW_V, i] == 0.0:

@@ -9,7 +9,7 @@ from crawler_model import Crawler, Scene, SceneError, load_scene
 from crawler_model.motion.graph import active_set as graph_kernel
 from crawler_model.motion.graph.active_set import Network, build_network, move, workspace
 
-from ..hard_cases import complete, ladder, net
+from ..hard_cases import complete, grid, ladder, net
 
 
 def velocities(network: Network, load, bound, rounds):
@@ -18,13 +18,13 @@ def velocities(network: Network, load, bound, rounds):
     n = order.size
     v, side = np.zeros(n), np.zeros(n, np.int8)
     given = load[order], -bound[order], bound[order], np.zeros(n)
-    verdict, _ = move(network.band, *given, rounds, *workspace(network), v, side, np.arange(n))
+    verdict, _ = move((network.band, *network.layout[5:]), *given, rounds, *workspace(network), v, side, np.arange(n))
     found = np.empty(n)
     found[order] = v
     return verdict, found
 
 
-@pytest.mark.parametrize("between", [ladder(24), complete(7)], ids=["ladder", "complete"])
+@pytest.mark.parametrize("between", [ladder(24), complete(7), grid(9)], ids=["ladder", "complete", "grid"])
 def test_however_many_rounds_it_has_it_gives_the_answer_or_gives_up(between):
     n = 1 + max(map(max, between))
     body = net(n, between, "exact").body
@@ -84,14 +84,14 @@ def test_a_command_that_is_in_force_changes_nothing():
 
 @pytest.mark.parametrize("method", ["exact", "catch_up"])
 def test_a_search_that_gives_up_is_said_to_be_no_matter_of_the_budget(method, monkeypatch):
-    crawler = Crawler(load_scene("three_springs"), method)
+    crawler = net(4, complete(4), method)
     monkeypatch.setattr(graph_kernel, "most_rounds", lambda contacts: 0)
-    step = crawler.advance([30.0, 0.0, -20.0])
+    step = crawler.advance([30.0, 0.0, -20.0, 0.0, 0.0, 0.0])
     assert (step.unsolved, step.overspent) == (1, 0)
     assert step.certificate.violation > 1.0
     assert not crawler.gained.any()
     monkeypatch.undo()
-    step = crawler.advance([31.0, 0.0, -20.0])
+    step = crawler.advance([31.0, 0.0, -20.0, 0.0, 0.0, 0.0])
     assert (step.unsolved, step.overspent) == (0, 0)
 
 
