@@ -160,7 +160,10 @@ def follow_events(
         if part == 0.0:
             break
         in_steps = False  # what is left of the ramp is the ramp from now on
-    begin_tournament(tree, leaves, floats[ROW_NEXT])
+    if soonest < 1.0 or patches is not None:
+        begin_tournament(tree, leaves, floats[ROW_NEXT])
+    else:
+        tree[3] = 0.0  # no contact has an event on this ramp
     if patches is not None:
         fastest = begin_meetings(contacts, floats, patches, leaves)
     pieces = 1

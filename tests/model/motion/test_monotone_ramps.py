@@ -29,11 +29,11 @@ def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
         row = rows[-1].copy()
         kind = (seed // 2 + k) % 5
         if kind == 0:
-            row += rng.normal() * 10.0 ** rng.uniform(-1, 1.5)
+            row += rng.normal() * 10.0 ** rng.uniform(0, 2)
         elif kind == 1:
             row[rng.integers(0, n - 1)] += rng.normal() * 10.0 ** rng.uniform(0, 3)
         elif kind == 2:
-            row += np.where(place < rng.random(), 1.0, rng.normal()) * rng.uniform(-3, 3)
+            row += np.where(place < rng.random(), 1.0, rng.normal()) * rng.uniform(-20, 20)
         elif kind == 3:
             row += np.sin(2 * np.pi * (place * rng.uniform(0.2, 2) + rng.random())) * rng.uniform(1, 10)
         else:

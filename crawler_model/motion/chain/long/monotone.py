@@ -34,12 +34,18 @@ from ..memory import (
     ROW_D_ACTUATION,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
+    ROW_GAIN,
     ROW_HIT,
     ROW_STEP,
     ROW_TENSION,
     ROW_V,
 )
 
+_LEAST_CHANGE = 0.003
+"""Least sum of the changes of lengths, as a part of that of the lengths and of the elongations under friction."""
+_ROUNDING = 0.01
+"""Displacements of a step may be rounding up to this part of a unit in the last place of all lengths, per contact (and
+1 000 contacts more): forces are sums of bounds. Segments of 1e4 .. 1e5 elements show a tenth of it."""
 _BESIDE = 1e-6
 """Part of a place on the ramp by which steps end before or behind it."""
 
@@ -59,14 +65,46 @@ def _push(stiffness, links, floats, i):
 
 
 @lean
-def _begins_monotone(stiffness, links, floats):
-    """Determine whether bounds are constant, and every contact that slides at first is pushed where it slides."""
-    for i in range(floats.shape[1]):
+def _begins_monotone(elasticity, contacts, links, floats):
+    """Determine whether an implicit step may be exact: bounds are constant, and contacts slide where they are pushed.
+
+    The changes of the lengths must also be large enough: the rounding of a step is that of whole lengths and forces,
+    of an event that of their changes.
+
+    Returns:
+        Whether it may be exact, and the size of displacements that may be rounding [m].
+    """
+    n = contacts.shape[1]
+    bounds = 0.0
+    compliance = 0.0
+    changes = 0.0
+    lengths = 0.0
+    for i in range(n):
         if floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0:
-            return False
-        if floats[ROW_V, i] * _push(stiffness, links, floats, i) < 0.0:
-            return False
-    return True
+            return False, 0.0
+        if floats[ROW_V, i] * _push(elasticity[STIFFNESS], links, floats, i) < 0.0:
+            return False, 0.0
+        bounds += contacts[FORWARD, i] + contacts[BACKWARD, i]
+        if i < n - 1:
+            compliance += elasticity[COMPLIANCE, i]
+            changes += abs(floats[ROW_D_ACTUATION, i])
+            lengths += abs(links[ACTUATION, i])
+    size = bounds * compliance + lengths
+    return changes > _LEAST_CHANGE * size, _ROUNDING * (n + 1000.0) * EPS * (size + changes)
+
+
+@lean
+def _let_rest(floats, rounding):
+    """Let contacts rest whose displacements are no larger than rounding, and do not count the links between them."""
+    n = floats.shape[1]
+    resting = False
+    for i in range(n):
+        moves = abs(floats[ROW_STEP, i]) > rounding
+        if not moves:
+            floats[ROW_STEP, i] = 0.0
+            if resting:
+                floats[ROW_GAIN, i - 1] = 0.0
+        resting = not moves
 
 
 @lean
@@ -94,11 +132,8 @@ def _examine(stiffness, contacts, links, floats, bytes_, account):
         left = moved[i - 1] if i > 0 else 0.0
         right = moved[i + 1] if i < n - 1 else 0.0
         if v != 0.0:
-            if v * push < 0.0:
+            if v * push < 0.0 or v * left < 0.0:
                 return False, 0.0
-            if v * left < 0.0:
-                exact = False
-                until = min(until, 1.0 - (v - left) / lengths[i - 1])
             continue
         rise = max(push, 0.0)
         fall = min(push, 0.0)
@@ -177,9 +212,11 @@ def follow_monotone(elasticity, contacts, links, status, target, floats, bytes_,
         The part of the ramp that was followed; if 0, state and velocities have not changed.
     """
     stiffness, compliance = elasticity[STIFFNESS], elasticity[COMPLIANCE]
-    if not _begins_monotone(stiffness, links, floats):
+    begins, rounding = _begins_monotone(elasticity, contacts, links, floats)
+    if not begins:
         return 0.0
     project_step(elasticity, links, target, floats, bytes_, stacks, False)
+    _let_rest(floats, rounding)
     exact, until = _examine(stiffness, contacts, links, floats, bytes_, account)
     if exact:
         _take(compliance, contacts, links, status, target, floats, bytes_, account)
@@ -195,6 +232,7 @@ def follow_monotone(elasticity, contacts, links, status, target, floats, bytes_,
             goal[i] = before + (place - followed) / (1.0 - followed) * (target[i] - before)
             floats[ROW_D_ACTUATION, i] = goal[i] - before
         project_step(elasticity, links, goal, floats, bytes_, stacks, False)
+        _let_rest(floats, rounding)
         if not _examine(stiffness, contacts, links, floats, bytes_, account)[0]:
             break
         _take(compliance, contacts, links, status, goal, floats, bytes_, account)
