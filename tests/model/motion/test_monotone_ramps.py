@@ -67,9 +67,9 @@ def test_many_random_chains_move_as_from_event_to_event(seed, monkeypatch):
 
 
 def test_some_ramps_of_the_random_chains_need_no_events():
-    found = [count_without_events(*drawn(seed)) for seed in range(10)]
+    found = [count_without_events(*drawn(seed)) for seed in range(20)]
     assert sum(found) > 10
-    assert sum(found) < 50  # nor are all of this kind
+    assert sum(found) < 100  # nor are all of this kind
 
 
 def uniform(n: int, forward: float = 0.1, backward: float = 0.3, stiffness: float = 1.0) -> Scene:
