@@ -196,7 +196,6 @@ class Simulator(QuietNode):
         executor = EventsExecutor()
         executor.add_node(self)
         server = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
-        server.start()
         gc.collect()
         gc.freeze()  # objects loaded so far stay: collecting them again and again would make ticks late
         with self.lock:
@@ -206,6 +205,7 @@ class Simulator(QuietNode):
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
             self._send_start()
+        server.start()  # in lock-step, a command that is served runs a tick: the start has to be sent before
         try:
             while not self.stopping.is_set():
                 wall_ns = time.monotonic_ns()

@@ -115,6 +115,16 @@ def test_one_message_is_one_tick_and_then_it_waits(ros):
     wait_until(lambda: ticks(ros) == list(range(8)))
 
 
+def test_commands_that_wait_for_the_simulator_do_not_overtake_its_start(ros):
+    loop = Loop(ros)
+    ros.start("crawler_ros.node.simulator", *LOCK_STEP)
+    for _ in range(3):  # as soon as it can receive them
+        ros.publish("joint_trajectory", JointTrajectory(points=[JointTrajectoryPoint()]))
+    wait_until(lambda: loop.states and seconds(loop.states[-1]) >= 0.03)
+    stamps = [seconds(state) for state in loop.states]
+    assert stamps == sorted(stamps)
+
+
 def test_friction_goes_with_the_next_actuation(ros):
     ros.simulator(*LOCK_STEP, hear=("joint_states", "applied_commands"))
     ros.publish("friction_controller/commands", Float64MultiArray(data=[0.7]))
