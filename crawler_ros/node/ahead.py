@@ -46,8 +46,9 @@ class _Rows:
             slices[name] = len(model), len(model) + len(layout.data)
             model += layout.data
         self.size, self.rows = len(model), rows
-        self.slices = [(outlets[name], *ends) for name, ends in slices.items()]
-        """The outlet of each message, and where the message begins and ends in a row."""
+        in_order = sorted(slices, key=_LEDGER.__eq__)
+        self.slices = [(outlets[name], *slices[name]) for name in in_order]
+        """The outlet of each message, the states first, and where the message begins and ends in a row."""
         self.table = np.tile(np.frombuffer(model, np.uint8), (rows, 1))
         placed = {name: (slices[name][0], layout) for name, layout in layouts.items()}
         heads = {name: first - HEAD_SIZE for name, (first, _) in placed.items() if outlets[name].channel >= 0}
@@ -179,13 +180,10 @@ class Ahead:
                 table, data = encoded[kind]
                 records.append(data[first * table.size : (first + count) * table.size])
             recorder.record_all(records)
-        ledger = outlets[_LEDGER]
         for kind, first, count in runs if heard else ():
             table, data = encoded[kind]
             published: list[tuple[Any, int, int]] = [
-                (outlet.publish, start, end)
-                for outlet, start, end in sorted(table.slices, key=lambda found: found[0] is ledger)  # the states first
-                if outlet in heard
+                (outlet.publish, start, end) for outlet, start, end in table.slices if outlet in heard
             ]
             for place in range(first * table.size, (first + count) * table.size, table.size):
                 for publish, start, end in published:

@@ -12,17 +12,15 @@ from crawler_model import Crawler, Scene, Step
 from crawler_model.motion.chain import memory
 from crawler_model.motion.state import TENSION
 
+from .chains import scene
+
 NEVER = 10**9
 Row = np.ndarray | tuple[np.ndarray, ...]
 
 
 def chain(stiffness: np.ndarray, forward: np.ndarray, backward: np.ndarray, loads: np.ndarray | None = None) -> Scene:
-    data = {
-        "name": "test",
-        "body": {"contacts": list(range(forward.size)), "links": {"stiffness": stiffness.tolist()}},
-        "friction": {"forward": forward.tolist(), "backward": backward.tolist()},
-    }
-    return Scene.model_validate(data if loads is None else data | {"loads": loads.tolist()})
+    found = scene(forward.size, stiffness.tolist(), forward.tolist(), backward.tolist())
+    return found if loads is None else Scene.model_validate(found.document() | {"loads": loads.tolist()})
 
 
 def follow(

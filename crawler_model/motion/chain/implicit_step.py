@@ -91,11 +91,15 @@ def take_step(contacts, links, status, target, floats, bytes_, account):
         floats: rows ROW_TENSION, ROW_GAIN and ROW_STEP.
         bytes_: row ROW_HIT; row ROW_MOVED is changed in place.
         account: account of the ramp, added to, except for the work.
+
+    Returns:
+        How many contacts reached a bound.
     """
     n = contacts.shape[1]
     tension, velocity, side = floats[ROW_TENSION], floats[ROW_STEP], bytes_[ROW_HIT]
     dissipation = 0.0
     complementarity = account[COMPLEMENTARITY]
+    arrivals = 0
     before = 0.0
     for i in range(n):
         after = 0.0
@@ -115,14 +119,17 @@ def take_step(contacts, links, status, target, floats, bytes_, account):
             complementarity = max(complementarity, abs(v * gap))
             shift(contacts, v, 1.0, i, 0.5)
         if side[i] == 0:
-            status[i] = 0
+            held = 0
         elif forward + backward == 0.0:
-            status[i] = AT_FORWARD | AT_BACKWARD
+            held = AT_FORWARD | AT_BACKWARD
         else:
-            status[i] = AT_FORWARD if side[i] == 1 else AT_BACKWARD
+            held = AT_FORWARD if side[i] == 1 else AT_BACKWARD
+        arrivals += held & ~status[i] != 0
+        status[i] = held
         before = after
     account[DISSIPATION] += dissipation
     account[COMPLEMENTARITY] = complementarity
+    return arrivals
 
 
 @compiled

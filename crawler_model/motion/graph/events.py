@@ -111,8 +111,7 @@ def _solve_around(
     was_free = 0
     for p in places[:found]:
         was_free += bytes_[ROW_SIDE, layout[0][p]] == 0
-    most = min(rounds, 1 + max(budget, 0) // found)
-    verdict, turns = solve(
+    verdict, effort = solve(
         ends,
         stiffness,
         network,
@@ -124,11 +123,12 @@ def _solve_around(
         changes,
         bytes_,
         account,
-        most,
+        rounds,
+        budget,
         places[:found],
         s,
     )
-    return verdict, found, was_free, turns * found
+    return verdict, found, was_free, effort
 
 
 @compiled
@@ -218,7 +218,7 @@ def follow_events(
     if n <= FEW_CONTACTS:  # all blocks together take less time than one by one
         for i in range(n):
             places[i] = i
-        verdict, turns = solve(
+        verdict, spent = solve(
             ends,
             stiffness,
             network,
@@ -230,11 +230,11 @@ def follow_events(
             changes,
             bytes_,
             account,
-            min(rounds, 1 + budget // n),
+            rounds,
+            budget,
             places[:n],
             0.0,
         )
-        spent = turns * n
     else:
         for i in range(n):
             if status[i] == 0 or marks[0, i] > 0 or verdict < 0:
@@ -341,7 +341,7 @@ def follow_events(
                     places[i] = i
                     free -= bytes_[ROW_SIDE, i] == 0
                 found = n
-                verdict, turns = solve(
+                verdict, effort = solve(
                     ends,
                     stiffness,
                     network,
@@ -353,11 +353,11 @@ def follow_events(
                     changes,
                     bytes_,
                     account,
-                    min(rounds, 1 + max(budget - spent, 0) // n),
+                    rounds,
+                    budget - spent,
                     places[:n],
                     at,
                 )
-                effort = turns * n
             else:
                 verdict, found, was_free, effort = _solve_around(
                     ends,

@@ -305,6 +305,7 @@ def solve(
     bytes_,
     account,
     rounds,
+    budget,
     places,
     s,
 ):
@@ -323,11 +324,12 @@ def solve(
         bytes_: sides, bounds that are approached and bounds that are left are written.
         account: account of the ramp, added to.
         rounds: upper limit of rounds of the active set.
+        budget: upper limit of contacts solved, counted in every round, of which there is at least one.
         places: positions of the contacts of the block and of the walls around, int, shape (P,).
         s: place on the ramp, 0 .. 1.
 
     Returns:
-        As of `active_set.move`.
+        The verdict of `active_set.move`, and the contacts solved, counted in every round.
     """
     order = network[0][0]
     for p in places:
@@ -340,7 +342,8 @@ def solve(
             bytes_[ROW_SIDE, i] = 1 if bytes_[ROW_COMING, i] == AT_FORWARD else -1
         elif s > 0.0 and floats[ROW_V, i] == 0.0:
             bytes_[ROW_SIDE, i] = 0
-    verdict, turns = displace(network, work, floats, bytes_, rounds, places)
+    most = min(rounds, 1 + max(budget, 0) // places.shape[0])
+    verdict, turns = displace(network, work, floats, bytes_, most, places)
     if verdict >= 0:
         _set_rates(ends, stiffness, network[0], contacts, links, status, floats, changes, bytes_, account, places, s)
-    return verdict, turns
+    return verdict, turns * places.shape[0]

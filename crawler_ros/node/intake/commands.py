@@ -122,7 +122,7 @@ class CommandQueue:
                 counts = f"{self._lengths}, x and y of each link"
             raise CommandError(f"actuation command has {array.size} value(s); it needs {counts}")
         row = array if array.size == self._lengths else np.repeat(array, sizes)
-        if not (np.abs(row) <= self._limits.largest[: row.size]).all():  # NaN included
+        if not self._limits.hold(row):  # both checks in one
             checks.check_finite("actuation command", array)
             self._limits.check("actuation command", self._columns.names, row)
         with self._lock:

@@ -34,6 +34,17 @@ class Limits:
         """Build limits that accept all that doubles can hold, in all columns."""
         return Limits(np.full(columns.count, LARGEST), columns.lengths, columns.frictions)
 
+    def hold(self, values: np.ndarray) -> bool:
+        """Determine whether the first numbers of a row are within their limits; NaN is not.
+
+        Args:
+            values: shape (M,).
+
+        Returns:
+            True if `check` would accept them, and they are finite.
+        """
+        return bool((np.abs(values) <= self.largest[: values.size]).all())
+
     def check(self, what: str, names: Sequence[str], values: np.ndarray, columns: np.ndarray | int = 0) -> None:
         """Refuse numbers beyond their limits.
 

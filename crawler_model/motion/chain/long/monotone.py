@@ -17,8 +17,6 @@ from ....compiled import compiled, lean
 from ....rounding import CRITICAL, EPS
 from ...state import (
     ACTUATION,
-    AT_BACKWARD,
-    AT_FORWARD,
     BACKWARD,
     COMPLIANCE,
     DISSIPATION,
@@ -35,7 +33,6 @@ from ..memory import (
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_GAIN,
-    ROW_HIT,
     ROW_STEP,
     ROW_TENSION,
     ROW_V,
@@ -172,17 +169,11 @@ def _examine(stiffness, contacts, links, floats, bytes_, account):
 @lean
 def _take(compliance, contacts, links, status, goal, floats, bytes_, account):
     """Take an implicit step that is exact, with its events, its work, and the lengths at its end."""
-    events = 0
-    for i in range(contacts.shape[1]):
-        side = bytes_[ROW_HIT, i]
-        bound = 0 if side == 0 else AT_FORWARD if side == 1 else AT_BACKWARD
-        events += bound & ~status[i] != 0
-    account[EVENTS] += events
     account[WORK] -= account[DISSIPATION]
     for i in range(links.shape[1]):
         before, after = links[TENSION, i], floats[ROW_TENSION, i]
         account[WORK] += 0.5 * compliance[i] * (after - before) * (after + before)
-    take_step(contacts, links, status, goal, floats, bytes_, account)
+    account[EVENTS] += take_step(contacts, links, status, goal, floats, bytes_, account)
     account[WORK] += account[DISSIPATION]
     for i in range(links.shape[1]):
         links[ACTUATION, i] = goal[i]
