@@ -215,7 +215,7 @@ DRIVES: dict[str, GrowthDrive] = {
     "stretched by 2 %": GrowthDrive(_stretched(0.02)),
     "stretched by 50 %": GrowthDrive(_stretched(0.5)),
     "five waves of strain": GrowthDrive(_segment_waves),
-    "ring of a segment and a foot": GrowthDrive(_hybrid, (100, 300, 1_000, 3_000)),
+    "ring of a segment and a foot": GrowthDrive(_hybrid, (100, 300, *_LINE)),
     "grid of springs": GrowthDrive(_grid, (100, 225, 400, 900)),
     "plane, waves of 20 links": GrowthDrive(_planar_waves(_DISC, None), **_PLANE),
     "plane, waves of 20 links, friction by directions": GrowthDrive(_planar_waves(_POLYGON, None), **_PLANE),

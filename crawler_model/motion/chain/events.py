@@ -126,7 +126,7 @@ def follow_events(
         leaves *= 2
     hits = tree[4 * leaves :]
     shortest = long_ints[0]
-    until_long = long_ints[3]
+    until_long = long_ints[4]
     lines, nodes, order, marks, parts = carve(long_floats, long_ints)
     whole = sum_bounds(contacts, target)
     may_be_long = marks.shape[1] > 0 and not wide and patches is None and pieces_met.shape[0] == 0
@@ -279,7 +279,7 @@ def follow_events(
                         break
                     first -= 1
                     if any_long and marks[ENDS, first] >= 0:
-                        first = marks[ENDS, first]
+                        first -= marks[ENDS, first]
                         beside_long = True
                 last = contact
                 while last < n - 1:
@@ -288,7 +288,7 @@ def follow_events(
                         break
                     last += 1
                     if any_long and marks[ENDS, last] >= 0:
-                        last = marks[ENDS, last]
+                        last += marks[ENDS, last]
                         beside_long = True
             solved_to = last
             longish = may_be_long and not shifted and (beside_long or last - first + 1 >= shortest)

@@ -35,7 +35,7 @@ _FLOAT_ROWS = 18
 ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED, ROW_HIT = range(5)
 _BYTE_ROWS = 5
 
-_HEADER = 4
+_HEADER = 5
 SHORTEST_LONG = 32
 """Number of contacts from which a sliding block can be a long one (`long.solve`)."""
 VISITS_BEFORE = 0.5
@@ -90,18 +90,19 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
     Args:
         long_floats: from `scratch`.
         long_ints: likewise; it begins with `SHORTEST_LONG`, the number of contacts N, 0 if the chain is too short, the
-            number of leaves M, and the visits after which long blocks begin.
+            number of their positions, N in a chain and 2 N in a ring, the number of leaves M, and the visits after
+            which long blocks begin.
 
     Returns:
-        Lines, rows P .. MOST_OF, shape (15, N).
+        Lines, rows P .. MOST_OF, with a column for each position.
         Nodes of the tree, columns as in `long.tables`, shape (2 M, 10).
         Order of the nodes visited in a search, shape (2 M, 3).
         Marks, rows ENDS and STALE as in `long.tables`, shape (2, N).
         Parts of a block that are still to be solved, and contacts that stopped, shape (P, 3).
     """
-    n, leaves = long_ints[1], long_ints[2]
-    rest = _LINES * n
-    lines = long_floats[:rest].reshape((_LINES, n))
+    n, positions, leaves = long_ints[1], long_ints[2], long_ints[3]
+    rest = _LINES * positions
+    lines = long_floats[:rest].reshape((_LINES, positions))
     nodes = long_floats[rest:].reshape((2 * leaves, _COLUMNS))
     order = long_ints[_HEADER : _HEADER + 6 * leaves].reshape((2 * leaves, 3))
     rest = _HEADER + 6 * leaves
@@ -111,20 +112,22 @@ def carve(long_floats: np.ndarray, long_ints: np.ndarray) -> tuple[np.ndarray, .
     return lines, nodes, order, marks, parts
 
 
-def _long_blocks(contacts: int) -> tuple[np.ndarray, np.ndarray]:
+def _long_blocks(contacts: int, laps: int) -> tuple[np.ndarray, np.ndarray]:
     n = contacts if contacts >= SHORTEST_LONG else 0
-    leaves = 1 << max(-(-n // LEAF) - 1, 0).bit_length()
-    floats = np.zeros(_LINES * n + 2 * _COLUMNS * leaves)
+    positions = laps * n
+    leaves = 1 << max(-(-positions // LEAF) - 1, 0).bit_length()
+    floats = np.zeros(_LINES * positions + 2 * _COLUMNS * leaves)
     ints = np.zeros(_HEADER + 6 * leaves + 2 * n + 3 * (2 * MOST_TURNS + 4), np.int64)
-    ints[:_HEADER] = SHORTEST_LONG, n, leaves, int(VISITS_BEFORE * n)
+    ints[:_HEADER] = SHORTEST_LONG, n, positions, leaves, int(VISITS_BEFORE * n)
     return floats, ints
 
 
-def scratch(contacts: int) -> Scratch:
-    """Allocate the scratch memory for a chain.
+def scratch(contacts: int, laps: int = 1) -> Scratch:
+    """Allocate the scratch memory for a chain or a ring.
 
     Args:
         contacts: number of contacts N.
+        laps: 1 for a chain, 2 for a ring, in whose tables each contact has two positions.
 
     Returns:
         The arrays for `follow`.
@@ -135,5 +138,5 @@ def scratch(contacts: int) -> Scratch:
         np.zeros((_BYTE_ROWS, contacts), np.int8),
         np.zeros(4 * leaves + contacts),
         projection.workspace(contacts),
-        *_long_blocks(contacts),
+        *_long_blocks(contacts, laps),
     )

@@ -74,6 +74,23 @@ def settle(status, floats, bytes_, s, i):
 
 
 @lean
+def link_before(contacts, links, i):
+    """Find the link before a contact.
+
+    Args:
+        contacts: rows of the contacts, shape (6, N).
+        links: rows of the links; as many as contacts in a ring, where the last link ends at the first contact.
+        i: the contact.
+
+    Returns:
+        The link, -1 if there is none.
+    """
+    if i > 0 or links.shape[1] < contacts.shape[1]:
+        return i - 1
+    return links.shape[1] - 1
+
+
+@lean
 def slack(contacts, links, floats, s, i):
     """Compute the distances of a contact's force from its bounds.
 
@@ -87,12 +104,12 @@ def slack(contacts, links, floats, s, i):
     Returns:
         Distances from the upper and from the lower bound [N].
     """
-    n = contacts.shape[1]
+    before = link_before(contacts, links, i)
     g = 0.0
-    if i < n - 1:
+    if i < links.shape[1]:
         g += links[TENSION, i] + floats[ROW_RATE, i] * (s - floats[ROW_LINK_SINCE, i])
-    if i > 0:
-        g -= links[TENSION, i - 1] + floats[ROW_RATE, i - 1] * (s - floats[ROW_LINK_SINCE, i - 1])
+    if before >= 0:
+        g -= links[TENSION, before] + floats[ROW_RATE, before] * (s - floats[ROW_LINK_SINCE, before])
     above = contacts[FORWARD, i] + s * floats[ROW_D_FORWARD, i] - g
     below = contacts[BACKWARD, i] + s * floats[ROW_D_BACKWARD, i] + g
     return above, below
@@ -137,7 +154,9 @@ def update(contacts, links, floats, account, s, first, last):
     n = contacts.shape[1]
     tension = links[TENSION]
     work = 0.0
-    for i in range(max(first - 1, 0), min(last, n - 2) + 1):
+    if first == 0 and links.shape[1] == n:
+        work += advance_link(links, floats, s, n - 1)
+    for i in range(max(first - 1, 0), min(last, links.shape[1] - 1) + 1):
         work += advance_link(links, floats, s, i)
     dissipation = 0.0
     complementarity = account[COMPLEMENTARITY]
@@ -147,7 +166,8 @@ def update(contacts, links, floats, account, s, first, last):
         v = floats[ROW_V, i]
         if ds > 0.0 and v != 0.0:
             middle = 0.5 * (s + floats[ROW_SINCE, i])
-            g = (tension[i] if i < n - 1 else 0.0) - (tension[i - 1] if i > 0 else 0.0)
+            before = link_before(contacts, links, i)
+            g = (tension[i] if i < links.shape[1] else 0.0) - (tension[before] if before >= 0 else 0.0)
             above = contacts[FORWARD, i] + s * floats[ROW_D_FORWARD, i] - g
             below = contacts[BACKWARD, i] + s * floats[ROW_D_BACKWARD, i] + g
             if v > 0.0:
@@ -217,14 +237,14 @@ def find_event(contacts, links, status, floats, bytes_, s, i):
         s: place on the ramp, 0 .. 1.
         i: the contact.
     """
-    n = contacts.shape[1]
     rate, d_forward, d_backward = floats[ROW_RATE], floats[ROW_D_FORWARD], floats[ROW_D_BACKWARD]
     coming = bytes_[ROW_COMING]
+    before = link_before(contacts, links, i)
     climb = 0.0
-    if i < n - 1:
+    if i < links.shape[1]:
         climb += rate[i]
-    if i > 0:
-        climb -= rate[i - 1]
+    if before >= 0:
+        climb -= rate[before]
     above, below = slack(contacts, links, floats, s, i)
     when = np.inf
     closing = climb - d_forward[i]
@@ -241,8 +261,9 @@ def find_event(contacts, links, status, floats, bytes_, s, i):
         # if its force would exceed the bound by no more than rounding, it arrives at the end of the ramp
         excess = (closing if coming[i] == AT_BACKWARD else climb - d_forward[i]) * (1.0 - when)
         size = contacts[FORWARD, i] + contacts[BACKWARD, i] + abs(d_forward[i]) + abs(d_backward[i])
-        for j in range(max(i - 1, 0), min(i + 1, n - 1)):
-            size += abs(links[TENSION, j]) + abs(rate[j])
+        for j in (before, i):
+            if 0 <= j < links.shape[1]:
+                size += abs(links[TENSION, j]) + abs(rate[j])
         if excess <= 8.0 * EPS * size:
             when = 1.0
     floats[ROW_NEXT, i] = when

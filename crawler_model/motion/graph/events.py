@@ -1,7 +1,7 @@
 """A ramp of a graph of springs followed from event to event.
 
 As in `chain.events`: contacts inside their bounds are walls, and an event changes only the rates of the block of
-contacts at their bounds around it; see `rates`.
+contacts at their bounds around it; see `rates`. Where the blocks of a ring are long, `ring` follows it.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ from .memory import (
 )
 from .paths import find_path, solve_path
 from .rates import advance, find_arrival, find_block, settle, solve
+from .ring import can_follow, follow_ring
 
 INSTANT = 1e-12
 """A failure within this part of a ramp's end is ignored: where all friction vanishes at the end, no rate may exist."""
@@ -86,49 +87,73 @@ def _solve_around(
     before, and the work.
     """
     layout = network[0]
-    first, last = find_path(layout, status, floats, bytes_, marks, number - 1, work[4], s, contact)
+    paths = work[4]
+    first, last = find_path(layout, status, floats, bytes_, marks, number - 1, paths, s, contact)
     if last > first:
-        found, was_free, effort = solve_path(
-            ends,
-            stiffness,
-            layout,
-            contacts,
-            links,
-            status,
-            floats,
-            changes,
-            bytes_,
-            account,
-            work[4],
-            first,
-            last,
-            places,
-            s,
-        )
+        graph = ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, account
+        found, was_free, effort = solve_path(*graph, paths, first, last, places, s)
         if found > 0:
             return 0, found, was_free, effort
     found = find_block(layout, status, floats, bytes_, marks, number, queue, places, s, contact)
     was_free = 0
     for p in places[:found]:
         was_free += bytes_[ROW_SIDE, layout[0][p]] == 0
-    verdict, effort = solve(
-        ends,
-        stiffness,
-        network,
-        work,
-        contacts,
-        links,
-        status,
-        floats,
-        changes,
-        bytes_,
-        account,
-        rounds,
-        budget,
-        places[:found],
-        s,
-    )
+    common = ends, stiffness, network, work, contacts, links, status, floats, changes, bytes_, account
+    verdict, effort = solve(*common, rounds, budget, places[:found], s)
     return verdict, found, was_free, effort
+
+
+@lean
+def _begin(
+    ends,
+    stiffness,
+    network,
+    work,
+    contacts,
+    links,
+    status,
+    floats,
+    changes,
+    bytes_,
+    account,
+    tree,
+    leaves,
+    marks,
+    block,
+    queue,
+    places,
+    rounds,
+    budget,
+    s,
+):
+    """Solve for the rates of all contacts at s, and enter their next events in the tournament.
+
+    Returns the verdict of `move`, the work, the number of the last block, and how many contacts are free or leaving.
+    """
+    n = contacts.shape[1]
+    common = ends, stiffness, network, work, contacts, links, status, floats, changes, bytes_, account
+    spent = 0
+    verdict = 0
+    if n <= FEW_CONTACTS:  # all blocks together take less time than one by one
+        for i in range(n):
+            places[i] = i
+        verdict, spent = solve(*common, rounds, budget, places[:n], s)
+    else:
+        before = block
+        for i in range(n):
+            if status[i] == 0 or marks[0, i] > before or verdict < 0:
+                continue
+            block += 2
+            verdict, _, _, effort = _solve_around(*common, marks, block, queue, places, rounds, budget - spent, s, i)
+            spent += effort
+        for i in range(n):
+            if status[i] == 0:
+                find_arrival(ends, stiffness, network[0], contacts, links, status, floats, changes, bytes_, s, i)
+    begin_tournament(tree, leaves, floats[ROW_ARRIVAL])
+    free = 0
+    for i in range(n):
+        free += bytes_[ROW_SIDE, i] == 0
+    return verdict, spent, block, free
 
 
 @compiled
@@ -211,70 +236,34 @@ def follow_events(
     queue = np.empty(n, np.int64)
     hits = np.empty(n, np.int64)
     places = np.empty(n + 1, np.int64)
-    block = 0
     v = floats[ROW_V]
-    verdict = 0
-    spent = 0
-    if n <= FEW_CONTACTS:  # all blocks together take less time than one by one
-        for i in range(n):
-            places[i] = i
-        verdict, spent = solve(
-            ends,
-            stiffness,
-            network,
-            work,
-            contacts,
-            links,
-            status,
-            floats,
-            changes,
-            bytes_,
-            account,
-            rounds,
-            budget,
-            places[:n],
-            0.0,
-        )
-    else:
-        for i in range(n):
-            if status[i] == 0 or marks[0, i] > 0 or verdict < 0:
-                continue
-            block += 2
-            verdict, _, _, effort = _solve_around(
-                ends,
-                stiffness,
-                network,
-                work,
-                contacts,
-                links,
-                status,
-                floats,
-                changes,
-                bytes_,
-                account,
-                marks,
-                block,
-                queue,
-                places,
-                rounds,
-                budget - spent,
-                0.0,
-                i,
-            )
-            spent += effort
-        for i in range(n):
-            if status[i] == 0:
-                find_arrival(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, 0.0, i)
+    common = ends, stiffness, network, work, contacts, links, status, floats, changes, bytes_, account
+    verdict, spent, block, free = _begin(*common, tree, leaves, marks, 0, queue, places, rounds, budget, 0.0)
     if verdict < 0:
         return 0.0, spent >= budget
-    begin_tournament(tree, leaves, floats[ROW_ARRIVAL])
-    free = 0
-    for i in range(n):
-        free += bytes_[ROW_SIDE, i] == 0
+    ring = work[5]
+    in_ring = False
+    if ground is None and pieces_met.shape[0] == 0:
+        in_ring = can_follow(contacts, target, springs, ring, stiffness)
+    visits = 0
     at = 0.0
     pieces = 0
     while True:
-        first = int(tree[3])
+        if in_ring and visits > ring.memory.long_ints[4] and verdict == 0 and free > 0:
+            advance(contacts, links, status, floats, changes, bytes_, account, at)
+            at, effort = follow_ring(
+                ends, stiffness, contacts, links, status, floats, changes, bytes_, account, ring, budget - spent, at
+            )
+            spent += effort
+            if at == 1.0:
+                return at, True
+            verdict, effort, block, free = _begin(
+                *common, tree, leaves, marks, block, queue, places, rounds, budget - spent, at
+            )
+            spent += effort
+            if verdict < 0:
+                return at, spent >= budget
+            visits = 0
         when = tree[2]
         ending = not when < 1.0
         until = 1.0 if ending else when
@@ -341,47 +330,14 @@ def follow_events(
                     places[i] = i
                     free -= bytes_[ROW_SIDE, i] == 0
                 found = n
-                verdict, effort = solve(
-                    ends,
-                    stiffness,
-                    network,
-                    work,
-                    contacts,
-                    links,
-                    status,
-                    floats,
-                    changes,
-                    bytes_,
-                    account,
-                    rounds,
-                    budget - spent,
-                    places[:n],
-                    at,
-                )
+                verdict, effort = solve(*common, rounds, budget - spent, places[:n], at)
             else:
                 verdict, found, was_free, effort = _solve_around(
-                    ends,
-                    stiffness,
-                    network,
-                    work,
-                    contacts,
-                    links,
-                    status,
-                    floats,
-                    changes,
-                    bytes_,
-                    account,
-                    marks,
-                    block,
-                    queue,
-                    places,
-                    rounds,
-                    budget - spent,
-                    at,
-                    hits[j],
+                    *common, marks, block, queue, places, rounds, budget - spent, at, hits[j]
                 )
                 free -= was_free
             spent += effort
+            visits += effort
             if verdict < 0:
                 advance(contacts, links, status, floats, changes, bytes_, account, at)
                 return at, spent >= budget

@@ -120,7 +120,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
         i = order[p]
         load[p], lower[p], upper[p] = floats[ROW_LOAD, i], floats[ROW_LOWER, i], floats[ROW_UPPER, i]
         magnitude[p], v[p], side[p] = floats[ROW_MAGNITUDE, i], floats[ROW_V, i], bytes_[ROW_SIDE, i]
-    work, rows, ints, sliding, _ = stiffness_work
+    work, rows, ints, sliding = stiffness_work[:4]
     net = (band, *layout[5:])
     verdict, turns = move(net, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
     for p in places:

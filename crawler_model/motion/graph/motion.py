@@ -13,7 +13,7 @@ from ..borders import Patches
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
 from ..translation import FEW_CONTACTS
-from . import active_set, many, memory, paths, ramp
+from . import active_set, many, memory, paths, ramp, ring
 from .active_set import Network
 
 
@@ -55,7 +55,7 @@ class GraphMotion:
     def scratch(self) -> tuple[Any, ...]:
         """Allocate the working memory of a ramp, see `Motion`."""
         n = self.body.contacts
-        work = (*active_set.workspace(self.network), paths.memory(n))
+        work = (*active_set.workspace(self.network), paths.memory(n), ring.memory(self.body.ends, n))
         return work, memory.scratch(n, self.body.springs)
 
     def follow_to_border(

@@ -297,7 +297,7 @@ def solve_path(
         forward = status[i] & AT_FORWARD != 0
         backward = status[i] & AT_BACKWARD != 0
         single &= not (forward and backward)
-        sides[k] = forward - backward
+        sides[k] = int(forward) - int(backward)
         lines[_CLIMB, k] = floats[ROW_D_FORWARD, i] if forward else -floats[ROW_D_BACKWARD, i]
     work = 0.0
     for k in range(n - 1):

@@ -38,7 +38,7 @@ from ..memory import (
 from ..rates import advance_link, update_tournament
 from ..wide import add
 from .slides import leave_block, leave_link, move_contacts
-from .tables import ENDS, START, add_contact, difference, is_changing, sum_range
+from .tables import ENDS, START, add_contact, difference, fold, is_changing, sum_range
 from .turning import forget, state_at
 
 
@@ -55,9 +55,10 @@ def former_block(lines, marks, first, last):
     Returns:
         The block, for `state_at`; its last contact is -1 if there is no such block. Then bounds of its velocities.
     """
-    if last < first or marks[ENDS, first] != last:
+    start = fold(marks, first)
+    if last < first or marks[ENDS, start] != last - first:
         return (0, -1, 0.0), np.inf, -np.inf
-    return (first, last, lines[RATE_OF, first]), lines[LEAST_OF, first], lines[MOST_OF, first]
+    return (first, last, lines[RATE_OF, start]), lines[LEAST_OF, start], lines[MOST_OF, start]
 
 
 @lean
@@ -102,18 +103,21 @@ def open_block(floats, bytes_, lines, marks, s, block, rise, least, most):
         most: upper bound of those of the others.
     """
     first, last, rate = block
+    start = fold(marks, first)
+    end = fold(marks, last)
     if first > 0:
-        floats[ROW_RATE, first - 1] = rate
-        bytes_[ROW_MOVED, first - 1] = 1
-    if last < marks.shape[1] - 1:
-        floats[ROW_RATE, last] = rate + rise
-        bytes_[ROW_MOVED, last] = 1
-    lines[RATE_OF, first] = rate
-    lines[SINCE_OF, first] = s
-    lines[LEAST_OF, first] = least
-    lines[MOST_OF, first] = most
-    marks[ENDS, first] = last
-    marks[ENDS, last] = first
+        before = fold(marks, first - 1)
+        floats[ROW_RATE, before] = rate
+        bytes_[ROW_MOVED, before] = 1
+    if last < lines.shape[1] - 1:
+        floats[ROW_RATE, end] = rate + rise
+        bytes_[ROW_MOVED, end] = 1
+    lines[RATE_OF, start] = rate
+    lines[SINCE_OF, start] = s
+    lines[LEAST_OF, start] = least
+    lines[MOST_OF, start] = most
+    marks[ENDS, start] = last - first
+    marks[ENDS, end] = last - first
 
 
 @lean
@@ -221,12 +225,13 @@ def close_block(links, floats, account, lines, nodes, marks, first, s):
         first: first contact of the block.
         s: place on the ramp, 0 .. 1.
     """
-    last = marks[ENDS, first]
+    start = fold(marks, first)
+    last = first + marks[ENDS, start]
     n = lines.shape[1]
-    since = lines[SINCE_OF, first]
+    since = lines[SINCE_OF, start]
     ds = s - since
     if ds > 0.0:
-        rate = lines[RATE_OF, first]
+        rate = lines[RATE_OF, start]
         work = difference(lines, P, first, last) * rate
         if is_changing(nodes):
             _, _, growth, stretch, pulled, square = sum_range(lines, nodes, marks, first, last)
@@ -239,11 +244,11 @@ def close_block(links, floats, account, lines, nodes, marks, first, s):
                 lost += growth * state_at(lines, nodes, marks, (first, last, rate), last)[0]
             account[DISSIPATION] += lost * ds * (0.5 * (s + since))
         account[WORK] += work * ds * (0.5 * (s + since))
-        lines[SINCE_OF, first] = s
+        lines[SINCE_OF, start] = s
     if first > 0:
-        account[WORK] += advance_link(links, floats, s, first - 1)
+        account[WORK] += advance_link(links, floats, s, fold(marks, first - 1))
     if last < n - 1:
-        account[WORK] += advance_link(links, floats, s, last)
+        account[WORK] += advance_link(links, floats, s, fold(marks, last))
 
 
 @lean
@@ -272,7 +277,8 @@ def enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, ma
     if was_free:
         update_tournament(tree, leaves, floats, i)
     add_contact(contacts, floats, lines, nodes, marks, i, bytes_[ROW_SIDE, i])
-    forget(nodes, i)
+    for p in range(i, lines.shape[1], marks.shape[1]):
+        forget(nodes, p)
     return 1 if was_free else 0
 
 
@@ -298,6 +304,7 @@ def stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, 
         contact: the contact that reached its bound at s.
     """
     leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, j, contact)
+    j = fold(marks, j)
     bytes_[ROW_SIDE, j] = 0
     floats[ROW_V, j] = 0.0
     floats[ROW_SINCE, j] = s
@@ -323,28 +330,29 @@ def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks,
         last: last contact of the block.
         known: True if its velocities are known.
     """
-    n = contacts.shape[1]
+    n = lines.shape[1]
     part = s - nodes[0, START]
     tension = 0.0
     if first > 0:
-        tension = links[TENSION, first - 1]
+        tension = links[TENSION, fold(marks, first - 1)]
     v = 0.0
     rate = 0.0
     if known:
-        v, rate = state_at(lines, nodes, marks, (first, last, lines[RATE_OF, first]), first)
+        v, rate = state_at(lines, nodes, marks, (first, last, lines[RATE_OF, fold(marks, first)]), first)
     stretch = (0.0, 0.0)  # of the links from the first contact on, by their tensions
     latest = 0.0  # of those of them that are not in the sum of two floats yet
     size = 0.0
     for i in range(first, last + 1):
+        j = fold(marks, i)
         tension += lines[SLIDE_FORCE, i] + s * lines[SLIDE_GROWTH, i]
         rate += lines[SLIDE_GROWTH, i]
-        floats[ROW_V, i] = v
-        floats[ROW_SINCE, i] = s
+        floats[ROW_V, j] = v
+        floats[ROW_SINCE, j] = s
         start = difference(lines, ELONGATION, first, i)
-        floats[ROW_GAIN, i] = difference(lines, P, first, i) * part + ((stretch[0] - start) + (stretch[1] + latest))
+        floats[ROW_GAIN, j] = difference(lines, P, first, i) * part + ((stretch[0] - start) + (stretch[1] + latest))
         if i < last:
-            floats[ROW_RATE, i] = rate
-            leave_link(links, floats, bytes_, account, s, i, tension)
+            floats[ROW_RATE, j] = rate
+            leave_link(links, floats, bytes_, account, s, j, tension)
             compliance = difference(lines, Q, i, i + 1)
             latest += tension * compliance
             if (i - first) % LEAF == LEAF - 1:
@@ -352,11 +360,11 @@ def release_block(contacts, links, floats, bytes_, account, lines, nodes, marks,
                 latest = 0.0
             size += abs(tension) * compliance
             if known:
-                v += floats[ROW_D_ACTUATION, i] + rate * compliance
-    end = links[TENSION, last] if last < n - 1 else 0.0
+                v += floats[ROW_D_ACTUATION, j] + rate * compliance
+    end = links[TENSION, fold(marks, last)] if last < n - 1 else 0.0
     gap = abs(end - tension)
     account[VIOLATION] = max(account[VIOLATION], gap)
     account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(v * gap))
-    move_contacts(contacts, links, lines, account, floats[ROW_GAIN], part, first, last, size)
-    marks[ENDS, first] = -1
-    marks[ENDS, last] = -1
+    move_contacts(contacts, links, lines, marks, account, floats[ROW_GAIN], part, first, last, size)
+    marks[ENDS, fold(marks, first)] = -1
+    marks[ENDS, fold(marks, last)] = -1

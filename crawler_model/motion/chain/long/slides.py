@@ -25,7 +25,7 @@ from ..memory import (
     P,
     Q,
 )
-from .tables import START, difference, sum_range
+from .tables import START, difference, fold, sum_range
 
 _ROUNDING = 16.0 * EPS
 """A displacement below this part of the terms that it is the difference of is rounding."""
@@ -60,19 +60,19 @@ def _move_contact(contacts, lines, account, i, displacement, size):
 
 
 @lean
-def _extension(links, lines, part, i):
+def _extension(links, lines, marks, part, i):
     """Compute how much longer the link behind contact i became since long blocks began in the ramp.
 
     Also returns the sum of the absolute terms.
     """
-    stretch = links[TENSION, i] * difference(lines, Q, i, i + 1)
+    stretch = links[TENSION, fold(marks, i)] * difference(lines, Q, i, i + 1)
     before = difference(lines, ELONGATION, i, i + 1)
     change = difference(lines, P, i, i + 1) * part
     return change + (stretch - before), abs(change) + abs(stretch) + abs(before)
 
 
 @lean
-def move_contacts(contacts, links, lines, account, gains, part, first, last, size):
+def move_contacts(contacts, links, lines, marks, account, gains, part, first, last, size):
     """Move the contacts of a long block that ends, and add the dissipation by the friction at the start of the ramp.
 
     Between two contacts at rest the elongations do not quite sum up to their distance, as rounding in the tension of
@@ -82,6 +82,7 @@ def move_contacts(contacts, links, lines, account, gains, part, first, last, siz
         contacts: displacements, changed in place.
         links: tensions at the end of the block.
         lines: tables of the ramp, shape (15, N).
+        marks: rows ENDS and STALE, shape (2, N).
         account: account of the ramp, added to.
         gains: displacements since long blocks began in the ramp less that of the first contact, shape (N,) [m].
         part: the part of the ramp since then.
@@ -89,16 +90,16 @@ def move_contacts(contacts, links, lines, account, gains, part, first, last, siz
         last: last contact of the block.
         size: sum of the absolute elongations of its links [m].
     """
-    n = contacts.shape[1]
+    n = lines.shape[1]
     base = 0.0
     near = 0.0
     if first > 0:
-        longer, near = _extension(links, lines, part, first - 1)
-        base = displaced(contacts, lines, first - 1) + longer
+        longer, near = _extension(links, lines, marks, part, first - 1)
+        base = displaced(contacts, lines, fold(marks, first - 1)) + longer
     slope = 0.0
     if last < n - 1:
-        longer, near_other = _extension(links, lines, part, last)
-        other = displaced(contacts, lines, last + 1) - longer - gains[last]
+        longer, near_other = _extension(links, lines, marks, part, last)
+        other = displaced(contacts, lines, fold(marks, last + 1)) - longer - gains[fold(marks, last)]
         if first > 0:
             slope = (other - base) / difference(lines, Q, first - 1, last + 1)
         else:
@@ -107,16 +108,17 @@ def move_contacts(contacts, links, lines, account, gains, part, first, last, siz
     near += abs(base)
     reach = 0.0
     for i in range(first, last + 1):
+        j = fold(marks, i)
         terms = near
         if first > 0:
             terms += reach + (lines[SIZE, i] - lines[SIZE, first]) * part
-            displacement = base + gains[i] + slope * difference(lines, Q, first - 1, i)
+            displacement = base + gains[j] + slope * difference(lines, Q, first - 1, i)
         else:
             terms += (size - reach) + (lines[SIZE, last] - lines[SIZE, i]) * part
-            displacement = base + gains[i]
+            displacement = base + gains[j]
         if i < last:
-            reach += abs(links[TENSION, i]) * difference(lines, Q, i, i + 1)
-        _move_contact(contacts, lines, account, i, displacement, terms)
+            reach += abs(links[TENSION, j]) * difference(lines, Q, i, i + 1)
+        _move_contact(contacts, lines, account, j, displacement, terms)
 
 
 @lean
@@ -160,6 +162,7 @@ def leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s
         contact: the contact that reached its bound at s.
     """
     n = lines.shape[1]
+    i = fold(marks, j)
     part = s - nodes[0, START]
     force = lines[SLIDE_FORCE, j] + s * lines[SLIDE_GROWTH, j]
     left = first - 1  # contacts at rest on both sides, -1 or N if there is none
@@ -169,29 +172,29 @@ def leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s
     elif j < contact <= last:
         right = contact
     if contact == j:
-        before = links[TENSION, j - 1] if j > 0 else 0.0
-        after = links[TENSION, j] if j < n - 1 else 0.0
+        before = links[TENSION, fold(marks, j - 1)] if j > 0 else 0.0
+        after = links[TENSION, i] if j < n - 1 else 0.0
     elif left >= 0 and (j - left <= right - j or right == n):
         between = sum_range(lines, nodes, marks, left + 1, j - 1)
-        base = links[TENSION, left]
+        base = links[TENSION, fold(marks, left)]
         before = base + (between[0] + s * between[2])
         after = before + force
         stretch = base * difference(lines, Q, left, j) + (between[1] + s * between[3])
         at_start = difference(lines, ELONGATION, left, j)
-        moved = displaced(contacts, lines, left) + (difference(lines, P, left, j) * part + (stretch - at_start))
+        longer = difference(lines, P, left, j) * part + (stretch - at_start)
         size = (lines[SIZE, j] - lines[SIZE, left]) * part + abs(stretch) + abs(at_start)
-        _move_contact(contacts, lines, account, j, moved, size)
+        _move_contact(contacts, lines, account, i, displaced(contacts, lines, fold(marks, left)) + longer, size)
     else:
         between = sum_range(lines, nodes, marks, j + 1, right - 1)
-        base = links[TENSION, right - 1]
+        base = links[TENSION, fold(marks, right - 1)]
         after = base - (between[0] + s * between[2])
         before = after - force
         stretch = after * difference(lines, Q, j, right) + (between[1] + s * between[3])
         at_start = difference(lines, ELONGATION, j, right)
-        moved = displaced(contacts, lines, right) - (difference(lines, P, j, right) * part + (stretch - at_start))
+        longer = difference(lines, P, j, right) * part + (stretch - at_start)
         size = (lines[SIZE, right] - lines[SIZE, j]) * part + abs(stretch) + abs(at_start)
-        _move_contact(contacts, lines, account, j, moved, size)
+        _move_contact(contacts, lines, account, i, displaced(contacts, lines, fold(marks, right)) - longer, size)
     if j > first:
-        leave_link(links, floats, bytes_, account, s, j - 1, before)
+        leave_link(links, floats, bytes_, account, s, fold(marks, j - 1), before)
     if j < last:
-        leave_link(links, floats, bytes_, account, s, j, after)
+        leave_link(links, floats, bytes_, account, s, i, after)

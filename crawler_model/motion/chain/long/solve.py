@@ -34,7 +34,7 @@ from .blocks import (
     stop_contact,
 )
 from .slides import leave_block
-from .tables import ENDS, remove_contacts
+from .tables import ENDS, fold, remove_contacts
 from .turning import find_likely, find_turning
 from .walls import move_wall
 
@@ -59,10 +59,15 @@ def release_long(contacts, links, floats, bytes_, account, lines, nodes, marks, 
         over: True if the ramp ends here.
     """
     n = contacts.shape[1]
-    i = 0
-    while i < n:
-        last = marks[ENDS, i]
-        if last >= 0:
+    begin = 0
+    if lines.shape[1] > n:  # walk around a ring from a contact at rest, so that no block ends first
+        while begin < n and bytes_[ROW_SIDE, begin] != 0:
+            begin += 1
+    i = begin
+    while i < begin + n:
+        length = marks[ENDS, fold(marks, i)]
+        if length >= 0:
+            last = i + length
             close_block(links, floats, account, lines, nodes, marks, i, s)
             release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, i, last, True)
             if not over:
@@ -81,19 +86,27 @@ def _gather(contacts, links, status, floats, bytes_, tree, leaves, account, line
     freed = 0
     i = first
     while i <= last:
-        end = marks[ENDS, i]
-        if end >= 0:
+        start = fold(marks, i)
+        if marks[ENDS, start] >= 0:
+            end = i + marks[ENDS, start]
             close_block(links, floats, account, lines, nodes, marks, i, s)
-            marks[ENDS, i] = -1
-            marks[ENDS, end] = -1
+            marks[ENDS, start] = -1
+            marks[ENDS, fold(marks, end)] = -1
         else:
             end = i
-            while end < last and marks[ENDS, end + 1] < 0:
+            while end < last and marks[ENDS, fold(marks, end + 1)] < 0:
                 end += 1
-            update(contacts, links, floats, account, s, i, end)
-            for j in range(i, end + 1):
+            stop = fold(marks, end)
+            if stop >= start:
+                update(contacts, links, floats, account, s, start, stop)
+            else:
+                update(contacts, links, floats, account, s, start, contacts.shape[1] - 1)
+                update(contacts, links, floats, account, s, 0, stop)
+            for k in range(i, end + 1):
+                j = fold(marks, k)
                 freed += enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, marks, j)
-            for j in range(max(i - 1, first), min(end, last - 1) + 1):
+            for k in range(max(i - 1, first), min(end, last - 1) + 1):
+                j = fold(marks, k)
                 account[WORK] += floats[ROW_D_ACTUATION, j] * links[TENSION, j] * s
             entered += end - i + 1
         i = end + 1
@@ -106,16 +119,16 @@ def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, f
     a = first
     while a <= last:
         b = a
-        if bytes_[ROW_SIDE, a] != 0:
-            while b < last and bytes_[ROW_SIDE, b + 1] != 0:
+        if bytes_[ROW_SIDE, fold(marks, a)] != 0:
+            while b < last and bytes_[ROW_SIDE, fold(marks, b + 1)] != 0:
                 b += 1
-            marks[ENDS, a] = -1
-            marks[ENDS, b] = -1
+            marks[ENDS, fold(marks, a)] = -1
+            marks[ENDS, fold(marks, b)] = -1
             end = b
             if a <= contact <= b:  # its place is known, even if no contact is at rest
                 leave_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, b, contact, contact)
-                floats[ROW_V, contact] = 0.0
-                floats[ROW_SINCE, contact] = s
+                floats[ROW_V, fold(marks, contact)] = 0.0
+                floats[ROW_SINCE, fold(marks, contact)] = s
                 if contact < b:
                     release_block(
                         contacts, links, floats, bytes_, account, lines, nodes, marks, s, contact + 1, b, False
@@ -128,26 +141,26 @@ def _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, f
 
 
 @lean
-def _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, stops, s, first, last):
-    """Find the next events of the walls beside and in first..last.
+def _find_events(contacts, links, status, floats, bytes_, tree, leaves, n, marks, parts, stops, s, first, last):
+    """Find the next events of the walls beside and in first..last, of n positions.
 
     Returns False if a contact that stopped would be driven beyond its bound.
     """
-    n = contacts.shape[1]
     for k in range(stops):
         j = parts[k, _STOPPED]
-        right = floats[ROW_RATE, j] if j < n - 1 else 0.0
-        left = floats[ROW_RATE, j - 1] if j > 0 else 0.0
+        left = floats[ROW_RATE, fold(marks, j - 1)] if j > 0 else 0.0
+        right = floats[ROW_RATE, fold(marks, j)] if j < n - 1 else 0.0
+        j = fold(marks, j)
         if is_driven_out(status, floats, j, left, right):
             return False
         find_event(contacts, links, status, floats, bytes_, s, j)
         update_tournament(tree, leaves, floats, j)
     if first > 0:
-        find_event(contacts, links, status, floats, bytes_, s, first - 1)
-        update_tournament(tree, leaves, floats, first - 1)
+        find_event(contacts, links, status, floats, bytes_, s, fold(marks, first - 1))
+        update_tournament(tree, leaves, floats, fold(marks, first - 1))
     if last < n - 1:
-        find_event(contacts, links, status, floats, bytes_, s, last + 1)
-        update_tournament(tree, leaves, floats, last + 1)
+        find_event(contacts, links, status, floats, bytes_, s, fold(marks, last + 1))
+        update_tournament(tree, leaves, floats, fold(marks, last + 1))
     return True
 
 
@@ -200,7 +213,7 @@ def solve_long(
         Whether it succeeded; if not, all blocks have become short, and their rates are not known. Then by how much the
         number of free contacts grew, and the work, in contacts.
     """
-    n = contacts.shape[1]
+    n = lines.shape[1]
     solved, freed = move_wall(  # most events
         contacts,
         links,
@@ -237,7 +250,8 @@ def solve_long(
         a = parts[todo, 0]
         b = parts[todo, 1]
         if b < a:  # the link between two walls
-            floats[ROW_RATE, b] = -elasticity[STIFFNESS, b] * floats[ROW_D_ACTUATION, b]
+            j = fold(marks, b)
+            floats[ROW_RATE, j] = -elasticity[STIFFNESS, j] * floats[ROW_D_ACTUATION, j]
             continue
         part, rise, size = rate_block(lines, nodes, marks, a, b)
         likely = (a, b, contact - 1, contact + 1)
@@ -246,7 +260,7 @@ def solve_long(
             least = -np.inf
             most = np.inf
             if known:
-                side = bytes_[ROW_SIDE, contact]
+                side = bytes_[ROW_SIDE, fold(marks, contact)]
                 least, most = bound_part(lines, nodes, marks, before, behind, contact, side, part, size)
             if least < -CRITICAL * size or most > CRITICAL * size:
                 turning, looked, least, most = find_turning(lines, nodes, marks, order, bytes_, part, CRITICAL * size)
@@ -268,17 +282,21 @@ def solve_long(
             continue
         open_block(floats, bytes_, lines, marks, s, part, rise, least, most)
     for k in range(stops):
-        bytes_[ROW_LEAVING, parts[k, _STOPPED]] = status[parts[k, _STOPPED]]
+        stopped = fold(marks, parts[k, _STOPPED])
+        bytes_[ROW_LEAVING, stopped] = status[stopped]
         remove_contacts(lines, nodes, marks, parts[k, _STOPPED], parts[k, _STOPPED])
     if solved:
-        solved = _find_events(contacts, links, status, floats, bytes_, tree, leaves, parts, stops, s, first, last)
+        solved = _find_events(
+            contacts, links, status, floats, bytes_, tree, leaves, n, marks, parts, stops, s, first, last
+        )
     if not solved:
         _give_up(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, contact)
         return False, stops - freed, effort
     a = first
     while a <= last:
-        b = marks[ENDS, a]
-        if 0 <= b < a - 1 + shortest // 2:
+        length = marks[ENDS, fold(marks, a)]
+        b = a + length
+        if 0 <= length < shortest // 2 - 1:
             release_block(contacts, links, floats, bytes_, account, lines, nodes, marks, s, a, b, True)
             remove_contacts(lines, nodes, marks, a, b)
         a = max(a, b) + 1

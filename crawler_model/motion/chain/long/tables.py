@@ -8,6 +8,10 @@ A contact that slides in a long block adds its spring force, which grows with it
 behind it. Along a range of contacts that slide, the forces add up to the tensions, and the tensions times compliances
 to elongations. Such sums are stored for leaves of `LEAF` contacts and for the nodes of a binary tree above them. A leaf
 whose contacts have changed is stale until its sums are next needed.
+
+In a ring, the tables go around it twice: contact i has the positions i and N + i, so that every block is a range of
+positions. The lines then have 2 N columns; the displacements where long blocks began and the numbers of a block are
+stored at its contacts.
 """
 
 from __future__ import annotations
@@ -39,8 +43,8 @@ forces, and rates M of the tensions that begin at 0: the sums of m, M / k, M tim
 M^2 / k. The force of a stale leaf is nan. Row 0 is no node: it begins with the place on the ramp where long blocks
 began, and 1 if friction changes."""
 ENDS, STALE = range(2)
-"""Rows of the marks: at the first and at the last contact of a long block the other one, elsewhere -1; the number of
-stale leaves, and these leaves."""
+"""Rows of the marks: at the first and at the last contact of a long block the distance between them, elsewhere -1; the
+number of stale leaves, and these leaves."""
 
 
 @lean
@@ -67,20 +71,21 @@ def tabulate(compliance, contacts, links, floats, lines, nodes, marks, s):
         marks: output, rows ENDS and STALE, shape (2, N).
         s: place on the ramp, 0 .. 1.
     """
-    n = lines.shape[1]
+    n = contacts.shape[1]
     lines[:, 0] = 0.0
-    for i in range(1, n):
-        change = floats[ROW_D_ACTUATION, i - 1]
+    lines[SLIDE_FORCE] = 0.0
+    lines[SLIDE_GROWTH] = 0.0
+    for i in range(1, lines.shape[1]):
+        j = fold(marks, i - 1)
+        change = floats[ROW_D_ACTUATION, j]
         _extend(lines, P, i, change)
-        _extend(lines, Q, i, compliance[i - 1])
-        _extend(lines, ELONGATION, i, compliance[i - 1] * links[TENSION, i - 1])
+        _extend(lines, Q, i, compliance[j])
+        _extend(lines, ELONGATION, i, compliance[j] * links[TENSION, j])
         lines[SIZE, i] = lines[SIZE, i - 1] + abs(change)
     changing = 0.0
     for i in range(n):
         lines[SINCE_X, i] = contacts[X, i]
         lines[SINCE_REST, i] = contacts[X_REST, i]
-        lines[SLIDE_FORCE, i] = 0.0
-        lines[SLIDE_GROWTH, i] = 0.0
         if floats[ROW_D_FORWARD, i] != 0.0 or floats[ROW_D_BACKWARD, i] != 0.0:
             changing = 1.0
     nodes[:, LEAST] = -np.inf
@@ -90,6 +95,21 @@ def tabulate(compliance, contacts, links, floats, lines, nodes, marks, s):
     nodes[0, RATE] = changing
     marks[ENDS] = -1
     marks[STALE, 0] = 0
+
+
+@lean
+def fold(marks, i):
+    """Find the contact at a position, or the link behind it.
+
+    Args:
+        marks: a column for each contact, shape (2, N).
+        i: the position.
+
+    Returns:
+        The position itself, or in a ring, where position N + i is contact i once more, the contact.
+    """
+    n = marks.shape[1]
+    return i if i < n else i - n
 
 
 @lean
@@ -131,6 +151,15 @@ def _go_stale(nodes, marks, i):
 
 
 @lean
+def _set_slide(lines, nodes, marks, i, force, growth):
+    """Set the force of contact i and its rate at each of its positions."""
+    for p in range(i, lines.shape[1], marks.shape[1]):
+        lines[SLIDE_FORCE, p] = force
+        lines[SLIDE_GROWTH, p] = growth
+        _go_stale(nodes, marks, p)
+
+
+@lean
 def add_contact(contacts, floats, lines, nodes, marks, i, side):
     """Let the spring force on a contact, from now on at a bound, count in the sums.
 
@@ -143,9 +172,9 @@ def add_contact(contacts, floats, lines, nodes, marks, i, side):
         i: the contact.
         side: 1 for the forward bound, -1 for the backward one.
     """
-    lines[SLIDE_FORCE, i] = contacts[FORWARD, i] if side > 0 else -contacts[BACKWARD, i]
-    lines[SLIDE_GROWTH, i] = floats[ROW_D_FORWARD, i] if side > 0 else -floats[ROW_D_BACKWARD, i]
-    _go_stale(nodes, marks, i)
+    force = contacts[FORWARD, i] if side > 0 else -contacts[BACKWARD, i]
+    growth = floats[ROW_D_FORWARD, i] if side > 0 else -floats[ROW_D_BACKWARD, i]
+    _set_slide(lines, nodes, marks, i, force, growth)
 
 
 @lean
@@ -160,9 +189,7 @@ def remove_contacts(lines, nodes, marks, first, last):
         last: last contact.
     """
     for i in range(first, last + 1):
-        lines[SLIDE_FORCE, i] = 0.0
-        lines[SLIDE_GROWTH, i] = 0.0
-        _go_stale(nodes, marks, i)
+        _set_slide(lines, nodes, marks, fold(marks, i), 0.0, 0.0)
 
 
 @lean

@@ -21,7 +21,7 @@ import numpy as np
 
 from ....compiled import lean
 from ..memory import LEAF, ROW_SIDE, SLIDE_GROWTH, P, Q
-from .tables import LEAST, MOST, RATE, START, difference, is_changing, sum_range
+from .tables import LEAST, MOST, RATE, START, difference, fold, is_changing, sum_range
 
 
 @lean
@@ -77,7 +77,7 @@ def _bounds(nodes, node, state, length):
 
 
 @lean
-def _search_leaf(lines, nodes, bytes_, state, a, b, wanted):
+def _search_leaf(lines, nodes, marks, bytes_, state, a, b, wanted):
     """Compute the least velocity of the contacts a..b that slide forward, and the largest of the others.
 
     Also returns the last contact whose velocity contradicts its bound by `wanted`, or -1.
@@ -96,7 +96,7 @@ def _search_leaf(lines, nodes, bytes_, state, a, b, wanted):
             # the tensions behind contact i have another rate: continue the line over Q from here
             change -= rise * difference(lines, Q, a, i)
             rate += rise
-        side = bytes_[ROW_SIDE, i]
+        side = bytes_[ROW_SIDE, fold(marks, i)]
         if side > 0:
             least = min(least, v)
         elif side < 0:
@@ -126,7 +126,7 @@ def find_likely(lines, nodes, marks, bytes_, block, likely, tolerance):
     found = -1
     for i in likely:
         if block[0] <= i <= block[1]:
-            against = -bytes_[ROW_SIDE, i] * state_at(lines, nodes, marks, block, i)[0]
+            against = -bytes_[ROW_SIDE, fold(marks, i)] * state_at(lines, nodes, marks, block, i)[0]
             if against > worst:
                 worst = against
                 found = i
@@ -188,7 +188,7 @@ def find_turning(lines, nodes, marks, order, bytes_, block, tolerance):
             low = max(a, first)
             high = min(b, last)
             state = state_at(lines, nodes, marks, block, low)
-            least, most, _ = _search_leaf(lines, nodes, bytes_, state, low, high, np.inf)
+            least, most, _ = _search_leaf(lines, nodes, marks, bytes_, state, low, high, np.inf)
             effort += high - low + 1
             lower = min(lower, least)
             upper = max(upper, most)
@@ -199,7 +199,7 @@ def find_turning(lines, nodes, marks, order, bytes_, block, tolerance):
                 nodes[node, MOST] = most
             if -least > worst or most > worst:
                 worst = max(-least, most)
-                found = _search_leaf(lines, nodes, bytes_, state, low, high, worst)[2]
+                found = _search_leaf(lines, nodes, marks, bytes_, state, low, high, worst)[2]
             continue
         half = width // 2
         if a + half > first:

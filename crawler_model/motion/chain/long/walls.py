@@ -25,29 +25,30 @@ from .blocks import (
     rate_block,
     stop_contact,
 )
-from .tables import ENDS, add_contact, is_changing, remove_contacts
+from .tables import ENDS, add_contact, fold, is_changing, remove_contacts
 from .turning import find_likely, state_at
 
 
 @lean
 def _close_around(links, floats, account, lines, nodes, marks, s, first, last, contact):
     """Close the blocks beside a contact, and update the links beside it to s."""
-    n = lines.shape[1]
+    i = fold(marks, contact)
+    before = fold(marks, contact - 1) if contact > 0 else -1
     if contact > first:
         close_block(links, floats, account, lines, nodes, marks, first, s)
-        marks[ENDS, first] = -1
-        marks[ENDS, contact - 1] = -1
-        account[WORK] += floats[ROW_D_ACTUATION, contact - 1] * links[TENSION, contact - 1] * s
+        marks[ENDS, fold(marks, first)] = -1
+        marks[ENDS, before] = -1
+        account[WORK] += floats[ROW_D_ACTUATION, before] * links[TENSION, before] * s
     elif contact > 0:
-        account[WORK] += advance_link(links, floats, s, contact - 1)
+        account[WORK] += advance_link(links, floats, s, before)
     if contact < last:
         close_block(links, floats, account, lines, nodes, marks, contact + 1, s)
-        marks[ENDS, contact + 1] = -1
-        marks[ENDS, last] = -1
-        account[WORK] += floats[ROW_D_ACTUATION, contact] * links[TENSION, contact] * s
-    elif contact < n - 1:
-        account[WORK] += advance_link(links, floats, s, contact)
-    floats[ROW_SINCE, contact] = s
+        marks[ENDS, fold(marks, contact + 1)] = -1
+        marks[ENDS, fold(marks, last)] = -1
+        account[WORK] += floats[ROW_D_ACTUATION, i] * links[TENSION, i] * s
+    elif contact < lines.shape[1] - 1:
+        account[WORK] += advance_link(links, floats, s, i)
+    floats[ROW_SINCE, i] = s
 
 
 @lean
@@ -90,16 +91,17 @@ def move_wall(
     Returns:
         Whether it was such an event; if not, nothing has changed. Then by how much the number of free contacts grew.
     """
-    n = contacts.shape[1]
+    n = lines.shape[1]
+    i = fold(marks, contact)
     before = former_block(lines, marks, first, contact - 1)
     behind = former_block(lines, marks, contact + 1, last)
     if (contact > first and before[0][1] < 0) or (contact < last and behind[0][1] < 0) or first == last:
         return False, 0
-    if (first == 0 and last == lines.shape[1] - 1) or status[contact] == AT_FORWARD | AT_BACKWARD:
+    if (first == 0 and last == n - 1) or status[i] == AT_FORWARD | AT_BACKWARD:
         return False, 0
-    side = 1 if status[contact] & AT_FORWARD else -1
+    side = 1 if status[i] & AT_FORWARD else -1
     if is_changing(nodes):  # else its force does not count in rates
-        add_contact(contacts, floats, lines, nodes, marks, contact, side)  # also if it is left to `solve_long`
+        add_contact(contacts, floats, lines, nodes, marks, i, side)  # also if it is left to `solve_long`
     block, rise, size = rate_block(lines, nodes, marks, first, last)
     if -side * state_at(lines, nodes, marks, block, contact)[0] > CRITICAL * size:
         return False, 0
@@ -116,30 +118,33 @@ def move_wall(
         least_behind, most_behind = bound_part(lines, nodes, marks, before, behind, contact, side, other, size_behind)
         if least_behind < -CRITICAL * size_behind or most_behind > CRITICAL * size_behind:
             return False, 0
-        if is_driven_out(status, floats, stopped, block[2] + rise, other[2]):
+        if is_driven_out(status, floats, fold(marks, stopped), block[2] + rise, other[2]):
             return False, 0
     least, most = bound_part(lines, nodes, marks, before, behind, contact, side, block, size)
     if least < -CRITICAL * size or most > CRITICAL * size:
         return False, 0
 
     _close_around(links, floats, account, lines, nodes, marks, s, first, last, contact)
-    freed = enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, marks, contact)
-    left_rate = floats[ROW_RATE, first - 1] if first > 0 else 0.0
-    right_rate = floats[ROW_RATE, last] if last < n - 1 else 0.0
+    freed = enter_block(contacts, status, floats, bytes_, tree, leaves, lines, nodes, marks, i)
+    left = fold(marks, first - 1) if first > 0 else -1
+    right = fold(marks, last + 1) if last < n - 1 else -1
+    left_rate = floats[ROW_RATE, left] if left >= 0 else 0.0
+    right_rate = floats[ROW_RATE, fold(marks, last)] if right >= 0 else 0.0
     if stopped >= 0:
         stop_contact(contacts, links, floats, bytes_, account, lines, nodes, marks, s, first, last, stopped, contact)
         remove_contacts(lines, nodes, marks, stopped, stopped)
-        bytes_[ROW_LEAVING, stopped] = status[stopped]
+        i = fold(marks, stopped)
+        bytes_[ROW_LEAVING, i] = status[i]
         open_block(floats, bytes_, lines, marks, s, other, rise_behind, least_behind, most_behind)
         freed -= 1
     open_block(floats, bytes_, lines, marks, s, block, rise, least, most)
     if stopped >= 0:
-        find_event(contacts, links, status, floats, bytes_, s, stopped)
-        update_tournament(tree, leaves, floats, stopped)
-    if first > 0 and floats[ROW_RATE, first - 1] != left_rate:
-        find_event(contacts, links, status, floats, bytes_, s, first - 1)
-        update_tournament(tree, leaves, floats, first - 1)
-    if last < n - 1 and floats[ROW_RATE, last] != right_rate:
-        find_event(contacts, links, status, floats, bytes_, s, last + 1)
-        update_tournament(tree, leaves, floats, last + 1)
+        find_event(contacts, links, status, floats, bytes_, s, i)
+        update_tournament(tree, leaves, floats, i)
+    if left >= 0 and floats[ROW_RATE, left] != left_rate:
+        find_event(contacts, links, status, floats, bytes_, s, left)
+        update_tournament(tree, leaves, floats, left)
+    if right >= 0 and floats[ROW_RATE, fold(marks, last)] != right_rate:
+        find_event(contacts, links, status, floats, bytes_, s, right)
+        update_tournament(tree, leaves, floats, right)
     return True, -freed

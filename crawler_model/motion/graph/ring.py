@@ -1,0 +1,372 @@
+"""Long sliding blocks of a ring, in which each contact has two springs.
+
+The long blocks of chains (`chain.long`) also pass around a ring: their tables then have two positions for each contact,
+so that a block that passes the place where the ring was numbered is a range of positions like any other. The ring is
+copied into the memory of a chain whose last link leads back to the first contact, followed there from event to event,
+and copied back at the end of the ramp, or at the first event that is more than contacts that start and stop.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiled import compiled, lean
+from ..chain import memory as chain
+from ..chain.long.slides import displaced
+from ..chain.long.solve import release_long, solve_long
+from ..chain.long.tables import ENDS, tabulate
+from ..chain.rates import settle, slack, update, update_tournament
+from ..state import (
+    BACKWARD,
+    COMPLIANCE,
+    CONTACT_ROWS,
+    EVENTS,
+    FORWARD,
+    LINK_ROWS,
+    RELATIVE,
+    STIFFNESS,
+    TENSION,
+    VISITED,
+)
+from ..tournament import begin_tournament
+from ..translation import FEW_CONTACTS, FEW_FREE
+from .memory import (
+    CHANGE,
+    RATE,
+    ROW_ARRIVAL,
+    ROW_COMING,
+    ROW_D_BACKWARD,
+    ROW_D_FORWARD,
+    ROW_FORCE,
+    ROW_FORCE_RATE,
+    ROW_LEAVING,
+    ROW_SIDE,
+    ROW_SINCE,
+    ROW_V,
+    SPRING_SINCE,
+    contact_forces,
+)
+
+_MOST_SPAN = 1e6
+"""Ratio of the largest stiffness of a ring to the least that long blocks can follow: up to it, their sums in two floats
+are as exact as tensions that follow from displacements."""
+_FAR = 1e-6
+"""Part of the bounds by which a force is far from its bound, whatever its rounding."""
+
+
+class RingMemory(NamedTuple):
+    """The order of the contacts around a ring, and memory for a ramp in that order.
+
+    Attributes:
+        order: the contacts around the ring, int, shape (N,); empty if the body is no ring or a short one.
+        joints: the spring behind each of them, int, shape (N,).
+        elasticity: rows STIFFNESS and COMPLIANCE in this order, shape (2, N), like the next four.
+        contacts: rows X .. RELATIVE, shape (6, N).
+        links: rows SHAPE .. ACTUATION_REF, shape (5, N).
+        status: bits of the contacts, int8, shape (N,).
+        memory: memory of a chain, from `chain.memory.scratch`.
+    """
+
+    order: np.ndarray
+    joints: np.ndarray
+    elasticity: np.ndarray
+    contacts: np.ndarray
+    links: np.ndarray
+    status: np.ndarray
+    memory: chain.Scratch
+
+
+def memory(ends: np.ndarray, contacts: int) -> RingMemory:
+    """Allocate the memory for a ring.
+
+    Args:
+        ends: the two contacts of each spring of a connected body, shape (S, 2).
+        contacts: number of contacts N.
+
+    Returns:
+        The arrays, without contacts if the body is no ring, or one too short for long blocks.
+    """
+    order, joints = _walk(ends, contacts)
+    n = order.size
+    return RingMemory(
+        order,
+        joints,
+        np.zeros((2, n)),
+        np.zeros((CONTACT_ROWS, n)),
+        np.zeros((LINK_ROWS, n)),
+        np.zeros(n, np.int8),
+        chain.scratch(n, laps=2),
+    )
+
+
+def _walk(ends: np.ndarray, contacts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Walk around a ring from contact 0; return its contacts, and the spring behind each of them."""
+    none = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    if contacts <= FEW_CONTACTS or contacts < chain.SHORTEST_LONG or len(ends) != contacts:
+        return none
+    if (np.bincount(ends.ravel(), minlength=contacts) != 2).any():
+        return none
+    at = np.argsort(ends.ravel(), kind="stable").reshape(contacts, 2)  # both ends of springs at each contact
+    order, joints = np.empty(contacts, np.int64), np.empty(contacts, np.int64)
+    i, end = 0, int(at[0, 1])
+    for k in range(contacts):
+        order[k], joints[k] = i, end // 2
+        far = end ^ 1
+        i = int(ends.ravel()[far])
+        end = int(at[i, 1] if at[i, 0] == far else at[i, 0])
+    return order, joints
+
+
+@lean
+def _copy_in(ends, stiffness, contacts, links, status, floats, changes, bytes_, ring, s):
+    """Copy a ring, updated to s, into the order around it."""
+    own, own_bytes = ring.memory.floats, ring.memory.bytes
+    for p in range(ring.order.shape[0]):
+        i, j = ring.order[p], ring.joints[p]
+        for row in range(CONTACT_ROWS):
+            ring.contacts[row, p] = contacts[row, i]
+        ring.status[p] = status[i]
+        own[chain.ROW_D_FORWARD, p] = floats[ROW_D_FORWARD, i]
+        own[chain.ROW_D_BACKWARD, p] = floats[ROW_D_BACKWARD, i]
+        own[chain.ROW_V, p] = floats[ROW_V, i]
+        own[chain.ROW_SINCE, p] = s
+        own[chain.ROW_NEXT, p] = floats[ROW_ARRIVAL, i]
+        own_bytes[chain.ROW_SIDE, p] = bytes_[ROW_SIDE, i]
+        own_bytes[chain.ROW_LEAVING, p] = bytes_[ROW_LEAVING, i]
+        own_bytes[chain.ROW_COMING, p] = bytes_[ROW_COMING, i]
+        way = 1.0 if ends[j, 0] == i else -1.0
+        ring.elasticity[STIFFNESS, p] = stiffness[j]
+        ring.elasticity[COMPLIANCE, p] = 1.0 / stiffness[j]
+        ring.links[TENSION, p] = way * links[TENSION, j]
+        own[chain.ROW_D_ACTUATION, p] = way * changes[CHANGE, j]
+        own[chain.ROW_RATE, p] = way * changes[RATE, j]
+        own[chain.ROW_LINK_SINCE, p] = s
+
+
+@lean
+def _copy_back(ends, stiffness, contacts, links, status, floats, changes, bytes_, ring, lines, s):
+    """Copy a ring, updated to s, back from the order around it; the rates of contacts at their bounds are not known."""
+    own, own_bytes = ring.memory.floats, ring.memory.bytes
+    for p in range(ring.order.shape[0]):
+        i, j = ring.order[p], ring.joints[p]
+        contacts[RELATIVE, i] += displaced(ring.contacts, lines, p)
+        for row in range(RELATIVE):
+            contacts[row, i] = ring.contacts[row, p]
+        side = own_bytes[chain.ROW_SIDE, p]
+        status[i] = ring.status[p]
+        floats[ROW_V, i] = own[chain.ROW_V, p]
+        floats[ROW_SINCE, i] = s
+        floats[ROW_ARRIVAL, i] = np.inf
+        floats[ROW_FORCE_RATE, i] = floats[ROW_D_FORWARD, i] if side > 0 else -floats[ROW_D_BACKWARD, i]
+        bytes_[ROW_SIDE, i] = side
+        bytes_[ROW_LEAVING, i] = own_bytes[chain.ROW_LEAVING, p]
+        links[TENSION, j] = ring.links[TENSION, p] if ends[j, 0] == i else -ring.links[TENSION, p]
+        changes[SPRING_SINCE, j] = s
+        changes[RATE, j] = -stiffness[j] * changes[CHANGE, j]  # as between contacts at rest
+    contact_forces(ends, links[TENSION], floats[ROW_FORCE])
+
+
+@lean
+def _reach(ring, marks, s, p, way):
+    """Count the contacts at their bounds on one side of the contact at p, at most all others."""
+    n = ring.order.shape[0]
+    count = 0
+    while count < n:
+        q = p + way * (count + 1)
+        q += n if q < 0 else (-n if q >= n else 0)
+        settle(ring.status, ring.memory.floats, ring.memory.bytes, s, q)
+        if ring.status[q] == 0:
+            break
+        count += 1 + max(marks[ENDS, q], 0)
+    return count
+
+
+@lean
+def _distance(ring, marks, wall, s):
+    """Compute the distance of all contacts from sliding at once at s: that of those at rest from their nearest bounds.
+
+    It takes one step for each contact at rest, of which `wall` is one, and for each block between them.
+    """
+    n = ring.order.shape[0]
+    near = 0.0
+    i = wall
+    while i < wall + n:
+        p = i if i < n else i - n
+        if ring.memory.bytes[chain.ROW_SIDE, p] == 0:
+            above, below = slack(ring.contacts, ring.links, ring.memory.floats, s, p)
+            near += abs(min(above, below))
+        i += 1 + max(marks[ENDS, p], 0)
+    return near
+
+
+@lean
+def _may_slide_at_once(ring, marks, wall, account, whole, s):
+    """Update the visited margin at s, and check whether all contacts may stay at their bounds to the end of the ramp.
+
+    A distance from the nearest bound is concave in s and never negative: unless it vanishes from here on, it is far
+    from zero here or at one of two later places. If this does not exclude that it vanishes, `margin` decides.
+    """
+    near = _distance(ring, marks, wall, s)
+    account[VISITED] = min(account[VISITED], near / (whole[0] + s * whole[1]))
+    far = _FAR * (2.0 * whole[0] + whole[1])
+    if near > far:
+        return False
+    if _distance(ring, marks, wall, s + (1.0 - s) / 3.0) > far:
+        return False
+    return _distance(ring, marks, wall, s + (1.0 - s) / 1.5) <= far
+
+
+@lean
+def _take_event(ring, tree, leaves, account, lines, nodes, marks, order, parts, hits, s):
+    """Solve for the rates after all contacts that reach a bound at s have reached it.
+
+    Returns whether that succeeded, by how much the number of free contacts grew, the work, and a contact at rest.
+    """
+    n = ring.order.shape[0]
+    floats, bytes_ = ring.memory.floats, ring.memory.bytes
+    count = 0
+    simple = True
+    while tree[2] <= s:
+        p = int(tree[3])
+        settle(ring.status, floats, bytes_, s, p)
+        simple &= bytes_[chain.ROW_LEAVING, p] == 0
+        ring.status[p] |= bytes_[chain.ROW_COMING, p]
+        floats[chain.ROW_NEXT, p] = np.inf
+        update_tournament(tree, leaves, floats, p)
+        hits[count] = p
+        count += 1
+    if not simple:
+        return False, 0, 0, -1
+    freed = 0
+    spent = 0
+    wall = -1
+    for k in range(count):
+        p = int(hits[k])
+        if bytes_[chain.ROW_SIDE, p] != 0 or bytes_[chain.ROW_LEAVING, p] != 0:
+            continue  # solved together with one before
+        before = _reach(ring, marks, s, p, -1)
+        behind = _reach(ring, marks, s, p, 1)
+        if before + behind + 1 >= n:
+            return False, freed, spent, -1
+        contact = p if p > before else p + n
+        solved, more, effort = solve_long(
+            ring.elasticity,
+            ring.contacts,
+            ring.links,
+            ring.status,
+            floats,
+            bytes_,
+            tree,
+            leaves,
+            account,
+            lines,
+            nodes,
+            marks,
+            order,
+            parts,
+            0,
+            s,
+            contact - before,
+            contact + behind,
+            contact,
+        )
+        freed += more
+        spent += effort
+        if not solved:
+            return False, freed, spent, -1
+        wall = (contact - before - 1) % n
+    return True, freed, spent, wall
+
+
+@lean
+def can_follow(contacts, target, springs, ring, stiffness):
+    """Check whether long blocks can follow a ramp of this body.
+
+    Args:
+        contacts: rows X .. RELATIVE, shape (6, N).
+        target: L, mu_plus and mu_minus at the ramp's end, shape (S + 2 N,) [m, N].
+        springs: number of springs S.
+        ring: a `RingMemory`.
+        stiffness: stiffness of the springs, shape (S,) [N/m].
+
+    Returns:
+        True if the body is a long ring, its stiffness does not span too many decades, and no contact is without
+        friction anywhere on the ramp.
+    """
+    n = ring.order.shape[0]
+    least = np.inf
+    most = 0.0
+    for i in range(n):
+        least = min(least, stiffness[i])
+        most = max(most, stiffness[i])
+        if not contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0:
+            return False
+        if not target[springs + i] + target[springs + n + i] > 0.0:
+            return False
+    return n > 0 and most <= _MOST_SPAN * least
+
+
+@compiled
+def follow_ring(ends, stiffness, contacts, links, status, floats, changes, bytes_, account, ring, budget, s):
+    """Follow a ring from s on, where all contacts and springs are updated and all rates are known.
+
+    Args:
+        ends: the two contacts of each spring, shape (N, 2).
+        stiffness: stiffness of the springs, shape (N,) [N/m].
+        contacts: rows X .. RELATIVE, shape (6, N), changed in place.
+        links: row TENSION is changed in place, shape (5, N).
+        status: bits of the contacts, changed in place.
+        floats: memory of the ramp, changed in place.
+        changes: rates of the springs, changed in place.
+        bytes_: sides and events, changed in place.
+        account: account of the ramp, added to.
+        ring: a `RingMemory`.
+        budget: upper limit of work.
+        s: place on the ramp, 0 .. 1.
+
+    Returns:
+        The place that was reached, 1 for the end of the ramp. Elsewhere all is updated to it, but rates and events are
+        not known. Then the work, in contacts.
+    """
+    n = ring.order.shape[0]
+    _copy_in(ends, stiffness, contacts, links, status, floats, changes, bytes_, ring, s)
+    own, own_bytes, tree = ring.memory.floats, ring.memory.bytes, ring.memory.tree
+    leaves = 1
+    while leaves < n:
+        leaves *= 2
+    lines, nodes, order, marks, parts = chain.carve(ring.memory.long_floats, ring.memory.long_ints)
+    tabulate(ring.elasticity[COMPLIANCE], ring.contacts, ring.links, own, lines, nodes, marks, s)
+    begin_tournament(tree, leaves, own[chain.ROW_NEXT])
+    free = 0
+    wall = -1
+    whole = (0.0, 0.0)
+    for p in range(n):
+        if own_bytes[chain.ROW_SIDE, p] == 0:
+            free += 1
+            wall = p
+        change = own[chain.ROW_D_FORWARD, p] + own[chain.ROW_D_BACKWARD, p]
+        whole = (whole[0] + (ring.contacts[FORWARD, p] + ring.contacts[BACKWARD, p]), whole[1] + change)
+    spent = 0
+    while free > 0 and spent <= budget:
+        if free <= FEW_FREE and _may_slide_at_once(ring, marks, wall, account, whole, s):
+            break
+        when = min(tree[2], 1.0)
+        account[EVENTS] += when > s
+        s = when
+        if s == 1.0:
+            break
+        solved, freed, effort, wall = _take_event(
+            ring, tree, leaves, account, lines, nodes, marks, order, parts, tree[4 * leaves :], s
+        )
+        free += freed
+        spent += effort
+        if not solved:
+            break
+    for p in range(n):
+        settle(ring.status, own, own_bytes, s, p)
+    release_long(ring.contacts, ring.links, own, own_bytes, account, lines, nodes, marks, s, True)
+    update(ring.contacts, ring.links, own, account, s, 0, n - 1)
+    _copy_back(ends, stiffness, contacts, links, status, floats, changes, bytes_, ring, lines, s)
+    return s, spent
