@@ -9,19 +9,19 @@ from typing import Any
 
 from rclpy.experimental.events_executor import EventsExecutor
 
-_OFTEN_NS = 1_000_000
-"""Answers at most this far apart belong to an exchange of messages [ns]."""
 _POLL_NS = 300_000
-"""Longest time for which the next message of an exchange is polled for [ns]."""
+"""Longest time for which the reply to an answer is polled for [ns]."""
+_QUICK_NS = 500_000
+"""Answers less than this apart are a quick exchange [ns]; otherwise polling would end before the reply."""
 _IDLE_S = 0.1
 
 
 class Server:
     """Serves the topics and services of a node in a thread of its own, until an event is set.
 
-    A thread that sleeps until a message arrives is woken late and continues with cold caches. During a quick exchange,
-    where the next message is the reply to an answer just published, the thread therefore polls for a short time before
-    it sleeps. A slow exchange and an idle node take no processor time.
+    An idle processor takes long to wake, and continues with cold caches. During a quick exchange, where the next
+    message is the reply to an answer just published, the thread therefore polls for a short time before it sleeps. A
+    slow exchange and an idle node take no processor time for it.
     """
 
     def __init__(self, node: Any, stopping: threading.Event) -> None:
@@ -54,7 +54,7 @@ class Server:
         A callback of the node calls this. On a single processor nothing is polled for: the peer needs it to reply.
         """
         now = time.monotonic_ns()
-        if now - self._answered_ns < _OFTEN_NS and not self._alone:
+        if now - self._answered_ns < _QUICK_NS and not self._alone:
             self._poll_until_ns = now + _POLL_NS
         self._answered_ns = now
 
