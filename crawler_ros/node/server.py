@@ -7,8 +7,6 @@ import threading
 import time
 from typing import Any
 
-from rclpy.experimental.events_executor import EventsExecutor
-
 _POLL_NS = 300_000
 """Longest time for which the reply to an answer is polled for [ns]."""
 _QUICK_NS = 500_000
@@ -36,10 +34,12 @@ class Server:
         self._alone = hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) == 1
         self._answered_ns = self._poll_until_ns = 0
 
-    def start(self) -> None:
-        """Start to serve."""
-        executor = EventsExecutor()
-        executor.add_node(self._node)
+    def start(self, executor: Any) -> None:
+        """Start to serve.
+
+        Args:
+            executor: an rclpy executor that the node was added to.
+        """
         self._thread = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
         self._thread.start()
 

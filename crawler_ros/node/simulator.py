@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rclpy.experimental.events_executor import EventsExecutor
 
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
@@ -193,6 +194,8 @@ class Simulator(QuietNode):
 
     def spin(self) -> None:
         """Tick until `stopping` is set; topics and services are served by a second thread."""
+        executor = EventsExecutor()
+        executor.add_node(self)
         gc.collect()
         gc.freeze()  # objects loaded so far stay: collecting them again and again would make ticks late
         with self.lock:
@@ -202,7 +205,7 @@ class Simulator(QuietNode):
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
             self._send_start()
-        self._server.start()  # in lock-step, a command that is served runs a tick: the start has to be sent before
+        self._server.start(executor)  # in lock-step, a command that is served runs a tick: only after the start is sent
         try:
             while not self.stopping.is_set():
                 wall_ns = time.monotonic_ns()

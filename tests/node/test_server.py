@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import pytest
 
-pytest.importorskip("rclpy")
 from crawler_ros.node import server as module
 from crawler_ros.node.server import Server
 
@@ -23,8 +22,6 @@ class Executor:
         self.before: Callable[[], None] = lambda: None
         self._calls, self._stopping = calls, stopping
 
-    def add_node(self, _: object) -> None: ...
-
     def remove_node(self, _: object) -> None: ...
 
     def spin_once(self, timeout_sec: float) -> None:
@@ -40,7 +37,6 @@ def prepared(monkeypatch):
     """Return a function that builds a server on two processors, and its executor, which stops after a thousand calls."""
     stopping = threading.Event()
     executor = Executor(1000, stopping)
-    monkeypatch.setattr(module, "EventsExecutor", lambda: executor)
     monkeypatch.setattr(module.time, "monotonic_ns", lambda: executor.now_ns)
     monkeypatch.setattr(module.os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
     return lambda: (Server(NODE, stopping), executor)
@@ -51,7 +47,7 @@ def serve_after(server: Server, executor: Executor, answers_ns: list[int]) -> li
     for now_ns in answers_ns:
         executor.now_ns = now_ns
         server.expect_reply()
-    server.start()
+    server.start(executor)
     server.join()
     return executor.timeouts
 
@@ -89,7 +85,7 @@ def test_a_failure_is_said_and_ends_the_simulator(prepared):
 
     executor.before = fail
     server = Server(node, stopping)
-    server.start()
+    server.start(executor)
     server.join()
     assert stopping.is_set()
     assert "no middleware" in said[0]
