@@ -35,6 +35,7 @@ from .life.run import end_on_signals, run_node
 from .outgoing import STATES, Outgoing
 from .outlet import Outlet
 from .parameters import declare_parameters, expand_home, read_parameters
+from .server import Server
 from .stepper import Stepper
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ class Simulator(QuietNode):
         self.lock = threading.Lock()
         self.stopping = threading.Event()
         self._arrived = threading.Event()  # messages wait that trigger ticks in lock-step
-
+        self._server = Server(self, self.stopping)
         self._hold = np.empty((0, self.columns.index.size))
         self.recorder: Recorder | None = None
         self.feed: ViewerFeed | None = None
@@ -195,7 +196,6 @@ class Simulator(QuietNode):
         """Tick until `stopping` is set; topics and services are served by a second thread."""
         executor = EventsExecutor()
         executor.add_node(self)
-        server = threading.Thread(target=self._serve, args=(executor,), name="executor", daemon=True)
         gc.collect()
         gc.freeze()  # objects loaded so far stay: collecting them again and again would make ticks late
         with self.lock:
@@ -205,7 +205,7 @@ class Simulator(QuietNode):
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
             self._send_start()
-        server.start()  # in lock-step, a command that is served runs a tick: the start has to be sent before
+        self._server.start(executor)  # in lock-step, a command that is served runs a tick: only after the start is sent
         try:
             while not self.stopping.is_set():
                 wall_ns = time.monotonic_ns()
@@ -224,7 +224,7 @@ class Simulator(QuietNode):
                 self._report(wall_ns)
         finally:
             self.stopping.set()
-            server.join()
+            self._server.join()
             self.close()
 
     def _wait_ns(self, wall_ns: int) -> int | None:
@@ -256,6 +256,7 @@ class Simulator(QuietNode):
             try:
                 if not (self.stepper.paused or self.commands.is_running or self.commands.is_idle):
                     self._tick()
+                    self._server.expect_reply()
             finally:
                 self.lock.release()
         if not self.commands.is_idle:
@@ -267,15 +268,6 @@ class Simulator(QuietNode):
             self.recorder.push(wall_ns)
             if self.recorder.problem not in ("", before):
                 self.get_logger().error(self.recorder.problem)
-
-    def _serve(self, executor: EventsExecutor) -> None:
-        try:
-            while not self.stopping.is_set():
-                executor.spin_once(timeout_sec=0.1)
-        except Exception as error:  # without commands the simulation must not go on as if all were well
-            self.get_logger().fatal(f"topics and services are no longer served: {error!r}")
-            self.stopping.set()
-        executor.remove_node(self)
 
     def _tick(self, shown: bool = False) -> None:
         """Run a tick; send its states if `shown`, or if they are due."""

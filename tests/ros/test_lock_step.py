@@ -206,6 +206,32 @@ def test_waiting_and_paused_it_takes_no_processor_time(ros):
     assert cpu_seconds(process.process.pid) - before < 1.0  # a loop that does not wait takes all of it
 
 
+def test_services_answer_during_a_quick_exchange_and_after_it_no_processor_time_is_taken(ros):
+    process = ros.simulator(*LOCK_STEP)
+    loop, over = Loop(ros), threading.Event()
+    wait_until(lambda: loop.states, what="state 0")
+
+    def exchange() -> None:
+        while not over.is_set():
+            loop.command(act(loop.states[-1]))
+
+    controller = threading.Thread(target=exchange)
+    controller.start()
+    try:
+        wait_until(lambda: len(loop.states) > 200)
+        for _ in range(3):
+            ros.taken_up()
+        seen = len(loop.states)
+        wait_until(lambda: len(loop.states) > seen)
+    finally:
+        over.set()
+        controller.join()
+    ros.taken_up()
+    before = cpu_seconds(process.process.pid)
+    time.sleep(2.0)  # as above
+    assert cpu_seconds(process.process.pid) - before < 1.0
+
+
 def test_whoever_comes_before_the_first_command_hears_state_0(ros):
     process = ros.start("crawler_ros.node.simulator", *LOCK_STEP)
     wait_until(lambda: "waiting for commands" in process.said)
