@@ -246,10 +246,11 @@ def follow_events(
     if ground is None and pieces_met.shape[0] == 0:
         in_ring = can_follow(contacts, target, springs, ring, stiffness)
     visits = 0
+    handed_back = False
     at = 0.0
     pieces = 0
     while True:
-        if in_ring and visits > ring.memory.long_ints[4] and verdict == 0 and free > 0:
+        if in_ring and visits > ring.scratch.long_ints[4] and verdict == 0 and free > 0:
             advance(contacts, links, status, floats, changes, bytes_, account, at)
             at, effort = follow_ring(
                 ends, stiffness, contacts, links, status, floats, changes, bytes_, account, ring, budget - spent, at
@@ -264,12 +265,14 @@ def follow_events(
             if verdict < 0:
                 return at, spent >= budget
             visits = 0
+            handed_back = True
         when = tree[2]
         ending = not when < 1.0
         until = 1.0 if ending else when
         ds = until - at
         shifted = False
-        if free <= FEW_FREE or n <= FEW_CONTACTS:
+        if free <= FEW_FREE or n <= FEW_CONTACTS or handed_back:
+            handed_back = False
             advance(contacts, links, status, floats, changes, bytes_, account, at)
             critical, margin = slides_at_once(
                 ends, stiffness, contacts, links, changes, status, bytes_[ROW_SIDE], floats, at, whole

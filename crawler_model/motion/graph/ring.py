@@ -25,6 +25,9 @@ from ..state import (
     EVENTS,
     FORWARD,
     LINK_ROWS,
+    LOAD,
+    LOAD_CHANGE,
+    LOAD_WORK,
     RELATIVE,
     STIFFNESS,
     TENSION,
@@ -32,6 +35,7 @@ from ..state import (
 )
 from ..tournament import begin_tournament
 from ..translation import FEW_CONTACTS, FEW_FREE
+from .margin import round_spring
 from .memory import (
     CHANGE,
     RATE,
@@ -49,11 +53,11 @@ from .memory import (
     contact_forces,
 )
 
-_MOST_SPAN = 1e6
-"""Ratio of the largest stiffness of a ring to the least that long blocks can follow: up to it, their sums in two floats
-are as exact as tensions that follow from displacements."""
+_MOST_SPAN = 1e5
+"""Ratio of the largest stiffness of a ring to the least that long blocks can follow: elongations are sums of tensions
+times compliances, so the energies of soft springs are known to fewer digits, at this ratio to 1e-12."""
 _FAR = 1e-6
-"""Part of the bounds by which a force is far from its bound, whatever its rounding."""
+"""Part of all bounds by which the forces together are far from their bounds."""
 
 
 class RingMemory(NamedTuple):
@@ -66,7 +70,7 @@ class RingMemory(NamedTuple):
         contacts: rows X .. RELATIVE, shape (6, N).
         links: rows SHAPE .. ACTUATION_REF, shape (5, N).
         status: bits of the contacts, int8, shape (N,).
-        memory: memory of a chain, from `chain.memory.scratch`.
+        scratch: memory of a chain, from `chain.memory.scratch`.
     """
 
     order: np.ndarray
@@ -75,7 +79,7 @@ class RingMemory(NamedTuple):
     contacts: np.ndarray
     links: np.ndarray
     status: np.ndarray
-    memory: chain.Scratch
+    scratch: chain.Scratch
 
 
 def memory(ends: np.ndarray, contacts: int) -> RingMemory:
@@ -122,7 +126,7 @@ def _walk(ends: np.ndarray, contacts: int) -> tuple[np.ndarray, np.ndarray]:
 @lean
 def _copy_in(ends, stiffness, contacts, links, status, floats, changes, bytes_, ring, s):
     """Copy a ring, updated to s, into the order around it."""
-    own, own_bytes = ring.memory.floats, ring.memory.bytes
+    own, own_bytes = ring.scratch.floats, ring.scratch.bytes
     for p in range(ring.order.shape[0]):
         i, j = ring.order[p], ring.joints[p]
         for row in range(CONTACT_ROWS):
@@ -147,11 +151,14 @@ def _copy_in(ends, stiffness, contacts, links, status, floats, changes, bytes_, 
 
 @lean
 def _copy_back(ends, stiffness, contacts, links, status, floats, changes, bytes_, ring, lines, s):
-    """Copy a ring, updated to s, back from the order around it; the rates of contacts at their bounds are not known."""
-    own, own_bytes = ring.memory.floats, ring.memory.bytes
+    """Copy a ring, updated to s, back from the order around it; rates of springs at moving contacts are not known."""
+    own, own_bytes = ring.scratch.floats, ring.scratch.bytes
     for p in range(ring.order.shape[0]):
         i, j = ring.order[p], ring.joints[p]
-        contacts[RELATIVE, i] += displaced(ring.contacts, lines, p)
+        moved = displaced(ring.contacts, lines, p)
+        contacts[RELATIVE, i] += moved
+        if contacts.shape[0] > CONTACT_ROWS:
+            contacts[LOAD_WORK, i] += contacts[LOAD, i] * moved
         for row in range(RELATIVE):
             contacts[row, i] = ring.contacts[row, p]
         side = own_bytes[chain.ROW_SIDE, p]
@@ -159,7 +166,8 @@ def _copy_back(ends, stiffness, contacts, links, status, floats, changes, bytes_
         floats[ROW_V, i] = own[chain.ROW_V, p]
         floats[ROW_SINCE, i] = s
         floats[ROW_ARRIVAL, i] = np.inf
-        floats[ROW_FORCE_RATE, i] = floats[ROW_D_FORWARD, i] if side > 0 else -floats[ROW_D_BACKWARD, i]
+        if side != 0:  # that of a contact that goes on sliding is not computed again
+            floats[ROW_FORCE_RATE, i] = floats[ROW_D_FORWARD, i] if side > 0 else -floats[ROW_D_BACKWARD, i]
         bytes_[ROW_SIDE, i] = side
         bytes_[ROW_LEAVING, i] = own_bytes[chain.ROW_LEAVING, p]
         links[TENSION, j] = ring.links[TENSION, p] if ends[j, 0] == i else -ring.links[TENSION, p]
@@ -176,7 +184,7 @@ def _reach(ring, marks, s, p, way):
     while count < n:
         q = p + way * (count + 1)
         q += n if q < 0 else (-n if q >= n else 0)
-        settle(ring.status, ring.memory.floats, ring.memory.bytes, s, q)
+        settle(ring.status, ring.scratch.floats, ring.scratch.bytes, s, q)
         if ring.status[q] == 0:
             break
         count += 1 + max(marks[ENDS, q], 0)
@@ -184,48 +192,53 @@ def _reach(ring, marks, s, p, way):
 
 
 @lean
-def _distance(ring, marks, wall, s):
-    """Compute the distance of all contacts from sliding at once at s: that of those at rest from their nearest bounds.
+def _distance(ring, marks, wall, most, s):
+    """Sum at s the distances of the contacts at rest from their nearest bounds, until the sum exceeds `most`.
 
-    It takes one step for each contact at rest, of which `wall` is one, and for each block between them.
+    That takes one step for each contact at rest, of which `wall` is one, and for each block between them.
     """
     n = ring.order.shape[0]
     near = 0.0
     i = wall
-    while i < wall + n:
+    while i < wall + n and near <= most:
         p = i if i < n else i - n
-        if ring.memory.bytes[chain.ROW_SIDE, p] == 0:
-            above, below = slack(ring.contacts, ring.links, ring.memory.floats, s, p)
+        if ring.scratch.bytes[chain.ROW_SIDE, p] == 0:
+            above, below = slack(ring.contacts, ring.links, ring.scratch.floats, s, p)
             near += abs(min(above, below))
         i += 1 + max(marks[ENDS, p], 0)
     return near
 
 
 @lean
-def _may_slide_at_once(ring, marks, wall, account, whole, s):
-    """Update the visited margin at s, and check whether all contacts may stay at their bounds to the end of the ramp.
+def _may_slide_at_once(ring, marks, wall, far, s):
+    """Return whether all contacts may be at their bounds from s to the end of the ramp; `margin` decides if they are.
 
-    A distance from the nearest bound is concave in s and never negative: unless it vanishes from here on, it is far
-    from zero here or at one of two later places. If this does not exclude that it vanishes, `margin` decides.
+    A distance from the nearest bound is concave in s and never negative: if it vanishes at two later places, it
+    vanishes from here on.
     """
-    near = _distance(ring, marks, wall, s)
-    account[VISITED] = min(account[VISITED], near / (whole[0] + s * whole[1]))
-    far = _FAR * (2.0 * whole[0] + whole[1])
-    if near > far:
+    if _distance(ring, marks, wall, far, s) > far or _distance(ring, marks, wall, far, s + (1.0 - s) / 3.0) > far:
         return False
-    if _distance(ring, marks, wall, s + (1.0 - s) / 3.0) > far:
-        return False
-    return _distance(ring, marks, wall, s + (1.0 - s) / 1.5) <= far
+    return _distance(ring, marks, wall, far, s + (1.0 - s) / 1.5) <= far
 
 
 @lean
-def _take_event(ring, tree, leaves, account, lines, nodes, marks, order, parts, hits, s):
+def _blur(ends, stiffness, contacts, links, changes):
+    """Compute the largest rounding error of the force on a contact."""
+    most = 0.0
+    for j in range(stiffness.shape[0]):
+        most = max(most, round_spring(stiffness, contacts, links, changes, j, ends[j, 0], ends[j, 1]))
+    return 2.0 * most
+
+
+@lean
+def _take_event(ring, tree, leaves, account, lines, nodes, marks, order, parts, hits, wall, s):
     """Solve for the rates after all contacts that reach a bound at s have reached it.
 
-    Returns whether that succeeded, by how much the number of free contacts grew, the work, and a contact at rest.
+    Returns whether that succeeded, by how much the number of free contacts grew, the work, and a contact at rest;
+    before, that is `wall`.
     """
     n = ring.order.shape[0]
-    floats, bytes_ = ring.memory.floats, ring.memory.bytes
+    floats, bytes_ = ring.scratch.floats, ring.scratch.bytes
     count = 0
     simple = True
     while tree[2] <= s:
@@ -238,10 +251,9 @@ def _take_event(ring, tree, leaves, account, lines, nodes, marks, order, parts, 
         hits[count] = p
         count += 1
     if not simple:
-        return False, 0, 0, -1
+        return False, 0, 0, wall
     freed = 0
     spent = 0
-    wall = -1
     for k in range(count):
         p = int(hits[k])
         if bytes_[chain.ROW_SIDE, p] != 0 or bytes_[chain.ROW_LEAVING, p] != 0:
@@ -249,7 +261,7 @@ def _take_event(ring, tree, leaves, account, lines, nodes, marks, order, parts, 
         before = _reach(ring, marks, s, p, -1)
         behind = _reach(ring, marks, s, p, 1)
         if before + behind + 1 >= n:
-            return False, freed, spent, -1
+            return False, freed, spent, wall
         contact = p if p > before else p + n
         solved, more, effort = solve_long(
             ring.elasticity,
@@ -275,7 +287,7 @@ def _take_event(ring, tree, leaves, account, lines, nodes, marks, order, parts, 
         freed += more
         spent += effort
         if not solved:
-            return False, freed, spent, -1
+            return False, freed, spent, wall
         wall = (contact - before - 1) % n
     return True, freed, spent, wall
 
@@ -292,8 +304,8 @@ def can_follow(contacts, target, springs, ring, stiffness):
         stiffness: stiffness of the springs, shape (S,) [N/m].
 
     Returns:
-        True if the body is a long ring, its stiffness does not span too many decades, and no contact is without
-        friction anywhere on the ramp.
+        True if the body is a long ring, its stiffness does not span too many decades, no contact is without friction
+        anywhere on the ramp, and loads do not change on it.
     """
     n = ring.order.shape[0]
     least = np.inf
@@ -304,6 +316,8 @@ def can_follow(contacts, target, springs, ring, stiffness):
         if not contacts[FORWARD, i] + contacts[BACKWARD, i] > 0.0:
             return False
         if not target[springs + i] + target[springs + n + i] > 0.0:
+            return False
+        if contacts.shape[0] > CONTACT_ROWS and contacts[LOAD_CHANGE, i] != 0.0:
             return False
     return n > 0 and most <= _MOST_SPAN * least
 
@@ -331,26 +345,33 @@ def follow_ring(ends, stiffness, contacts, links, status, floats, changes, bytes
         not known. Then the work, in contacts.
     """
     n = ring.order.shape[0]
+    far = 4.0 * _blur(ends, stiffness, contacts, links, changes)
     _copy_in(ends, stiffness, contacts, links, status, floats, changes, bytes_, ring, s)
-    own, own_bytes, tree = ring.memory.floats, ring.memory.bytes, ring.memory.tree
+    own, own_bytes, tree = ring.scratch.floats, ring.scratch.bytes, ring.scratch.tree
     leaves = 1
     while leaves < n:
         leaves *= 2
-    lines, nodes, order, marks, parts = chain.carve(ring.memory.long_floats, ring.memory.long_ints)
+    lines, nodes, order, marks, parts = chain.carve(ring.scratch.long_floats, ring.scratch.long_ints)
     tabulate(ring.elasticity[COMPLIANCE], ring.contacts, ring.links, own, lines, nodes, marks, s)
     begin_tournament(tree, leaves, own[chain.ROW_NEXT])
     free = 0
     wall = -1
-    whole = (0.0, 0.0)
+    start = 0.0
+    end = 0.0
     for p in range(n):
         if own_bytes[chain.ROW_SIDE, p] == 0:
             free += 1
             wall = p
-        change = own[chain.ROW_D_FORWARD, p] + own[chain.ROW_D_BACKWARD, p]
-        whole = (whole[0] + (ring.contacts[FORWARD, p] + ring.contacts[BACKWARD, p]), whole[1] + change)
+        bounds = ring.contacts[FORWARD, p] + ring.contacts[BACKWARD, p]
+        start += bounds
+        end += bounds + (own[chain.ROW_D_FORWARD, p] + own[chain.ROW_D_BACKWARD, p])
+    far += _FAR * (start + end)
     spent = 0
     while free > 0 and spent <= budget:
-        if free <= FEW_FREE and _may_slide_at_once(ring, marks, wall, account, whole, s):
+        if free <= FEW_FREE:
+            near = _distance(ring, marks, wall, np.inf, s)
+            account[VISITED] = min(account[VISITED], near / (start + s * (end - start)))
+        if _may_slide_at_once(ring, marks, wall, far, s):
             break
         when = min(tree[2], 1.0)
         account[EVENTS] += when > s
@@ -358,7 +379,7 @@ def follow_ring(ends, stiffness, contacts, links, status, floats, changes, bytes
         if s == 1.0:
             break
         solved, freed, effort, wall = _take_event(
-            ring, tree, leaves, account, lines, nodes, marks, order, parts, tree[4 * leaves :], s
+            ring, tree, leaves, account, lines, nodes, marks, order, parts, tree[4 * leaves :], wall, s
         )
         free += freed
         spent += effort

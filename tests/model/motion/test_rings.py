@@ -107,6 +107,47 @@ def test_a_spent_budget_leaves_forces_within_bounds(monkeypatch):
     assert force.min() >= -0.3 - 1e-12
 
 
+@pytest.mark.parametrize(("load", "end"), [(0.05, 0.05), (0.0, 0.08)])
+def test_loads_on_a_ring_do_the_same_work_as_with_short_blocks(load, end, monkeypatch):
+    """Loads that stay do work in long blocks, too; loads that change are left to short ones."""
+    n = 260
+    scene = ring_scene(np.ones(n), np.full(n, 0.1), np.full(n, 0.3), np.arange(n))
+    scene = Scene.model_validate(scene.document() | {"loads": [load] * n})
+    row = np.sin(2 * np.pi * 3 * np.arange(n) / n)
+    row[-1] *= -1.0
+    steps = []
+    for shortest in (NEVER, 8):
+        monkeypatch.setattr(memory, "SHORTEST_LONG", shortest)
+        monkeypatch.setattr(memory, "VISITS_BEFORE", 0.0)
+        steps.append(Crawler(scene).advance(row, loads=[end] * n))
+    short, long = steps
+    assert short.loads_work > 1.0
+    assert long.loads_work == pytest.approx(short.loads_work, rel=1e-12)
+    assert long.dissipation == pytest.approx(short.dissipation, rel=1e-12)
+
+
+def test_waves_that_let_all_contacts_slide_at_once_are_not_unique(monkeypatch):
+    """Rounding separates contacts that reach their bounds at the same instant: some seem to rest, exactly at a bound."""
+    n = 260
+    scene = ring_scene(np.ones(n), np.full(n, 0.1), np.full(n, 0.1), np.arange(n))
+    row = 2.0 * np.sin(2 * np.pi * np.arange(n) / 20)
+    row[-1] *= -1.0
+    for shortest in (NEVER, 8):
+        _, _, step = follow(scene, [row], shortest, monkeypatch)[0]
+        assert not step.unique
+        assert step.translation_interval == pytest.approx((-0.75, 0.75), abs=1e-12)
+
+
+def test_square_waves_that_balance_friction_are_not_unique(monkeypatch):
+    n = 260
+    scene = ring_scene(np.ones(n), np.full(n, 0.1), np.full(n, 0.3), np.arange(n))
+    row = np.where(np.arange(n) % 20 < 10, 1.0, -1.0)
+    row[-1] *= -1.0
+    steps = [step for _, _, step in follow(scene, [2.0 * row, -3.0 * row], 8, monkeypatch)]
+    assert not steps[1].unique
+    assert steps[1].visited_margin <= 1e-15
+
+
 def test_the_order_around_a_ring_follows_its_springs():
     numbers = np.random.default_rng(2).permutation(300)
     ends = np.stack((numbers, np.roll(numbers, -1)), axis=1)

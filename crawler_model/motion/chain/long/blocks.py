@@ -1,7 +1,8 @@
-"""Long sliding blocks of a chain: their numbers, and what happens to a contact that enters or leaves one.
+"""Long sliding blocks of a chain or a ring: their numbers, and what happens to a contact that enters or leaves one.
 
 A block is known by its first and last contact and by the rate of the tension before it. Tensions are stored only for
-its links to the walls, the contacts at rest beside it, and velocities not at all: `turning` computes them.
+its links to the walls, the contacts at rest beside it, and velocities not at all: `turning` computes them. In a ring,
+contacts are known by their positions (`tables`).
 """
 
 from __future__ import annotations

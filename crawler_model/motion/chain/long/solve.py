@@ -1,4 +1,4 @@
-"""Long sliding blocks of a chain, whose contacts are not touched while the block grows, shrinks, splits or merges.
+"""Long sliding blocks, whose contacts are not touched while the block grows, shrinks, splits or merges.
 
 The tensions of all links of a block change at one rate, and where friction changes, at rates that differ by what
 contacts add; velocities are lines over tables (`turning`). An event then changes the few numbers of a block, not its
@@ -188,8 +188,10 @@ def solve_long(
 ):
     """Solve for the rates of the contacts first..last at s, all at their bounds, as long blocks.
 
+    In a ring, `first`, `last` and `contact` are positions (`tables`).
+
     Args:
-        elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
+        elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1), of a ring (2, N).
         contacts: updated in place to s where they were not in long blocks.
         links: likewise.
         status: bounds at which contacts are.

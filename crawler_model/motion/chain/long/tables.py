@@ -62,7 +62,7 @@ def tabulate(compliance, contacts, links, floats, lines, nodes, marks, s):
     """Compute the lines for the rest of a ramp, and empty the tree. There are no long blocks yet.
 
     Args:
-        compliance: 1 / k, shape (N - 1,) [m/N].
+        compliance: 1 / k, shape (N - 1,), of a ring (N,) [m/N].
         contacts: present displacements.
         links: present tensions.
         floats: rates of the commands.

@@ -1,4 +1,4 @@
-"""Velocities in long blocks of a chain as lines over lines, and the search for contacts that turn round.
+"""Velocities in long blocks as lines over lines, and the search for contacts that turn round.
 
 The contacts of a sliding block behind a wall p have the velocities
 
