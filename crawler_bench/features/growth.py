@@ -14,7 +14,7 @@ from crawler_model import Crawler, Scene
 
 from .growth_drives import DRIVES, GrowthDrive
 
-SECONDS, QUICK = 25.0, 2.5
+SECONDS, QUICK = 60.0, 2.5
 """Time of a drive, after which no larger body is begun."""
 _RAMPS, _FIRST = 16, 2
 """Ramps that are followed, and the first of them that counts: the first ones start from rest."""
