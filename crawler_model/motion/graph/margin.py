@@ -118,6 +118,24 @@ def nearness_of(distances):
 
 
 @compiled
+def margin_at_rest(status, floats, contacts, side):
+    """Compute the visited margin of a state from its forces.
+
+    Args:
+        status: bounds at which contacts are, int8, shape (N,).
+        floats: memory of the ramp, with the forces.
+        contacts: rows X .. RELATIVE, shape (6, N).
+        side: scratch, int8, shape (N,).
+
+    Returns:
+        The margin [1].
+    """
+    for i in range(status.shape[0]):
+        side[i] = 1 if status[i] & AT_FORWARD else (-1 if status[i] & AT_BACKWARD else 0)
+    return nearness_of(distance_to_sliding(status, side, floats, contacts, 0.0, 0.0))
+
+
+@compiled
 def slides_at_once(ends, stiffness, contacts, links, changes, status, side, floats, s, whole):
     """Check whether all contacts are at their bounds from s to the end of the ramp; the translation may then be free.
 

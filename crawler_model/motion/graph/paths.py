@@ -256,6 +256,52 @@ def _project_path(contacts, status, floats, lines, sides, path, stacks):
 
 
 @lean
+def project_ring(ends, stiffness, order, joints, tension, floats, bytes_, paths, cut):
+    """Solve an implicit step of a ring, one of whose contacts is held at rest.
+
+    Args:
+        ends: the two contacts of each spring, shape (N, 2).
+        stiffness: stiffness of the springs, shape (N,) [N/m].
+        order: the contacts around the ring, int, shape (N,).
+        joints: the spring behind each of them, int, shape (N,).
+        tension: tensions of the springs if no contact slid, shape (N,) [N].
+        floats: memory of the ramp: rows ROW_LOWER and ROW_UPPER are the bounds of the forces; ROW_V is written.
+        bytes_: row ROW_SIDE is written.
+        paths: memory of the path around the ring.
+        cut: place around the ring of the contact that is held.
+
+    Returns:
+        The place of a contact that rests within its bounds, opposite the other one if possible; -1 if all others slide.
+    """
+    n = order.shape[0]
+    lines, sides = paths.lines, paths.sides
+    for k in range(n + 1):
+        p = cut + k if cut + k < n else cut + k - n
+        i, j = order[p], joints[p]
+        held = k == 0 or k == n
+        lines[_FORWARD, k] = np.inf if held else floats[ROW_UPPER, i]
+        lines[_BACKWARD, k] = np.inf if held else -floats[ROW_LOWER, i]
+        lines[_MAGNITUDE, k] = 0.0
+        if k < n:
+            lines[_TRIAL, k] = tension[j] if ends[j, 0] == i else -tension[j]
+            lines[_COMPLIANCE, k] = 1.0 / stiffness[j]
+    trial, compliance, found = lines[_TRIAL, :n], lines[_COMPLIANCE, :n], lines[_TENSION, :n]
+    project(trial, compliance, lines[_BACKWARD], lines[_FORWARD], lines[_MAGNITUDE], found, sides, paths.stacks)
+    gain = lines[_GAIN, :n]
+    for k in range(n):
+        gain[k] = shape_gain(found[k], trial[k], compliance[k])
+    chain_velocities(gain, sides, lines[_VELOCITY], 0, n)
+    opposite = -1
+    for k in range(n):
+        p = cut + k if cut + k < n else cut + k - n
+        bytes_[ROW_SIDE, order[p]] = sides[k]
+        floats[ROW_V, order[p]] = lines[_VELOCITY, k]
+        if sides[k] == 0 and k > 0 and (opposite < 0 or 2 * k <= n):
+            opposite = p
+    return opposite
+
+
+@lean
 def solve_path(
     ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, account, paths, first, last, places, s
 ):

@@ -47,7 +47,7 @@ from ..state import (
 from ..translation import choose_translation, is_wide
 from .elimination import eliminate
 from .events import INSTANT, follow_events
-from .margin import distance_to_sliding, nearness_of, slides_at_once
+from .margin import margin_at_rest, slides_at_once
 from .memory import (
     CHANGE,
     RATE,
@@ -66,6 +66,7 @@ from .memory import (
     contact_forces,
     displace,
 )
+from .paths import project_ring
 
 
 @compiled
@@ -98,14 +99,6 @@ def _rebase(contacts):
     away = 2.0 ** np.floor(np.log2(abs(nearest)))
     for i in range(n):
         contacts[RELATIVE, i] -= away if nearest > 0.0 else -away
-
-
-@compiled
-def _margin_at_rest(status, floats, contacts, side):
-    """Compute the visited margin of a state from its forces; `side` is scratch."""
-    for i in range(status.shape[0]):
-        side[i] = 1 if status[i] & AT_FORWARD else (-1 if status[i] & AT_BACKWARD else 0)
-    return nearness_of(distance_to_sliding(status, side, floats, contacts, 0.0, 0.0))
 
 
 @compiled
@@ -145,6 +138,14 @@ def _catch_up(
     for s in range(springs):
         floats[ROW_MAGNITUDE, ends[s, 0]] += abs(tension[s])
         floats[ROW_MAGNITUDE, ends[s, 1]] += abs(tension[s])
+    order, joints = work[5].order, work[5].joints
+    cut = -1
+    for p in range(order.shape[0]):
+        if status[order[p]] == 0:
+            cut = p
+    for _ in range(2):  # a contact that rested before, then one that seems to rest now: most sides are then known
+        if cut >= 0:
+            cut = project_ring(ends, stiffness, order, joints, tension, floats, bytes_, work[4], cut)
     verdict, _ = displace(network, work, floats, bytes_, rounds, np.arange(n))
     if verdict < 0:
         return False
@@ -230,7 +231,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
         above = contacts[FORWARD, i] - floats[ROW_FORCE, i]
         below = contacts[BACKWARD, i] + floats[ROW_FORCE, i]
         account[VIOLATION] = max(account[VIOLATION], -min(above, below))
-    account[VISITED] = min(account[VISITED], _margin_at_rest(status, floats, contacts, sliding))
+    account[VISITED] = min(account[VISITED], margin_at_rest(status, floats, contacts, sliding))
     account[RESIDUAL] = (_stored_energy(stiffness, links) - energy) + account[DISSIPATION] - account[WORK]
 
 
@@ -395,5 +396,5 @@ def follow(
             return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
-        account[VISITED] = _margin_at_rest(status, floats, contacts, moved)
+        account[VISITED] = margin_at_rest(status, floats, contacts, moved)
     return targets.shape[0], 0.0, FOLLOWED

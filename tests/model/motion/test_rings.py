@@ -76,6 +76,20 @@ def test_many_random_rings_move_as_with_short_blocks(seed, monkeypatch):
     assert_same(*drawn(seed), monkeypatch)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_catch_up_steps_of_rings_do_not_depend_on_where_the_search_begins(seed, monkeypatch):
+    scene, rows = drawn(seed)
+    found = []
+    for shortest in (NEVER, 8):  # of a ring that is too short for long blocks, all contacts are searched from rest
+        monkeypatch.setattr(memory, "SHORTEST_LONG", shortest)
+        crawler = Crawler(scene, "catch_up")
+        steps = [crawler.advance(*(row if isinstance(row, tuple) else (row,))) for row in rows]
+        found.append((crawler.displacement, np.array([step.dissipation for step in steps])))
+    (x, lost), (other_x, other_lost) = found
+    np.testing.assert_allclose(other_x, x, rtol=0, atol=1e-12 * max(1.0, np.abs(x).max()))
+    np.testing.assert_allclose(other_lost, lost, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("n", [300, pytest.param(3_000, marks=pytest.mark.slow)])
 def test_waves_on_stiff_rings_move_as_with_short_blocks(n, monkeypatch):
     """The stiffness spans almost five decades: tensions follow from displacements, so they are only known to 1e-11."""
