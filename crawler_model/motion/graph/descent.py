@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import EPS
 from .elimination import pull_at
 
@@ -94,7 +94,7 @@ def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, p
     return least < 1.0
 
 
-@compiled
+@lean
 def relax(net, load, lower, upper, magnitude, backwards, velocity, side, places):
     """Solve the problem of each contact in turn, which lowers the cost; whole rows of contacts start to slide or stop.
 

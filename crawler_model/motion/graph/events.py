@@ -162,6 +162,7 @@ def follow_events(
     stiffness,
     network,
     work,
+    ring,
     contacts,
     links,
     status,
@@ -184,7 +185,8 @@ def follow_events(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
         network: layout and band of the `Network`.
-        work: memory from `GraphMotion.scratch`.
+        work: memory from `GraphMotion.scratch`, as the next one.
+        ring: a `RingMemory`; None for other bodies, and for short rings.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
@@ -241,16 +243,15 @@ def follow_events(
     verdict, spent, block, free = _begin(*common, tree, leaves, marks, 0, queue, places, rounds, budget, 0.0)
     if verdict < 0:
         return 0.0, spent >= budget
-    ring = work[5]
     in_ring = False
-    if ground is None and pieces_met.shape[0] == 0:
-        in_ring = can_follow(contacts, target, springs, ring, stiffness)
+    if ring is not None:
+        in_ring = ground is None and pieces_met.shape[0] == 0 and can_follow(contacts, target, springs, ring, stiffness)
     visits = 0
     handed_back = False
     at = 0.0
     pieces = 0
     while True:
-        if in_ring and visits > ring.scratch.long_ints[4] and verdict == 0 and free > 0:
+        if ring is not None and in_ring and visits > ring.scratch.long_ints[4] and verdict == 0 and free > 0:
             advance(contacts, links, status, floats, changes, bytes_, account, at)
             at, effort = follow_ring(
                 ends, stiffness, contacts, links, status, floats, changes, bytes_, account, ring, budget - spent, at

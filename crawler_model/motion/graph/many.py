@@ -15,6 +15,7 @@ def follow_many(
     stiffness,
     network,
     work,
+    ring,
     contacts,
     links,
     status,
@@ -39,7 +40,8 @@ def follow_many(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (M, S).
         network: layout of the springs, and band matrices, shape (M, N, width).
-        work: memory from `GraphMotion.scratch`.
+        work: memory from `GraphMotion.scratch`, as the next one.
+        ring: a `RingMemory`; None for other bodies, and for short rings.
         contacts: states as for `follow`, like the next two with a leading axis of variations, changed in place.
         links: rows of the springs, shape (M, 5, S).
         status: bits of the contacts, int8, shape (M, N).
@@ -71,6 +73,7 @@ def follow_many(
                 stiffness[m],
                 (layout, bands[m]),
                 work,
+                ring,
                 contacts[m],
                 links[m],
                 status[m],

@@ -10,7 +10,7 @@ are at their bounds within that rounding.
 
 from __future__ import annotations
 
-from ...compiled import compiled, lean
+from ...compiled import lean
 from ...rounding import CRITICAL, EPS
 from ..state import ACTUATION, AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, RELATIVE, TENSION
 from .memory import CHANGE, ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE
@@ -19,7 +19,7 @@ BLUR = 32.0 * EPS
 """Rounding error of a force, relative to the sum of the absolute values of its terms."""
 
 
-@compiled
+@lean
 def distance_to_sliding(status, side, floats, contacts, s, ds):
     """Compute the distance of all contacts from sliding at once, at s + ds.
 
@@ -83,7 +83,7 @@ def round_spring(stiffness, contacts, links, changes, spring, a, b):
     return BLUR * (stiffness[spring] * lengths + abs(links[TENSION, spring]))
 
 
-@compiled
+@lean
 def _is_near(ends, stiffness, contacts, links, changes, status, side, floats, distances, close):
     """Return whether all contacts are at their bounds, within `close` and the rounding of forces.
 
@@ -102,7 +102,7 @@ def _is_near(ends, stiffness, contacts, links, changes, status, side, floats, di
     return measured <= close
 
 
-@compiled
+@lean
 def nearness_of(distances):
     """Compute the visited margin from the result of `distance_to_sliding`.
 
@@ -117,7 +117,7 @@ def nearness_of(distances):
     return near / total if total > 0.0 else 0.0
 
 
-@compiled
+@lean
 def margin_at_rest(status, floats, contacts, side):
     """Compute the visited margin of a state from its forces.
 
@@ -135,7 +135,7 @@ def margin_at_rest(status, floats, contacts, side):
     return nearness_of(distance_to_sliding(status, side, floats, contacts, 0.0, 0.0))
 
 
-@compiled
+@lean
 def slides_at_once(ends, stiffness, contacts, links, changes, status, side, floats, s, whole):
     """Check whether all contacts are at their bounds from s to the end of the ramp; the translation may then be free.
 

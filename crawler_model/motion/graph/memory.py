@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import lean
 from .active_set import move
 
 # Rows of the scratch floats.
@@ -57,7 +57,7 @@ def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.nda
     )
 
 
-@compiled
+@lean
 def contact_forces(ends, tension, force):
     """Compute the force of the springs on each contact.
 
@@ -73,7 +73,7 @@ def contact_forces(ends, tension, force):
         force[ends[s, 1]] -= tension[s]
 
 
-@compiled
+@lean
 def add_load(ends, stiffness, change, load, magnitude):
     """Add the forces on the contacts due to changes of rest lengths, and the magnitudes of their terms.
 
@@ -92,7 +92,7 @@ def add_load(ends, stiffness, change, load, magnitude):
         magnitude[ends[s, 1]] += abs(pull)
 
 
-@compiled
+@lean
 def displace(network, stiffness_work, floats, bytes_, rounds, places):
     """Call `move` with the contacts in the order of the band; lower, upper, load and magnitude are rows of floats.
 
@@ -120,7 +120,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
         i = order[p]
         load[p], lower[p], upper[p] = floats[ROW_LOAD, i], floats[ROW_LOWER, i], floats[ROW_UPPER, i]
         magnitude[p], v[p], side[p] = floats[ROW_MAGNITUDE, i], floats[ROW_V, i], bytes_[ROW_SIDE, i]
-    work, rows, ints, sliding = stiffness_work[:4]
+    work, rows, ints, sliding, _ = stiffness_work
     net = (band, *layout[5:])
     verdict, turns = move(net, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
     for p in places:

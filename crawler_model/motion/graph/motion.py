@@ -55,8 +55,8 @@ class GraphMotion:
     def scratch(self) -> tuple[Any, ...]:
         """Allocate the working memory of a ramp, see `Motion`."""
         n = self.body.contacts
-        work = (*active_set.workspace(self.network), paths.memory(n), ring.memory(self.body.ends, n))
-        return work, memory.scratch(n, self.body.springs)
+        work = (*active_set.workspace(self.network), paths.memory(n))
+        return work, ring.memory(self.body.ends, n), memory.scratch(n, self.body.springs)
 
     def follow_to_border(
         self,
@@ -100,12 +100,13 @@ class GraphMotion:
     ) -> None:
         """Follow straight ramps exactly, for each variation of the body, see `Motion` and `LineMotion`."""
         body = self.body
-        work, ramp_memory = scratch
+        work, around, ramp_memory = scratch
         many.follow_many(
             body.ends,
             body.stiffness,
             (tuple(self.network.layout), self.network.band),
             work,
+            around,
             state.contacts,
             state.links,
             state.status,
@@ -137,12 +138,13 @@ class GraphMotion:
         pieces: np.ndarray,
     ) -> tuple[int, float, int]:
         body = self.body
-        work, ramp_memory = scratch
+        work, around, ramp_memory = scratch
         found: tuple[int, float, int] = ramp.follow(
             body.ends,
             body.stiffness,
             (tuple(self.network.layout), self.network.band),
             work,
+            around,
             state.contacts,
             state.links,
             state.status,

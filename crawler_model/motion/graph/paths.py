@@ -256,14 +256,13 @@ def _project_path(contacts, status, floats, lines, sides, path, stacks):
 
 
 @lean
-def project_ring(ends, stiffness, order, joints, tension, floats, bytes_, paths, cut):
+def project_ring(ends, stiffness, ring, tension, floats, bytes_, paths, cut):
     """Solve an implicit step of a ring, one of whose contacts is held at rest.
 
     Args:
         ends: the two contacts of each spring, shape (N, 2).
         stiffness: stiffness of the springs, shape (N,) [N/m].
-        order: the contacts around the ring, int, shape (N,).
-        joints: the spring behind each of them, int, shape (N,).
+        ring: a `RingMemory`.
         tension: tensions of the springs if no contact slid, shape (N,) [N].
         floats: memory of the ramp: rows ROW_LOWER and ROW_UPPER are the bounds of the forces; ROW_V is written.
         bytes_: row ROW_SIDE is written.
@@ -273,6 +272,7 @@ def project_ring(ends, stiffness, order, joints, tension, floats, bytes_, paths,
     Returns:
         The place of a contact that rests within its bounds, opposite the other one if possible; -1 if all others slide.
     """
+    order, joints = ring.order, ring.joints
     n = order.shape[0]
     lines, sides = paths.lines, paths.sides
     for k in range(n + 1):

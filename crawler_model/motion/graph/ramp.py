@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...body.places import put_on_ground
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import EPS
 from ..borders import FOLLOWED, PASSED
 from ..pieces import begin_ramp
@@ -69,7 +69,7 @@ from .memory import (
 from .paths import project_ring
 
 
-@compiled
+@lean
 def _set_tensions(ends, stiffness, contacts, links):
     """Compute z and T of all springs from the displacements of the contacts."""
     for s in range(ends.shape[0]):
@@ -78,7 +78,7 @@ def _set_tensions(ends, stiffness, contacts, links):
         links[TENSION, s] = stiffness[s] * (z - links[ACTUATION, s])
 
 
-@compiled
+@lean
 def _stored_energy(stiffness, links):
     """Compute the elastic energy of all springs [J]."""
     stored = 0.0
@@ -107,6 +107,7 @@ def _catch_up(
     stiffness,
     network,
     work,
+    ring,
     contacts,
     links,
     status,
@@ -120,10 +121,8 @@ def _catch_up(
     share,
 ):
     """Take one implicit step from the present state to `target`; return False if it did not converge."""
-    n = contacts.shape[1]
-    springs = ends.shape[0]
-    change = changes[CHANGE]
-    tension = changes[RATE]
+    n, springs = contacts.shape[1], ends.shape[0]
+    change, tension = changes[CHANGE], changes[RATE]
     for s in range(springs):
         change[s] = target[s] - links[ACTUATION, s]
         z = contacts[RELATIVE, ends[s, 1]] - contacts[RELATIVE, ends[s, 0]]
@@ -138,14 +137,13 @@ def _catch_up(
     for s in range(springs):
         floats[ROW_MAGNITUDE, ends[s, 0]] += abs(tension[s])
         floats[ROW_MAGNITUDE, ends[s, 1]] += abs(tension[s])
-    order, joints = work[5].order, work[5].joints
-    cut = -1
-    for p in range(order.shape[0]):
-        if status[order[p]] == 0:
-            cut = p
-    for _ in range(2):  # a contact that rested before, then one that seems to rest now: most sides are then known
-        if cut >= 0:
-            cut = project_ring(ends, stiffness, order, joints, tension, floats, bytes_, work[4], cut)
+    if ring is not None:
+        cut = -1
+        for p in range(n):
+            cut = p if status[ring.order[p]] == 0 else cut
+        for _ in range(2):  # a contact that rested before, then one that seems to rest now: most sides are then known
+            if cut >= 0:
+                cut = project_ring(ends, stiffness, ring, tension, floats, bytes_, work[4], cut)
     verdict, _ = displace(network, work, floats, bytes_, rounds, np.arange(n))
     if verdict < 0:
         return False
@@ -193,8 +191,7 @@ def _catch_up(
 @compiled
 def _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, account, energy):
     """Set the state to the end of the ramp, with sliding contacts exactly on their bounds; complete the account."""
-    n = contacts.shape[1]
-    springs = ends.shape[0]
+    n, springs = contacts.shape[1], ends.shape[0]
     for s in range(springs):
         links[ACTUATION, s] = target[s]
     for i in range(n):
@@ -241,6 +238,7 @@ def follow(
     stiffness,
     network,
     work,
+    ring,
     contacts,
     links,
     status,
@@ -265,7 +263,8 @@ def follow(
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
         network: layout and band of the `Network`.
-        work: memory from `GraphMotion.scratch`.
+        work: memory from `GraphMotion.scratch`, as the next one.
+        ring: a `RingMemory`; None for other bodies, and for short rings.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.
         links: rows SHAPE .. ACTUATION_REF (the last two unused here), shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
@@ -289,15 +288,13 @@ def follow(
     Returns:
         The number of targets reached; the part of the next ramp that was followed; and how it ended, see `borders`.
     """
-    n = contacts.shape[1]
-    springs = ends.shape[0]
+    n, springs = contacts.shape[1], ends.shape[0]
     ramp = np.zeros(account.shape[0])
     before = np.empty(n)
     moved = np.zeros(n, np.int8)
+    here = np.empty(springs + 3 * n)
     if ground is None:
         contacts[GAINED, :] = 0.0
-    else:
-        here = np.empty(springs + 3 * n)
     for v in range(targets.shape[0]):
         target = targets[v]
         if ground is not None:
@@ -320,6 +317,7 @@ def follow(
                     stiffness,
                     network,
                     work,
+                    ring,
                     contacts,
                     links,
                     status,
@@ -370,6 +368,7 @@ def follow(
                     stiffness,
                     network,
                     work,
+                    ring,
                     contacts,
                     links,
                     status,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import lean
 from ...rounding import LATE
 from ..state import (
     AT_BACKWARD,
@@ -291,7 +291,7 @@ def _set_rates(ends, stiffness, layout, contacts, links, status, floats, changes
         find_arrival(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, s, order[p])
 
 
-@compiled
+@lean
 def solve(
     ends,
     stiffness,

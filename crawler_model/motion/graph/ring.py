@@ -64,7 +64,7 @@ class RingMemory(NamedTuple):
     """The order of the contacts around a ring, and memory for a ramp in that order.
 
     Attributes:
-        order: the contacts around the ring, int, shape (N,); empty if the body is no ring or a short one.
+        order: the contacts around the ring, int, shape (N,).
         joints: the spring behind each of them, int, shape (N,).
         elasticity: rows STIFFNESS and COMPLIANCE in this order, shape (2, N), like the next four.
         contacts: rows X .. RELATIVE, shape (6, N).
@@ -82,7 +82,7 @@ class RingMemory(NamedTuple):
     scratch: chain.Scratch
 
 
-def memory(ends: np.ndarray, contacts: int) -> RingMemory:
+def memory(ends: np.ndarray, contacts: int) -> RingMemory | None:
     """Allocate the memory for a ring.
 
     Args:
@@ -90,13 +90,15 @@ def memory(ends: np.ndarray, contacts: int) -> RingMemory:
         contacts: number of contacts N.
 
     Returns:
-        The arrays, without contacts if the body is no ring, or one too short for long blocks.
+        The arrays; None if the body is no ring, or so short that events check all contacts.
     """
-    order, joints = _walk(ends, contacts)
-    n = order.size
+    n = contacts
+    if n <= FEW_CONTACTS or n < chain.SHORTEST_LONG or len(ends) != n:
+        return None
+    if (np.bincount(ends.ravel(), minlength=n) != 2).any():
+        return None
     return RingMemory(
-        order,
-        joints,
+        *_walk(ends),
         np.zeros((2, n)),
         np.zeros((CONTACT_ROWS, n)),
         np.zeros((LINK_ROWS, n)),
@@ -105,17 +107,13 @@ def memory(ends: np.ndarray, contacts: int) -> RingMemory:
     )
 
 
-def _walk(ends: np.ndarray, contacts: int) -> tuple[np.ndarray, np.ndarray]:
+def _walk(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Walk around a ring from contact 0; return its contacts, and the spring behind each of them."""
-    none = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    if contacts <= FEW_CONTACTS or contacts < chain.SHORTEST_LONG or len(ends) != contacts:
-        return none
-    if (np.bincount(ends.ravel(), minlength=contacts) != 2).any():
-        return none
-    at = np.argsort(ends.ravel(), kind="stable").reshape(contacts, 2)  # both ends of springs at each contact
-    order, joints = np.empty(contacts, np.int64), np.empty(contacts, np.int64)
+    n = len(ends)
+    at = np.argsort(ends.ravel(), kind="stable").reshape(n, 2)  # both ends of springs at each contact
+    order, joints = np.empty(n, np.int64), np.empty(n, np.int64)
     i, end = 0, int(at[0, 1])
-    for k in range(contacts):
+    for k in range(n):
         order[k], joints[k] = i, end // 2
         far = end ^ 1
         i = int(ends.ravel()[far])
@@ -294,7 +292,7 @@ def _take_event(ring, tree, leaves, account, lines, nodes, marks, order, parts, 
 
 @lean
 def can_follow(contacts, target, springs, ring, stiffness):
-    """Check whether long blocks can follow a ramp of this body.
+    """Check whether long blocks can follow a ramp of a ring.
 
     Args:
         contacts: rows X .. RELATIVE, shape (6, N).
@@ -304,8 +302,8 @@ def can_follow(contacts, target, springs, ring, stiffness):
         stiffness: stiffness of the springs, shape (S,) [N/m].
 
     Returns:
-        True if the body is a long ring, its stiffness does not span too many decades, no contact is without friction
-        anywhere on the ramp, and loads do not change on it.
+        True if its stiffness does not span too many decades, no contact is without friction anywhere on the ramp, and
+        loads do not change on it.
     """
     n = ring.order.shape[0]
     least = np.inf
@@ -319,7 +317,7 @@ def can_follow(contacts, target, springs, ring, stiffness):
             return False
         if contacts.shape[0] > CONTACT_ROWS and contacts[LOAD_CHANGE, i] != 0.0:
             return False
-    return n > 0 and most <= _MOST_SPAN * least
+    return most <= _MOST_SPAN * least
 
 
 @compiled
