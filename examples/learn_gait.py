@@ -16,7 +16,7 @@ import crawler_gym  # noqa: F401  registers Crawler-v0
 from crawler_model import load_scene, optimise
 
 STEPS = float(sys.argv[1]) if len(sys.argv) > 1 else 3e5
-SCENE, EPISODE, PERIOD, POPULATION, SEED = "three_contacts_one_way", 200, 1.0, 32, 1
+SCENE, EPISODE, PERIOD, POPULATION, SPREAD, SEED = "three_contacts_one_way", 200, 1.0, 32, 2.0, 1
 
 envs = gymnasium.make_vec(
     "Crawler-v0", num_envs=POPULATION, vectorization_mode="vector_entry_point", scene=SCENE, steps=EPISODE, price=0.0
@@ -45,7 +45,7 @@ def gains(population):
 
 best = optimise(load_scene(SCENE), "translation", waypoints=4, stroke=(0.0, 0.1), seconds=5.0, seed=SEED).value
 options = {"popsize": POPULATION, "seed": SEED, "verbose": -9}
-search = cma.CMAEvolutionStrategy(np.zeros(outputs * (inputs + 1)), 1.0, options)
+search = cma.CMAEvolutionStrategy(np.zeros(outputs * (inputs + 1)), SPREAD, options)
 parts, done, said = [], 0, 0.0
 while done < STEPS:
     asked = search.ask()
