@@ -235,7 +235,7 @@ def _follow(
             if not ok:
                 return False
             moved = found[:n]
-            paid = error if error > allowed else 0.0  # at starts and stops of contacts
+            paid = 0.0 if error <= allowed else error  # at starts and stops of contacts
             accepted = paid <= 0.125 * progress[ERROR_LEFT]
             if accepted and walks > 2:  # put the spring forces back onto the friction sets
                 tension = links[TENSION].copy()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...compiled import compiled, lean
+from ...rounding import EPS
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -94,19 +95,23 @@ def diagonal(springs, i):
     return springs.entry[springs.first[i]]
 
 
-@lean
+@compiled
 def solve_band_in_place(matrix, right):
     """Solve a positive definite system by Cholesky factorisation.
+
+    An unknown whose pivot is no more than rounding is kept at 0.
 
     Args:
         matrix: element (p, p + d) of the matrix at [p, d], shape (n, width), overwritten.
         right: the right side, shape (n,), overwritten by the solution.
     """
     n, width = matrix.shape
+    least = EPS * matrix[:, 0]
     for j in range(n):
         reach = min(width, n - j)
-        root = math.sqrt(max(matrix[j, 0], 1e-300))
-        for d in range(reach):
+        root = math.sqrt(matrix[j, 0]) if matrix[j, 0] > least[j] else np.inf
+        matrix[j, 0] = root
+        for d in range(1, reach):
             matrix[j, d] /= root
         right[j] /= root
         for d in range(1, reach):
