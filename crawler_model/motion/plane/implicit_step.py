@@ -177,5 +177,7 @@ def project_planar(springs, force, friction, directions, most_sweeps, velocity, 
             blocked -= 1
             residual = _residual(springs, force, *rules, *state)
         solved = residual <= CLOSE_ENOUGH
-    unique = not solved or choose_translation(velocity, spring, friction, directions, magnitude, motion)
+    unique = True
+    if solved and springs.tied.size == 0:
+        unique = choose_translation(velocity, spring, friction, directions, magnitude, motion)
     return solved, residual, unique, sweeps

@@ -30,6 +30,7 @@ class Springs(NamedTuple):
         entry: K_ij, shape (E,) [N/m]; the same for both coordinates.
         order: contacts, neighbours close to each other, int64, shape (N,).
         compliance: a bound on the relative displacement of two contacts per force between them [m/N].
+        tied: the contacts with springs to fixed places, int64; if there are none, a translation changes no force.
     """
 
     ends: np.ndarray
@@ -39,6 +40,7 @@ class Springs(NamedTuple):
     entry: np.ndarray
     order: np.ndarray
     compliance: float
+    tied: np.ndarray
 
 
 def laplacian_of(ends: np.ndarray, stiffness: np.ndarray, contacts: int) -> csr_array:
@@ -78,7 +80,9 @@ def build_springs(ends: np.ndarray, stiffness: np.ndarray, contacts: int) -> Spr
     row = np.repeat(np.arange(contacts), np.diff(matrix.indptr))
     sort = np.lexsort((matrix.indices, matrix.indices != row, row))
     first, other, entry = matrix.indptr.astype(np.int64), matrix.indices[sort].astype(np.int64), matrix.data[sort]
-    return Springs(ends, stiffness, first, other, entry, order, _greatest_compliance(first, other, entry, order))
+    compliance = _greatest_compliance(first, other, entry, order)
+    ends, stiffness, tied = np.array(ends, np.int64), np.array(stiffness), np.empty(0, np.int64)
+    return Springs(ends, stiffness, first, other, entry, order, compliance, tied)
 
 
 @lean

@@ -8,11 +8,11 @@ from crawler_model.arrays import frozen
 from crawler_model.body.directions import check_directions
 from crawler_model.errors import SceneError
 from crawler_model.motion.chain.projection import project, workspace
-from crawler_model.motion.plane import ramp as planar_ramp
+from crawler_model.motion.plane import follow as planar_ramps
 from crawler_model.motion.plane.cone import solve_with_clarabel
+from crawler_model.motion.plane.follow import follow as follow_planar
 from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, project_planar
 from crawler_model.motion.plane.ramp import ACTUATION, GAINED, TENSION, X
-from crawler_model.motion.plane.ramp import follow as follow_planar
 from crawler_model.motion.plane.springs import build_springs, laplacian_of, solve_band_in_place
 from crawler_model.motion.state import (
     ACCOUNT_SIZE,
@@ -370,7 +370,7 @@ def test_a_ramp_over_budget_is_finished_in_one_step():
 @pytest.mark.parametrize(("friction", "directions"), [EQUAL_SIDES, CROSSED])
 def test_where_the_kernel_gives_up_interior_points_help(monkeypatch, friction, directions, tolerance):
     expected = Body(friction, directions).follow(turning_gait(2), tolerance)
-    monkeypatch.setattr(planar_ramp, "MOST_SWEEPS", 0)
+    monkeypatch.setattr(planar_ramps, "MOST_SWEEPS", 0)
     np.testing.assert_allclose(Body(friction, directions).follow(turning_gait(2), tolerance), expected, atol=1e-6)
 
 
