@@ -111,7 +111,7 @@ def find_translations(velocity, forward, backward):
     return least, np.inf
 
 
-@compiled
+@lean
 def choose_translation(velocity, forward, backward, elements, share):
     """Add to the velocities the admissible translation whose net translation is nearest to zero.
 

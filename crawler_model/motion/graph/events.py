@@ -158,7 +158,7 @@ def _begin(
     return verdict, spent, block, free
 
 
-@lean
+@inlined
 def follow_events(
     ends,
     stiffness,
