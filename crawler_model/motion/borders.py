@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.places import AHEAD, BEHIND, ROUNDING_OF_PLACE, Stretches
-from ..compiled import compiled
+from ..compiled import lean
 from ..rounding import EPS, NOISE
 from .state import RELATIVE, X_REST, X, shift
 
@@ -82,7 +82,7 @@ def room_for_jumps(contacts: int) -> np.ndarray:
     return np.zeros((contacts + 16, 7))
 
 
-@compiled
+@lean
 def surely_holds(jumps):
     """Check whether the ground holds the body at the end of a ramp, beyond rounding.
 
@@ -96,7 +96,7 @@ def surely_holds(jumps):
     return min(forward, backward) > _HOLDS * (abs(forward) + abs(backward))
 
 
-@compiled
+@lean
 def is_moving(velocity, fastest):
     """Check whether a velocity is more than rounding.
 
@@ -110,7 +110,7 @@ def is_moving(velocity, fastest):
     return abs(velocity) > NOISE * fastest
 
 
-@compiled
+@lean
 def gap_ahead(contacts, ground, i, direction):
     """Compute the distance of contact i from the next border in a direction, and the rounding error of it.
 
@@ -130,7 +130,7 @@ def gap_ahead(contacts, ground, i, direction):
     return gap, ground[ROUNDING_OF_PLACE, i] + _NEAR * abs(contacts[X, i])
 
 
-@compiled
+@lean
 def find_meeting(contacts, velocity, since, ground, i):
     """Find where on the ramp a contact reaches a border if its velocity stays as it is, see `find_border`.
 
@@ -153,7 +153,23 @@ def find_meeting(contacts, velocity, since, ground, i):
     return when
 
 
-@compiled
+@lean
+def largest(velocity):
+    """Find the largest velocity.
+
+    Args:
+        velocity: shape (N,) [m per unit of the ramp].
+
+    Returns:
+        Its absolute value.
+    """
+    found = 0.0
+    for v in velocity:
+        found = max(found, abs(v))
+    return found
+
+
+@lean
 def find_border(contacts, velocity, since, s, ground):
     """Find where on the ramp the first sliding contact reaches a border if velocities stay as they are.
 
@@ -170,7 +186,7 @@ def find_border(contacts, velocity, since, s, ground):
     Returns:
         The place on the ramp, at least s; infinite if no contact slides towards a border.
     """
-    fastest = np.abs(velocity).max()
+    fastest = largest(velocity)
     first = np.inf
     for i in range(velocity.shape[0]):
         if is_moving(velocity[i], fastest):
@@ -178,7 +194,7 @@ def find_border(contacts, velocity, since, s, ground):
     return first
 
 
-@compiled
+@lean
 def mark_reached(contacts, velocity, ground, reached):
     """Mark the contacts that have reached a border; at least one, the nearest in time.
 
@@ -191,7 +207,7 @@ def mark_reached(contacts, velocity, ground, reached):
         ground: rows as in `Track.find_ground`, shape (8, N).
         reached: output: 1 for a border reached forward, -1 backward, else 0; int8, shape (N,).
     """
-    fastest = np.abs(velocity).max()
+    fastest = largest(velocity)
     soonest = 0
     side = 0
     least = np.inf
@@ -214,7 +230,7 @@ def mark_reached(contacts, velocity, ground, reached):
                 reached[i] = 0
 
 
-@compiled
+@lean
 def move_all(contacts, distance):
     """Move all contacts alike.
 

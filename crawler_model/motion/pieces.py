@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import lean
 
 RAMP, FROM, UNTIL = range(3)
 """First columns of a piece: the ramp, and the part of it that the piece spans. The velocities of all contacts follow
@@ -68,7 +68,7 @@ def follow_pieces(
         account[:] = spent
 
 
-@compiled
+@lean
 def begin_ramp(pieces, ramp):
     """Note which ramp the next pieces belong to.
 
@@ -80,7 +80,7 @@ def begin_ramp(pieces, ramp):
         pieces[0, PRESENT_RAMP] = ramp
 
 
-@compiled
+@lean
 def note_piece(pieces, begin, until, velocity, arrival, coming):
     """Note a piece of a path.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..compiled import compiled
+from ..compiled import compiled, lean
 from ..rounding import CRITICAL, NOISE
 
 FEW_FREE, FEW_CONTACTS = 2, 256
@@ -57,7 +57,7 @@ def visited_margins(force, forward, backward):
     return margins
 
 
-@compiled
+@lean
 def nearness(force, forward, backward):
     """Compute the visited margin of a state without checking the arguments; see `visited_margin`.
 
@@ -111,7 +111,7 @@ def find_translations(velocity, forward, backward):
     return least, np.inf
 
 
-@compiled
+@lean
 def choose_translation(velocity, forward, backward, elements, share):
     """Add to the velocities the admissible translation whose net translation is nearest to zero.
 
@@ -154,7 +154,7 @@ def choose_translation(velocity, forward, backward, elements, share):
     return least - chosen, most - chosen
 
 
-@compiled
+@lean
 def is_wide(least, most, velocity):
     """Check whether an interval of translations is wider than rounding.
 

@@ -106,7 +106,7 @@ def test_functions_are_short_but_for_compiled_kernels():
     for file in sources():
         for node in ast.walk(ast.parse(file.read_text())):
             if not isinstance(node, ast.FunctionDef) or any(
-                ast.unparse(d) in ("compiled", "lean") for d in node.decorator_list
+                ast.unparse(d) in ("compiled", "lean", "inlined") for d in node.decorator_list
             ):
                 continue
             text = ast.get_docstring(node)
@@ -345,7 +345,7 @@ def test_the_kernels_cache_covers_all_files_that_kernels_import():
     """Imports that are for types alone leave no trace in a kernel."""
     model = ROOT / "crawler_model"
     covered = {file for pattern in compiled._SOURCES for file in model.glob(pattern)}
-    marks = ("\n@compiled\n", "\n@lean\n")
+    marks = ("\n@compiled\n", "\n@lean\n", "\n@inlined\n")
     waiting = [file for file in model.rglob("*.py") if any(mark in file.read_text(encoding="utf-8") for mark in marks)]
     assert len(waiting) > 20
     reached: set[Path] = set()

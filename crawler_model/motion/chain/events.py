@@ -51,7 +51,6 @@ from .memory import (
     ROW_SINCE,
     ROW_V,
     ROW_V_BEFORE,
-    carve,
 )
 from .patches.border import begin_meetings, next_meeting, sum_bounds, update_meetings
 from .patches.crossing import cross_borders
@@ -71,6 +70,12 @@ def _survey(floats, bytes_):
 
 
 @compiled
+def _sort(hits):
+    """Sort the contacts of one event; this allocates."""
+    hits.sort()
+
+
+@lean
 def follow_events(
     elasticity,
     contacts,
@@ -81,8 +86,8 @@ def follow_events(
     bytes_,
     tree,
     stacks,
-    long_floats,
     long_ints,
+    tables,
     account,
     budget,
     elements,
@@ -100,13 +105,13 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, N - 1), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (3 N - 1,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, which also allocates the next five.
+        floats: memory of the ramp, from `memory.scratch`, which also allocates the next four.
         bytes_: statuses within the ramp.
         tree: memory for the tournament of the next events, and behind it for the contacts of one event,
             shape (4 M + N,).
         stacks: memory for `project`.
-        long_floats: memory for long blocks, empty if the chain is too short for them.
-        long_ints: likewise.
+        long_ints: memory for long blocks.
+        tables: from `memory.carve`.
         account: account of the ramp, shape (14,), added to.
         budget: upper limit of work: contacts solved plus breakpoints passed in the projection.
         elements: both contacts of each element of a segment, shape (P, 2).
@@ -127,7 +132,7 @@ def follow_events(
     hits = tree[4 * leaves :]
     shortest = long_ints[0]
     until_long = long_ints[4]
-    lines, nodes, order, marks, parts = carve(long_floats, long_ints)
+    lines, nodes, order, marks, parts = tables
     whole = sum_bounds(contacts, target)
     may_be_long = marks.shape[1] > 0 and not wide and patches is None and pieces_met.shape[0] == 0
     any_long = False
@@ -260,7 +265,7 @@ def follow_events(
             first_hit = int(tree[3])
         solved_to = -1
         if count > 1:
-            hits[:count].sort()
+            _sort(hits[:count])
         for j in range(count):
             contact = int(hits[j])
             if contact <= solved_to:

@@ -5,7 +5,7 @@ It is a catch-up step (`ramp`), and the whole of a ramp on which no contact turn
 
 from __future__ import annotations
 
-from ...compiled import compiled, lean
+from ...compiled import lean
 from ...rounding import CRITICAL
 from ..state import (
     ACTUATION,
@@ -41,7 +41,7 @@ from .projection import chain_velocities, project, shape_gain
 from .wide import project_wide
 
 
-@compiled
+@lean
 def project_step(elasticity, links, target, floats, bytes_, stacks, wide):
     """Solve for the tensions and displacements after one implicit step, without changing the state.
 
@@ -132,7 +132,7 @@ def take_step(contacts, links, status, target, floats, bytes_, account):
     return arrivals
 
 
-@compiled
+@lean
 def catch_up(elasticity, contacts, links, status, target, floats, bytes_, stacks, account, elements, share, wide):
     """Take one implicit step from the present state to `target`, with the friction of its end.
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import lean
 from ...rounding import CRITICAL, EPS, NOISE
 from .breakpoints import JUMP, POSITION, REACH, SLOPE, project_in_trees
 
@@ -39,7 +39,7 @@ def workspace(links: int) -> np.ndarray:
     return np.empty((2, 4, 2 * links + 4))
 
 
-@compiled
+@lean
 def project(target, compliance, backward, forward, magnitude, tension, side, stacks):
     """Project `target` onto the stasis domain of a chain; the result is written into `tension` and `side`.
 
@@ -231,7 +231,7 @@ def project(target, compliance, backward, forward, magnitude, tension, side, sta
     return moved
 
 
-@compiled
+@lean
 def shape_gain(tension, trial, compliance):
     """Compute the change of a link's elongation from its trial and final tension; rounding counts as zero.
 
@@ -247,7 +247,7 @@ def shape_gain(tension, trial, compliance):
     return change * compliance if abs(change) > 16.0 * EPS * (abs(tension) + abs(trial)) else 0.0
 
 
-@compiled
+@lean
 def chain_velocities(shape_rate, side, velocity, first, last):
     """Sum v_{i+1} = v_i + w_i over contacts first..last; contacts with `side` 0 and beyond the range are at rest.
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...body.places import put_on_ground
-from ...compiled import compiled
+from ...compiled import compiled, inlined, lean
 from ...rounding import EPS
 from ..borders import AT_JUMP, FOLLOWED, LOST, OF_RAMP, PASSED, STOPPED, SUM_BACKWARD, SUM_FORWARD
 from ..pieces import begin_ramp
@@ -53,11 +53,11 @@ from ..state import (
 from ..translation import nearness
 from .events import follow_events
 from .implicit_step import catch_up
-from .memory import ROW_MOVED, ROW_TRIAL
+from .memory import ROW_MOVED, ROW_TRIAL, carve
 from .wide import spans_decades
 
 
-@compiled
+@lean
 def _discord(compliance, contacts, links):
     """Compute the difference between elongations from tensions and from displacements beyond rounding of the latter.
 
@@ -70,7 +70,8 @@ def _discord(compliance, contacts, links):
         after = links[TENSION, i] if i < links.shape[1] else 0.0
         over = max((after - before) - contacts[FORWARD, i], (before - after) - contacts[BACKWARD, i])
         if over > 0.0:
-            excess = max(excess, over * compliance[max(i - 1, 0) : i + 1].max())
+            softest = max(compliance[max(i - 1, 0)], compliance[min(i, links.shape[1] - 1)])
+            excess = max(excess, over * softest)
         before = after
     for i in range(links.shape[1]):
         z = (contacts[X, i + 1] - contacts[X, i]) + (contacts[X_REST, i + 1] - contacts[X_REST, i])
@@ -79,7 +80,7 @@ def _discord(compliance, contacts, links):
     return worst + excess
 
 
-@compiled
+@lean
 def _lean_on_softest(compliance, contacts, tension, status, moved, first):
     """Compute the tensions from `first` to the softest link of its sliding block from that of the softest link.
 
@@ -96,7 +97,7 @@ def _lean_on_softest(compliance, contacts, tension, status, moved, first):
         tension[j - 1] = tension[j] - bound
 
 
-@compiled
+@inlined
 def _finish(elasticity, contacts, links, status, target, bytes_, account, energy, wide):
     """Set the state to the end of the ramp, with contacts at a bound exactly on it, and complete the account.
 
@@ -208,6 +209,7 @@ def follow(
         contacts[GAINED, :] = 0.0
     else:
         here = np.empty(4 * n - 1)
+    tables = carve(long_floats, long_ints)
     wide = spans_decades(elasticity[COMPLIANCE])
     energy = 0.0
     for i in range(n - 1):
@@ -243,8 +245,8 @@ def follow(
                     bytes_,
                     tree,
                     stacks,
-                    long_floats,
                     long_ints,
+                    tables,
                     ramp,
                     budget,
                     elements,

@@ -22,7 +22,7 @@ _SPLITTER = 134217729.0
 _NOTHING = (0.0, 0.0)
 
 
-@compiled
+@lean
 def spans_decades(compliance):
     """Check whether the stiffness of a chain spans so many decades that its projection needs two floats per number.
 
@@ -32,7 +32,12 @@ def spans_decades(compliance):
     Returns:
         True if it does.
     """
-    return compliance.max() > WIDE * compliance.min()
+    least = np.inf
+    most = 0.0
+    for value in compliance:
+        least = min(least, value)
+        most = max(most, value)
+    return most > WIDE * least
 
 
 @compiled

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...body.body import Body
-from ...compiled import lean
+from ...compiled import inlined, lean
 from ...errors import SceneError
 from ...rounding import EPS, NOISE
 from .descent import relax, search
@@ -148,7 +148,7 @@ def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     return np.empty((n, width)), np.zeros((5, n)), np.empty((2, n), np.int64), np.zeros(n, np.int8)
 
 
-@lean
+@inlined
 def move(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
     """Solve for the velocities; all arrays in the order of the band.
 
@@ -199,7 +199,7 @@ def _find_sides(lower, upper, magnitude, force, size, velocity, side, places):
                 side[p] = -1
 
 
-@lean
+@inlined
 def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
     """Search for the sides of the contacts; see `move`."""
     band = net[0]

@@ -9,7 +9,7 @@ from ...rounding import EPS
 from .elimination import pull_at
 
 
-@compiled
+@lean
 def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places):
     """Find the part of the way to `trial` at which the cost is least, for each group of contacts on its own.
 
@@ -33,8 +33,6 @@ def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, p
     Returns:
         Whether any part is less than 1.
     """
-    band, heads, near = net
-    n = band.shape[0]
     count = 0
     passing = False
     for p in places:
@@ -52,6 +50,16 @@ def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, p
         for p in places:
             parts[p] = parts[groups[p]]
         return True
+    return _search_passing(
+        net, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places, count
+    )
+
+
+@compiled
+def _search_passing(net, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places, count):
+    """Do the same where contacts may reverse, of which there are `count`."""
+    band, heads, near = net
+    n = band.shape[0]
     whose = np.empty(count, np.int64)
     ats = np.empty(count)
     count = 0

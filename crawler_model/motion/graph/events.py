@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import inlined, lean
 from ...rounding import SHORTEST_STRETCH
 from ..borders import find_border, mark_reached
 from ..pieces import note_piece
@@ -31,16 +31,21 @@ from .margin import slides_at_once
 from .memory import (
     CHANGE,
     RATE,
+    ROW_ALL,
     ROW_ARRIVAL,
     ROW_COMING,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
+    ROW_HITS,
     ROW_LEAVING,
     ROW_LOAD,
     ROW_MAGNITUDE,
+    ROW_MARKS,
     ROW_MIDDLE,
     ROW_MIDDLE_B,
+    ROW_PLACES,
+    ROW_QUEUE,
     ROW_SIDE,
     ROW_SINCE,
     ROW_V,
@@ -103,7 +108,7 @@ def _solve_around(
     return verdict, found, was_free, effort
 
 
-@lean
+@inlined
 def _begin(
     ends,
     stiffness,
@@ -118,10 +123,8 @@ def _begin(
     account,
     tree,
     leaves,
-    marks,
+    lists,
     block,
-    queue,
-    places,
     rounds,
     budget,
     s,
@@ -135,10 +138,9 @@ def _begin(
     spent = 0
     verdict = 0
     if n <= FEW_CONTACTS:  # all blocks together take less time than one by one
-        for i in range(n):
-            places[i] = i
-        verdict, spent = solve(*common, rounds, budget, places[:n], s)
+        verdict, spent = solve(*common, rounds, budget, lists[ROW_ALL, :n], s)
     else:
+        marks, queue, places = lists[ROW_MARKS : ROW_MARKS + 2], lists[ROW_QUEUE], lists[ROW_PLACES]
         before = block
         for i in range(n):
             if status[i] == 0 or marks[0, i] > before or verdict < 0:
@@ -156,7 +158,7 @@ def _begin(
     return verdict, spent, block, free
 
 
-@compiled
+@inlined
 def follow_events(
     ends,
     stiffness,
@@ -167,9 +169,7 @@ def follow_events(
     links,
     status,
     target,
-    floats,
-    changes,
-    bytes_,
+    memory,
     account,
     budget,
     rounds,
@@ -191,9 +191,7 @@ def follow_events(
         links: rows SHAPE .. ACTUATION_REF, shape (5, S), changed in place.
         status: bits AT_FORWARD and AT_BACKWARD, int8, shape (N,), changed in place.
         target: L, mu_plus and mu_minus at the ramp's end, shape (S + 2 N,) [m, N].
-        floats: memory of the ramp, from `memory.scratch`, which also allocates the next two.
-        changes: changes of the rest lengths and tensions.
-        bytes_: sides of the contacts.
+        memory: from `memory.scratch`.
         account: account of the ramp, shape (14,), added to.
         budget: upper limit of contacts solved, counted in every round of the active set.
         rounds: upper limit of rounds of the active set.
@@ -208,8 +206,9 @@ def follow_events(
     """
     n = contacts.shape[1]
     springs = ends.shape[0]
-    layout = network[0]
-    order = layout[0]
+    order = network[0][0]
+    floats, changes, bytes_, tree, lists = memory
+    marks, queue, hits, places = lists[ROW_MARKS : ROW_MARKS + 2], lists[ROW_QUEUE], lists[ROW_HITS], lists[ROW_PLACES]
     change = changes[CHANGE]
     whole = 0.0
     for j in range(springs):
@@ -227,20 +226,17 @@ def follow_events(
         floats[ROW_SINCE, i] = 0.0
         floats[ROW_ARRIVAL, i] = np.inf
         bytes_[ROW_LEAVING, i] = 0
+        marks[0, i] = 0
+        marks[1, i] = 0
         bytes_[ROW_SIDE, i] = 1 if status[i] & AT_FORWARD else (-1 if status[i] & AT_BACKWARD else 0)
     add_load(ends, stiffness, change, floats[ROW_LOAD], floats[ROW_MAGNITUDE])
     contact_forces(ends, links[TENSION], floats[ROW_FORCE])
     leaves = 1
     while leaves < n:
         leaves *= 2
-    tree = np.empty(4 * leaves)
-    marks = np.zeros((2, n), np.int64)
-    queue = np.empty(n, np.int64)
-    hits = np.empty(n, np.int64)
-    places = np.empty(n + 1, np.int64)
     v = floats[ROW_V]
     common = ends, stiffness, network, work, contacts, links, status, floats, changes, bytes_, account
-    verdict, spent, block, free = _begin(*common, tree, leaves, marks, 0, queue, places, rounds, budget, 0.0)
+    verdict, spent, block, free = _begin(*common, tree, leaves, lists, 0, rounds, budget, 0.0)
     if verdict < 0:
         return 0.0, spent >= budget
     in_ring = False
@@ -259,9 +255,7 @@ def follow_events(
             spent += effort
             if at == 1.0:
                 return at, True
-            verdict, effort, block, free = _begin(
-                *common, tree, leaves, marks, block, queue, places, rounds, budget - spent, at
-            )
+            verdict, effort, block, free = _begin(*common, tree, leaves, lists, block, rounds, budget - spent, at)
             spent += effort
             if verdict < 0:
                 return at, spent >= budget

@@ -27,9 +27,7 @@ def follow_many(
     elements,
     share,
     rounds,
-    floats,
-    changes,
-    bytes_,
+    memory,
     accounts,
     spent,
     records,
@@ -53,9 +51,7 @@ def follow_many(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         rounds: upper limit of rounds of the active set.
-        floats: memory from `scratch`, like the next two.
-        changes: floats of the springs.
-        bytes_: flags of the contacts.
+        memory: from `memory.scratch`.
         accounts: total accounts, shape (M, 14), added to.
         spent: output: work, and energy lost to friction, since the start of the call at the end of each leg, shape
             (M, L, 2) [J].
@@ -83,9 +79,7 @@ def follow_many(
                 elements,
                 share,
                 rounds,
-                floats,
-                changes,
-                bytes_,
+                memory,
                 accounts[m],
                 records[m, legs[leg] : legs[leg + 1]],
                 None,

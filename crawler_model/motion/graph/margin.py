@@ -10,7 +10,7 @@ are at their bounds within that rounding.
 
 from __future__ import annotations
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from ...rounding import CRITICAL, EPS
 from ..state import ACTUATION, AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, RELATIVE, TENSION
 from .memory import CHANGE, ROW_D_BACKWARD, ROW_D_FORWARD, ROW_FORCE, ROW_FORCE_RATE
@@ -117,7 +117,7 @@ def nearness_of(distances):
     return near / total if total > 0.0 else 0.0
 
 
-@lean
+@inlined
 def margin_at_rest(status, floats, contacts, side):
     """Compute the visited margin of a state from its forces.
 
@@ -135,7 +135,7 @@ def margin_at_rest(status, floats, contacts, side):
     return nearness_of(distance_to_sliding(status, side, floats, contacts, 0.0, 0.0))
 
 
-@lean
+@inlined
 def slides_at_once(ends, stiffness, contacts, links, changes, status, side, floats, s, whole):
     """Check whether all contacts are at their bounds from s to the end of the ramp; the translation may then be free.
 

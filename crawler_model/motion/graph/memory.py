@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from .active_set import move
 
 # Rows of the scratch floats.
@@ -22,25 +22,30 @@ from .active_set import move
     ROW_MIDDLE_B,
     ROW_ARRIVAL,
     ROW_SINCE,
+    ROW_BEFORE,  # RELATIVE at the start of the ramp
     # in the order of the band
     _PLACED_LOAD,
     _PLACED_LOWER,
     _PLACED_UPPER,
     _PLACED_MAGNITUDE,
     _PLACED_V,
-) = range(18)
-_FLOAT_ROWS = 18
-# Rows of the scratch bytes: side of a contact, bound that it approaches, bounds that it leaves; constant zeros; sides
-# in the order of the band.
-ROW_SIDE, ROW_COMING, ROW_LEAVING, ROW_NO_STATUS, _PLACED_SIDE = range(5)
-_BYTE_ROWS = 5
+) = range(19)
+_FLOAT_ROWS = 19
+# Rows of the scratch bytes: side of a contact, bound that it approaches, bounds that it leaves; constant zeros; whether
+# it slid, and its side, at the end of the ramp; sides in the order of the band.
+ROW_SIDE, ROW_COMING, ROW_LEAVING, ROW_NO_STATUS, ROW_LAST, _PLACED_SIDE = range(6)
+_BYTE_ROWS = 6
 # Rows of the changes of the springs: of the rest lengths along the ramp; rates of the tensions, or the tensions of a
 # catch-up step; the place on the ramp since which the rates hold.
 CHANGE, RATE, SPRING_SINCE = range(3)
 _CHANGE_ROWS = 3
+# Rows of the lists: marks of the contacts, two rows, see `find_block`; contacts of a block; contacts of an event;
+# positions of a block; constant: all positions.
+ROW_MARKS, ROW_QUEUE, ROW_HITS, ROW_PLACES, ROW_ALL = 0, 2, 3, 4, 5
+_LIST_ROWS = 6
 
 
-def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Allocate the scratch memory for a graph.
 
     Args:
@@ -48,12 +53,17 @@ def scratch(contacts: int, springs: int) -> tuple[np.ndarray, np.ndarray, np.nda
         springs: number of springs S.
 
     Returns:
-        Floats of the contacts, floats of the springs, and flags of the contacts, for `follow`.
+        Floats of the contacts, floats of the springs, flags of the contacts, the tournament of their next events, and
+        lists of them, for `follow`. They are allocated once, as ramps of small bodies take no longer than allocations.
     """
+    lists = np.zeros((_LIST_ROWS, contacts + 1), np.int64)
+    lists[ROW_ALL] = np.arange(contacts + 1)
     return (
         np.zeros((_FLOAT_ROWS, contacts)),
         np.zeros((_CHANGE_ROWS, springs)),
         np.zeros((_BYTE_ROWS, contacts), np.int8),
+        np.zeros(4 << max(contacts - 1, 1).bit_length()),
+        lists,
     )
 
 
@@ -92,15 +102,15 @@ def add_load(ends, stiffness, change, load, magnitude):
         magnitude[ends[s, 1]] += abs(pull)
 
 
-@lean
+@inlined
 def displace(network, stiffness_work, floats, bytes_, rounds, places):
     """Call `move` with the contacts in the order of the band; lower, upper, load and magnitude are rows of floats.
 
     Args:
         network: layout and band of the `Network`.
         stiffness_work: memory from `GraphMotion.scratch`.
-        floats: rows of this module, shape (18, N); velocities are changed.
-        bytes_: flags of the contacts, int8, shape (5, N); sides are changed.
+        floats: rows of this module, shape (19, N); velocities are changed.
+        bytes_: flags of the contacts, int8, shape (6, N); sides are changed.
         rounds: upper limit of rounds of the active set.
         places: positions of the contacts to solve for, as for `move`.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...body.places import put_on_ground
-from ...compiled import compiled, lean
+from ...compiled import compiled, inlined, lean
 from ...rounding import EPS
 from ..borders import FOLLOWED, PASSED
 from ..pieces import begin_ramp
@@ -51,9 +51,12 @@ from .margin import margin_at_rest, slides_at_once
 from .memory import (
     CHANGE,
     RATE,
+    ROW_ALL,
+    ROW_BEFORE,
     ROW_D_BACKWARD,
     ROW_D_FORWARD,
     ROW_FORCE,
+    ROW_LAST,
     ROW_LOAD,
     ROW_LOWER,
     ROW_MAGNITUDE,
@@ -87,21 +90,30 @@ def _stored_energy(stiffness, links):
     return stored
 
 
-@compiled
+@lean
+def _extremes(contacts):
+    """Find the least and the largest of the relative displacements."""
+    least = np.inf
+    most = -np.inf
+    for i in range(contacts.shape[1]):
+        least = min(least, contacts[RELATIVE, i])
+        most = max(most, contacts[RELATIVE, i])
+    return least, most
+
+
+@lean
 def _rebase(contacts):
     """Shift the relative displacements to stay small; the shift is a power of two and loses no digits."""
-    n = contacts.shape[1]
-    least = contacts[RELATIVE].min()
-    most = contacts[RELATIVE].max()
+    least, most = _extremes(contacts)
     nearest = least if least > 0.0 else (most if most < 0.0 else 0.0)
     if abs(nearest) <= 4.0 * (most - least) or nearest == 0.0:
         return
     away = 2.0 ** np.floor(np.log2(abs(nearest)))
-    for i in range(n):
+    for i in range(contacts.shape[1]):
         contacts[RELATIVE, i] -= away if nearest > 0.0 else -away
 
 
-@compiled
+@lean
 def _catch_up(
     ends,
     stiffness,
@@ -112,9 +124,7 @@ def _catch_up(
     links,
     status,
     target,
-    floats,
-    changes,
-    bytes_,
+    memory,
     account,
     rounds,
     elements,
@@ -122,6 +132,7 @@ def _catch_up(
 ):
     """Take one implicit step from the present state to `target`; return False if it did not converge."""
     n, springs = contacts.shape[1], ends.shape[0]
+    floats, changes, bytes_, _, lists = memory
     change, tension = changes[CHANGE], changes[RATE]
     for s in range(springs):
         change[s] = target[s] - links[ACTUATION, s]
@@ -144,7 +155,7 @@ def _catch_up(
         for _ in range(2):  # a contact that rested before, then one that seems to rest now: most sides are then known
             if cut >= 0:
                 cut = project_ring(ends, stiffness, ring, tension, floats, bytes_, work[4], cut)
-    verdict, _ = displace(network, work, floats, bytes_, rounds, np.arange(n))
+    verdict, _ = displace(network, work, floats, bytes_, rounds, lists[ROW_ALL, :n])
     if verdict < 0:
         return False
     v = floats[ROW_V]
@@ -188,10 +199,12 @@ def _catch_up(
     return True
 
 
-@compiled
-def _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, account, energy):
+@inlined
+def _finish(ends, stiffness, network, work, contacts, links, status, target, memory, account, energy):
     """Set the state to the end of the ramp, with sliding contacts exactly on their bounds; complete the account."""
     n, springs = contacts.shape[1], ends.shape[0]
+    floats, _, bytes_, _, lists = memory
+    sliding = bytes_[ROW_LAST]
     for s in range(springs):
         links[ACTUATION, s] = target[s]
     for i in range(n):
@@ -201,22 +214,24 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, flo
     contact_forces(ends, links[TENSION], floats[ROW_FORCE])
     layout, band = network
     net, order = (band, *layout[5:]), layout[0]
+    band_work, rows, ints = work[:3]
+    load, result = rows[3], rows[4]  # as in `move`
     some = False
-    load = np.zeros(n)
-    sliding = np.zeros(n, np.int8)
     for p in range(n):
         i = order[p]
-        if moved[i] and status[i] != 0:
+        sliding[p] = contacts[RELATIVE, i] != floats[ROW_BEFORE, i] and status[i] != 0
+        if sliding[p]:
             bound = contacts[FORWARD, i] if status[i] & AT_FORWARD else -contacts[BACKWARD, i]
             load[p] = floats[ROW_FORCE, i] - bound
-            sliding[p] = 1
             some = True
     if some:
-        result = np.empty(n)
-        eliminate(net, work[0], work[1][0], work[2][0], work[2][1], load, sliding, result, np.arange(n))
-        size = max(abs(contacts[RELATIVE].max()), abs(contacts[RELATIVE].min()))
-        largest = np.abs(result).max()
-        if largest <= 1e6 * EPS * size:  # correct rounding errors only
+        eliminate(net, band_work, rows[0], ints[0], ints[1], load, sliding, result, lists[ROW_ALL, :n])
+        least, most = _extremes(contacts)
+        close = 1e6 * EPS * max(abs(most), abs(least))
+        rounding = True
+        for p in range(n):
+            rounding = rounding and abs(result[p]) <= close
+        if rounding:  # correct rounding errors only
             for p in range(n):
                 if result[p] != 0.0:
                     contacts[RELATIVE, order[p]] += result[p]
@@ -248,9 +263,7 @@ def follow(
     elements,
     share,
     rounds,
-    floats,
-    changes,
-    bytes_,
+    memory,
     account,
     records,
     ground,
@@ -275,9 +288,7 @@ def follow(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         rounds: upper limit of rounds of the active set.
-        floats: memory from `scratch(N, S)`, which also allocates the next two.
-        changes: floats of the springs.
-        bytes_: flags of the contacts.
+        memory: from `memory.scratch`.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
         ground: from `Track.find_ground`, shape (8, N), for contacts with rows of loads; None on ground that is the
@@ -290,8 +301,7 @@ def follow(
     """
     n, springs = contacts.shape[1], ends.shape[0]
     ramp = np.zeros(account.shape[0])
-    before = np.empty(n)
-    moved = np.zeros(n, np.int8)
+    floats, bytes_ = memory[0], memory[2]
     here = np.empty(springs + 3 * n)
     if ground is None:
         contacts[GAINED, :] = 0.0
@@ -304,7 +314,7 @@ def follow(
             target = here
         if not is_in_force(contacts, links, target):
             energy = _stored_energy(stiffness, links)
-            before[:] = contacts[RELATIVE]
+            floats[ROW_BEFORE] = contacts[RELATIVE]
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
             begin_loads(contacts, target)
@@ -322,9 +332,7 @@ def follow(
                     links,
                     status,
                     target,
-                    floats,
-                    changes,
-                    bytes_,
+                    memory,
                     ramp,
                     budget,
                     rounds,
@@ -349,13 +357,9 @@ def follow(
                 if ground is not None and reached.any():
                     middle = np.empty(target.shape[0])
                     read_commands(contacts, links, middle)
-                    for i in range(n):
-                        moved[i] = contacts[RELATIVE, i] != before[i]
                     if done == 1.0:
                         middle[:] = target
-                    _finish(
-                        ends, stiffness, network, work, contacts, links, status, middle, floats, moved, ramp, energy
-                    )
+                    _finish(ends, stiffness, network, work, contacts, links, status, middle, memory, ramp, energy)
                     end_loads(contacts, middle, ramp)
                     add_ramp(account, ramp)
                     return v, done, FOLLOWED
@@ -373,9 +377,7 @@ def follow(
                     links,
                     status,
                     target,
-                    floats,
-                    changes,
-                    bytes_,
+                    memory,
                     ramp,
                     rounds,
                     elements,
@@ -384,9 +386,7 @@ def follow(
                     ramp[UNSOLVED] = 1.0
                 if done >= 1.0 - INSTANT:  # an instant without friction is not a stretch
                     ramp[AMBIGUOUS], ramp[GAIN_LEAST], ramp[GAIN_MOST] = ambiguous, least, most
-            for i in range(n):
-                moved[i] = contacts[RELATIVE, i] != before[i]
-            _finish(ends, stiffness, network, work, contacts, links, status, target, floats, moved, ramp, energy)
+            _finish(ends, stiffness, network, work, contacts, links, status, target, memory, ramp, energy)
             end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
@@ -395,5 +395,5 @@ def follow(
             return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
-        account[VISITED] = margin_at_rest(status, floats, contacts, moved)
+        account[VISITED] = margin_at_rest(status, floats, contacts, bytes_[ROW_LAST])
     return targets.shape[0], 0.0, FOLLOWED

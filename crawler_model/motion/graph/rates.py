@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from ...rounding import LATE
 from ..state import (
     AT_BACKWARD,
@@ -60,7 +60,7 @@ def settle(status, floats, bytes_, s, i):
         bytes_[ROW_LEAVING, i] = 0
 
 
-@lean
+@inlined
 def advance_contact(contacts, floats, s, i):
     """Update the force on a contact and its displacement from its last change to s.
 
@@ -195,7 +195,7 @@ def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, 
     return found
 
 
-@lean
+@inlined
 def find_arrival(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, s, i):
     """Find the bounds that a contact leaves at s, the rate of the force on it, and the bound that it reaches next.
 
@@ -272,7 +272,7 @@ def bound_rates(status, floats, i):
     floats[ROW_LOWER, i] = lower
 
 
-@lean
+@inlined
 def _set_rates(ends, stiffness, layout, contacts, links, status, floats, changes, bytes_, account, places, s):
     """Set the rates of the springs at contacts that can slide, then the rates of forces and the next events."""
     order, _, starts, _, springs = layout[:5]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ....body.places import find_bounds, survey
-from ....compiled import compiled, lean
-from ...borders import SAME, SUM_BACKWARD, SUM_FORWARD, find_meeting, is_moving
+from ....compiled import lean
+from ...borders import SAME, SUM_BACKWARD, SUM_FORWARD, find_meeting, is_moving, largest
 from ...state import AT_BACKWARD, AT_FORWARD, BACKWARD, FORWARD, LOAD, LOAD_CHANGE
 from ...tournament import begin_tournament, enter_event
 from ..memory import ROW_D_BACKWARD, ROW_D_FORWARD, ROW_MEETING, ROW_SINCE, ROW_V
 
 
-@compiled
+@lean
 def begin_meetings(contacts, floats, patches, leaves):
     """Find where all contacts reach their next borders, and begin the tournament of these places.
 
@@ -25,7 +25,7 @@ def begin_meetings(contacts, floats, patches, leaves):
     Returns:
         The largest velocity [m per unit of the ramp].
     """
-    fastest = np.abs(floats[ROW_V]).max()
+    fastest = largest(floats[ROW_V])
     for i in range(contacts.shape[1]):
         floats[ROW_MEETING, i] = np.inf
         if is_moving(floats[ROW_V, i], fastest):
@@ -34,7 +34,7 @@ def begin_meetings(contacts, floats, patches, leaves):
     return fastest
 
 
-@compiled
+@lean
 def update_meetings(contacts, floats, patches, leaves, first, last, fastest):
     """Find again where contacts first..last reach their next borders.
 
@@ -60,7 +60,7 @@ def update_meetings(contacts, floats, patches, leaves, first, last, fastest):
     return fastest
 
 
-@compiled
+@lean
 def next_meeting(floats, patches, leaves, s, fastest):
     """Find where on the ramp the first contact reaches a border.
 
@@ -88,7 +88,7 @@ def _bound(contacts, floats, s, i, direction):
     return contacts[BACKWARD, i] + s * floats[ROW_D_BACKWARD, i]
 
 
-@compiled
+@lean
 def enter(contacts, floats, patches, commands, target, i, place):
     """Put a contact onto a place, with the bounds and the load that it has there.
 
@@ -121,7 +121,7 @@ def enter(contacts, floats, patches, commands, target, i, place):
     contacts[LOAD_CHANGE, i] = target[3 * n - 1 + i] - load
 
 
-@compiled
+@lean
 def meet(contacts, status, floats, patches, commands, target, s, i, direction):
     """Let a contact at its bound leave the border that it stands on, or stand on the one that it has reached, or pass.
 

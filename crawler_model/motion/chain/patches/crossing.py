@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....compiled import compiled
+from ....compiled import lean
 from ...borders import find_meeting, gap_ahead, is_moving, surely_holds
 from ...state import AT_BACKWARD, AT_FORWARD, COMPLIANCE
 from ...tournament import enter_event
@@ -18,7 +18,7 @@ from .border import enter, meet
 from .fall import add_hit, jump
 
 
-@compiled
+@lean
 def _collect(contacts, floats, bytes_, patches, leaves, hits, s, fastest):
     """Mark and list the contacts that have reached a border; those about to leave one only if none arrives."""
     tree = patches.meetings
@@ -51,7 +51,7 @@ def _collect(contacts, floats, bytes_, patches, leaves, hits, s, fastest):
     return kept
 
 
-@compiled
+@lean
 def cross_borders(
     elasticity, contacts, links, status, floats, bytes_, account, hits, leaves, patches, commands, target, s, fastest
 ):

@@ -8,7 +8,7 @@ tensions follow from the one behind the first by sums over the falling bounds, a
 
 from __future__ import annotations
 
-from ....compiled import compiled, lean
+from ....compiled import lean
 from ...borders import (
     COUNT,
     JUMP_BORDER,
@@ -22,6 +22,7 @@ from ...borders import (
     OF_RAMP,
     gap_ahead,
     is_moving,
+    largest,
 )
 from ...state import (
     AT_BACKWARD,
@@ -74,7 +75,7 @@ def _is_at(contacts, floats, s, j, direction):
     return AT_FORWARD if direction > 0 else AT_BACKWARD
 
 
-@compiled
+@lean
 def _join(contacts, links, status, floats, bytes_, account, patches, s, j, direction):
     """Let contact j count from now on; return whether that is possible."""
     if patches.reached[j] == -direction:  # it is about to jump in the other direction
@@ -134,7 +135,7 @@ def _find_rates(compliance, floats, first, last):
     return True
 
 
-@compiled
+@lean
 def _find_next(contacts, floats, patches, first, last, direction):
     """Find the part of the fall up to its next event, and the contact to which it happens, -1 for none.
 
@@ -143,7 +144,7 @@ def _find_next(contacts, floats, patches, first, last, direction):
     speed, climb, room = floats[_SPEED], floats[_CLIMB], floats[_ROOM]
     part = 1.0
     contact = -1
-    fastest = speed[first : last + 1].max()
+    fastest = largest(speed[first : last + 1])
     for j in range(first, last + 1):
         if room[j] >= 0.0:
             rate = climb[j] - (climb[j - 1] if j > first else 0.0)
@@ -158,7 +159,7 @@ def _find_next(contacts, floats, patches, first, last, direction):
     return part, contact
 
 
-@compiled
+@lean
 def _advance(contacts, links, status, floats, bytes_, account, jumps, hits, count, s, first, last, direction, part):
     """Follow a part of the fall; return the number of hits."""
     speed, climb, excess, room = floats[_SPEED], floats[_CLIMB], floats[_EXCESS], floats[_ROOM]
@@ -246,12 +247,12 @@ def _hold(contacts, floats, s, i, direction):
     floats[_EXCESS, i] = 0.0
 
 
-@compiled
+@lean
 def _mark(contacts, floats, patches, first, last, event, direction):
     """Mark the contacts that have reached a border, one of them or more; return whether they arrive there."""
     patches.reached[event] = direction
     arriving = patches.place[event] % 2 == 0
-    fastest = floats[_SPEED, first : last + 1].max()
+    fastest = largest(floats[_SPEED, first : last + 1])
     for j in range(first, last + 1):
         if floats[_ROOM, j] < 0.0 and floats[_SPEED, j] > 0.0 and is_moving(floats[_SPEED, j], fastest):
             gap, near = gap_ahead(contacts, patches.ground, j, direction)
@@ -261,7 +262,7 @@ def _mark(contacts, floats, patches, first, last, event, direction):
     return arriving
 
 
-@compiled
+@lean
 def _reach(contacts, status, floats, patches, commands, target, s, j, direction):
     """Let contact j stand on the border that it has reached, leave it, pass it or jump there."""
     if floats[_LOSS, j] >= 0.0:
@@ -278,7 +279,7 @@ def _reach(contacts, status, floats, patches, commands, target, s, j, direction)
         floats[_ROOM, j] = room
 
 
-@compiled
+@lean
 def jump(
     compliance,
     contacts,
@@ -355,7 +356,7 @@ def jump(
         if not ended:
             break
         part, event = _find_next(contacts, floats, patches, first, last, direction)
-        pieces += part * floats[_SPEED, first : last + 1].max() > 0.0
+        pieces += part * largest(floats[_SPEED, first : last + 1]) > 0.0
         count = _advance(
             contacts, links, status, floats, bytes_, account, jumps, hits, count, s, first, last, direction, part
         )
