@@ -219,5 +219,5 @@ DRIVES: dict[str, GrowthDrive] = {
     "grid of springs": GrowthDrive(_grid, (100, 400, 900, 2_500, 10_000)),
     "plane, waves of 20 links": GrowthDrive(_planar_waves(_DISC, None), **_PLANE),
     "plane, waves of 20 links, friction by directions": GrowthDrive(_planar_waves(_POLYGON, None), **_PLANE),
-    "plane, five waves": GrowthDrive(_planar_waves(_DISC, 5.0), (30, 100, 300, 1_000), ("catch_up",)),
+    "plane, five waves": GrowthDrive(_planar_waves(_DISC, 5.0), (30, 100, 300, 1_000, 3_000), ("catch_up",)),
 }

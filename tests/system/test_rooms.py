@@ -43,6 +43,7 @@ ROOMS = {
         "motion.chain.long",
         "motion.chain.patches",
         "motion.plane",
+        "motion.plane.parts",
         "motion",
         "body",
     ),

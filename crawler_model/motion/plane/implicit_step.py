@@ -131,7 +131,7 @@ def _residual(springs, force, friction, directions, corners, velocity, motion, m
         if motion[i] != STUCK and directions.shape[0] == 0 and push > 0.0:
             size *= 1.0 + 4.0 * EPS / CLOSE_ENOUGH * friction[i, 0] / push
         gap = _distance(g0, g1, v0, v1, speed, friction[i], directions, corners[i], motion[i])
-        if not gap <= np.inf:
+        if not gap + size <= np.inf:
             return np.inf
         if gap > worst * size:
             worst = gap / size
@@ -177,5 +177,7 @@ def project_planar(springs, force, friction, directions, most_sweeps, velocity, 
             blocked -= 1
             residual = _residual(springs, force, *rules, *state)
         solved = residual <= CLOSE_ENOUGH
-    unique = not solved or choose_translation(velocity, spring, friction, directions, magnitude, motion)
+    unique = True
+    if solved and springs.tied.size == 0:
+        unique = choose_translation(velocity, spring, friction, directions, magnitude, motion)
     return solved, residual, unique, sweeps

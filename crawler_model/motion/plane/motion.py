@@ -18,7 +18,7 @@ from ..state import (
     PLANAR_X,
     VISITED,
 )
-from . import ramp
+from .follow import follow
 from .springs import Springs, build_springs
 
 DEFAULT_TOLERANCE = 1e-4
@@ -182,7 +182,7 @@ class PlaneMotion:
         records: np.ndarray,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`; `exact` and `budget` have no effect."""
-        ramp.follow(
+        follow(
             self.springs,
             self.directions,
             state.contacts,

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import SHORTEST_STRETCH
 from ..state import (
     AMBIGUOUS,
@@ -25,7 +25,6 @@ from ..state import (
     VIOLATION,
     VISITED,
     WORK,
-    record_spent,
 )
 from ..state import PLANAR_ACTUATION as ACTUATION
 from ..state import PLANAR_GAINED as GAINED
@@ -33,11 +32,9 @@ from ..state import PLANAR_LOAD as LOAD
 from ..state import PLANAR_TENSION as TENSION
 from ..state import PLANAR_X as X
 from ..state import PLANAR_X_REST as X_REST
-from .cone import solve_with_clarabel
 from .friction import CLOSE_ENOUGH, corners_of, excess, resistance
-from .implicit_step import MOST_SWEEPS, project_planar
 from .rates import BAND, find_rates
-from .springs import Springs, diagonal, laplacian_of
+from .springs import diagonal
 from .translation import choose_translation
 from .walk import (
     DETERMINED,
@@ -45,8 +42,8 @@ from .walk import (
     KNOWN,
     LENGTH,
     NOT_UNIQUE,
+    PATIENCE,
     PLACE,
-    RAMP,
     STAGES,
     START,
     TRIALS,
@@ -60,8 +57,40 @@ from .walk import (
 
 _LAST_STEP = 1.0 / 256.0
 """Length of a step, as part of the ramp, after the limit of substeps is reached."""
-_LAST_SWEEPS = 20
-"""Sweeps that refine the solution of Clarabel."""
+
+
+@lean
+def visited_margin(spring, friction, directions, corners):
+    """Compute how far the forces are from letting all contacts slide at once, as part of all friction.
+
+    Args:
+        spring: force that friction balances on each contact, shape (n, 2) [N].
+        friction: mu, shape (n, max(m, 1)) [N].
+        directions: unit vectors, shape (m, 2).
+        corners: corners of the polygons, shape (n, m, 2) [N].
+
+    Returns:
+        The part, in [0, 1].
+    """
+    near = 0.0
+    sizes = 0.0
+    for i in range(spring.shape[0]):
+        g0 = spring[i, 0]
+        g1 = spring[i, 1]
+        if directions.shape[0] == 0:
+            near += max(friction[i, 0] - math.hypot(g0, g1), 0.0)
+            sizes += 2.0 * friction[i, 0]
+            continue
+        least = np.inf
+        size = 0.0
+        for k in range(directions.shape[0]):
+            gap = friction[i, k] - g0 * directions[k, 0] - g1 * directions[k, 1]
+            if gap < least:
+                least = gap
+                size = friction[i, k] + resistance(friction[i], corners[i], -directions[k, 0], -directions[k, 1])
+        near += max(least, 0.0)
+        sizes += size
+    return near / sizes if sizes > 0.0 else 0.0
 
 
 @compiled
@@ -95,8 +124,6 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
     corners = corners_of(friction, directions)
     spring = np.empty((n, 2))
     pull(ends, links[TENSION], loads, target, part, spring)
-    near = 0.0
-    sizes = 0.0
     for i in range(n):
         g0 = spring[i, 0]
         g1 = spring[i, 1]
@@ -106,19 +133,6 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
         account[VIOLATION] = max(account[VIOLATION], math.hypot(e0, e1))
         lost = resistance(friction[i], corners[i], v0, v1) - (g0 * v0 + g1 * v1)
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
-        if directions.shape[0] == 0:
-            near += max(friction[i, 0] - math.hypot(g0, g1), 0.0)
-            sizes += 2.0 * friction[i, 0]
-            continue
-        least = np.inf
-        size = 0.0
-        for k in range(directions.shape[0]):
-            gap = friction[i, k] - g0 * directions[k, 0] - g1 * directions[k, 1]
-            if gap < least:
-                least = gap
-                size = friction[i, k] + resistance(friction[i], corners[i], -directions[k, 0], -directions[k, 1])
-        near += max(least, 0.0)
-        sizes += size
     dissipated = spent[0, 0]
     if loads.shape[0] > 0:
         dissipated -= spent[1, 0]
@@ -129,13 +143,24 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
     account[WORK] += spent[0, 1]
     account[DISSIPATION] += dissipated
     account[RESIDUAL] += gained + dissipated - spent[0, 1]
-    account[VISITED] = min(account[VISITED], near / sizes if sizes > 0.0 else 0.0)
+    account[VISITED] = min(account[VISITED], visited_margin(spring, friction, directions, corners))
     account[EVENTS] += 1.0
 
 
 @compiled
-def _is_still(links, friction, loads, target):
-    """Return whether a target equals the command in force."""
+def is_still(links, friction, contacts, target):
+    """Return whether a target equals the command in force.
+
+    Args:
+        links: rows TENSION and ACTUATION, shape (2, S, 2).
+        friction: mu, shape (n, max(m, 1)) [N].
+        contacts: rows as in `follow_ramp`.
+        target: end of the ramp.
+
+    Returns:
+        Whether it does.
+    """
+    loads = contacts[LOAD:]
     if loads.shape[0] > 0 and np.any(target[target.size - loads.size :] != loads.ravel()):
         return False
     for s in range(links.shape[1]):
@@ -169,10 +194,29 @@ def _look_ahead(springs, directions, links, friction, loads, target, spring, ban
 
 
 @compiled
-def _follow(
-    springs, directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress, *memory
+def follow_ramp(
+    springs, directions, contacts, links, friction, target, tolerance, most_steps, account, progress, *memory
 ):
-    """Follow the ramps from the place in `progress`; return False if a step has to be solved by the caller."""
+    """Follow a straight ramp of the commands.
+
+    Args:
+        springs: the springs of the body, from `build_springs`.
+        directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
+        contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call) [m], and with loads LOAD [N],
+            shape (3, n, 2) or (4, n, 2), changed in place.
+        links: rows TENSION [N] and ACTUATION [m], shape (2, S, 2), changed in place.
+        friction: mu, shape (n, max(m, 1)) [N], changed in place.
+        target: L, mu and with loads the loads at the ramp's end, shape (2 S + n max(m, 1) [+ 2 n],).
+        tolerance: approximate largest displacement error [m].
+        most_steps: upper limit of implicit steps tried; equal steps then complete the ramp.
+        account: total account, shape (14,), added to.
+        progress: place on the ramp, see `walk`, changed in place; zero at its start.
+        memory: from `memory_of`.
+
+    Returns:
+        False if a step has to be solved by the caller, else True: at the end of the ramp, or where the patience is at
+        an end or a tied contact has moved, as the forces of the springs that tie it are commanded with the loads.
+    """
     ends, stiffness = springs.ends, springs.stiffness
     most_sweeps, stages, motions, problem = memory
     n = friction.shape[0]
@@ -180,152 +224,95 @@ def _follow(
     velocity = np.zeros((n, 2))
     band = np.empty(n)
     loads = contacts[LOAD:]
-    while progress[RAMP] < targets.shape[0]:
-        target = targets[int(progress[RAMP])]
-        done = False
-        if progress[LENGTH] == 0.0:  # a new ramp
-            done = _is_still(links, friction, loads, target)
-            progress[PLACE] = 0.0
-            progress[LENGTH] = 1.0
-            progress[START] = np.inf
-            velocity[:] = 0.0  # the answer does not depend on how many ramps are followed in one call
-            progress[ERROR_LEFT] = tolerance
-            progress[TRIALS] = 0.0
-        if not done:
-            forced = progress[TRIALS] >= most_steps
-            if forced:  # the rest takes equal steps, whatever their error
-                progress[LENGTH] = _LAST_STEP
-            length = progress[LENGTH]
-            rest = 1.0 - progress[PLACE]
-            event = _look_ahead(springs, directions, links, friction, loads, target, spring, band, velocity) * rest
-            event = min(event, progress[START])
-            cut = not forced and event < min(length, rest) * (1.0 - 1e-9)
-            if cut:
-                length = event
-            last = not cut and length >= rest - 1e-12
-            if last:
-                length = rest
-            part = 1.0 if last else length / rest
-            blur = 0.0
-            for i in range(n):  # displacements that correspond to rounding of forces
-                blur = max(blur, band[i] / diagonal(springs, i))
-            allowed = np.inf if forced else max(tolerance * length, blur)
-            if progress[KNOWN] == 0.0:
-                stages[0] = part * velocity
-            if loads.shape[0] > 0:
-                reach = 0.5 * band / CLOSE_ENOUGH
-                scratch = np.empty(n, np.int64)
-                progress[DETERMINED] = choose_translation(velocity.copy(), spring, friction, directions, reach, scratch)
-            ok, found, error, walks, growth = attempt(
-                part,
-                velocity,
-                spring,
-                band,
-                tolerance,
-                allowed,
-                springs,
-                directions,
-                links,
-                friction,
-                loads,
-                target,
-                *memory,
-                progress,
-            )
-            if not ok:
+    if progress[LENGTH] == 0.0:
+        progress[PLACE] = 0.0
+        progress[LENGTH] = 1.0
+        progress[START] = np.inf
+        progress[ERROR_LEFT] = tolerance
+        progress[TRIALS] = 0.0
+    while progress[PLACE] < 1.0:
+        forced = progress[TRIALS] >= most_steps
+        if forced:  # the rest takes equal steps, whatever their error
+            progress[LENGTH] = _LAST_STEP
+        length = progress[LENGTH]
+        rest = 1.0 - progress[PLACE]
+        event = _look_ahead(springs, directions, links, friction, loads, target, spring, band, velocity) * rest
+        event = min(event, progress[START])
+        cut = not forced and event < min(length, rest) * (1.0 - 1e-9)
+        if cut:
+            length = event
+        last = not cut and length >= rest - 1e-12
+        if last:
+            length = rest
+        part = 1.0 if last else length / rest
+        blur = 0.0
+        for i in range(n):  # displacements that correspond to rounding of forces
+            blur = max(blur, band[i] / diagonal(springs, i))
+        allowed = np.inf if forced else max(tolerance * length, blur)
+        if progress[KNOWN] == 0.0:
+            stages[0] = part * velocity
+        if loads.shape[0] > 0 and springs.tied.size == 0:
+            reach = 0.5 * band / CLOSE_ENOUGH
+            scratch = np.empty(n, np.int64)
+            progress[DETERMINED] = choose_translation(velocity.copy(), spring, friction, directions, reach, scratch)
+        ok, found, error, walks, growth = attempt(
+            part,
+            velocity,
+            spring,
+            band,
+            tolerance,
+            allowed,
+            springs,
+            directions,
+            links,
+            friction,
+            loads,
+            target,
+            *memory,
+            progress,
+        )
+        if not ok:
+            return False
+        moved = found[:n]
+        paid = 0.0 if error <= allowed else error  # at starts and stops of contacts
+        accepted = paid <= 0.125 * progress[ERROR_LEFT]
+        if accepted and walks > 2:  # put the spring forces back onto the friction sets
+            tension = links[TENSION].copy()
+            stretch(ends, stiffness, moved, target, links, part, tension)
+            pull(ends, tension, loads, target, part, spring)
+            mu = friction_at(friction, loads, target, part)
+            if progress[KNOWN] < STAGES:
+                stages[STAGES - 1] = 0.0
+            if not step(STAGES - 1, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress):
                 return False
-            moved = found[:n]
-            paid = error if error > allowed else 0.0  # at starts and stops of contacts
-            accepted = paid <= 0.125 * progress[ERROR_LEFT]
-            if accepted and walks > 2:  # put the spring forces back onto the friction sets
-                tension = links[TENSION].copy()
-                stretch(ends, stiffness, moved, target, links, part, tension)
-                pull(ends, tension, loads, target, part, spring)
-                mu = friction_at(friction, loads, target, part)
-                if progress[KNOWN] < STAGES:
-                    stages[STAGES - 1] = 0.0
-                if not step(
-                    STAGES - 1, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress
-                ):
-                    return False
-                moved = moved + stages[STAGES - 1]
-                if loads.shape[0] > 0:
-                    for i in range(n):
-                        for c in range(2):
-                            found[n + 1, 0] += load_at(loads, target, part, i, c) * stages[STAGES - 1, i, c]
-            if accepted:
-                _commit(moved, found[n:], part, ends, stiffness, directions, contacts, links, friction, target, account)
-                progress[PLACE] += length
-                progress[ERROR_LEFT] -= paid
-                if length > SHORTEST_STRETCH and progress[NOT_UNIQUE:].max() > 0.0:
-                    account[AMBIGUOUS] = 1.0
-                account[OVERSPENT] += forced and last
-            done = accepted and last
-            growth = min(max(growth, 0.3), 4.0) if accepted else min(max(growth, 0.05), 0.95)
-            if accepted and loads.shape[0] > 0 and allowed > tolerance * length:
-                growth = max(growth, 2.0)  # the error is that of rounding, which shorter steps do not reduce
-            longest = growth * length
-            progress[START] = longest if walks == 0 and not accepted else np.inf
-            if walks == 0 or (accepted and cut):  # an event ended it, not its error
-                progress[LENGTH] = max(longest, progress[LENGTH])
-            else:
-                progress[LENGTH] = longest
-            progress[TRIALS] += max(progress[KNOWN], 1.0)
-            progress[KNOWN] = 0.0
-            progress[NOT_UNIQUE:] = 0.0
-        if done:
-            v = int(progress[RAMP])
-            if records.shape[0] > 0:
-                records[v, : 2 * n] = contacts[X].ravel()
-                records[v, 2 * n : 4 * n] = contacts[X_REST].ravel()
-                written = 4 * n + 2 * links.shape[1]
-                records[v, 4 * n : written] = links[TENSION].ravel()
-                if records.shape[1] > written:
-                    record_spent(account, records[v])
-            progress[RAMP] += 1.0
-            progress[LENGTH] = 0.0
+            moved = moved + stages[STAGES - 1]
+            if loads.shape[0] > 0:
+                for i in range(n):
+                    for c in range(2):
+                        found[n + 1, 0] += load_at(loads, target, part, i, c) * stages[STAGES - 1, i, c]
+        if accepted:
+            _commit(moved, found[n:], part, ends, stiffness, directions, contacts, links, friction, target, account)
+            progress[PLACE] = 1.0 if last else progress[PLACE] + length
+            progress[PATIENCE] -= 1.0
+            progress[ERROR_LEFT] -= paid
+            if length > SHORTEST_STRETCH and progress[NOT_UNIQUE:].max() > 0.0:
+                account[AMBIGUOUS] = 1.0
+            account[OVERSPENT] += forced and last
+            for i in springs.tied:
+                if moved[i, 0] != 0.0 or moved[i, 1] != 0.0:
+                    return True
+        growth = min(max(growth, 0.3), 4.0) if accepted else min(max(growth, 0.05), 0.95)
+        if accepted and loads.shape[0] > 0 and allowed > tolerance * length:
+            growth = max(growth, 2.0)  # the error is that of rounding, which shorter steps do not reduce
+        longest = growth * length
+        progress[START] = longest if walks == 0 and not accepted else np.inf
+        if walks == 0 or (accepted and cut):  # an event ended it, not its error
+            progress[LENGTH] = max(longest, progress[LENGTH])
+        else:
+            progress[LENGTH] = longest
+        progress[TRIALS] += max(progress[KNOWN], 1.0)
+        progress[KNOWN] = 0.0
+        progress[NOT_UNIQUE:] = 0.0
+        if progress[PATIENCE] == 0.0:
+            break
     return True
-
-
-def follow(
-    springs: Springs,
-    directions: np.ndarray,
-    contacts: np.ndarray,
-    links: np.ndarray,
-    friction: np.ndarray,
-    targets: np.ndarray,
-    tolerance: float,
-    most_steps: int,
-    account: np.ndarray,
-    records: np.ndarray,
-) -> None:
-    """Follow straight ramps of the commands to each of the targets in turn.
-
-    Args:
-        springs: the springs of the body, from `build_springs`.
-        directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
-        contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call) [m], and with loads LOAD [N],
-            shape (3, n, 2) or (4, n, 2), changed in place.
-        links: rows TENSION [N] and ACTUATION [m], shape (2, S, 2), changed in place; the tension must be
-            k (x_b - x_a - L), and is recomputed from displacements and their rests after every substep.
-        friction: mu, shape (n, max(m, 1)) [N], changed in place.
-        targets: L, mu and with loads the loads at each ramp's end, flattened, shape (V, 2 S + n max(m, 1) [+ 2 n]).
-        tolerance: approximate largest displacement error per ramp [m].
-        most_steps: upper limit of implicit steps tried in one ramp; equal steps then complete it.
-        account: total account, shape (14,), added to.
-        records: output: x, its rest and tension after each ramp, flattened, shape (V, 4 n + 2 S), or no rows.
-    """
-    n = contacts.shape[1]
-    contacts[GAINED] = 0.0
-    progress = np.zeros(NOT_UNIQUE + STAGES)
-    stages, motions = np.zeros((STAGES, n, 2)), np.zeros((STAGES, n), np.int64)
-    problem = np.empty((n, 2 + friction.shape[1]))
-    memory = (MOST_SWEEPS, stages, motions, problem)
-    state = (directions, contacts, links, friction, targets, tolerance, most_steps, account, records, progress)
-    while not _follow(springs, *state, *memory):
-        stage = int(progress[KNOWN])
-        spring, mu = problem[:, :2].copy(), problem[:, 2:].copy()
-        stages[stage] = solve_with_clarabel(laplacian_of(springs.ends, springs.stiffness, n), spring, mu, directions)
-        unique = project_planar(springs, spring, mu, directions, _LAST_SWEEPS, stages[stage], motions[stage])[2]
-        progress[KNOWN] = stage + 1
-        progress[NOT_UNIQUE + stage] = not unique

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...compiled import compiled, lean
+from ...rounding import EPS
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -29,6 +30,7 @@ class Springs(NamedTuple):
         entry: K_ij, shape (E,) [N/m]; the same for both coordinates.
         order: contacts, neighbours close to each other, int64, shape (N,).
         compliance: a bound on the relative displacement of two contacts per force between them [m/N].
+        tied: the contacts with springs to fixed places, int64; if there are none, a translation changes no force.
     """
 
     ends: np.ndarray
@@ -38,6 +40,7 @@ class Springs(NamedTuple):
     entry: np.ndarray
     order: np.ndarray
     compliance: float
+    tied: np.ndarray
 
 
 def laplacian_of(ends: np.ndarray, stiffness: np.ndarray, contacts: int) -> csr_array:
@@ -77,7 +80,9 @@ def build_springs(ends: np.ndarray, stiffness: np.ndarray, contacts: int) -> Spr
     row = np.repeat(np.arange(contacts), np.diff(matrix.indptr))
     sort = np.lexsort((matrix.indices, matrix.indices != row, row))
     first, other, entry = matrix.indptr.astype(np.int64), matrix.indices[sort].astype(np.int64), matrix.data[sort]
-    return Springs(ends, stiffness, first, other, entry, order, _greatest_compliance(first, other, entry, order))
+    compliance = _greatest_compliance(first, other, entry, order)
+    ends, stiffness, tied = np.array(ends, np.int64), np.array(stiffness), np.empty(0, np.int64)
+    return Springs(ends, stiffness, first, other, entry, order, compliance, tied)
 
 
 @lean
@@ -94,19 +99,23 @@ def diagonal(springs, i):
     return springs.entry[springs.first[i]]
 
 
-@lean
+@compiled
 def solve_band_in_place(matrix, right):
     """Solve a positive definite system by Cholesky factorisation.
+
+    An unknown whose pivot is no more than rounding is kept at 0.
 
     Args:
         matrix: element (p, p + d) of the matrix at [p, d], shape (n, width), overwritten.
         right: the right side, shape (n,), overwritten by the solution.
     """
     n, width = matrix.shape
+    least = EPS * matrix[:, 0]
     for j in range(n):
         reach = min(width, n - j)
-        root = math.sqrt(max(matrix[j, 0], 1e-300))
-        for d in range(reach):
+        root = math.sqrt(matrix[j, 0]) if matrix[j, 0] > least[j] else np.inf
+        matrix[j, 0] = root
+        for d in range(1, reach):
             matrix[j, d] /= root
         right[j] /= root
         for d in range(1, reach):

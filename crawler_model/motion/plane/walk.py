@@ -20,11 +20,11 @@ from .implicit_step import project_planar
 from .rates import missed
 from .springs import diagonal
 
-# Progress of `ramp.follow`: the ramp, the place on it, the length of the present substep (0 before a ramp), the length
-# after which a contact starts according to the last trial, the error still allowed at starts and stops, implicit steps
-# tried, whether there are loads and the translation is determined at the start of this substep, its solved stages, and
-# which of them are not unique.
-RAMP, PLACE, LENGTH, START, ERROR_LEFT, TRIALS, DETERMINED, KNOWN, NOT_UNIQUE = range(9)
+# Progress of `ramp.follow_ramp`: the ramp, the place on it, the length of the present substep (0 before a ramp), the
+# length after which a contact starts according to the last trial, the error still allowed at starts and stops, implicit
+# steps tried, substeps left until the caller may try to go on in parts, whether there are loads and the translation is
+# determined at the start of this substep, its solved stages, and which of them are not unique.
+RAMP, PLACE, LENGTH, START, ERROR_LEFT, TRIALS, PATIENCE, DETERMINED, KNOWN, NOT_UNIQUE = range(10)
 _WALKS = 6
 STAGES = _WALKS * (_WALKS + 1) // 2 + 1
 """Implicit steps of a substep: 1 + 2 + ... plus one that corrects the extrapolation."""

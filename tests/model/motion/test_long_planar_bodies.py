@@ -73,9 +73,10 @@ def test_a_start_takes_few_substeps():
     assert substeps <= 2.5 * starts
 
 
-def test_starts_along_a_long_body_keep_the_tolerance():
+@pytest.mark.parametrize("n", [60, 200])  # as a whole, and in parts
+def test_starts_along_a_long_body_keep_the_tolerance(n):
     tolerance, ramps = 1e-4, 12
-    (crawler, lengths), (fine, _) = long_waves(60, tolerance), long_waves(60, 1e-7)
+    (crawler, lengths), (fine, _) = long_waves(n, tolerance), long_waves(n, 1e-7)
     for count, target in enumerate(lengths[1 : ramps + 1], 1):
         step = crawler.advance(target)
         fine.advance(target)

@@ -8,12 +8,12 @@ from crawler_model.arrays import frozen
 from crawler_model.body.directions import check_directions
 from crawler_model.errors import SceneError
 from crawler_model.motion.chain.projection import project, workspace
-from crawler_model.motion.plane import ramp as planar_ramp
+from crawler_model.motion.plane import follow as planar_ramps
 from crawler_model.motion.plane.cone import solve_with_clarabel
+from crawler_model.motion.plane.follow import follow as follow_planar
 from crawler_model.motion.plane.implicit_step import MOST_SWEEPS, project_planar
 from crawler_model.motion.plane.ramp import ACTUATION, GAINED, TENSION, X
-from crawler_model.motion.plane.ramp import follow as follow_planar
-from crawler_model.motion.plane.springs import build_springs, laplacian_of
+from crawler_model.motion.plane.springs import build_springs, laplacian_of, solve_band_in_place
 from crawler_model.motion.state import (
     ACCOUNT_SIZE,
     AMBIGUOUS,
@@ -370,7 +370,7 @@ def test_a_ramp_over_budget_is_finished_in_one_step():
 @pytest.mark.parametrize(("friction", "directions"), [EQUAL_SIDES, CROSSED])
 def test_where_the_kernel_gives_up_interior_points_help(monkeypatch, friction, directions, tolerance):
     expected = Body(friction, directions).follow(turning_gait(2), tolerance)
-    monkeypatch.setattr(planar_ramp, "MOST_SWEEPS", 0)
+    monkeypatch.setattr(planar_ramps, "MOST_SWEEPS", 0)
     np.testing.assert_allclose(Body(friction, directions).follow(turning_gait(2), tolerance), expected, atol=1e-6)
 
 
@@ -428,3 +428,27 @@ def test_an_infinite_force_is_not_solved():
         springs_of(laplacian), force, np.ones((3, 1)), ISOTROPIC, 7, velocity, motion
     )
     assert (solved, residual, sweeps) == (False, np.inf, 7)
+
+
+def test_stiff_turns_of_almost_equal_contacts_leave_the_step_finite():
+    """Contacts that hardly move turn against 1e17 times their stiffness, in which rounding hides the stiffness."""
+    rng = np.random.default_rng(0)
+    n = 20
+    for _ in range(50):
+        along = np.stack((np.cos(angle := rng.uniform(0.0, 7.0, n)), np.sin(angle)), 1)
+        matrix, right = np.zeros((2 * n, 4)), rng.normal(size=2 * n)
+        turn = 10.0 ** rng.uniform(14.0, 17.0, n)
+        for i, (d0, d1) in enumerate(along):
+            matrix[2 * i, :3] = 2.0 + turn[i] * d1 * d1, -turn[i] * d0 * d1, -1.0
+            matrix[2 * i + 1, :3] = 2.0 + turn[i] * d0 * d0, 0.0, -1.0
+        matrix[-2:, 2] = 0.0
+        solve_band_in_place(matrix, right)
+        assert np.isfinite(right).all()
+        assert np.abs(right).max() < 1e6
+
+
+def test_a_step_that_is_not_finite_is_not_solved():
+    laplacian = laplacian_of(np.array([[0, 1]]), np.ones(1), 2)
+    force = np.array([[np.nan, 0.0], [0.0, 0.0]])
+    velocity, motion = np.zeros((2, 2)), np.zeros(2, np.int64)
+    assert not project_planar(springs_of(laplacian), force, np.ones((2, 1)), ISOTROPIC, 5, velocity, motion)[0]
