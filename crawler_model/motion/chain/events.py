@@ -76,14 +76,6 @@ def _sort(hits):
 
 
 @lean
-def _solve_all(elasticity, contacts, links, status, floats, bytes_, stacks, account, wide):
-    """Solve for the rates of all contacts at the start of a ramp; copied to there, too, `solve` would slow the loop."""
-    return solve(
-        elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, contacts.shape[1] - 1, wide
-    )
-
-
-@lean
 def follow_events(
     elasticity,
     contacts,
@@ -161,7 +153,9 @@ def follow_events(
     s = 0.0
     in_steps = may_be_long and n > FEW_CONTACTS
     while True:
-        free_translation, spent = _solve_all(elasticity, contacts, links, status, floats, bytes_, stacks, account, wide)
+        free_translation, spent = solve(
+            elasticity, contacts, links, status, floats, bytes_, stacks, account, 0.0, 0, n - 1, wide
+        )
         free, soonest = _survey(floats, bytes_)
         if not in_steps or free <= FEW_FREE or not soonest < 1.0:
             break
