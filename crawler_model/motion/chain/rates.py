@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import inlined, lean
+from ...compiled import lean
 from ...rounding import EPS, LATE, NOISE
 from ..state import (
     AT_BACKWARD,
@@ -269,7 +269,7 @@ def find_event(contacts, links, status, floats, bytes_, s, i):
     floats[ROW_NEXT, i] = when
 
 
-@inlined
+@lean
 def solve(elasticity, contacts, links, status, floats, bytes_, stacks, account, s, first, last, wide):
     """Solve for the rates of the block of contacts first..last at s, and find the next event of each contact.
 
