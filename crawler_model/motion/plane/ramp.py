@@ -93,6 +93,32 @@ def visited_margin(spring, friction, directions, corners):
     return near / sizes if sizes > 0.0 else 0.0
 
 
+@lean
+def set_spring(ends, stiffness, contacts, links, s, c, goal):
+    """Set a coordinate of the rest length of a spring, and its tension from the displacements.
+
+    Args:
+        ends: the contacts of each spring, int, shape (S, 2).
+        stiffness: k, shape (S,) [N/m].
+        contacts: rows as in `follow_ramp`.
+        links: rows TENSION and ACTUATION, shape (2, S, 2), changed in place.
+        s: the spring.
+        c: the coordinate.
+        goal: the rest length [m].
+
+    Returns:
+        The energy that it gains [J].
+    """
+    a = ends[s, 0]
+    b = ends[s, 1]
+    old = links[TENSION, s, c]
+    shape = contacts[X, b, c] - contacts[X, a, c] + (contacts[X_REST, b, c] - contacts[X_REST, a, c])
+    new = stiffness[s] * (shape - goal)
+    links[TENSION, s, c] = new
+    links[ACTUATION, s, c] = goal
+    return 0.5 * (new - old) * (new + old) / stiffness[s]
+
+
 @compiled
 def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, friction, target, account):
     """Apply a substep with dissipation `spent[0, 0]`, work `spent[0, 1]` and with loads their work `spent[1, 0]`."""
@@ -109,17 +135,10 @@ def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, fr
             contacts[X_REST, i, c] = (before - (after - applied)) + (change - applied)
     gained = 0.0
     for s in range(ends.shape[0]):
-        a = ends[s, 0]
-        b = ends[s, 1]
         for c in range(2):
-            old = links[TENSION, s, c]
             length = links[ACTUATION, s, c]
             goal = target[2 * s + c] if part == 1.0 else length + part * (target[2 * s + c] - length)
-            shape = contacts[X, b, c] - contacts[X, a, c] + (contacts[X_REST, b, c] - contacts[X_REST, a, c])
-            new = stiffness[s] * (shape - goal)
-            gained += 0.5 * (new - old) * (new + old) / stiffness[s]
-            links[TENSION, s, c] = new
-            links[ACTUATION, s, c] = goal
+            gained += set_spring(ends, stiffness, contacts, links, s, c, goal)
     friction[:] = friction_at(friction, loads, target, part)
     corners = corners_of(friction, directions)
     spring = np.empty((n, 2))
@@ -211,7 +230,7 @@ def follow_ramp(
         most_steps: upper limit of implicit steps tried; equal steps then complete the ramp.
         account: total account, shape (14,), added to.
         progress: place on the ramp, see `walk`, changed in place; zero at its start.
-        memory: from `memory_of`.
+        memory: upper limit of sweeps, and the arrays of `walk.step`: stages, motions and problem.
 
     Returns:
         False if a step has to be solved by the caller, else True: at the end of the ramp, or where the patience is at

@@ -35,19 +35,19 @@ def mark_beyond(force, friction, directions, part, marked):
     return count
 
 
-@lean
-def spread(springs, ready, moving, queue):
+@compiled
+def spread(springs, ready, moving):
     """Add to the moving contacts all that are connected with them through contacts that are ready to move.
 
     Args:
         springs: the springs.
         ready: contacts whose force is on its bound, bool, shape (n,).
         moving: changed in place, bool, shape (n,).
-        queue: scratch, int64, shape (n,).
 
     Returns:
         How many contacts are marked as moving.
     """
+    queue = np.empty(moving.shape[0], np.int64)
     count = 0
     for i in range(moving.shape[0]):
         if moving[i]:

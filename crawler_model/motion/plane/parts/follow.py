@@ -19,7 +19,7 @@ from ...state import PLANAR_TENSION as TENSION
 from ...state import PLANAR_X as X
 from ...state import PLANAR_X_REST as X_REST
 from ..friction import corners_of
-from ..ramp import follow_ramp, visited_margin
+from ..ramp import follow_ramp, set_spring, visited_margin
 from ..walk import NOT_UNIQUE, PATIENCE, STAGES, friction_at, load_at, pull, stretch
 from .division import divide, mark_beyond, sort_by, spread, springs_between
 
@@ -77,7 +77,6 @@ def _follow_part(
     strings,
     limits,
     moved,
-    stretched,
     account,
 ):
     """Follow a part on its own.
@@ -96,7 +95,6 @@ def _follow_part(
         strings: the springs between them.
         limits: tolerance, and upper limits of steps and of sweeps.
         moved: output: rows X, X_REST and GAINED of the members at the end, shape (3, n, 2).
-        stretched: output: tensions of its springs at the end, shape (S, 2).
         account: output: account of the part, shape (14,).
 
     Returns:
@@ -139,9 +137,6 @@ def _follow_part(
     if account[OVERSPENT] > 0.0:
         return False, False
     account[VISITED] = np.inf  # that of the part
-    for b in range(s):
-        for c in range(2):
-            stretched[strings[b], c] = lines[TENSION, b, c]
     for a in range(m):
         for row in range(LOAD):
             for c in range(2):
@@ -153,7 +148,7 @@ def _follow_part(
 
 
 @compiled
-def _commit_parts(springs, directions, contacts, links, friction, target, after, owner, moved, stretched, account):
+def _commit_parts(springs, directions, contacts, links, friction, target, after, owner, moved, account):
     """Apply the ends of all parts to the body, and complete its account."""
     for i in range(friction.shape[0]):
         if owner[i] >= 0:
@@ -161,22 +156,16 @@ def _commit_parts(springs, directions, contacts, links, friction, target, after,
                 for c in range(2):
                     contacts[row, i, c] = moved[row, i, c]
     for s in range(springs.ends.shape[0]):
-        a = springs.ends[s, 0]
-        b = springs.ends[s, 1]
-        k = springs.stiffness[s]
+        part = owner[springs.ends[s, 0]]
         for c in range(2):
+            old = links[TENSION, s, c]
             goal = target[2 * s + c]
-            if owner[a] >= 0 and owner[a] == owner[b]:
-                links[TENSION, s, c] = stretched[s, c]
-            else:
-                old = links[TENSION, s, c]
-                shape = contacts[X, b, c] - contacts[X, a, c] + (contacts[X_REST, b, c] - contacts[X_REST, a, c])
-                new = k * (shape - goal)
-                work = -0.5 * (old + new) * (goal - links[ACTUATION, s, c])
+            change = goal - links[ACTUATION, s, c]
+            gained = set_spring(springs.ends, springs.stiffness, contacts, links, s, c, goal)
+            if part < 0 or part != owner[springs.ends[s, 1]]:  # the account of a part contains its springs
+                work = -0.5 * (old + links[TENSION, s, c]) * change
                 account[WORK] += work
-                account[RESIDUAL] += 0.5 * (new - old) * (new + old) / k - work
-                links[TENSION, s, c] = new
-            links[ACTUATION, s, c] = goal
+                account[RESIDUAL] += gained - work
     friction[:] = after
     loads = contacts[LOAD:]
     if loads.shape[0] > 0:
@@ -212,11 +201,10 @@ def _follow_stretch(
     pull(springs.ends, links[TENSION], loads, target, 0.0, force)
     mark_beyond(force, friction, directions, _INSIDE, ready)
     loose = ~(loose | ready)
-    queue = np.empty(n, np.int64)
-    total = spread(springs, ready, moving, queue)
+    total = spread(springs, ready, moving)
     owner, followed = np.empty(n, np.int64), np.full(n, -1)
     tied, accounts = np.empty((2, n, 2)), np.empty((n, ACCOUNT_SIZE))
-    moved, stretched = np.empty((LOAD, n, 2)), np.empty_like(held)
+    moved = np.empty((LOAD, n, 2))
     body = springs, directions, contacts, links, friction, target, after
     for _ in range(_ATTEMPTS):
         if total > _MOST * n:
@@ -246,7 +234,7 @@ def _follow_stretch(
                 continue
             own = strings[start[k] : start[k + 1]]
             solved, too_small = _follow_part(
-                *body, tied, owner, part, own, (tolerance, most_steps, most_sweeps), moved, stretched, accounts[k]
+                *body, tied, owner, part, own, (tolerance, most_steps, most_sweeps), moved, accounts[k]
             )
             if not solved:
                 return False
@@ -263,9 +251,9 @@ def _follow_stretch(
             for k in range(n):
                 if begin[k + 1] > begin[k]:
                     add_ramp(account, accounts[k])
-            _commit_parts(*body, owner, moved, stretched, account)
+            _commit_parts(*body, owner, moved, account)
             return True
-        total = spread(springs, ready, moving, queue)
+        total = spread(springs, ready, moving)
     return False
 
 
