@@ -8,7 +8,6 @@ the rate of the environment, the path is that of the environment to the bit.
 from __future__ import annotations
 
 import sys
-import threading
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,8 @@ from sensor_msgs.msg import JointState
 from crawler_model import CommandError, CrawlerError
 from crawler_model.run.ticks import tick_end_ns
 from crawler_ros.node.life.quiet_node import QuietNode
-from crawler_ros.node.life.run import end_on_signals, run_node
+from crawler_ros.node.life.run import run_node
+from crawler_ros.node.life.stop import StopFlag, end_on_signals
 from crawler_ros.node.parameters import expand_home
 from crawler_ros.wire.messages import TrajectoryMessage, read_stamp
 from crawler_ros.wire.states import contact_names, joint_state_names
@@ -78,7 +78,7 @@ class PolicyNode(QuietNode):
         self._last_ns = -1
         self._done_steps = 0
         self.problem = ""
-        self.done = threading.Event()
+        self.done = StopFlag()
         self.create_timer(0.05, self._send)
         self.get_logger().info(f"{self.environment.scene.name}: waiting for joint_states and contact_states")
 
@@ -211,7 +211,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _spin(node: PolicyNode) -> None:
-    end_on_signals(node.done.set, node.done.is_set)
+    end_on_signals(node.done)
     executor = EventsExecutor()
     executor.add_node(node)
     while not node.done.is_set():

@@ -12,7 +12,6 @@ import itertools
 import json
 import signal
 import sys
-import threading
 import time
 from array import array
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from fractions import Fraction
 from typing import Any
 
 from crawler_model.body.names import name_links
+from crawler_ros.node.life.stop import StopFlag
 from crawler_ros.node.stepper import Stepper
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.messages import JointStateMessage
@@ -33,7 +33,7 @@ NS = 10**9
 def listen() -> None:
     """Subscribe to every topic of the simulator until SIGINT."""
 
-    def open_topics(node: Any, _: threading.Event) -> None:
+    def open_topics(node: Any, _: StopFlag) -> None:
         for name, topic in read_topics().items():
             if topic.direction == "out":
                 kind, qos = message_class(topic.type), qos_profile(topic)
@@ -51,7 +51,7 @@ def control(links: int, trips: int) -> None:
     """
     times: list[int] = []
 
-    def open_topics(node: Any, ended: threading.Event) -> None:
+    def open_topics(node: Any, ended: StopFlag) -> None:
         topics = read_topics()
         commands, states = topics["actuation_controller/commands"], topics["joint_states"]
         command = message_class(commands.type)()
@@ -85,7 +85,7 @@ def echo(links: int) -> None:
         links: number of links of the chain.
     """
 
-    def open_topics(node: Any, _: threading.Event) -> None:
+    def open_topics(node: Any, _: StopFlag) -> None:
         topics = read_topics()
         commands, states = topics["actuation_controller/commands"], topics["joint_states"]
         publisher = node.create_publisher(message_class(states.type), states.name, qos_profile(states))
@@ -103,15 +103,15 @@ def echo(links: int) -> None:
     _spin("echo", open_topics)
 
 
-def _spin(name: str, open_topics: Callable[[Any, threading.Event], None]) -> None:
-    """Spin a node until SIGINT, or until it sets the event that `open_topics` receives with it."""
+def _spin(name: str, open_topics: Callable[[Any, StopFlag], None]) -> None:
+    """Spin a node until SIGINT, or until it sets the flag that `open_topics` receives with it."""
     import rclpy
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.signals import SignalHandlerOptions
 
     find_ament_prefix()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    ended = threading.Event()
+    ended = StopFlag()
     signal.signal(signal.SIGINT, lambda *_: ended.set())
     node = rclpy.create_node(name)
     open_topics(node, ended)

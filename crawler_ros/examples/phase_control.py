@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 from collections.abc import Generator
 
 import rclpy
@@ -150,15 +149,15 @@ def main(args: list[str] | None = None) -> None:
     if {"-h", "--help"} & set(sys.argv[1:] if args is None else args):
         print(__doc__)
         return
-    stopping = threading.Event()
+    signals: list[int] = []  # a handler that set an Event could wait for itself
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):  # no exception: one that is raised in a callback of C is lost
-        signal.signal(number, lambda *_: stopping.set())
+        signal.signal(number, lambda received, _: signals.append(received))
     try:
         node = PhaseControl()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not (stopping.is_set() or node.done.done()):
+        while not (signals or node.done.done()):
             executor.spin_once(timeout_sec=0.1)
     except InvalidParameterTypeException as error:
         sys.exit(f"phase_control: {error}")

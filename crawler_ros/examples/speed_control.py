@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import signal
 import sys
-import threading
 from collections.abc import Generator
 
 import rclpy
@@ -148,15 +147,15 @@ def main(args: list[str] | None = None) -> None:
     if {"-h", "--help"} & set(sys.argv[1:] if args is None else args):
         print(__doc__)
         return
-    stopping = threading.Event()
+    signals: list[int] = []  # a handler that set an Event could wait for itself
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):  # no exception: one that is raised in a callback of C is lost
-        signal.signal(number, lambda *_: stopping.set())
+        signal.signal(number, lambda received, _: signals.append(received))
     try:
         node = SpeedControl()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not (stopping.is_set() or node.done.done()):
+        while not (signals or node.done.done()):
             executor.spin_once(timeout_sec=0.1)
     except InvalidParameterTypeException as error:
         sys.exit(f"speed_control: {error}")

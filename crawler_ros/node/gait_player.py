@@ -9,7 +9,6 @@ error that names the cause.
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from typing import Any
 
@@ -27,7 +26,8 @@ from ..wire.topics import message_class, open_publisher, qos_profile, read_topic
 from .diagnostics import OK, WARN, Status
 from .intake.peers import publishers_of, rivals_on_commands, rivals_on_states
 from .life.quiet_node import QuietNode
-from .life.run import end_on_signals, run_node
+from .life.run import run_node
+from .life.stop import StopFlag, end_on_signals
 from .parameters import expand_home
 
 DEFAULT_SCENE = "three_contacts_one_way"
@@ -105,7 +105,7 @@ class GaitPlayer(QuietNode):
         self._reported = 0
         self.end_ns: int | None = None
         self.now_ns = -1
-        self.done = threading.Event()
+        self.done = StopFlag()
 
     def _on_state(self, data: bytes) -> None:
         if not self._met and not self._has_our_body(data):
@@ -268,7 +268,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _spin(node: GaitPlayer) -> None:
-    end_on_signals(node.done.set, node.done.is_set)
+    end_on_signals(node.done)
     executor = EventsExecutor()
     executor.add_node(node)
     moved = reported = woken = looked = time.monotonic()

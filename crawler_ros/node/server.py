@@ -7,6 +7,8 @@ import threading
 import time
 from typing import Any
 
+from .life.stop import StopFlag
+
 _POLL_NS = 300_000
 """Longest time for which the reply to an answer is polled for [ns]."""
 _QUICK_NS = 500_000
@@ -15,19 +17,19 @@ _IDLE_S = 0.1
 
 
 class Server:
-    """Serves the topics and services of a node in a thread of its own, until an event is set.
+    """Serves the topics and services of a node in a thread of its own, until a flag is set.
 
     An idle processor takes long to wake, and continues with cold caches. During a quick exchange, where the next
     message is the reply to an answer just published, the thread therefore polls for a short time before it sleeps. A
     slow exchange and an idle node take no processor time for it.
     """
 
-    def __init__(self, node: Any, stopping: threading.Event) -> None:
-        """Store the node and the event.
+    def __init__(self, node: Any, stopping: StopFlag) -> None:
+        """Store the node and the flag.
 
         Args:
             node: the rclpy node.
-            stopping: event that ends the thread; set when the thread fails.
+            stopping: flag that ends the thread; set when the thread fails.
         """
         self._node, self._stopping = node, stopping
         self._thread: threading.Thread | None = None

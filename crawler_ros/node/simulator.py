@@ -31,7 +31,8 @@ from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .intake.limits import command_limits
 from .life.quiet_node import QuietNode
-from .life.run import end_on_signals, run_node
+from .life.run import run_node
+from .life.stop import StopFlag, end_on_signals
 from .outgoing import STATES, Outgoing
 from .outlet import Outlet
 from .parameters import declare_parameters, expand_home, read_parameters
@@ -79,7 +80,7 @@ class Simulator(QuietNode):
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
         self.lock = threading.Lock()
-        self.stopping = threading.Event()
+        self.stopping = StopFlag()
         self._arrived = threading.Event()  # messages wait that trigger ticks in lock-step
         self._server = Server(self, self.stopping)
         self._hold = np.empty((0, self.columns.index.size))
@@ -236,7 +237,7 @@ class Simulator(QuietNode):
     def _wait_for_commands(self) -> None:
         """Wait a little, in lock-step for a command; before the first one, send the state to new subscribers."""
         if self.stepper.paused or not self.lock_step:
-            self.stopping.wait(0.01)
+            time.sleep(0.01)
             return
         self._arrived.wait(0.01)
         self._arrived.clear()
@@ -379,7 +380,7 @@ def _build() -> Simulator:
 
 
 def _spin(node: Simulator) -> None:
-    end_on_signals(node.stopping.set, node.stopping.is_set)
+    end_on_signals(node.stopping)
     node.spin()
     if node.recorder is not None and node.recorder.error is not None:
         raise CrawlerError(node.recorder.error)

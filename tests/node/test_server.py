@@ -1,12 +1,12 @@
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
 
 from crawler_ros.node import server as module
+from crawler_ros.node.life.stop import StopFlag
 from crawler_ros.node.server import Server
 
 US = 1000
@@ -16,7 +16,7 @@ NODE = SimpleNamespace(get_logger=lambda: SimpleNamespace(fatal=lambda _: None))
 class Executor:
     """An executor and a clock of its own: it never has work, and a call of it takes a microsecond and its timeout."""
 
-    def __init__(self, calls: int, stopping: threading.Event) -> None:
+    def __init__(self, calls: int, stopping: StopFlag) -> None:
         self.now_ns = 0
         self.timeouts: list[float] = []
         self.before: Callable[[], None] = lambda: None
@@ -35,7 +35,7 @@ class Executor:
 @pytest.fixture
 def prepared(monkeypatch):
     """Return a function that builds a server on two processors, and its executor, which stops after a thousand calls."""
-    stopping = threading.Event()
+    stopping = StopFlag()
     executor = Executor(1000, stopping)
     monkeypatch.setattr(module.time, "monotonic_ns", lambda: executor.now_ns)
     monkeypatch.setattr(module.os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
@@ -76,7 +76,7 @@ def test_it_ends_while_it_polls(prepared):
 
 def test_a_failure_is_said_and_ends_the_simulator(prepared):
     said: list[str] = []
-    stopping = threading.Event()
+    stopping = StopFlag()
     node = SimpleNamespace(get_logger=lambda: SimpleNamespace(fatal=said.append))
     _, executor = prepared()
 

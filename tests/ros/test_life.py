@@ -22,6 +22,39 @@ from .machine import simulator, status, stop
 from .test_security import NOTHING, addresses, is_loopback
 
 CONTROLLERS = ("speed_control", "phase_control")
+INTERRUPTED = """
+import faulthandler, signal, sys
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from crawler_ros.node import simulator
+
+faulthandler.dump_traceback_later(50, exit=True)
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+node = simulator.Simulator()
+node.stepper.pause(True)
+for instructions in range(10_000):
+    left = instructions
+    node.stopping = simulator.StopFlag()
+    simulator.end_on_signals(node.stopping)
+
+    def trace(frame, event, _):
+        global left
+        frame.f_trace_opcodes = True
+        left -= event == "opcode"
+        if left < 0:
+            sys.settrace(None)
+            signal.raise_signal(signal.SIGINT)
+        return trace
+
+    sys.settrace(trace)
+    node._wait_for_commands()
+    sys.settrace(None)
+    if left >= 0:
+        break
+    assert node.stopping.is_set()
+print(instructions, "instructions")
+node.close()
+"""
 
 
 @pytest.fixture
@@ -50,6 +83,13 @@ def test_a_signal_that_arrives_twice_ends_it_in_order(ros, module):
         os.killpg(process.pid, signal.SIGINT)
     assert process.wait(60) == 0
     assert "Traceback" not in running.said
+
+
+def test_a_signal_may_interrupt_a_paused_simulator_anywhere():
+    """An event that a handler sets while its own thread holds the lock of that event would never be set."""
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[0]) > 10
 
 
 def test_asked_again_later_it_ends_at_once_and_the_recording_is_finished(ros):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
-import time
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -15,9 +13,6 @@ from ...wire.definitions import find_ament_prefix
 from .leave import leave_at_once
 from .log_pipe import unblocked_log
 from .shared_memory import remove_orphans
-
-_REPEAT_S = 1.0
-"""A second signal within this time counts as the first one: launch and a process group send SIGINT twice."""
 
 
 def stay_on_loopback() -> None:
@@ -54,27 +49,6 @@ def stay_on_loopback() -> None:
         if not off:
             os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
             os.environ.pop("ROS_LOCALHOST_ONLY", None)  # it would override the range
-
-
-def end_on_signals(stop: Callable[[], Any], stuck: Callable[[], bool]) -> None:
-    """End a node on SIGINT or SIGTERM: in order at the first signal, at once at another one a second later.
-
-    Args:
-        stop: function that asks the node to end.
-        stuck: whether it has been asked before.
-    """
-    first = 0.0
-
-    def on_signal(*_: Any) -> None:
-        nonlocal first
-        if not stuck():
-            first = time.monotonic()
-            stop()
-        elif time.monotonic() - first > _REPEAT_S:  # the recording process still finishes its file
-            os._exit(130)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
 
 
 def run_node(
