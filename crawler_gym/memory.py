@@ -60,12 +60,11 @@ def build_shared(
         springs = [*body.link_springs, *(s.first_spring for s in body.segments)]
         root = [[int(body.stations[0]), 0, 0]]
         stations = np.vstack((root, np.column_stack((body.stations[body.joints], springs)))).astype(np.int64)
-    rounds = 0
-    bands: tuple[int, ...] = (0,)
+    rounds = conductances = 0
     if axes == 1 and not body.is_chain:
         from crawler_model.motion.graph.active_set import build_network, most_rounds
 
-        rounds, bands = most_rounds(body.contacts), build_network(body).band.shape
+        rounds, conductances = most_rounds(body.contacts), build_network(body).conductances.size
     frictions = actions.free[actions.free >= columns.lengths]
     floats: list[Any] = [actions.limits, columns.factor, body.position, place_weights(scene)]
     floats += [np.stack((spans.bound, spans.scale)), [task.speed, task.tolerance, price, *task.direction, *task.place]]
@@ -79,7 +78,7 @@ def build_shared(
         plan.CONTACTS: (LOADED_ROWS if loaded else CONTACT_ROWS) * n if on_line else axes * n,
         plan.LINKS: LINK_ROWS * s if on_line else 0,
         plan.ELASTICITY: 2 * s if on_line else 0,
-        plan.BANDS: int(np.prod(bands)),
+        plan.CONDUCTANCES: conductances,
         plan.SLOPE: n if loaded and on_line else 0,
         plan.ROW: columns.count,
         plan.TARGET: columns.index.size,
@@ -178,5 +177,4 @@ def fill_at_rest(lanes: np.ndarray, status: np.ndarray, shared: Shared, assembly
     if assembly.columns.slope_load is not None:
         view(lanes, shared, plan.SLOPE)[:] = assembly.columns.slope_load
     if not body.is_chain:
-        band = motion.network.band
-        view(lanes, shared, plan.BANDS, *band.shape[-2:])[:] = band
+        view(lanes, shared, plan.CONDUCTANCES)[:] = motion.network.conductances

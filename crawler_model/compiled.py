@@ -165,7 +165,7 @@ class _Announcer(event.Listener):
         function = getattr(event.data.get("dispatcher"), "py_func", None)
         if not self.announced and getattr(function, "__module__", "").startswith(f"{__package__}."):
             self.announced = True
-            text = "crawler: compiling the kernels, once on this machine (about half a minute) ..."
+            text = "crawler: compiling the kernels, once on this machine (up to a minute) ..."
             print(text, file=sys.stderr, flush=True)
 
     def on_end(self, event: Any) -> None:

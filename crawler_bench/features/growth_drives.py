@@ -197,7 +197,7 @@ def _planar_waves(friction: dict[str, Any], waves: float | None) -> Callable[[in
 
 _DISC = {"isotropic": 0.2}
 _POLYGON = {"directions": (np.pi * np.arange(4) / 2.0).tolist(), "value": [0.1, 0.2, 0.3, 0.2]}
-_PLANE: dict[str, Any] = {"sizes": (10, 100, 300, 1_000, 3_000, 10_000), "methods": ("catch_up",)}
+_PLANE: dict[str, Any] = {"sizes": (10, 100, 300, *_LINE), "methods": ("catch_up",)}
 
 
 DRIVES: dict[str, GrowthDrive] = {
@@ -216,7 +216,7 @@ DRIVES: dict[str, GrowthDrive] = {
     "stretched by 50 %": GrowthDrive(_stretched(0.5)),
     "five waves of strain": GrowthDrive(_segment_waves),
     "ring of a segment and a foot": GrowthDrive(_hybrid, (100, 300, *_LINE)),
-    "grid of springs": GrowthDrive(_grid, (100, 400, 900, 2_500, 10_000)),
+    "grid of springs": GrowthDrive(_grid, (100, 400, 900, 2_500, 10_000, 30_276, 99_856)),
     "plane, waves of 20 links": GrowthDrive(_planar_waves(_DISC, None), **_PLANE),
     "plane, waves of 20 links, friction by directions": GrowthDrive(_planar_waves(_POLYGON, None), **_PLANE),
     "plane, five waves": GrowthDrive(_planar_waves(_DISC, 5.0), (30, 100, 300, 1_000, 3_000), ("catch_up",)),

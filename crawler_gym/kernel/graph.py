@@ -8,7 +8,7 @@ from crawler_model.compiled import compiled
 from crawler_model.motion.graph.ramp import follow
 
 from .lane import begin_step, end_step
-from .plan import BANDS, ELASTICITY, ROUNDS, SKIPPED, open_plan, part
+from .plan import CONDUCTANCES, ELASTICITY, ROUNDS, SKIPPED, open_plan, part
 
 
 @compiled
@@ -51,7 +51,7 @@ def step_graphs(
         logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """
     plan = open_plan(floats, ints)
-    n, springs, width = status.shape[1], plan.ends.shape[0], (plan.at[BANDS + 1] - plan.at[BANDS]) // status.shape[1]
+    springs = plan.ends.shape[0]
     records = np.empty((0, 0))
     pieces = np.empty((0, 0))
     for m in range(lanes.shape[0]):
@@ -62,7 +62,7 @@ def step_graphs(
         follow(
             plan.ends,
             part(lane, plan, ELASTICITY)[:springs],
-            (layout, part(lane, plan, BANDS).reshape((n, width))),
+            (layout, part(lane, plan, CONDUCTANCES)),
             work,
             contacts,
             links,

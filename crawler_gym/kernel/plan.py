@@ -16,7 +16,7 @@ from crawler_model.compiled import compiled
     CONTACTS,  # rows of the contacts, see `crawler_model.motion.state`
     LINKS,  # rows of the springs, likewise
     ELASTICITY,  # k and 1 / k of each spring
-    BANDS,  # band matrix of a graph; nothing for chains
+    CONDUCTANCES,  # of a graph, between its contacts; nothing for chains
     SLOPE,  # what the slope adds to the load of each contact; nothing without loads
     ROW,  # the command in force
     TARGET,  # the same for the kernels

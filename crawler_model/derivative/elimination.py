@@ -1,7 +1,7 @@
 """Solution of K_SS u = r for many right-hand sides at once: the sliding contacts, with the stuck ones given.
 
-The springs are a band of conductances as in `motion.graph.active_set.Network`; a chain is a band of width 1 in its own
-order. The elimination only adds conductances, as there.
+The springs are a band of conductances, in the order of `motion.graph.active_set.Network`; a chain is a band of width 1
+in its own order. The elimination only adds conductances, as there.
 """
 
 from __future__ import annotations
@@ -27,7 +27,12 @@ def build_band(body: Body) -> tuple[np.ndarray, np.ndarray]:
     from ..motion.graph.motion import build_network_of
 
     network = build_network_of(body)
-    return network.order, network.band
+    heads, near = network.layout.heads, network.layout.near
+    at = np.repeat(np.arange(body.contacts), np.diff(heads))
+    behind = near > at
+    band = np.zeros((body.contacts, network.width))
+    band[at[behind], (near - at)[behind] - 1] = network.conductances[behind]
+    return network.order, band
 
 
 @compiled

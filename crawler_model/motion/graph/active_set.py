@@ -25,16 +25,12 @@ from ...compiled import inlined, lean
 from ...errors import SceneError
 from ...rounding import EPS, NOISE
 from .descent import relax, search
-from .elimination import eliminate, pull_at
+from .elimination import WIDE, eliminate, pull_at
 
 _MOST_NUMBERS = 50_000_000
 _FEW_ROUNDS = 8
 """Rounds after which contacts that begin to slide are found by a sweep. Released contacts begin to slide at once, but
 their neighbours are found only in later rounds: where blocks grow by many contacts, that takes as many rounds."""
-_WIDE = 8
-"""Width of the band above which sweeps, in the first rounds, also find contacts that stop. A round finds only the first
-of them in each group, and takes longer than a sweep by the square of the width. In a narrow band groups are long, and a
-sweep, which passes on changes from neighbour to neighbour, would stop contacts that the whole group moves on."""
 
 
 class Layout(NamedTuple):
@@ -60,16 +56,18 @@ class Layout(NamedTuple):
 
 
 class Network(NamedTuple):
-    """The springs as a band matrix of conductances.
+    """The springs as conductances between the contacts, in an order in which they are a narrow band.
 
     Attributes:
         layout: which springs join which contacts, and their order.
-        band: stiffness between the contacts at positions p and p + 1 + d, shape (N, width), of variations
-            (M, N, width) [N/m].
+        conductances: stiffness of the springs to each of the contacts `layout.near`, shape (C,), of variations (M, C)
+            [N/m].
+        width: largest distance of two contacts in the order that a spring joins.
     """
 
     layout: Layout
-    band: np.ndarray
+    conductances: np.ndarray
+    width: int
 
     @property
     def order(self) -> np.ndarray:
@@ -84,7 +82,7 @@ def build_network(body: Body) -> Network:
         body: any body on a line, or variations of it that differ in their stiffness.
 
     Returns:
-        Its springs as a band matrix.
+        Its springs as conductances.
 
     Raises:
         SceneError: if the band would not fit in memory.
@@ -104,22 +102,16 @@ def build_network(body: Body) -> Network:
             f"body.links.between: the links of {n} contacts need a band matrix with {n * width:.1e} entries; "
             f"at most {_MOST_NUMBERS:.0e} are allowed"
         )
-    band = np.zeros((*body.stiffness.shape[:-1], n, width))
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    np.add.at(band, (..., low, high - low - 1), body.stiffness)  # type: ignore[arg-type]
-    return Network(_lay_out(body, order, place), band)
-
-
-def _lay_out(body: Body, order: np.ndarray, place: np.ndarray) -> Layout:
-    """List the springs at each contact, and the neighbours of each position."""
-    a, b = body.ends.T
-    at, others = np.concatenate((a, b)), np.concatenate((b, a))
+    at, others, springs = np.concatenate((a, b)), np.concatenate((b, a)), np.tile(np.arange(a.size), 2)
     sort = np.argsort(at, kind="stable")
-    each = np.arange(body.contacts + 1)
+    each = np.arange(n + 1)
     starts = np.searchsorted(at[sort], each)
-    pairs = np.unique(np.stack((place[at], place[others]), axis=1), axis=0)
-    heads, near = np.searchsorted(pairs[:, 0], each), np.ascontiguousarray(pairs[:, 1])
-    return Layout(order, place, starts, others[sort], np.tile(np.arange(body.springs), 2)[sort], heads, near)
+    pairs, joint = np.unique(place[at] * n + place[others], return_inverse=True)
+    heads, near = np.searchsorted(pairs // n, each), pairs % n
+    conductances = np.zeros((*body.stiffness.shape[:-1], near.size))
+    np.add.at(conductances, (..., joint), body.stiffness[..., springs])  # type: ignore[arg-type]
+    layout = Layout(order, place, starts, others[sort], springs[sort], heads, near)
+    return Network(layout, conductances, width)
 
 
 def most_rounds(contacts: int) -> int:
@@ -141,11 +133,11 @@ def workspace(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
         network: the springs.
 
     Returns:
-        A working copy of the band, floats of shape (5, N), whole numbers of shape (2, N) and flags of shape (N,).
+        Rows of the band, floats of shape (5, N), whole numbers of shape (5, N) and flags of shape (N,).
     """
-    n, width = network.band.shape[-2:]
+    n = network.order.size
     # elimination multiplies numbers of contacts that it does not solve for by zero, so they have to be finite
-    return np.empty((n, width)), np.zeros((5, n)), np.empty((2, n), np.int64), np.zeros(n, np.int8)
+    return np.empty((n, network.width)), np.zeros((5, n)), np.empty((5, n), np.int64), np.zeros(n, np.int8)
 
 
 @inlined
@@ -153,7 +145,7 @@ def move(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sl
     """Solve for the velocities; all arrays in the order of the band.
 
     Args:
-        net: band of the `Network`, and heads and near of its `Layout`.
+        net: conductances of the `Network`, and heads and near of its `Layout`.
         load: r, shape (N,) [N].
         lower: smallest force at rest, shape (N,) [N], -inf where there is none.
         upper: largest force at rest, shape (N,) [N], inf where there is none; lower <= upper.
@@ -161,7 +153,7 @@ def move(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sl
         most_rounds: upper limit of rounds.
         work: memory from `workspace`, which also allocates the next three.
         floats: forces, magnitudes, loads and trial velocities.
-        ints: lengths of rows of the band, and groups of contacts.
+        ints: for `eliminate`.
         sliding: 1 for sliding contacts during the call, else zeros.
         velocity: output, shape (N,). On entry where the search begins: zeros, or the solution of a similar problem.
         side: output, int8, shape (N,): 1 where the force is at its upper bound, -1 at its lower bound, else 0. A force
@@ -202,9 +194,8 @@ def _find_sides(lower, upper, magnitude, force, size, velocity, side, places):
 @inlined
 def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats, ints, sliding, velocity, side, places):
     """Search for the sides of the contacts; see `move`."""
-    band = net[0]
     ground, size, force, total, trial = floats[0], floats[1], floats[2], floats[3], floats[4]
-    lengths, groups = ints[0], ints[1]
+    groups = ints[1]
     for p in places:
         if (upper[p] if side[p] == 1 else -lower[p]) == np.inf:
             side[p] = 0
@@ -238,7 +229,7 @@ def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats,
             side[first] = 0
             velocity[first] = 0.0
             continue
-        grounded = eliminate(net, work, ground, lengths, groups, total, sliding, trial, places)
+        grounded = eliminate(net, work, ground, ints, total, sliding, trial, places)
         if not grounded:
             # the translation is free: choose one for which all contacts slide in their directions, if possible
             least = -np.inf
@@ -271,7 +262,10 @@ def _search_sides(net, load, lower, upper, magnitude, most_rounds, work, floats,
             elif side[p] * velocity[p] < 0.0:
                 velocity[p] = 0.0
         if turned:
-            if may_pass and turn < _FEW_ROUNDS and band.shape[1] > _WIDE:
+            # A round finds only the first contact of each group that stops, and in a wide band takes much longer than a
+            # sweep. In a narrow band groups are long, and a sweep, which passes on changes from neighbour to neighbour,
+            # would stop contacts that the whole group moves on.
+            if may_pass and turn < _FEW_ROUNDS and work.shape[1] > WIDE:
                 relax(net, load, lower, upper, magnitude, False, velocity, side, places)
                 relax(net, load, lower, upper, magnitude, True, velocity, side, places)
             continue

@@ -17,7 +17,7 @@ def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, p
     direction. If it may not, or has only begun to slide, the way ends there.
 
     Args:
-        net: band of the `Network`, and heads and near of its `Layout`.
+        net: conductances of the `Network`, and heads and near of its `Layout`.
         lower: smallest force at rest, shape (N,) [N].
         upper: largest force at rest, shape (N,) [N].
         velocity: present velocities, shape (N,).
@@ -58,8 +58,8 @@ def search(net, lower, upper, velocity, trial, side, sliding, close, may_pass, p
 @compiled
 def _search_passing(net, lower, upper, velocity, trial, side, sliding, close, may_pass, parts, groups, places, count):
     """Do the same where contacts may reverse, of which there are `count`."""
-    band, heads, near = net
-    n = band.shape[0]
+    conductances, heads, near = net
+    n = heads.shape[0] - 1
     whose = np.empty(count, np.int64)
     ats = np.empty(count)
     count = 0
@@ -81,7 +81,7 @@ def _search_passing(net, lower, upper, velocity, trial, side, sliding, close, ma
             if q > p and (sliding[p] or sliding[q]):
                 own = trial[p] - velocity[p] if sliding[p] else 0.0
                 other = trial[q] - velocity[q] if sliding[q] else 0.0
-                curvature[groups[p if sliding[p] else q]] += band[p, q - p - 1] * (own - other) ** 2
+                curvature[groups[p if sliding[p] else q]] += conductances[k] * (own - other) ** 2
     for j in np.argsort(ats):
         p, at = whose[j], ats[j]
         g = groups[p]
@@ -107,7 +107,7 @@ def relax(net, load, lower, upper, magnitude, backwards, velocity, side, places)
     """Solve the problem of each contact in turn, which lowers the cost; whole rows of contacts start to slide or stop.
 
     Args:
-        net: band of the `Network`, and heads and near of its `Layout`.
+        net: conductances of the `Network`, and heads and near of its `Layout`.
         load: r, shape (N,) [N].
         lower: smallest force at rest, shape (N,) [N].
         upper: largest force at rest, shape (N,) [N].

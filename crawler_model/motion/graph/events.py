@@ -184,7 +184,7 @@ def follow_events(
     Args:
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
-        network: layout and band of the `Network`.
+        network: layout and conductances of the `Network`.
         work: memory from `GraphMotion.scratch`, as the next one.
         ring: a `RingMemory`; None for other bodies, and for short rings.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.

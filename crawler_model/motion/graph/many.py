@@ -37,7 +37,7 @@ def follow_many(
     Args:
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (M, S).
-        network: layout of the springs, and band matrices, shape (M, N, width).
+        network: layout of the springs, and their conductances, shape (M, C).
         work: memory from `GraphMotion.scratch`, as the next one.
         ring: a `RingMemory`; None for other bodies, and for short rings.
         contacts: states as for `follow`, like the next two with a leading axis of variations, changed in place.
@@ -57,7 +57,7 @@ def follow_many(
             (M, L, 2) [J].
         records: output: displacement, its rest and tension after each ramp, shape (M, V, 2 N + S).
     """
-    layout, bands = network
+    layout, conductances = network
     path = np.empty((rows.shape[0], targets.shape[2]))
     pieces = np.empty((0, 0))
     for m in range(targets.shape[0]):
@@ -67,7 +67,7 @@ def follow_many(
             follow(
                 ends,
                 stiffness[m],
-                (layout, bands[m]),
+                (layout, conductances[m]),
                 work,
                 ring,
                 contacts[m],

@@ -107,7 +107,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
     """Call `move` with the contacts in the order of the band; lower, upper, load and magnitude are rows of floats.
 
     Args:
-        network: layout and band of the `Network`.
+        network: layout and conductances of the `Network`.
         stiffness_work: memory from `GraphMotion.scratch`.
         floats: rows of this module, shape (19, N); velocities are changed.
         bytes_: flags of the contacts, int8, shape (6, N); sides are changed.
@@ -117,7 +117,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
     Returns:
         The verdict of `move`, and its number of rounds.
     """
-    layout, band = network
+    layout, conductances = network
     order = layout[0]
     load, lower, upper, magnitude = (
         floats[_PLACED_LOAD],
@@ -131,7 +131,7 @@ def displace(network, stiffness_work, floats, bytes_, rounds, places):
         load[p], lower[p], upper[p] = floats[ROW_LOAD, i], floats[ROW_LOWER, i], floats[ROW_UPPER, i]
         magnitude[p], v[p], side[p] = floats[ROW_MAGNITUDE, i], floats[ROW_V, i], bytes_[ROW_SIDE, i]
     work, rows, ints, sliding, _ = stiffness_work
-    net = (band, *layout[5:])
+    net = (conductances, *layout[5:])
     verdict, turns = move(net, load, lower, upper, magnitude, rounds, work, rows, ints, sliding, v, side, places)
     for p in places:
         floats[ROW_V, order[p]] = v[p]

@@ -36,7 +36,7 @@ class GraphMotion:
 
     Attributes:
         body: the body, or variations of it that differ in their stiffness, for `start` and `follow_many`.
-        network: its springs as a band matrix.
+        network: its springs as conductances.
     """
 
     methods: ClassVar[tuple[str, ...]] = ("exact", "catch_up")
@@ -104,7 +104,7 @@ class GraphMotion:
         many.follow_many(
             body.ends,
             body.stiffness,
-            (tuple(self.network.layout), self.network.band),
+            (tuple(self.network.layout), self.network.conductances),
             work,
             around,
             state.contacts,
@@ -142,7 +142,7 @@ class GraphMotion:
         found: tuple[int, float, int] = ramp.follow(
             body.ends,
             body.stiffness,
-            (tuple(self.network.layout), self.network.band),
+            (tuple(self.network.layout), self.network.conductances),
             work,
             around,
             state.contacts,

@@ -212,8 +212,8 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, mem
         contacts[BACKWARD, i] = target[springs + n + i]
     _set_tensions(ends, stiffness, contacts, links)
     contact_forces(ends, links[TENSION], floats[ROW_FORCE])
-    layout, band = network
-    net, order = (band, *layout[5:]), layout[0]
+    layout, conductances = network
+    net, order = (conductances, *layout[5:]), layout[0]
     band_work, rows, ints = work[:3]
     load, result = rows[3], rows[4]  # as in `move`
     some = False
@@ -225,7 +225,7 @@ def _finish(ends, stiffness, network, work, contacts, links, status, target, mem
             load[p] = floats[ROW_FORCE, i] - bound
             some = True
     if some:
-        eliminate(net, band_work, rows[0], ints[0], ints[1], load, sliding, result, lists[ROW_ALL, :n])
+        eliminate(net, band_work, rows[0], ints, load, sliding, result, lists[ROW_ALL, :n])
         least, most = _extremes(contacts)
         close = 1e6 * EPS * max(abs(most), abs(least))
         rounding = True
@@ -275,7 +275,7 @@ def follow(
     Args:
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: k, shape (S,) [N/m].
-        network: layout and band of the `Network`.
+        network: layout and conductances of the `Network`.
         work: memory from `GraphMotion.scratch`, as the next one.
         ring: a `RingMemory`; None for other bodies, and for short rings.
         contacts: rows X .. RELATIVE, shape (6, N), changed in place.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import inlined, lean
+from ...compiled import compiled, inlined, lean
 from ...rounding import LATE
 from ..state import (
     AT_BACKWARD,
@@ -42,6 +42,9 @@ from .memory import (
     SPRING_SINCE,
     displace,
 )
+
+_SPREAD = 8
+"""Positions per contact of a block above which it takes longer to visit all positions in between than to sort."""
 
 
 @lean
@@ -144,6 +147,12 @@ def advance(contacts, links, status, floats, changes, bytes_, account, s):
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], gap)
 
 
+@compiled
+def _sort(numbers):
+    """Sort numbers in place."""
+    numbers.sort()
+
+
 @lean
 def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, contact):
     """Find the block of contacts at their bounds around a contact, and the walls around them.
@@ -167,10 +176,12 @@ def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, 
     order, place, starts, others, _ = layout[:5]
     queue[0] = contact
     marks[0, contact] = number
+    places[0] = place[contact]
     lowest = place[contact]
     highest = lowest
     read = 0
     count = 1
+    found = 1
     while read < count:
         i = queue[read]
         read += 1
@@ -179,6 +190,8 @@ def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, 
             if marks[0, j] == number or marks[1, j] == number:
                 continue
             settle(status, floats, bytes_, s, j)
+            places[found] = place[j]
+            found += 1
             lowest = min(lowest, place[j])
             highest = max(highest, place[j])
             if status[j] != 0:
@@ -187,6 +200,9 @@ def find_block(layout, status, floats, bytes_, marks, number, queue, places, s, 
                 count += 1
             else:
                 marks[1, j] = number
+    if highest - lowest > _SPREAD * found:
+        _sort(places[:found])
+        return found
     found = 0
     for p in range(lowest, highest + 1):
         if marks[0, order[p]] == number or marks[1, order[p]] == number:
@@ -314,7 +330,7 @@ def solve(
     Args:
         ends: the two contacts of each spring, shape (S, 2).
         stiffness: stiffness of the springs, shape (S,) [N/m].
-        network: layout and band of the `Network`.
+        network: layout and conductances of the `Network`.
         work: memory from `GraphMotion.scratch`.
         contacts: rows X .. RELATIVE, updated in place to s.
         links: rows SHAPE .. ACTUATION_REF, likewise.

@@ -12,13 +12,13 @@ from ..state import PLANAR_X_REST as X_REST
 from ..state import record_spent
 from .cone import solve_with_clarabel
 from .implicit_step import MOST_SWEEPS, project_planar
-from .parts.follow import follow_in_parts
+from .parts.follow import LARGE, follow_in_parts
 from .ramp import follow_ramp, is_still
 from .springs import Springs, laplacian_of
 from .walk import KNOWN, LENGTH, NOT_UNIQUE, PATIENCE, PLACE, RAMP, STAGES
 
 _PATIENCE = 16.0
-"""Substeps of the whole body after which a ramp goes on in parts, if it can; after each failure twice as many."""
+"""Substeps of a large body after which a ramp goes on in parts, if it can; after each failure twice as many."""
 _LAST_SWEEPS = 20
 """Sweeps that refine the solution of Clarabel."""
 
@@ -30,13 +30,14 @@ def _follow(
     """Follow the ramps from the place in `progress`; return False if a step has to be solved by the caller."""
     n = friction.shape[0]
     body = springs, directions, contacts, links, friction
-    patience = _PATIENCE
+    first = _PATIENCE if n >= LARGE else np.inf
+    patience = first
     while progress[RAMP] < targets.shape[0]:
         v = int(progress[RAMP])
         limits = targets[v], tolerance, most_steps, account
         if progress[LENGTH] == 0.0:  # a new ramp
             progress[PLACE] = is_still(links, friction, contacts, targets[v])
-            progress[PATIENCE] = patience = _PATIENCE
+            progress[PATIENCE] = patience = first
         while progress[PLACE] < 1.0:
             if not follow_ramp(*body, *limits, progress, *memory):
                 return False
@@ -44,7 +45,7 @@ def _follow(
                 rest = 1.0 - progress[PLACE]
                 followed = follow_in_parts(*body, targets[v], tolerance * rest, most_steps, account, memory[0])
                 progress[PLACE] = 1.0 if followed == 1.0 else progress[PLACE] + followed * rest
-                patience = _PATIENCE if followed > 0.0 else 2.0 * patience
+                patience = first if followed > 0.0 else 2.0 * patience
                 progress[PATIENCE] = patience
         progress[LENGTH] = 0.0
         if records.shape[0] > 0:

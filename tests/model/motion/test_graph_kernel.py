@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from crawler_model import Crawler, Scene, SceneError, load_scene
 from crawler_model.motion.graph import active_set as graph_kernel
 from crawler_model.motion.graph.active_set import Network, build_network, move, workspace
+from crawler_model.motion.graph.elimination import WIDE, eliminate
 
 from ..hard_cases import complete, grid, ladder, net
 
@@ -18,7 +23,8 @@ def velocities(network: Network, load, bound, rounds):
     n = order.size
     v, side = np.zeros(n), np.zeros(n, np.int8)
     given = load[order], -bound[order], bound[order], np.zeros(n)
-    verdict, _ = move((network.band, *network.layout[5:]), *given, rounds, *workspace(network), v, side, np.arange(n))
+    springs = (network.conductances, *network.layout[5:])
+    verdict, _ = move(springs, *given, rounds, *workspace(network), v, side, np.arange(n))
     found = np.empty(n)
     found[order] = v
     return verdict, found
@@ -48,6 +54,34 @@ def test_however_many_rounds_it_has_it_gives_the_answer_or_gives_up(between):
                 assert again == pytest.approx(v, abs=1e-13)
         assert velocities(network, load, bound, 1)[0] == -1
         assert verdict == 0
+
+
+@pytest.mark.parametrize(("between", "wide"), [(ladder(60), False), (grid(20), True)], ids=["narrow", "wide"])
+def test_elimination_solves_each_group_of_sliding_contacts(between, wide):
+    n = 1 + max(map(max, between))
+    rng = np.random.default_rng(3)
+    network = build_network(replace(net(n, between, "exact").body, stiffness=10.0 ** rng.uniform(-2, 2, len(between))))
+    heads, near = network.layout.heads, network.layout.near
+    joined = csr_array((network.conductances, near, heads), shape=(n, n)).toarray()
+    assert (joined == joined.T).all()
+    assert (network.width > WIDE) == wide
+    work, floats, ints, sliding, velocity = *workspace(network), np.zeros(n)
+    for part in (0.0, 0.1, 0.3, 0.5, 0.6, 0.7, 0.9, 1.0 - 1.0 / n, 1.0):
+        sliding[:] = 0
+        sliding[rng.permutation(n)[: round(part * n)]] = 1
+        load, places, free = rng.normal(size=n), np.arange(n), np.flatnonzero(sliding)
+        springs = network.conductances, heads, near
+        assert eliminate(springs, work, floats[0], ints, load, sliding, velocity, places) == (free.size < n)
+        assert (velocity[sliding == 0] == 0.0).all()
+        laplacian = (np.diag(joined.sum(axis=1)) - joined)[np.ix_(free, free)]
+        if free.size == n:  # the last contact is held; it takes what is left of the loads
+            assert velocity[-1] == 0.0
+            free, laplacian = free[:-1], laplacian[:-1, :-1]
+        scale = np.abs(laplacian) @ np.abs(velocity[free]) + np.abs(load[free])
+        assert (np.abs(laplacian @ velocity[free] - load[free]) <= 1e-13 * scale.max(initial=1.0)).all()
+        _, names = connected_components(joined * np.outer(sliding, sliding))
+        last = {name: p for p, name in enumerate(names)}
+        assert [last[name] for name in names] == ints[1].tolist()
 
 
 @pytest.mark.parametrize("between", [[(i, (i + 1) % 400) for i in range(400)], ladder(400)], ids=["ring", "ladder"])

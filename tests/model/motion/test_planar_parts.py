@@ -178,14 +178,10 @@ def test_a_ramp_in_which_all_rest():
     assert body.account[VISITED] == pytest.approx((100 - 1.0) / 200, rel=1e-14)
 
 
-@pytest.mark.parametrize("n", [20, 100])
-def test_what_no_part_can_follow_is_left_unchanged(n):
-    """Small bodies, and those whose contacts almost all move, are followed as a whole."""
+def test_what_no_part_can_follow_is_left_unchanged():
+    """Bodies whose contacts almost all move are followed as a whole."""
     body = Body(3, DISC)
-    if n == 20:
-        body, target = pull(n, 5.0)
-    else:
-        target = body.target(len(body.links[0]), 50.0)
+    target = body.target(len(body.links[0]), 50.0)
     before = [array.copy() for array in (*body.state(), body.account)]
     assert body.follow_in_parts(target) == 0.0
     for now, then in zip((*body.state(), body.account), before, strict=True):

@@ -278,8 +278,6 @@ def follow_in_parts(
     Returns:
         The part of the ramp that was followed, from 0 to 1.
     """
-    if friction.shape[0] < LARGE:
-        return 0.0
     place = 0.0
     length = 1.0
     loads = contacts[LOAD:]
