@@ -51,9 +51,10 @@ def measure_growth(
 def _measure_drive(name: str, drive: GrowthDrive, seconds: float) -> list[dict[str, Any]]:
     """Measure one drive on bodies of growing size, by each method until it is stopped."""
     rows: list[dict[str, Any]] = []
-    scene, targets = drive.build(drive.sizes[0])
-    for method in drive.methods:
-        Crawler(scene, method).follow(targets[:1])  # loads the kernels
+    for n in drive.sizes[:3]:  # loads the kernels; those of the smallest bodies may be others
+        scene, targets = drive.build(n)
+        for method in drive.methods:
+            Crawler(scene, method).follow(targets[:1])
     began = time.perf_counter()
     going = {method: _Growth() for method in drive.methods}
     building = _Growth()
