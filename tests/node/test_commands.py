@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, load_scene
+from crawler_ros.node.intake import commands as commands_module
 from crawler_ros.node.intake.commands import CommandQueue
+from crawler_ros.node.intake.path import Path, Trajectory, Vertex
 
 NS = 1_000_000_000
 TICK = NS // 100
@@ -143,13 +145,97 @@ def test_periods_sent_ahead_join_without_a_seam():
     assert values[4:] == [[1.0], [2.0], [1.0], [0.0]] * 3
 
 
-def test_an_empty_trajectory_stops_where_it_is():
+def test_a_trajectory_without_points_is_refused_and_changes_nothing():
     commands = queue(2)
     commands.accept_trajectory(["link_0"], [10 * TICK], [[10.0]], 0)
     take(commands, 0)
-    commands.accept_trajectory([], [], [], 0)
-    assert take(commands, 1) == []
-    assert take(commands, 2) == []
+    with pytest.raises(CommandError, match="it has no points; it needs at least one"):
+        commands.accept_trajectory(["link_0"], [], np.zeros((0, 1)), 0)
+    assert [v.row[0] for v in take(commands, 1)] == [2.0]
+
+
+def joined_by_definition(path, trajectory, now_ns, end_ns, fresh):
+    """The vertices after `Path.join`, by its definition: a look at every vertex ahead."""
+    start = now_ns if trajectory.start_ns is None else trajectory.start_ns
+    cut = max(start, now_ns)
+    old = len(path.ahead) - fresh
+    stay = [v for v in path.ahead[:old] if v.due_ns <= cut]
+    new = [v for v in path.ahead[old:] if v.due_ns <= max(cut, end_ns)]
+    behind = [v for v in [path.anchor, *path.ahead] if v.due_ns <= cut] or [path.anchor]
+    beyond = [v for v in path.ahead if v.due_ns > cut]
+    row = behind[-1].row
+    if beyond and behind[-1].due_ns < cut:
+        part = (cut - behind[-1].due_ns) / (beyond[0].due_ns - behind[-1].due_ns)
+        row = row + part * (beyond[0].row - row)
+    if new and new[-1].due_ns > cut:
+        row = new[-1].row
+    vertices = [*stay, *new]
+    due = max([cut, *(v.due_ns for v in vertices)])
+    joined = [Vertex(due, row)]
+    for time, values in zip(trajectory.times_ns.tolist(), trajectory.positions, strict=True):
+        commanded = row.copy()
+        for column, value in zip(trajectory.columns, values, strict=True):
+            commanded[column] = value
+        joined.append(Vertex(max(start + time, due), commanded))
+    return vertices + joined, len(new) + len(joined)
+
+
+def listed(vertices):
+    return [(v.due_ns, v.row.tolist()) for v in vertices]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_trajectories_join_the_path_as_defined(seed):
+    rng = np.random.default_rng(seed)
+    path = Path(Vertex(0, np.zeros(2)))
+    for tick in range(20):
+        fresh = 0
+        for _ in range(rng.integers(0, 6)):
+            times = np.sort(rng.integers(0, 4 * TICK, rng.integers(1, 8)))
+            start = None if rng.random() < 0.3 else int(tick * TICK + rng.integers(-TICK, 3 * TICK))
+            columns = [np.array([c]) for c in rng.permutation(2)[: rng.integers(1, 3)]]
+            trajectory = Trajectory(start, columns, times, rng.normal(size=(times.size, len(columns))))
+            expected, fresh_then = joined_by_definition(path, trajectory, tick * TICK, (tick + 1) * TICK, fresh)
+            fresh = path.join(trajectory, tick * TICK, (tick + 1) * TICK, fresh)
+            assert listed(path.ahead) == listed(expected)
+            assert fresh == fresh_then
+        path.follow(tick * TICK, (tick + 1) * TICK)
+
+
+def vertices_read(count):
+    """How many times the due times of vertices are read while trajectories of ten points join in one tick."""
+    read = 0
+
+    class Read(Vertex):
+        def __getattribute__(self, name):
+            nonlocal read
+            read += name == "due_ns"
+            return super().__getattribute__(name)
+
+    path = Path(Read(0, np.zeros(2)))
+    trajectory = Trajectory(None, [np.array([0])], np.arange(10) * TICK, np.ones((10, 1)))
+    fresh = 0
+    for _ in range(count):
+        fresh = path.join(trajectory, 0, TICK, fresh)
+        path.ahead[-11:] = [Read(*v) for v in path.ahead[-11:]]
+    return read
+
+
+def test_joining_trajectories_costs_in_proportion_to_them():
+    assert vertices_read(2000) < 2.5 * vertices_read(1000) < 100_000
+
+
+def test_a_tick_joins_so_many_trajectories_and_the_rest_is_counted(monkeypatch):
+    monkeypatch.setattr(commands_module, "MOST_TRAJECTORIES", 5)
+    commands = queue(2)
+    for _ in range(5):
+        commands.accept_trajectory(["link_0"], [TICK], [[1.0]], 0)
+    for _ in range(3):
+        with pytest.raises(CommandError, match="5 trajectories are waiting for the next tick, the most it can join"):
+            commands.accept_trajectory(["link_0"], [TICK], [[1.0]], 0)
+    assert commands.full == 3
+    take(commands)
+    commands.accept_trajectory(["link_0"], [TICK], [[1.0]], 0)
 
 
 def test_arrays_and_trajectories_replace_each_other():

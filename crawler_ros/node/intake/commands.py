@@ -18,6 +18,8 @@ from .received import wrong_point
 
 MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
 """The largest queue: command rows, and the memory that they take."""
+MOST_TRAJECTORIES = 10_000
+"""The largest number of trajectories that one tick joins to the path, which takes some 20 µs each."""
 _ROW_BYTES = 128  # of an array or a vertex, beside its numbers
 
 
@@ -98,11 +100,17 @@ class CommandQueue:
     def _reserve(self, rows: int) -> None:
         """Refuse rows for which the queue has no room; call it with the lock held."""
         if self.waiting + rows > self.most_waiting:
-            self.full += 1
-            raise CommandError(
-                f"{self.waiting} command rows are waiting and {rows} more are too many: at most {self.most_waiting} "
-                "may wait; send commands no faster than they are followed (a paused simulator follows none)"
+            self._refuse(
+                f"{self.waiting} command rows are waiting and {rows} more are too many: at most {self.most_waiting} may "
+                "wait"
             )
+
+    def _refuse(self, reason: str) -> None:
+        """Count and refuse a message for which there is no room."""
+        self.full += 1
+        raise CommandError(
+            f"{reason}; send commands no faster than they are followed (a paused simulator follows none)"
+        )
 
     def accept_actuation(self, values: Sequence[float] | np.ndarray) -> None:
         """Accept a command for all links and segments.
@@ -200,16 +208,20 @@ class CommandQueue:
         """
         columns = checks.named_columns(self._columns, names, only_lengths)
         times = np.array(times_ns, dtype=np.int64)
+        if times.size == 0:
+            raise CommandError("trajectory: it has no points; it needs at least one (commands that are left out hold)")
         if not isinstance(positions, np.ndarray):
             for i, row in enumerate(positions):
                 if len(row) != len(names):
                     raise wrong_point(i, len(row), len(names))
         table = np.array(positions, dtype=np.float64).reshape(times.size, len(names))
         checks.check_points(names, columns, times, table, self._limits)
-        checks.check_times(stamp_ns, self.now_ns, self._tick_ns, int(times[-1]) if times.size else 0)
+        checks.check_times(stamp_ns, self.now_ns, self._tick_ns, int(times[-1]))
         checks.check_loads(self._columns, self._in_force, columns, table)
         trajectory = Trajectory(stamp_ns or None, columns, times, table)
         with self._lock:
+            if len(self._trajectories) == MOST_TRAJECTORIES:
+                self._refuse(f"{MOST_TRAJECTORIES} trajectories are waiting for the next tick, the most it can join")
             self._reserve(times.size + 1)
             self._pending += times.size + 1
             if self._lock_step:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,6 +34,9 @@ class Vertex(NamedTuple):
 
     due_ns: int
     row: np.ndarray
+
+
+_due_ns = operator.attrgetter("due_ns")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +86,20 @@ class Path:
         Returns:
             Shape (C,).
         """
-        before = self.anchor
-        for vertex in self.ahead:
-            if vertex.due_ns > ns:
-                if ns <= before.due_ns:
-                    return before.row
-                part = (ns - before.due_ns) / (vertex.due_ns - before.due_ns)
-                return before.row + part * (vertex.row - before.row)
-            before = vertex
-        return before.row
+        after = bisect_right(self.ahead, ns, key=_due_ns)
+        before = self.ahead[after - 1] if after else self.anchor
+        if after == len(self.ahead) or ns <= before.due_ns:
+            return before.row
+        vertex = self.ahead[after]
+        part = (ns - before.due_ns) / (vertex.due_ns - before.due_ns)
+        return before.row + part * (vertex.row - before.row)
 
     def join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
         """Let a trajectory replace the path from its start on.
 
         Trajectories that arrive in the same tick lose no vertex that is due in it: of the last `fresh` vertices of the
-        path, those due by its end stay. Times never decrease along the path.
+        path, those due by its end stay. Times never decrease along the path, so that a search by halving finds what
+        stays: the cost is that of the points of the trajectory and of those that it replaces.
 
         Args:
             trajectory: the trajectory.
@@ -108,19 +112,20 @@ class Path:
         """
         start = now_ns if trajectory.start_ns is None else trajectory.start_ns
         cut = max(start, now_ns)
-        old = len(self.ahead) - fresh
-        kept_old = [v for v in self.ahead[:old] if v.due_ns <= cut]
-        kept_new = [v for v in self.ahead[old:] if v.due_ns <= max(cut, end_ns)]
-        row = kept_new[-1].row if kept_new and kept_new[-1].due_ns > cut else self.value_at(cut)
-        path = kept_old + kept_new
-        due = max(cut, path[-1].due_ns if path else cut)
+        ahead, first_fresh = self.ahead, len(self.ahead) - fresh
+        fresh_stay = bisect_right(ahead, max(cut, end_ns), first_fresh, key=_due_ns)
+        last = ahead[fresh_stay - 1] if fresh_stay > first_fresh else None
+        row = last.row if last is not None and last.due_ns > cut else self.value_at(cut)
+        del ahead[fresh_stay:]
+        stays = bisect_right(ahead, cut, 0, first_fresh, key=_due_ns)
+        del ahead[stays:first_fresh]
+        due = max(cut, ahead[-1].due_ns if ahead else cut)
         rows = np.tile(row, (trajectory.times_ns.size, 1))
         for column, values in zip(trajectory.columns, trajectory.positions.T, strict=True):
             rows[:, column] = values[:, None]
-        dues = np.maximum(start + trajectory.times_ns, due).tolist()
-        joined = [Vertex(due, row), *map(Vertex, dues, rows)]
-        self.ahead = path + joined
-        return len(kept_new) + len(joined)
+        ahead.append(Vertex(due, row))
+        ahead.extend(map(Vertex, np.maximum(start + trajectory.times_ns, due).tolist(), rows))
+        return len(ahead) - stays
 
     def follow(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Follow the path through one tick, and drop the waypoints that are passed; see `follow_many`.
@@ -132,9 +137,8 @@ class Path:
         Returns:
             The waypoints passed, and if the path extends beyond the tick, the point on the straight line at its end.
         """
-        ahead, count = self.ahead, 0
-        while count < len(ahead) and ahead[count].due_ns <= end_ns:
-            count += 1
+        ahead = self.ahead
+        count = bisect_right(ahead, end_ns, key=_due_ns)
         passed = ahead[:count]
         vertices = [v if v.due_ns >= start_ns else Vertex(start_ns, v.row) for v in passed]
         if count < len(ahead):
@@ -156,9 +160,8 @@ class Path:
             The waypoints passed, those already past at the start of the first tick, and where the path extends beyond
             the end of a tick, the point on the straight line there; without those that repeat the row before them.
         """
-        ahead, last, count = self.ahead, ends_ns[-1], 0
-        while count < len(ahead) and ahead[count].due_ns <= last:
-            count += 1
+        ahead = self.ahead
+        count = bisect_right(ahead, ends_ns[-1], key=_due_ns)
         near = [self.anchor, *ahead[: count + 1]]
         self.anchor = near[count]
         del ahead[:count]

@@ -76,6 +76,8 @@ class _Reader:
     def ns(self) -> int:
         first = self.take(2, 4)
         seconds, rest = self._stamp.unpack_from(self.data, first)
+        if rest >= NS:
+            raise _wrong_nanosec(rest)
         return int(seconds * NS + rest)
 
     def text(self) -> str:
@@ -87,6 +89,12 @@ class _Reader:
         size = self.count()
         first = self.take(size, 8)
         return np.frombuffer(self.data, self.order + "f8", size, first)
+
+    def end(self, sequences: int) -> None:
+        """Refuse bytes behind the message beyond those that Fast DDS leaves there: 4 a sequence that may be empty."""
+        left = len(self.data) - self.place
+        if left >= 8 + 4 * sequences:
+            raise CommandError(f"not a message of this type: it ends at byte {self.place}, but {left} more bytes follow")
 
 
 def read_array(data: bytes) -> np.ndarray:
@@ -103,14 +111,16 @@ def read_array(data: bytes) -> np.ndarray:
     """
     if data[: len(_WITHOUT_DIMENSIONS)] == _WITHOUT_DIMENSIONS and len(data) > _ARRAY_AT:
         (size,) = _ARRAY_COUNT.unpack_from(data, _ARRAY_COUNT_AT)
-        if _ARRAY_AT + 8 * size <= len(data):
+        if 0 <= len(data) - (_ARRAY_AT + 8 * size) < 8:
             return np.frombuffer(data, "<f8", size, _ARRAY_AT)
     reader = _Reader(data)
     for _ in range(reader.count()):  # dimensions: label, size, stride
         reader.text()
         reader.take(2, 4)
     reader.take(1, 4)  # data_offset
-    return reader.doubles()
+    values = reader.doubles()
+    reader.end(1)
+    return values
 
 
 def read_trajectory(data: bytes) -> ReceivedTrajectory:
@@ -123,7 +133,8 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
         The trajectory.
 
     Raises:
-        CommandError: when the bytes are not such a message, or a point does not have one position per name.
+        CommandError: when the bytes are not such a message, a time has 1e9 nanoseconds or more, or a point does not
+            have one position per name.
     """
     reader = _Reader(data)
     stamp_ns = reader.ns()
@@ -158,6 +169,7 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
         done += like
         if like < run:
             run = 1
+    reader.end(4 * points)
     return ReceivedTrajectory(stamp_ns, names, times, positions, has_more)
 
 
@@ -166,6 +178,10 @@ def _positions(reader: _Reader, point: int, names: int) -> np.ndarray:
     if values.size != names:
         raise wrong_point(point, values.size, names)
     return values
+
+
+def _wrong_nanosec(value: int) -> CommandError:
+    return CommandError(f"trajectory: a time has {value} in its field nanosec; it must be below {NS}")
 
 
 def wrong_point(point: int, positions: int, names: int) -> CommandError:
@@ -195,5 +211,7 @@ def _read_equal_points(
     positions[:like] = np.ascontiguousarray(rows[:, begin : begin + 8 * names]).view(order + "f8")
     words = np.ascontiguousarray(rows[:, size - 8 :])
     seconds, rest = words[:, :4].copy().view(order + "i4")[:, 0], words[:, 4:].copy().view(order + "u4")[:, 0]
+    if rest.max(initial=0) >= NS:
+        raise _wrong_nanosec(int(rest.max()))
     times[:like] = seconds.astype(np.int64) * NS + rest
     return like
