@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler_model import CrawlerError, prepare
-from crawler_ros.recording.versions import installed_version
+from crawler_ros.recording.attachments import installed_version
 
 from .cases import CASES, LONG, Case, describe
 from .entrants import mujoco as mujoco_peer

@@ -11,7 +11,7 @@ import signal
 import sys
 from typing import Any
 
-from crawler_ros.node.life.leave import STOPPED, leave_at_once
+from crawler_ros.node.life.leave import STOPPED, leave_at_once, open_closed_streams
 
 _EXTRA_OF = {
     "mcap": "ros",
@@ -91,6 +91,7 @@ def describe_missing(error: ModuleNotFoundError) -> str:
 
 def _run(name: str, module: str) -> int:
     """Import a module and run its `main`; return the exit status."""
+    open_closed_streams()
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # started in the background by a script
     if not ignored:
         leave_at_once(name)

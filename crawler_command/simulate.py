@@ -63,7 +63,7 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
         CrawlerError: if a segment has the name of a column.
     """
     from crawler_model import Scene, TrajectoryColumns
-    from crawler_ros.recording.versions import versions
+    from crawler_ros.recording.attachments import versions
 
     columns = TrajectoryColumns(run.scene)
     schema = columns.build_schema(run)

@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import functools
 import os
+import signal
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,9 @@ settings.register_profile(
 )
 settings.register_profile("soak", deadline=None, max_examples=5000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `nohup make test &`: child processes would ignore it, too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
 KERNELS: dict[str, list[tuple[str, dict[str, Any]]]] = {

@@ -12,9 +12,9 @@ from crawler_model import Crawler, Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.run.ticks import rational_rate, tick_end_ns
+from crawler_ros.recording.attachments import versions
 from crawler_ros.recording.bag import read
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.recording.versions import versions
 from crawler_ros.wire.messages import JointStateMessage, PoseMessage, TrajectoryMessage
 from crawler_ros.wire.states import contact_names, joint_state_names, shown_contacts
 from crawler_ros.wire.topics import read_topics

@@ -21,7 +21,7 @@ from crawler_model.sweep.results import COLUMNS, gather
 from crawler_model.sweep.rows import ROW
 from crawler_model.sweep.vary import MOST_VARIATIONS
 from crawler_pictures.sweep import shown_gain
-from crawler_ros.recording.versions import installed_version
+from crawler_ros.recording.attachments import installed_version
 
 from ..screen import check_output, whole_file
 from .units import unit_of

@@ -1,12 +1,15 @@
-"""The attachments of a recording: all that is needed to simulate it again."""
+"""The attachments of a recording: all that is needed to simulate it again, to the bit in the same versions."""
 
 from __future__ import annotations
 
-from typing import Any
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
 
-from crawler_model import Crawler, Scene
+import crawler_ros
 
-from .versions import versions
+if TYPE_CHECKING:
+    from crawler_model import Crawler, Scene
 
 
 def describe_run(scene: Scene, crawler: Crawler, parameters: dict[str, Any], node: str) -> dict[str, Any]:
@@ -33,3 +36,26 @@ def describe_run(scene: Scene, crawler: Crawler, parameters: dict[str, Any], nod
             "friction": crawler.friction.tolist(),
         },
     }
+
+
+def installed_version(name: str) -> str | None:
+    """Look up the version of an installed package.
+
+    Args:
+        name: name of its distribution.
+
+    Returns:
+        The version; None when the package is not installed.
+    """
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def versions() -> dict[str, str]:
+    """List the versions that determine the bits of a result."""
+    found = {"crawler": crawler_ros.__version__, "python": platform.python_version()}
+    found |= {name: installed_version(name) or "unknown" for name in ("numpy", "numba", "llvmlite")}
+    found["machine"] = platform.machine()
+    return found

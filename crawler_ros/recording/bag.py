@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
+import dataclasses
 import json
-import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
+from mcap.records import Attachment, Channel, Schema
 
-from crawler_model import CrawlerError, Scene, SceneError
+from crawler_model import Scene, SceneError
 
-_LARGEST_RECORD = 1 << 28
-_RECORD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
-_BLOCK_BYTES = 1 << 20
-
-
-class BagError(CrawlerError):
-    """A recording that cannot be read."""
+from .blocks import BagError as BagError
+from .blocks import Block as Block
+from .blocks import Contents, read_file
 
 
 def recorded_scene(path: Path, attachments: Mapping[str, Any]) -> Scene | None:
@@ -51,6 +41,136 @@ def recorded_scene(path: Path, attachments: Mapping[str, Any]) -> Scene | None:
         raise BagError(f"{path}: invalid scene in the recording: {error}") from None
 
 
+def find_files(path: Path) -> list[Path]:
+    """Find the .mcap files of a recording, in order.
+
+    A recorder may split a recording into files NAME_0.mcap, NAME_1.mcap and so on in one folder.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        The files.
+
+    Raises:
+        BagError: when there is no .mcap file, there are several that are not parts of one recording, or one has another
+            format.
+    """
+    if path.is_dir():
+        files = sorted(path.glob("*.mcap"))
+        if not files:
+            inside = [p.name for p in sorted(path.iterdir()) if p.is_dir() and any(p.glob("*.mcap"))]
+            hint = f"; it holds the recordings {', '.join(inside[:5])}" if inside else ""
+            raise BagError(f"{path}: no .mcap file in this folder{hint}")
+        if len(files) > 1:
+            parts = [(file.stem.rpartition("_"), file) for file in files]
+            if len({stem for (stem, _, _), _ in parts}) > 1 or not all(number.isdigit() for (_, _, number), _ in parts):
+                raise BagError(f"{path}: {len(files)} .mcap files in this folder; name one of them")
+            files = [file for _, file in sorted(parts, key=lambda part: int(part[0][2]))]
+    elif path.is_file():
+        files = [path]
+    else:
+        raise BagError(f"{path}: no such file or folder")
+    for file in files:
+        with file.open("rb") as stream:
+            if stream.read(8) != b"\x89MCAP0\r\n":
+                raise BagError(f"{file}: not an MCAP file")
+    return files
+
+
+def find_file(path: Path) -> Path:
+    """Find the .mcap file of a recording; the first one of several.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        The file.
+
+    Raises:
+        BagError: as for `find_files`.
+    """
+    return find_files(path)[0]
+
+
+@dataclass
+class Bag:
+    """The contents of a recording besides its messages, complete once it has been read to the end."""
+
+    attachments: dict[str, Any]
+    """Those in JSON, decoded, by name."""
+    complete: bool = False
+    damaged: int = 0
+    """Number of chunks that could not be read and were skipped."""
+    lost: int | None = None
+    """Number of messages counted at the end of the files but not found in them; None when an end is missing."""
+    channels: dict[int, tuple[Channel, Schema]] = field(default_factory=dict)
+    """By number in the blocks."""
+    attached: list[Attachment] = field(default_factory=list)
+    """All attachments as recorded."""
+
+    def _keep(self, contents: Contents) -> None:
+        """Keep the attachments of a file that were read since the last call."""
+        new, contents.attachments = contents.attachments, []
+        self.attached += new
+        for attachment in new:
+            if attachment.media_type == "application/json":
+                with contextlib.suppress(ValueError, RecursionError):  # not JSON, or nested too deeply
+                    self.attachments[attachment.name] = json.loads(attachment.data)
+
+    def _number(self, contents: Contents, numbers: dict[int, int]) -> None:
+        """Number the channels of a file that were read since the last call; parts of a recording share channels."""
+        known = {(channel.topic, schema.name): number for number, (channel, schema) in self.channels.items()}
+        for local in contents.channels.keys() - numbers.keys():
+            channel = contents.channels[local]
+            schema = contents.schemas.get(channel.schema_id)
+            if schema is not None:
+                free = local if local not in self.channels else max(self.channels) + 1
+                again = known.get((channel.topic, schema.name), free) if contents.part else free
+                numbers[local] = again
+                self.channels.setdefault(again, (channel, schema))
+
+
+def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None = None) -> Iterator[Block]:
+    """Read all messages, a chunk at a time and without an object for each message.
+
+    Args:
+        path: a bag folder or an .mcap file.
+        bag: filled with attachments and channels as they are read, and with whether the recording is complete.
+        progress: called with the fraction read, in [0, 1].
+
+    Yields:
+        The messages in the order of the files, up to their end or to where one breaks off.
+
+    Raises:
+        BagError: when the file is not a recording.
+    """
+    files = find_files(path)
+    found = promised = 0
+    ended = True
+    for part, file in enumerate(files):
+        contents, numbers = Contents(part=part), dict[int, int]()
+        done = None if progress is None else lambda share, part=part: progress((part + share) / len(files))
+        for block in read_file(file, contents, done):
+            bag._keep(contents)
+            bag._number(contents, numbers)
+            found += block.channel.size
+            yield block if part == 0 else _renumbered(block, numbers)
+        bag._keep(contents)
+        bag.damaged += contents.damaged
+        promised += contents.promised
+        ended = ended and contents.ended
+    bag.complete = ended and found == promised
+    bag.lost = promised - found if ended else None
+
+
+def _renumbered(block: Block, numbers: Mapping[int, int]) -> Block:
+    """Replace the channel numbers of a file by those of its recording; -1 where nothing describes the channel."""
+    table = np.full(1 << 16, -1)
+    table[list(numbers)] = list(numbers.values())
+    return dataclasses.replace(block, channel=table[block.channel])
+
+
 @dataclass(frozen=True)
 class Record:
     """One message: its topic, type, times and bytes, and its channel and schema as recorded."""
@@ -64,257 +184,27 @@ class Record:
     schema: Schema
 
 
-def find_file(path: Path) -> Path:
-    """Find the .mcap file of a bag folder, or return the file itself.
-
-    Args:
-        path: a bag folder or an .mcap file.
-
-    Returns:
-        The file.
-
-    Raises:
-        BagError: when there is no .mcap file, more than one, or the file has another format.
-    """
-    if path.is_dir():
-        files = sorted(path.glob("*.mcap"))
-        if not files:
-            inside = [p.name for p in sorted(path.iterdir()) if p.is_dir() and any(p.glob("*.mcap"))]
-            hint = f"; it holds the recordings {', '.join(inside[:5])}" if inside else ""
-            raise BagError(f"{path}: no .mcap file in this folder{hint}")
-        if len(files) > 1:
-            raise BagError(f"{path}: {len(files)} .mcap files in this folder; name one of them")
-        return files[0]
-    if not path.is_file():
-        raise BagError(f"{path}: no such file or folder")
-    with path.open("rb") as stream:
-        if stream.read(8) != b"\x89MCAP0\r\n":
-            raise BagError(f"{path}: not an MCAP file")
-    return path
-
-
-@dataclass
-class Bag:
-    """The contents of a recording besides its messages, complete once it has been read to the end."""
-
-    attachments: dict[str, Any]
-    complete: bool = False
-    damaged: int = 0
-    """Number of chunks that could not be read and were skipped."""
-    lost: int | None = None
-    """Number of messages counted at the end of the file but not found in it; None when that end is missing."""
-    channels: dict[int, tuple[Channel, Schema]] = field(default_factory=dict)
-    """By number, as `read_blocks` finds them."""
-
-
 def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
-    """Read all messages in the order of the file, up to its end or to where it breaks off.
+    """Read all messages in the order of the files, up to their end or to where one breaks off.
 
     Args:
         path: a bag folder or an .mcap file.
-        bag: filled with the attachments as they are read, and with whether the file is complete.
+        bag: filled with the attachments as they are read, and with whether the recording is complete.
 
     Yields:
-        The messages.
+        The messages whose channel is described.
 
     Raises:
         BagError: when the file is not a recording.
     """
-    file = find_file(path)
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    found, promised = 0, -1
-    with file.open("rb") as stream:
-        for item in _whole_records(stream):
-            if isinstance(item, Schema):
-                schemas[item.id] = item
-            elif isinstance(item, Channel):
-                channels[item.id] = item
-            elif isinstance(item, Message) and item.channel_id in channels:
-                channel = channels[item.channel_id]
-                if channel.schema_id in schemas:
-                    schema = schemas[channel.schema_id]
-                    times = item.log_time, item.publish_time
-                    found += 1
-                    yield Record(channel.topic, schema.name, *times, item.data, channel, schema)
-            elif isinstance(item, Statistics):
-                promised = item.message_count
-            elif bag is not None and isinstance(item, Attachment) and item.media_type == "application/json":
-                with contextlib.suppress(ValueError):
-                    bag.attachments[item.name] = json.loads(item.data)
-            elif bag is not None and isinstance(item, Footer):
-                bag.complete = found == promised
-
-
-def _whole_records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Read records, including those inside chunks; skip damaged chunks and stop at an incomplete record."""
-    for record in _top_records(stream):
-        try:
-            inside = list(breakup_chunk(record, validate_crc=True)) if isinstance(record, Chunk) else [record]
-        except Exception:  # any error of the decompressor on damaged bytes: the next chunk may be intact
-            continue
-        yield from inside
-
-
-def _top_records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Read top-level records, without opening chunks, up to the first incomplete or damaged one."""
-    records = iter(
-        StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LARGEST_RECORD).records
-    )
-    while True:
-        try:
-            record = next(records)
-        except Exception:  # any error of the parser on damaged bytes: the readable part ends here
-            return
-        yield record
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Many consecutive messages of a file: their bytes in one piece, and the position of each.
-
-    Attributes:
-        data: the bytes, uint8, shape (B,).
-        channel: channel number of each message, shape (K,).
-        first: position of its first byte, shape (K,).
-        size: number of its bytes, shape (K,).
-        log_ns: when it was received, shape (K,) [ns, wall].
-    """
-
-    data: np.ndarray
-    channel: np.ndarray
-    first: np.ndarray
-    size: np.ndarray
-    log_ns: np.ndarray
-
-
-def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None = None) -> Iterator[Block]:
-    """Read all messages as `read` does, but a chunk at a time and without an object for each message.
-
-    Args:
-        path: a bag folder or an .mcap file.
-        bag: filled with attachments and channels as they are read, and with whether the file is complete.
-        progress: called with the fraction read, in [0, 1].
-
-    Yields:
-        The messages in the order of the file.
-
-    Raises:
-        BagError: when the file is not a recording.
-    """
-    file = find_file(path)
-    size = max(file.stat().st_size, 1)
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    pending = bytearray()  # small chunks, and messages outside chunks, make one block
-    found, promised, ended = 0, -1, False
-
-    def scanned() -> Block:
-        nonlocal found
-        block = _scan(bytes(pending), schemas, channels)
-        pending.clear()
-        bag.channels |= {k: (c, schemas[c.schema_id]) for k, c in channels.items() if c.schema_id in schemas}
-        found += block.channel.size
-        return block
-
-    with file.open("rb") as stream:
-        for record in _large_records(stream):
-            if isinstance(record, Chunk):
-                data = _decompressed(record)
-                if data is None:
-                    bag.damaged += 1
-                else:
-                    pending += data
-            elif isinstance(record, Message):
-                head = _MESSAGE.pack(record.channel_id, record.sequence, record.log_time, record.publish_time)
-                pending += _RECORD.pack(Opcode.MESSAGE, len(head) + len(record.data)) + head + record.data
-            elif isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Statistics):
-                promised = record.message_count
-            elif isinstance(record, Attachment) and record.media_type == "application/json":
-                with contextlib.suppress(ValueError):
-                    bag.attachments[record.name] = json.loads(record.data)
-            ended = isinstance(record, Footer)
-            if len(pending) >= _BLOCK_BYTES:
-                if progress is not None:
-                    progress(stream.tell() / size)
-                yield scanned()
-    if pending:
-        yield scanned()
-    bag.complete = ended and found == promised
-    bag.lost = promised - found if ended else None
-
-
-_READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-    int(Opcode.SCHEMA): Schema.read,
-    int(Opcode.CHANNEL): Channel.read,
-    int(Opcode.CHUNK): Chunk.read,
-    int(Opcode.ATTACHMENT): Attachment.read,
-    int(Opcode.STATISTICS): Statistics.read,
-    int(Opcode.FOOTER): Footer.read,
-}
-
-
-def _large_records(stream: IO[bytes]) -> Iterator[McapRecord]:
-    """Read records as `_top_records` does, but skip message indices, which take longer to read than the messages."""
-    stream.seek(8)  # the magic
-    while True:
-        head = stream.read(_RECORD.size)
-        if len(head) < _RECORD.size:
-            return
-        opcode, length = _RECORD.unpack(head)
-        if length > _LARGEST_RECORD:
-            return
-        data = stream.read(length)
-        if len(data) < length:
-            return
-        try:
-            if opcode == Opcode.MESSAGE:
-                yield Message.read(ReadDataStream(BytesIO(data)), length)
-            elif opcode in _READERS:
-                yield _READERS[opcode](ReadDataStream(BytesIO(data)))
-        except Exception:  # any error of the parser on damaged bytes: the readable part ends here
-            return
-        if opcode == Opcode.FOOTER:
-            return
-
-
-def _decompressed(chunk: Chunk) -> bytes | None:
-    """Decompress a chunk; return None when its bytes are damaged, whatever error that causes."""
-    try:
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        return stream.read(size)
-    except Exception:
-        return None
-
-
-def _scan(data: bytes, schemas: dict[int, Schema], channels: dict[int, Channel]) -> Block:
-    """Find the messages, schemas and channels in the bytes of a chunk."""
-    rows: list[tuple[int, int, int, int]] = []
-    place, end = 0, len(data)
-    read_head, read_message = _RECORD.unpack_from, _MESSAGE.unpack_from
-    while place + _RECORD.size <= end:
-        opcode, length = read_head(data, place)
-        place += _RECORD.size
-        if place + length > end:
-            break
-        if opcode == 0x05:  # a message
-            channel, _, log_ns, _ = read_message(data, place)
-            rows.append((channel, place + _MESSAGE.size, length - _MESSAGE.size, log_ns))
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            stream = ReadDataStream(BytesIO(data[place : place + length]))
-            if opcode == Opcode.SCHEMA:
-                schema = Schema.read(stream)
-                schemas[schema.id] = schema
-            else:
-                made = Channel.read(stream)
-                channels[made.id] = made
-        place += length
-    table = np.array(rows, dtype=np.int64).reshape(-1, 4)
-    return Block(np.frombuffer(data, np.uint8), *(np.ascontiguousarray(column) for column in table.T))
+    bag = Bag({}) if bag is None else bag
+    for block in read_blocks(path, bag):
+        columns = (block.channel, block.first, block.size, block.log_ns, block.publish_ns)
+        for number, first, size, log_ns, publish_ns in zip(*(c.tolist() for c in columns), strict=True):
+            if number in bag.channels:
+                channel, schema = bag.channels[number]
+                data = block.data[first : first + size].tobytes()
+                yield Record(channel.topic, schema.name, log_ns, publish_ns, data, channel, schema)
 
 
 @dataclass(frozen=True)
@@ -384,16 +274,24 @@ def recover(path: Path, folder: Path) -> int:
     from .bag_writer import BagWriter
 
     bag = Bag({})
-    records = read(path, bag)
-    first = list(itertools.islice(records, 1))  # attachments precede the first message
-    writer = BagWriter(folder, {**bag.attachments, "recovered": {"from": path.name}})
+    for _ in read_blocks(path, bag):  # an attachment may follow the messages
+        pass
+    writer = BagWriter(folder, {"recovered": {"from": path.name}})
+    for attachment in bag.attached:
+        writer.add_attachment(attachment)
     channels: dict[int, int] = {}
     count = 0
-    for record in itertools.chain(first, records):
-        if record.channel.id not in channels:
-            added = writer.add_channel(record.topic, record.type, record.schema.data, record.channel.metadata)
-            channels[record.channel.id] = added
-        writer.write(channels[record.channel.id], record.log_ns, record.publish_ns, record.data)
-        count += 1
+    bag = Bag({})
+    for block in read_blocks(path, bag):
+        columns = (block.channel, block.sequence, block.log_ns, block.publish_ns, block.first, block.size)
+        for number, sequence, log_ns, publish_ns, first, size in zip(*(c.tolist() for c in columns), strict=True):
+            if number not in bag.channels:
+                continue
+            if number not in channels:
+                channel, schema = bag.channels[number]
+                channels[number] = writer.add_channel(channel.topic, schema.name, schema.data, channel.metadata)
+            data = block.data[first : first + size].tobytes()
+            writer.write(channels[number], log_ns, publish_ns, data, sequence)
+            count += 1
     writer.close()
     return count

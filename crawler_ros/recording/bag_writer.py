@@ -6,7 +6,7 @@ import json
 import os
 import time
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import yaml
 
@@ -14,6 +14,9 @@ from ..wire.definitions import message_definition, type_hash
 from ..wire.topics import Topic, offered_qos
 from .mcap_file import McapFile
 from .record_head import message_head
+
+if TYPE_CHECKING:
+    from mcap.records import Attachment
 
 CHUNK_SIZE = 3 << 20
 """Bytes. The names in a topic's first message in a chunk are not repetitions, which costs time and space: a chunk of
@@ -99,7 +102,15 @@ class BagWriter:
         self._sequences[channel] = 0
         return channel
 
-    def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes) -> None:
+    def add_attachment(self, attachment: Attachment) -> None:
+        """Copy an attachment of another recording.
+
+        Args:
+            attachment: as it was read.
+        """
+        self._writer.add_attachment(attachment.log_time, attachment.name, attachment.media_type, attachment.data)
+
+    def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int | None = None) -> None:
         """Append a message.
 
         Args:
@@ -107,9 +118,12 @@ class BagWriter:
             log_ns: when it was received [ns, wall].
             publish_ns: when it was sent [ns, wall].
             data: its CDR bytes.
+            sequence: its number on the channel; None to count from 0.
         """
-        self._writer.add_messages(message_head(channel, self._sequences[channel], log_ns, publish_ns, len(data)) + data)
-        self._sequences[channel] += 1
+        if sequence is None:
+            sequence = self._sequences[channel]
+            self._sequences[channel] += 1
+        self._writer.add_messages(message_head(channel, sequence, log_ns, publish_ns, len(data)) + data)
 
     def write_records(self, data: memoryview) -> int:
         """Append messages that are MCAP records already.
@@ -178,7 +192,7 @@ class BagWriter:
                     "name": name,
                     "type": type_name,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": yaml.safe_load(metadata.get("offered_qos_profiles", "[]")),
+                    "offered_qos_profiles": _read_profiles(metadata.get("offered_qos_profiles", "[]")),
                     "type_description_hash": metadata.get("topic_type_hash", ""),
                 },
                 "message_count": counts.get(channel, 0),
@@ -206,3 +220,11 @@ class BagWriter:
             "custom_data": None,
             "ros_distro": DISTRO,
         }
+
+
+def _read_profiles(text: str) -> Any:
+    """Read the QoS profiles of a channel; none where a damaged recording is recovered and they are not YAML."""
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []

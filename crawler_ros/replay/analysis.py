@@ -15,10 +15,10 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
 from crawler_model.run.simulate import TimedJump
 
+from ..recording.attachments import versions
 from ..recording.bag import BagError, recorded_scene
 from ..recording.incidents import Incidents, find_incidents
 from ..recording.recorded_robot import Robot
-from ..recording.versions import versions
 from ..wire.states import contact_names, station_names
 from .cycle_table import Cycle, EnergyBalance, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording

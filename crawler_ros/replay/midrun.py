@@ -68,9 +68,20 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
 def _place(crawler: Crawler, source: str, numbers: np.ndarray, row: np.ndarray) -> Crawler:
     body, scene = crawler.body, crawler.scene
     x = np.zeros(body.position.shape)
+    shown = shown_contacts(scene.body)
+    states = StationReader(body)
+    needed = body.position[shown].size if source == "contact_states" else states.size
+    for what, found, expected in (
+        (f"{source} have", numbers.size, needed),
+        ("applied_commands have", row.size, scene.columns.count),
+    ):
+        if found != expected:
+            raise bag.BagError(
+                f"its {what} {found} numbers, but those of scene {scene.name} have {expected}; "
+                "name the scene with which it was recorded"
+            )
     if source == "contact_states":
-        shown = shown_contacts(scene.body)
         x[shown] = numbers.reshape(-1, *body.position.shape[1:]) - body.position[shown]
     else:
-        x[body.stations] = StationReader(body).read(numbers)
+        x[body.stations] = states.read(numbers)
     return crawler.placed(x, scene.columns.target(row))

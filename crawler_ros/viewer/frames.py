@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import struct
+import sys
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -172,7 +174,7 @@ def frames_of_recording(
             raise bag.BagError(f"{path}: the recording does not hold its scene; name one with --scene")
 
     drawn = robot or noted_robot(head.attachments)
-    return scene, in_sequence(_frames(itertools.chain(waiting, records), scene, drawn, jumps))
+    return scene, in_sequence(_frames(path, itertools.chain(waiting, records), scene, drawn, jumps))
 
 
 def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -187,24 +189,40 @@ def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def _frames(
-    records: Iterable[Any], scene: Scene, robot: Robot | None, jumps: Sequence[tuple[int, TimedJump]]
+    path: Path, records: Iterable[Any], scene: Scene, robot: Robot | None, jumps: Sequence[tuple[int, TimedJump]]
 ) -> Iterator[Frame]:
     from rosbags.typesys import Stores, get_typestore
 
-    decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
+    deserialize = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
     body, row = scene.body, scene.drive.rows[0]
     bounded = has_stasis_bounds(body)
     forward = backward = np.zeros(0)
     ahead, run, last = deque(jumps), 0, 0
     stations = StationReader(body)
+    damaged = 0
+
+    def decode(data: bytes, kind: str) -> Any:
+        """Decode a message; None if its bytes are damaged, whatever error that causes, or do not fit the scene."""
+        nonlocal damaged
+        with contextlib.suppress(Exception):
+            message = deserialize(data, kind)
+            sizes = [message.position, message.velocity, message.effort] if kind.endswith("JointState") else []
+            rows = [] if kind.endswith("JointState") else [point.positions for point in message.points]
+            if all(v.size == stations.size for v in sizes) and all(len(r) == row.size for r in rows):
+                return message
+        damaged += 1
+        return None
+
     for record in records:
         name = record.topic.rsplit("/", 1)[-1] if robot is None else robot.meant(record.topic)
         if name == "applied_commands":
-            points = decode(record.data, record.type).points
-            if points:
-                row = np.array(points[-1].positions)
+            commanded = decode(record.data, record.type)
+            if commanded is not None and commanded.points:
+                row = np.array(commanded.points[-1].positions)
         elif name == "joint_states":
             message = decode(record.data, record.type)
+            if message is None:
+                continue
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
             x, v = stations.read(message.position), stations.read(message.velocity)
             tension = message.effort[body.dimension :]
@@ -219,6 +237,8 @@ def _frames(
                 forward, backward = local_bounds(scene, scene.columns.target(row), x)
             state = (np.sign(v) * moving).astype(np.int8)
             yield Frame(stamp, x.ravel(), tension, state, forward, backward, row, tuple(passed))
+    if damaged:
+        print(f"{path}: left out {damaged} messages that are damaged or do not fit the scene", file=sys.stderr)
 
 
 def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:

@@ -103,6 +103,8 @@ class StationReader:
             body: the body.
         """
         self._dimension = body.dimension
+        self.size = body.dimension * (1 + len(body.joints))
+        """Number of positions in joint_states."""
         self._stations = body.stations.size
         self._steps = tree_of_joints(body)
 

@@ -95,7 +95,7 @@ def test_bytes_behind_a_message_are_refused(points):
     ):
         whole = bytes(serialize_message(message))
         read(whole)
-        with pytest.raises(CommandError, match=r"not a message of this type: it ends at byte \d+, but \d+ more bytes"):
+        with pytest.raises(CommandError, match=r"not a message of this type: \d+ more bytes follow its end at byte"):
             read(whole + bytes(16 * points + 8))
 
 

@@ -17,7 +17,7 @@ pytest.importorskip("rclpy")
 from crawler_bench.node.processes import children, wait_until
 from crawler_ros.node.life.shared_memory import remove_orphans
 
-from .graph import environment, graph
+from .graph import environment, graph, node_command
 from .machine import simulator, status, stop
 from .test_security import NOTHING, addresses, is_loopback
 
@@ -211,3 +211,20 @@ def test_without_discovery_it_is_on_loopback_as_well_and_nobody_finds_it(ros):
     time.sleep(2.0)  # discovery
     assert not ros.heard["joint_states"]
     assert process.end() == 0
+
+
+def test_with_closed_streams_it_runs_and_ends_in_order(ros):
+    ros.hear("joint_states")
+    words = node_command("crawler_ros.node.simulator")
+    process = ros.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words])
+    wait_until(lambda: ros.heard["joint_states"] or process.process.poll() is not None, what="a state")
+    assert process.process.poll() is None
+    assert process.end() == 0
+
+
+def test_started_with_interrupts_ignored_the_tests_restore_them_for_their_processes():
+    code = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import tests.conftest; "
+    code += "print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    root = Path(__file__).parents[2]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"

@@ -101,8 +101,8 @@ class CommandQueue:
         """Refuse rows for which the queue has no room; call it with the lock held."""
         if self.waiting + rows > self.most_waiting:
             self._refuse(
-                f"{self.waiting} command rows are waiting and {rows} more are too many: at most {self.most_waiting} may "
-                "wait"
+                f"{self.waiting} command rows are waiting and {rows} more are too many: at most {self.most_waiting} "
+                "may wait"
             )
 
     def _refuse(self, reason: str) -> None:

@@ -94,7 +94,7 @@ class _Reader:
         """Refuse bytes behind the message beyond those that Fast DDS leaves there: 4 a sequence that may be empty."""
         left = len(self.data) - self.place
         if left >= 8 + 4 * sequences:
-            raise CommandError(f"not a message of this type: it ends at byte {self.place}, but {left} more bytes follow")
+            raise CommandError(f"not a message of this type: {left} more bytes follow its end at byte {self.place}")
 
 
 def read_array(data: bytes) -> np.ndarray:

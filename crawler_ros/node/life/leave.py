@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from typing import Any
 
 STOPPED = 130
@@ -24,3 +25,17 @@ def leave_at_once(name: str) -> None:
         os._exit(STOPPED)
 
     signal.signal(signal.SIGINT, leave)
+
+
+def open_closed_streams() -> None:
+    """Open the null device in place of each standard stream that is closed, as by `2>&-`."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            os.set_inheritable(number, True)
+            setattr(sys, name, open(number, mode, closefd=False))  # noqa: SIM115 (it stays open)

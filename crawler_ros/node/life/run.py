@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...wire.definitions import find_ament_prefix
-from .leave import leave_at_once
+from .leave import leave_at_once, open_closed_streams
 from .log_pipe import unblocked_log
 from .shared_memory import remove_orphans
 
@@ -66,6 +66,7 @@ def run_node(
     Returns:
         The exit status.
     """
+    open_closed_streams()
     leave_at_once(name)  # until `spin` has something to clean up
     find_ament_prefix()
     stay_on_loopback()
