@@ -118,7 +118,7 @@ def _watch(simulator: _Process, player: _Process, progress: Callable[[float], No
 
 
 def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]:
-    gains, messages = measure(recording)
+    gains, messages, factor = measure(recording)
     steady = gains[1:]
     exact = closed_form(load_scene(SCENE))
     error = float(np.abs(steady - exact).max())
@@ -131,6 +131,7 @@ def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]
         f"A three-contact crawler walked {PERIODS} periods under commands from another process ({seconds:.0f} s).",
         f"  distance per period  {steady.mean():.12f} m (closed form {exact:.12f} m, largest error {error:.1e} m)",
         f"  first period         {gains[0]:.12f} m (with the transient from rest)",
+        f"  real-time factor     {factor:.1f}, lag 0 s (in lock-step the clock sets no pace)",
         "Files:",
         f"  {mcap}  ({messages} messages; opens in rosbag2, Foxglove, PlotJuggler, rerun)",
         f"  {rrd}",
@@ -143,14 +144,14 @@ def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]
     ]
 
 
-def measure(recording: Path) -> tuple[np.ndarray, int]:
-    """Read the net translation in each period from a recording of the demonstration.
+def measure(recording: Path) -> tuple[np.ndarray, int, float]:
+    """Read the net translation in each period, and the pace, from a recording of the demonstration.
 
     Args:
         recording: a bag folder.
 
     Returns:
-        Net translation gained in each whole period [m], and the number of messages.
+        Net translation gained in each whole period [m], the number of messages, and the simulated seconds per second.
     """
     from rosbags.typesys import Stores, get_typestore
 
@@ -159,6 +160,7 @@ def measure(recording: Path) -> tuple[np.ndarray, int]:
     start_ns: int | None = None
     y: dict[int, float] = {}
     messages = 0
+    received: list[int] = []
     for record in bag.read(recording):
         messages += 1
         message = decode(record.data, record.type)
@@ -166,11 +168,13 @@ def measure(recording: Path) -> tuple[np.ndarray, int]:
             start_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec
         elif record.topic.endswith("pose"):
             y[message.header.stamp.sec * NS + message.header.stamp.nanosec] = message.pose.position.x
+            received.append(record.log_ns)
     if not start_ns:
         raise DemoError(f"{recording}: no command arrived")
     # a late command was still followed, well before the end of its period
     ends = [start_ns + k * period_ns for k in range(PERIODS + 1)]
-    return np.diff([y[ns] for ns in ends if ns in y]), messages
+    pace = (max(y) - min(y)) / max(received[-1] - received[0], 1) if y else 0.0
+    return np.diff([y[ns] for ns in ends if ns in y]), messages, pace
 
 
 class _Process:

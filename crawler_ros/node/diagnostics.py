@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
@@ -106,6 +107,17 @@ def _orientation(node: Diagnosed) -> list[tuple[str, str]]:
     return [("orientation of the shape [rad]", f"{angle:.6g}")]
 
 
+def _pace(node: Diagnosed) -> list[tuple[str, str]]:
+    """Write how fast simulated time passes and how far it lags; in lock-step no clock sets a pace."""
+    if node.lock_step:
+        return []
+    wall_ns = time.monotonic_ns()
+    return [
+        ("real-time factor achieved", f"{node.stepper.achieved_factor(wall_ns):.6f}"),
+        ("lag [s]", f"{node.stepper.lag_ns(wall_ns) / NS:.6f}"),
+    ]
+
+
 def _late_times(stepper: Stepper) -> list[tuple[str, str]]:
     """Write when ticks were late, and the worst delay."""
     if stepper.late == 0:
@@ -135,7 +147,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
     finite, inaccurate = node.certificates.judge()
     if late > before[3]:
         level = WARN
-        message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time slows"
+        message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time lags"
     if node.ambiguous > before[0]:
         level, message = WARN, "the translation was not determined in some ticks; the one nearest to zero was taken"
     if node.overspent > before[1]:
@@ -155,6 +167,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("simulated time [s]", f"{node.stepper.now_ns / NS:.9f}"),
             ("ticks", str(node.stepper.tick)),
             ("late ticks", str(late)),
+            *_pace(node),
             *_late_times(node.stepper),
             ("least friction of the scene", f"{node.regularity.least:.3e} ({node.regularity.where})"),
             ("uniqueness margin", "not decided" if node.margin is None else f"{node.margin:.3e}"),

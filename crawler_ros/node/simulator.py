@@ -68,7 +68,7 @@ class Simulator(QuietNode):
         method = str(self.values["method"])
         self.crawler = Crawler(self.scene, None if method == "auto" else method)  # type: ignore[arg-type]
         self.start = self.crawler.copy()
-        self.stepper = Stepper(rate, self.values["real_time_factor"])
+        self.stepper = Stepper(rate, self.values["real_time_factor"], self.values["late"] == "catch_up")
         self.columns = self.scene.columns
         self.lock_step = bool(self.values["lock_step"])
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
@@ -111,7 +111,7 @@ class Simulator(QuietNode):
         self.every = int(self.values["publish.every"])
         single = self.feed is not None or not runs_in_one_call(self.crawler)
         self._ahead = None if single else Ahead(self.scene, self.outgoing, self.recorder, self.every)
-        self._next_diagnostics_ns = 0
+        self._next_diagnostics_ns = self._logged_lag_ns = 0
         name = self.get_fully_qualified_name()
         self.get_logger().info(
             f"{self.scene.name}: {self.scene.body.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
@@ -157,7 +157,7 @@ class Simulator(QuietNode):
     def _on_reset(self, _: Any, response: Any) -> Any:
         with self.lock:
             self.crawler = self.start.copy()
-            self.stepper.reset()
+            self.stepper.reset(time.monotonic_ns())
             self.commands.reset(self.start.row)
             self.certificates = certificates_of(self.scene, self.crawler.method)
             self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
@@ -178,7 +178,7 @@ class Simulator(QuietNode):
 
     def _on_pause(self, request: Any, response: Any) -> Any:
         with self.lock:
-            self.stepper.pause(bool(request.data))
+            self.stepper.pause(bool(request.data), time.monotonic_ns())
         response.success, response.message = True, "paused" if request.data else "playing"
         return response
 
@@ -328,10 +328,22 @@ class Simulator(QuietNode):
         if wall_ns < self._next_diagnostics_ns:
             return
         self._next_diagnostics_ns = wall_ns + NS
+        self._warn_of_lag(wall_ns)
         self.throttle.flush()
         outlet = self._outlets["/diagnostics"]
         if outlet.wanted:
             outlet.send(encode_diagnostics(time.time_ns(), diagnose(self)))
+
+    def _warn_of_lag(self, wall_ns: int) -> None:
+        """Log the lag of simulated time if it has grown since it was logged last."""
+        lag_ns = self.stepper.lag_ns(wall_ns)
+        if lag_ns > self._logged_lag_ns and not self.lock_step:
+            self._logged_lag_ns = lag_ns
+            self.throttle.warn("lag", self._describe_lag(wall_ns))
+
+    def _describe_lag(self, wall_ns: int) -> str:
+        lag, factor = self.stepper.lag_ns(wall_ns) / NS, self.stepper.achieved_factor(wall_ns)
+        return f"simulated time lags {lag:.3f} s behind the clock, real-time factor {factor:.4f}"
 
     def close(self) -> None:
         """Report for the last time, close the recording and the viewer, and remove the node from the graph."""
@@ -343,7 +355,8 @@ class Simulator(QuietNode):
         if self.feed is not None:
             self.feed.close()
         late = self.stepper.late
-        self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late")
+        lag = f"; {self._describe_lag(time.monotonic_ns())}" if late else ""
+        self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late{lag}")
         self.destroy_node()
 
 

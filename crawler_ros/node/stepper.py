@@ -13,21 +13,32 @@ from crawler_model.body.drive import NS
 from crawler_model.run.ticks import tick_end_ns
 
 
+MOST_CAUGHT_UP_NS = NS
+"""Lag that ticks without a pause catch up; what exceeds it stays, or an overloaded simulator would never pause again."""
+
+
 class Stepper:
     """Counts ticks and computes when the next one is due.
 
-    A tick that starts later than a period after its deadline is counted late, and simulated time slows: the deadlines
-    that follow move by as much. None is ever skipped.
+    A tick that starts later than a period after its deadline is counted late. None is ever skipped. Simulated time
+    either slips, as the deadlines that follow move by as much, or catches up, as ticks follow each other without a pause
+    until the lag is gone.
     """
 
-    def __init__(self, rate: Fraction, real_time_factor: float = 1.0) -> None:
+    def __init__(self, rate: Fraction, real_time_factor: float = 1.0, catches_up: bool = False) -> None:
         """Start playing at simulated time 0.
 
         Args:
             rate: ticks per simulated second [Hz].
             real_time_factor: simulated seconds per second; 0 for as fast as possible.
+            catches_up: whether simulated time catches up after late ticks, by at most MOST_CAUGHT_UP_NS, instead of
+                slipping.
         """
         self.rate = rate
+        self._catches_up = catches_up
+        self._slipped_ns = 0
+        self._played = [0, 0]  # wall and simulated time before the present stretch of playing [ns]
+        self._playing: tuple[int, int] | None = None  # both at its start
         self.late = 0
         self.first_late_ns = self.worst_late_ns = self.worst_delay_ns = 0
         """Simulated time at the start of the first late tick and of the one that began latest, and its delay [ns]."""
@@ -54,10 +65,53 @@ class Stepper:
         self._factor = factor
         self._origin_wall_ns = None
 
-    def pause(self, paused: bool) -> None:
-        """Pause or resume."""
+    def pause(self, paused: bool, wall_ns: int) -> None:
+        """Pause or resume.
+
+        Args:
+            paused: whether to pause.
+            wall_ns: time of a steady clock [ns].
+        """
         self.paused = paused
         self._origin_wall_ns = None
+        self._end_stretch(wall_ns)
+
+    def _end_stretch(self, wall_ns: int) -> None:
+        if self._playing is not None:
+            self._played[0] += wall_ns - self._playing[0]
+            self._played[1] += self.now_ns - self._playing[1]
+            self._playing = None
+
+    def achieved_factor(self, wall_ns: int) -> float:
+        """Compute how many simulated seconds have passed per second of playing; pauses do not count.
+
+        Args:
+            wall_ns: time of a steady clock [ns].
+
+        Returns:
+            The factor [1]; NaN before the first tick is due.
+        """
+        wall, simulated = self._played
+        if self._playing is not None:
+            wall, simulated = wall + wall_ns - self._playing[0], simulated + self.now_ns - self._playing[1]
+        return simulated / wall if wall > 0 else float("nan")
+
+    def lag_ns(self, wall_ns: int) -> int:
+        """Compute by how much simulated time lags behind the clock in all: what has slipped, and what is being caught up.
+
+        Args:
+            wall_ns: time of a steady clock [ns].
+
+        Returns:
+            The lag [ns of the clock].
+        """
+        if self._origin_wall_ns is None or self._factor == 0.0:
+            return self._slipped_ns
+        behind = wall_ns - self._deadline()
+        return self._slipped_ns + (behind if self._is_late(behind) else 0)
+
+    def _is_late(self, behind: int) -> bool:
+        return behind > (self.next_ns - self.now_ns) / self._factor
 
     def wait_ns(self, wall_ns: int) -> int | None:
         """Compute the time to the next tick.
@@ -70,6 +124,8 @@ class Stepper:
         """
         if self.paused:
             return None
+        if self._playing is None:
+            self._playing = wall_ns, self.now_ns
         if self._factor == 0.0:
             return 0
         if self._origin_wall_ns is None:
@@ -85,13 +141,15 @@ class Stepper:
         if self.paused or self._factor == 0.0 or self._origin_wall_ns is None:
             return
         behind = wall_ns - self._deadline()
-        if behind > (self.next_ns - self.now_ns) / self._factor:
+        if self._is_late(behind):
             if self.late == 0:
                 self.first_late_ns = self.now_ns
             if behind > self.worst_delay_ns:
                 self.worst_late_ns, self.worst_delay_ns = self.now_ns, behind
             self.late += 1
-            self._origin_wall_ns += behind
+            slips = max(behind - MOST_CAUGHT_UP_NS, 0) if self._catches_up else behind
+            self._slipped_ns += slips
+            self._origin_wall_ns += slips
 
     def finish(self, ticks: int = 1) -> None:
         """Count the next tick as done, or several."""
@@ -115,7 +173,12 @@ class Stepper:
             return self.now_ns + period * np.arange(1, ticks + 1)
         return np.array([tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)])
 
-    def reset(self) -> None:
-        """Return to simulated time 0; the count of late ticks is not reset."""
+    def reset(self, wall_ns: int) -> None:
+        """Return to simulated time 0; the count of late ticks and the lag are not reset.
+
+        Args:
+            wall_ns: time of a steady clock [ns].
+        """
+        self._end_stretch(wall_ns)
         self._go_to(0)
         self._origin_wall_ns = None

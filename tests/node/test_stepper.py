@@ -59,10 +59,10 @@ def test_real_time_factors():
 def test_paused_is_never_due_and_a_pause_makes_nothing_late():
     stepper = Stepper(Fraction(1000))
     stepper.wait_ns(0)
-    stepper.pause(True)
+    stepper.pause(True, 0)
     assert stepper.wait_ns(10**12) is None
     run(stepper, 10**12)  # a single step
-    stepper.pause(False)
+    stepper.pause(False, 2 * 10**12)
     assert stepper.wait_ns(2 * 10**12) == MS
     assert stepper.late == 0
 
@@ -71,6 +71,54 @@ def test_reset_goes_back_to_zero():
     stepper = Stepper(Fraction(1000))
     stepper.wait_ns(0)
     run(stepper, MS)
-    stepper.reset()
+    stepper.reset(MS)
     assert stepper.now_ns == 0
     assert stepper.wait_ns(7 * MS) == MS
+
+
+def test_what_slips_is_the_lag_and_stays():
+    stepper = Stepper(Fraction(1000))
+    stepper.wait_ns(0)
+    assert stepper.lag_ns(MS) == 0
+    run(stepper, 11 * MS)  # due at 1 ms
+    assert stepper.lag_ns(11 * MS) == 10 * MS
+    for k in range(1, 100):
+        assert stepper.wait_ns((11 + k) * MS) == 0
+        run(stepper, (11 + k) * MS)
+    assert stepper.lag_ns(110 * MS) == 10 * MS
+    assert stepper.achieved_factor(110 * MS) == 100 / 110
+
+
+def test_late_ticks_are_caught_up_without_a_pause_if_asked():
+    stepper = Stepper(Fraction(1000), catches_up=True)
+    stepper.wait_ns(0)
+    run(stepper, 11 * MS)
+    ticks = 1
+    while stepper.wait_ns(12 * MS) == 0:
+        run(stepper, 12 * MS)
+        ticks += 1
+    assert ticks == 12
+    assert stepper.lag_ns(12 * MS) == 0
+    assert stepper.now_ns == 12 * MS
+
+
+def test_what_is_caught_up_is_bounded():
+    stepper = Stepper(Fraction(1000), catches_up=True)
+    stepper.wait_ns(0)
+    run(stepper, 5001 * MS)  # 5 s late
+    assert stepper.lag_ns(5001 * MS) == 4999 * MS  # one tick has been caught up
+    while stepper.wait_ns(5002 * MS) == 0:
+        run(stepper, 5002 * MS)
+    assert stepper.lag_ns(5002 * MS) == 4000 * MS
+
+
+def test_pauses_and_resets_do_not_change_the_factor_achieved():
+    stepper = Stepper(Fraction(100), 2.0)
+    for begin in (0, 10**12):
+        for k in range(10):
+            stepper.wait_ns(begin + 5 * k * MS)
+            run(stepper, begin + 5 * (k + 1) * MS)
+        stepper.pause(True, begin + 50 * MS)
+        assert stepper.achieved_factor(begin + 10**11) == 2.0
+        stepper.reset(begin + 10**11)
+        stepper.pause(False, begin + 10**11)

@@ -468,7 +468,25 @@ def test_late_ticks_are_counted_and_none_is_skipped(ros):
     assert_whole(only(bags))
     states = [r for r in bag.read(only(bags)) if r.topic == "/joint_states"]
     behind = [r.log_ns - stamp_ns(DECODE(r.data, r.type)) for r in states]  # by the simulator's own steady clock
-    assert behind[-1] - behind[0] > 3 * (SECOND // 2 - SECOND // 100)  # a stop is never made up for
+    missed = 3 * (SECOND // 2 - SECOND // 100)
+    assert behind[-1] - behind[0] > missed  # a stop is never made up for
+    assert float(value(ros, "simulation", "lag [s]")) * SECOND > missed
+    assert 0.0 < float(value(ros, "simulation", "real-time factor achieved")) < 1.0
+    told = re.findall(r"simulated time lags (\d+\.\d{3}) s behind the clock, real-time factor 0\.\d{4}", process.said)
+    assert sorted(map(float, told)) == [float(lag) for lag in told]  # the log repeats it as it grows
+    assert float(told[-1]) * SECOND > missed
+
+
+def test_late_ticks_are_caught_up_if_asked(ros):
+    process = ros.simulator("late:=catch_up", hear=("joint_states", "/diagnostics"))
+    wait_until(lambda: status(ros, "simulation"), what="diagnostics")
+    before = int(value(ros, "simulation", "late ticks"))
+    stop(process.process.pid)
+    time.sleep(0.5)  # what it catches up
+    process.process.send_signal(signal.SIGCONT)
+    wait_until(lambda: int(value(ros, "simulation", "late ticks")) > before, what="a late tick")
+    wait_until(lambda: float(value(ros, "simulation", "lag [s]")) < 0.3, what="a lag below what it missed")
+    assert process.end() == 0
 
 
 # -- starts that fail -------------------------------------------------------------------------------------------------
