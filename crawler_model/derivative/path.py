@@ -100,12 +100,14 @@ class Stretch:
 class TangentPath:
     """A path in progress, with the derivatives of its state."""
 
-    def __init__(self, plan: Plan, derivatives: Derivatives) -> None:
+    def __init__(self, plan: Plan, derivatives: Derivatives, samples: bool = False) -> None:
         """Begin at the start of a plan.
 
         Args:
             plan: a body on a line, on ground that is the same everywhere.
             derivatives: of its arrays.
+            samples: whether the displacement at every vertex is a result, whose kinks count even if the path goes on
+                without one.
         """
         body, drive = plan.body, plan.drive
         self._plan = plan
@@ -133,7 +135,7 @@ class TangentPath:
         self._event = np.zeros(1 + 4 * columns)
         self.one_sided = np.zeros(columns, np.bool_)
         self.kinks: list[tuple[int, float, int]] = []
-        self._ramps = 0
+        self._ramps, self._samples = 0, samples
 
     @property
     def dx(self) -> np.ndarray:
@@ -196,6 +198,7 @@ class TangentPath:
             d_work,
             kinks,
             self.one_sided,
+            self._samples,
         )
         for ramp, place, contact in kinks[1 : 1 + int(kinks[0, 0])]:
             self.kinks.append((self._ramps + int(ramp), float(place), int(contact)))

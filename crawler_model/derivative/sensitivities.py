@@ -143,7 +143,7 @@ def sensitivities(
         )
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
-    path = TangentPath(scene, derivatives)
+    path = TangentPath(scene, derivatives, samples=True)
     dx = [path.dx[None]]
     marks, works, d_works = [(path.dx, 0)], np.zeros(0), [np.zeros((0, len(derivatives.names)))]
     vertex_ns = [np.zeros(1, np.int64)]

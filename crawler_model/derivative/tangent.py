@@ -18,7 +18,7 @@ import numpy as np
 from ..compiled import compiled
 from ..motion.pieces import FROM, HEADER, RAMP, UNTIL
 from .elimination import eliminate_many
-from .kinks import INSTANT, NO_END, SAME, V_BEFORE, look_at_bounds, mark, pass_end
+from .kinks import ARRIVED, INSTANT, NO_END, SAME, V_BEFORE, look_at_bounds, mark, pass_end
 
 _STILL = 1e-12
 """A velocity below this part of the largest one is rounding."""
@@ -144,6 +144,7 @@ def follow_tangent(
     d_works,
     kinks,
     one_sided,
+    samples,
 ):
     """Carry derivatives along ramps whose pieces are known.
 
@@ -176,6 +177,8 @@ def follow_tangent(
         d_works: output: its derivatives, shape (V, P).
         kinks: output: ramp, place and contact, shape (rows, 3); the first row counts.
         one_sided: output: parameters whose derivative is one-sided, bool, shape (P,).
+        samples: whether the displacement at the end of every ramp is a result: it has a kink where a contact reaches
+            its bound just there, even if it slides on.
     """
     n, columns = dx.shape
     springs = ends.shape[0]
@@ -317,6 +320,10 @@ def follow_tangent(
             )
             for i in range(n):
                 memory[V_BEFORE, i] = velocity[i]
+                if samples and until == 1.0 and memory[ARRIVED, i] > 1.0:
+                    mark(kinks, v, until, i)
+                    for c in range(columns):
+                        one_sided[c] |= event[1 + 3 * columns + c] != 0.0
             place = until
             if until == 1.0:
                 break

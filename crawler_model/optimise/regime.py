@@ -16,12 +16,13 @@ from ..derivative.path import TangentPath, Vertices
 from ..motion.follow import build_motion
 from ..motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
+from ..run.repeats import tensions_repeat
 from ..scene.assembly import Assembly
 from .unknowns import Cycle
 
 _REPEATS, _REPEATS_EXACTLY = 1e-8, 1e-10
-"""Tensions at the ends of periods that differ by less than this part of the largest are taken to repeat; for
-derivatives and peaks the second number counts."""
+"""Part of the forces at its weaker contact within which a tension is taken to repeat; for derivatives and peaks the
+second number counts."""
 _PERIODS = (3, 10, 32)
 """Periods after which candidates are measured, if their tensions repeat; the others are run again, for longer."""
 _MOST_PERIODS = _PERIODS[-1]
@@ -120,7 +121,7 @@ def _run(
     motion.follow_many(state, motion.scratch(), targets, rows, legs, default_budget(body), accounts, spent, records)
     end, begin = records[:, -1], records[:, -1 - count]
     tension, before = end[:, 2 * n :], begin[:, 2 * n :]
-    settled = np.abs(tension - before).max(axis=1) <= _REPEATS * np.maximum(np.abs(tension).max(axis=1), 1e-300)
+    settled = tensions_repeat(body, targets, tension, before, _REPEATS)
     gain = ((end[:, :n] - begin[:, :n]) + (end[:, n : 2 * n] - begin[:, n : 2 * n])) @ body.share
     stored = 0.5 * ((tension**2 - before**2) / body.stiffness).sum(axis=1)
     lost = (accounts[:, OVERSPENT] + accounts[:, UNSOLVED]) > 0.0
@@ -163,7 +164,7 @@ def find_peak(cycle: Cycle) -> float:
     last = np.full(body.springs, math.inf)
     for _ in range(_MOST_PERIODS):
         tension = np.array(state.tension)
-        if np.abs(tension - last).max(initial=0.0) <= _REPEATS_EXACTLY * np.abs(tension).max(initial=1e-300):
+        if tensions_repeat(body, period, tension, last, _REPEATS_EXACTLY):
             break
         last = tension
         motion.follow(state, scratch, period, True, budget, account, ends)
@@ -251,9 +252,7 @@ def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDeriva
         d_gain, d_work = share @ (stretch.dx[-1] - begin_dx), stretch.d_work.sum(axis=0)
         begin_dx, last = stretch.dx[-1], (stretch.x[-1], stretch.rest[-1])
         gain = 0.0 if begin is None else float(share @ ((last[0] - begin[0]) + (last[1] - begin[1])))
-        repeats = np.abs(path.state - tension).max(initial=0.0) <= _REPEATS_EXACTLY * np.abs(tension).max(
-            initial=1e-300
-        )
+        repeats = tensions_repeat(body, targets[1:], path.state, tension, _REPEATS_EXACTLY)
         if previous is not None and repeats:
             size = np.abs(d_gain).max(initial=1e-300), np.abs(d_work).max(initial=1e-300)
             settled = bool(

@@ -22,9 +22,8 @@ from ..errors import CommandError
 from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
+from .repeats import REPEATS, tensions_repeat
 
-_REPEATS = 1e-13
-"""Tensions that repeat within this part of the largest bound or tension have settled."""
 _RATIOS = 3
 """Ratios of successive differences that have to agree on how fast the transient decays."""
 
@@ -36,9 +35,9 @@ class LimitCycle:
     Attributes:
         gain: y gained in the last period [m]; in the plane shape (2,).
         work: work of the actuators in the last period [J].
-        transient_left: estimate of how far `gain` is from that of the periodic regime [m]: the rounding of the gain
-            where the tensions repeat, the tail of a geometric series where their difference shrinks; infinite where it
-            does not shrink yet.
+        transient_left: estimate of how far `gain` is from that of the periodic regime [m]: where the tensions repeat,
+            the rounding of the gain, and what it hides of a slow transient; the tail of a geometric series where their
+            difference shrinks; infinite where it does not shrink yet.
         settled: whether `transient_left` is within the tolerance.
         ratio: by which the difference of the tensions shrank in each of the last periods, at worst [1]; 0 where they
             repeat.
@@ -120,7 +119,7 @@ class _Periods:
     def __init__(self, crawler: Crawler, targets: np.ndarray) -> None:
         self.crawler, self.targets = crawler, targets
         self.tension = crawler.tension
-        self.size = float(np.abs(targets[:, crawler.tension.size :]).max(initial=0.0))
+        self.shrinks = 0.0
         self.differences: list[float] = []
         self.gains: list[np.ndarray] = []
         self.work, self.travel, self.count = 0.0, 0.0, 0
@@ -138,11 +137,12 @@ class _Periods:
         before, self.tension = self.tension, crawler.tension
         energy = (self.tension - before) ** 2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
         self.differences.append(math.sqrt(float(energy.sum())))
-        self.repeats = bool(
-            np.abs(self.tension - before).max(initial=0.0)
-            <= _REPEATS * max(self.size, float(np.abs(self.tension).max(initial=0.0)))
-        )
+        # a slow transient is in each period a small part of what is left of it
+        part = REPEATS * (1.0 - self.shrinks)
+        self.repeats = bool(tensions_repeat(body, self.targets, self.tension, before, part))
         self.count += 1
+        if not self.repeats and self.ratio() < 1.0:
+            self.shrinks = self.ratio()
 
     def ratio(self) -> float:
         """Compute the worst ratio of the last differences; 1 where there are too few."""
@@ -156,7 +156,7 @@ class _Periods:
     def transient_left(self) -> float:
         """Estimate how far the last gain is from that of the periodic regime [m]."""
         if self.repeats:
-            return 8.0 * EPS * self.travel
+            return 8.0 * EPS * self.travel / (1.0 - self.shrinks if self.differences[-1] > 0.0 else 1.0)
         ratio = self.ratio()
         if ratio >= 1.0:
             return math.inf

@@ -25,13 +25,12 @@ from ..crawler.crawler import Crawler
 from ..errors import CommandError
 from ..theory.holding import steepest_held
 from .account import average_displacement
+from .repeats import REPEATS, tensions_repeat
 
 RESOLUTION = 1e-9
 """Width of the final bracket: of a slope [rad], and of a tow relative to the largest tow that has an equilibrium."""
 _SCANNED = 33
 _MOST_PERIODS = 500
-_SETTLED = 1e-12
-"""Tensions that repeat within this part of the largest friction are those of the periodic regime."""
 _GAINED = 1e-11
 """A gain below this part of the stroke is rounding."""
 _NO_STROKE = 1e-6
@@ -225,7 +224,6 @@ class _Search:
     def _settle(self, crawler: Crawler, period: np.ndarray) -> float:
         """Follow periods until they repeat; return the gain of the last one [m]."""
         tension, gained = crawler.tension, 0.0
-        near = _SETTLED * float(np.abs(period[:, self.bounds]).max())
         for _ in range(_MOST_PERIODS):
             if self.periods >= self.most_periods:
                 raise _Spent
@@ -233,7 +231,7 @@ class _Search:
             crawler.follow(period)
             before, tension = tension, crawler.tension
             gained = float(average_displacement(self.scene.body, crawler.gained[None])[0])
-            if np.abs(tension - before).max(initial=0.0) <= near and self._ends(crawler, gained):
+            if tensions_repeat(self.scene.body, period, tension, before, REPEATS) and self._ends(crawler, gained):
                 return gained
         self.settled = False
         return gained

@@ -147,6 +147,25 @@ def test_a_waypoint_where_a_contact_just_reaches_its_bound_is_a_kink() -> None:
         assert sensitivities(scene, ["drive.actuation[1][0]"], 2.0, 10.0).differentiable, slope
 
 
+@pytest.mark.parametrize("duration", [1.0, 2.0])
+def test_a_contact_that_reaches_its_bound_as_a_result_is_taken_makes_a_kink(duration: float) -> None:
+    """At t = 1 s, at the end of the run or at a tick, the force is just at its bound: with a longer pull x moves."""
+    scene = Scene.model_validate(pull([0.0, 2.0], [[0.0], [-2.0]]))
+    found = sensitivities(scene, ["drive.actuation[1][0]"], duration, 10.0)
+    assert found.one_sided.all()
+    (kink,) = [kink for kink in found.kinks if kink.time == pytest.approx(1.0)]
+    assert kink.contacts
+    sides = []
+    for step in (-1e-3, 1e-3):
+        moved = Scene.model_validate(pull([0.0, 2.0], [[0.0], [-2.0 - step]]))
+        other = sensitivities(moved, ["drive.actuation[1][0]"], duration, 10.0)
+        assert other.differentiable
+        sides.append(np.abs(other.displacement[10]).max())
+    assert sides[0] == 0.0
+    assert sides[1] > 0.1
+    assert sensitivities(scene, ["drive.actuation[1][0]"], 2.0, 7.0).differentiable  # no tick at 1 s
+
+
 def test_two_events_at_once_are_a_kink_only_if_a_contact_stops() -> None:
     # three contacts pulled alike from both sides: the outer ones begin to slide together, and nobody stops
     document = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Scene, limit_cycle, load_scene, simulate
+from crawler_model import CommandError, Scene, largest_tow, limit_cycle, load_scene, simulate
 
 
 @pytest.mark.parametrize("name", ["three_contacts_two_ways", "continuous_segment", "slope_climber", "three_springs"])
@@ -35,6 +35,32 @@ def test_a_regime_that_has_not_settled_is_reported() -> None:
     assert 0.0 < found.ratio < 1.0
     assert "not settled after 5 periods" in repr(found)
     assert "does not shrink yet" in repr(limit_cycle(load_scene("ten_contact_wave"), most_periods=2))
+
+
+def tethered(anchor: float, tether: float = 0.1) -> Scene:
+    """A walker of two contacts, tied to an anchor by a soft spring that it stretches as it walks."""
+    return Scene.model_validate(
+        {
+            "name": "tethered",
+            "body": {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": [tether, 8.0]}},
+            "friction": {"forward": [anchor, 0.1, 0.1], "backward": [anchor, 0.3, 0.3]},
+            "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0, 0.0], [0.0, 0.1], [0.0, 0.0]]},
+        }
+    )
+
+
+@pytest.mark.parametrize("anchor", [1.0, 1e4, 1e12])
+def test_a_strong_anchor_does_not_hide_what_a_soft_tether_does(anchor: float) -> None:
+    """Whatever holds the anchor, the walker stops where the tether pulls as hard as it can: the gain is 0."""
+    scene = tethered(anchor)
+    found = limit_cycle(scene)
+    assert found.settled
+    assert found.periods > 10
+    assert abs(found.gain) <= found.transient_left <= 1e-9
+    few = limit_cycle(scene, most_periods=8)
+    assert not few.settled or abs(few.gain) <= few.transient_left
+    tow = largest_tow(scene)
+    assert tow.cause == "no travel"
 
 
 def test_progress_is_reported() -> None:

@@ -1,0 +1,60 @@
+"""When a period repeats the one before: the one criterion of periodic regimes, limits and searches.
+
+The tensions at the ends of periods decide, each against the scale of the forces at its own two contacts. Against the
+largest force of the body, one anchor would hide all that happens at the other contacts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..body.body import Body
+from ..rounding import EPS
+
+REPEATS = 1e-13
+"""Part of the forces at its weaker contact within which a tension repeats."""
+_ROUNDING = 16.0 * EPS
+
+
+def tolerance_of_tensions(body: Body, targets: np.ndarray, tension: np.ndarray, part: float = REPEATS) -> np.ndarray:
+    """Compute by how much each tension may differ from that of a period before if it repeats.
+
+    Args:
+        body: the body, or M variations of it.
+        targets: the commands of a period, shape (V, F), of variations (M, V, F).
+        tension: T at the end of a period, shape (S,) or (M, S), in the plane (S, 2) [N].
+        part: of the friction and the tensions at the contact where they are weaker [1].
+
+    Returns:
+        Shape (S,) or (M, S) [N]; never less than the rounding of a tension that follows from displacements.
+    """
+    n, lengths = body.contacts, body.springs * body.dimension
+    pull = np.linalg.norm(tension, axis=-1) if body.dimension == 2 else np.abs(tension)
+    if body.dimension == 2:
+        reach = np.linalg.norm(targets[:, :lengths].reshape(-1, body.springs, 2), axis=-1).max(axis=0)
+        each = (targets.shape[-1] - lengths) // n  # by direction, and two numbers of the load
+        friction = np.abs(targets[:, lengths : lengths + each * n]).reshape(-1, each, n).max(axis=(0, 1))
+    else:
+        reach = np.abs(targets[..., :lengths]).max(axis=-2)
+        bounds = np.abs(targets[..., lengths : lengths + 2 * n]).max(axis=-2)
+        friction = np.maximum(bounds[..., :n], bounds[..., n:])
+    at_contact = body.force_size(pull) + friction
+    weaker = np.minimum(at_contact[..., body.ends[:, 0]], at_contact[..., body.ends[:, 1]])
+    return part * weaker + _ROUNDING * (body.stiffness * reach + pull)
+
+
+def tensions_repeat(body: Body, targets: np.ndarray, tension: np.ndarray, before: np.ndarray, part: float) -> np.ndarray:
+    """Determine whether the tensions at the ends of two periods are equal within their tolerance.
+
+    Args:
+        body: as for `tolerance_of_tensions`.
+        targets: likewise.
+        tension: at the end of a period, likewise.
+        before: at the end of the period before, same shape.
+        part: as for `tolerance_of_tensions`.
+
+    Returns:
+        A single truth value, or one of each variation, shape (M,).
+    """
+    change = np.linalg.norm(tension - before, axis=-1) if body.dimension == 2 else np.abs(tension - before)
+    return np.asarray((change <= tolerance_of_tensions(body, targets, tension, part)).all(axis=-1))
