@@ -10,6 +10,7 @@ from rich.console import Console
 from crawler_model import CommandError, Limit, Trajectory, largest_tow, steepest_climb
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
+from crawler_model.run.limits import SLOPES_TRIED
 from crawler_model.theory.holding import Holding, Tilt, compute_holding, steepest_held
 
 from .screen import progress_bar
@@ -144,7 +145,8 @@ def describe_climb(limit: Limit) -> str:
         )
     value, beyond = (f"{math.degrees(angle):.8g} degrees" for angle in (limit.value, limit.beyond))
     direction = "uphill" if limit.direction > 0 else "uphill towards -x, in the direction of travel"
-    return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, direction)}"
+    none = f"no steeper one of {SLOPES_TRIED} slopes tried does"
+    return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, direction, none)}"
 
 
 def describe_tow(limit: Limit, on: str) -> str:
@@ -164,7 +166,7 @@ def describe_tow(limit: Limit, on: str) -> str:
     return f"largest tow {on} at which a period still gains: {_describe(limit, value, beyond, direction)}"
 
 
-def _describe(limit: Limit, value: str, beyond: str, direction: str) -> str:
+def _describe(limit: Limit, value: str, beyond: str, direction: str, none: str = "none beyond") -> str:
     """Describe value, direction and cause."""
     if limit.cause == "budget":
         if limit.direction == 0:
@@ -181,5 +183,5 @@ def _describe(limit: Limit, value: str, beyond: str, direction: str) -> str:
             f"the body runs away whatever the drive does{unsettled}"
         )
     faded = limit.gain < 1e-6 * size
-    end = "where the gain has fallen to 0" if faded else f"where it still gains {gain:.6g} m, none beyond"
+    end = "where the gain has fallen to 0" if faded else f"where it still gains {gain:.6g} m, {none}"
     return f"{value} {direction}, {end}{unsettled}"

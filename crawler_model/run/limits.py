@@ -29,7 +29,8 @@ from .repeats import REPEATS, tensions_repeat
 
 RESOLUTION = 1e-9
 """Width of the final bracket: of a slope [rad], and of a tow relative to the largest tow that has an equilibrium."""
-_SCANNED = 33
+SLOPES_TRIED = 33
+"""Evenly spaced slopes that are tried, the steepest first, before the bisection."""
 _MOST_PERIODS = 500
 _GAINED = 1e-11
 """A gain below this part of the stroke is rounding."""
@@ -74,6 +75,10 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
     The direction is that on level ground; the slope of the scene does not matter, its other loads do. On patches of
     ground the whole path of the body counts; they are tilted with the track.
 
+    A gain need not fall steadily with the slope, as friction by coefficients falls with it: of SLOPES_TRIED slopes up
+    to the steepest that is held, the steepest that gains is taken, and the end of the stretch around it is found by
+    bisection. A steeper stretch that is narrower than their distance is not found.
+
     Args:
         scene: a body on a line with weights, and a drive with a period.
         budget: upper limit of periods times waypoints times contacts.
@@ -98,7 +103,7 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
         )
     if not search.holds(search.on_slope(0.0)):
         raise CommandError("steepest_climb: the loads of the scene have no equilibrium on level ground")
-    return search.find(search.on_slope, search.steepest, _SCANNED, RESOLUTION)
+    return search.find(search.on_slope, search.steepest, SLOPES_TRIED, RESOLUTION)
 
 
 def largest_tow(

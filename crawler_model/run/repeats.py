@@ -43,7 +43,9 @@ def tolerance_of_tensions(body: Body, targets: np.ndarray, tension: np.ndarray, 
     return part * weaker + _ROUNDING * (body.stiffness * reach + pull)
 
 
-def tensions_repeat(body: Body, targets: np.ndarray, tension: np.ndarray, before: np.ndarray, part: float) -> np.ndarray:
+def tensions_repeat(
+    body: Body, targets: np.ndarray, tension: np.ndarray, before: np.ndarray, part: float
+) -> np.ndarray:
     """Determine whether the tensions at the ends of two periods are equal within their tolerance.
 
     Args:

@@ -12,7 +12,6 @@ import numpy as np
 from crawler_model.body.drive import NS
 from crawler_model.run.ticks import tick_end_ns
 
-
 MOST_CAUGHT_UP_NS = NS
 """Lag that ticks without a pause catch up; what exceeds it stays, or an overloaded simulator would never pause again."""
 

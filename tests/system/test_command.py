@@ -163,7 +163,11 @@ CLIMB = "steepest slope at which a period still gains: "
 TOW = "largest tow on contact 1 at which a period still gains: "
 FRONT = {"from": 0.1, "to": 0.9, "friction": 0.5}
 LIMITS = [
-    ("slope_climber", {}, CLIMB + "16.699244 degrees uphill, where it still gains 0.0521087 m, none beyond"),
+    (
+        "slope_climber",
+        {},
+        CLIMB + "16.699244 degrees uphill, where it still gains 0.0521087 m, no steeper one of 33 slopes tried does",
+    ),
     ("slope_climber", {}, TOW + "0.2435883 N backward, where it still gains 0.0507596 m, none beyond"),
     ("slope_climber", {"loads": 0.3}, "steepest_climb: the loads of the scene have no equilibrium on level ground"),
     ("slope_climber", {"drive": None}, "no drive: the crawler waits for commands"),
