@@ -133,6 +133,7 @@ def simulate_command(
             _draw(run, part)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
+        _check_certificate(run)
         return
     table = Table(title=f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz", title_justify="left")
     periods = run.per_period.size > 0
@@ -159,6 +160,31 @@ def simulate_command(
         screen.print(f"table: {file}", markup=False)
     if png is not None:
         screen.print(f"drawn: {png}")
+    _check_certificate(run)
+
+
+def _check_certificate(run: Trajectory) -> None:
+    """Refuse to end in success if an exact run is not exact; its numbers have been written by then.
+
+    Args:
+        run: the run.
+
+    Raises:
+        CrawlerError: if the energy balance or a bound is violated by more than rounding.
+    """
+    if run.method != "exact":  # the residual of catch_up measures the error of its steps
+        return
+    springs = run.scene.body.springs
+    friction = float(abs(run.scene.drive.targets[:, springs : springs + 2 * run.scene.body.contacts]).max())
+    for what, value, of in (
+        ("the energy balance is off by", run.energy.relative_residual, "of the energy turned over"),
+        ("a spring force exceeds its bound by", run.violation / (friction or 1.0), "of the largest friction"),
+    ):
+        if not value <= _MISSED:
+            raise CrawlerError(
+                f"{run.scene.name}: the result is not exact: {what} {value:.1e} {of}, more than {_MISSED:g}; forces or "
+                "stiffnesses of the scene are too far apart for floating-point numbers: bring them closer together"
+            )
 
 
 def _draw(run: Trajectory, png: Path) -> None:

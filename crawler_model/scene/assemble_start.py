@@ -154,7 +154,9 @@ def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.nda
     force = body.spring_force(tension)
     forward, backward = _bounds_at_start(assembly)
     margins = bound_distances(force, forward, backward)
-    return force, margins, margins + _ROUNDING * (body.force_size(tension) + forward + backward)
+    ends = np.abs(x)[..., body.ends]
+    terms = body.stiffness * (ends.sum(axis=-1) + np.abs(assembly.drive.actuation[..., 0, :]))  # of which T is left
+    return force, margins, margins + _ROUNDING * (body.force_size(terms) + forward + backward)
 
 
 def _bounds_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:

@@ -13,15 +13,15 @@ from crawler_model.body.drive import NS
 from crawler_model.run.ticks import tick_end_ns
 
 MOST_CAUGHT_UP_NS = NS
-"""Lag that ticks without a pause catch up; what exceeds it stays, or an overloaded simulator would never pause again."""
+"""Lag that ticks without a pause catch up; what exceeds it stays, or an overloaded simulator would never pause."""
 
 
 class Stepper:
     """Counts ticks and computes when the next one is due.
 
     A tick that starts later than a period after its deadline is counted late. None is ever skipped. Simulated time
-    either slips, as the deadlines that follow move by as much, or catches up, as ticks follow each other without a pause
-    until the lag is gone.
+    either slips, as the deadlines that follow move by as much, or catches up, as ticks follow each other without a
+    pause until the lag is gone.
     """
 
     def __init__(self, rate: Fraction, real_time_factor: float = 1.0, catches_up: bool = False) -> None:
@@ -96,7 +96,7 @@ class Stepper:
         return simulated / wall if wall > 0 else float("nan")
 
     def lag_ns(self, wall_ns: int) -> int:
-        """Compute by how much simulated time lags behind the clock in all: what has slipped, and what is being caught up.
+        """Compute by how much simulated time lags behind the clock: what has slipped, and what is being caught up.
 
         Args:
             wall_ns: time of a steady clock [ns].

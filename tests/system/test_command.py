@@ -308,3 +308,17 @@ def test_nothing_of_ros_is_needed_for_the_model():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 1
     assert "rclpy is not installed; install with: pip install 'crawler-ros[ros]'" in done.stderr
+
+
+@pytest.mark.parametrize("flags", [(), ("--json",)])
+def test_a_run_that_is_not_exact_is_an_error_behind_its_numbers(tmp_path, flags):
+    """A force of 1e16 N/m in a body whose springs hold 0.4 N leaves no digits."""
+    scene = tmp_path / "strong.yaml"
+    trunk = "{name: trunk, from: 0, to: 1, stiffness: 1, friction: {forward: 0.1, backward: 1.0e+16}, elements: 20}"
+    drive = "{times: [0, 0.5, 1], period: 1, actuation: [[0], [0.4], [0]]}"
+    scene.write_text(f"name: strong\nbody: {{segments: [{trunk}]}}\ndrive: {drive}\n")
+    done = crawler("simulate", scene, "--duration", "2", *flags)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "strong: the result is not exact: the energy balance is off by" in done.stderr
+    assert done.stdout

@@ -542,3 +542,23 @@ def test_a_mistake_in_a_body_is_named(data, said):
         if part["elements"] is None:
             del part["elements"]
     assert said in refusal(data)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_relaxed_start_is_within_rounding_of_no_tension(seed):
+    """Also for contacts without friction: lengths like 0.1 leave tensions of 1e-18 N."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 9))
+    friction = np.where(rng.random(n) < 0.5, 0.0, 0.1)
+    friction[0] = 0.1
+    rows = np.cumsum(rng.normal(size=(2, n - 1)), axis=1)
+    document = {
+        "name": "relaxed",
+        "body": {"contacts": list(range(n)), "links": {"stiffness": 10.0 ** rng.uniform(-3, 6, n - 1)}},
+        "friction": {"isotropic": friction.tolist()},
+        "drive": {"times": [0, 1], "actuation": rows.tolist()},
+        "start": "relaxed",
+    }
+    document["body"]["links"]["stiffness"] = document["body"]["links"]["stiffness"].tolist()
+    scene = Scene.model_validate(document)
+    assert np.abs(Crawler(scene).tension).max() < 1e-9
