@@ -289,10 +289,14 @@ def _follow(
     if scene is None:
         return None, "not simulated again: the recording does not hold its scene; name it with --scene", None, None
     ledger = survey.topics.get(robot.recorded("applied_commands"))
-    if ledger is None or ledger.stamp_ns.size == 0:
-        return None, "not simulated again: applied_commands, the ledger of the ticks, was not recorded", None, None
     parameters = survey.attachments.get("parameters")
-    recorded = parameters.get("method") if isinstance(parameters, dict) else None
+    parameters = parameters if isinstance(parameters, dict) else {}
+    if ledger is None or ledger.stamp_ns.size == 0:
+        why = "applied_commands, the ledger of the ticks, was not recorded"
+        if parameters.get("lock_step") is True:  # a simulator records its ledger always
+            why = "no tick was run, as no command arrived: in lock-step each command triggers its ticks"
+        return None, f"not simulated again: {why}", None, None
+    recorded = parameters.get("method")
     start = Crawler(scene, None if recorded == "auto" else recorded)
     fitted: int | None = None
     if int(ledger.stamp_ns[0]) > 0:
