@@ -71,7 +71,8 @@ figures: $(READY)
 
 soak: $(READY)
 	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model tests/replay/test_slips.py --timeout=7200
-	CRAWLER_SOAK=1 $(BIN)/python -m pytest tests/ros/test_load.py tests/ros/test_faults.py tests/ros/test_security.py --timeout=7200
+	CRAWLER_SOAK=1 $(BIN)/python -m pytest tests/ros/test_load.py tests/ros/test_faults.py tests/ros/test_security.py \
+		tests/replay/test_hostile_files.py tests/system/test_identify.py --timeout=7200
 
 $(MADE): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'

@@ -172,6 +172,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (CrawlerError, OSError) as error:
         print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
         status = 1
+    except MemoryError:
+        print("crawler: out of memory; free some, or raise the limit (ulimit -v)", file=sys.stderr)
+        status = 1
     except ModuleNotFoundError as error:
         print(f"crawler: {describe_missing(error)}", file=sys.stderr)
         status = 1

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import hashlib
 import os
+import resource
 import shutil
 import sys
 import time
@@ -18,9 +19,13 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
 
+from .errors import CrawlerError
+
 _DAY = 86_400.0
 _SOURCES = ("*.py", "body/**/*.py", "crawler/**/*.py", "derivative/**/*.py", "motion/**/*.py")
 """The files of this package that hold kernels, or that files with kernels import; a test keeps the list complete."""
+_COMPILER_BYTES = 512 << 20
+"""Address space that compiling takes."""
 _KEPT = 8
 """Number of source versions whose kernels stay in the cache; older ones are deleted when unused for a day."""
 
@@ -155,6 +160,24 @@ def _drop_old(kernels: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def _check_address_space() -> None:
+    """Refuse to compile where a limit of the address space would end the process without a word.
+
+    Raises:
+        CrawlerError: when less is left than compiling takes.
+    """
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    statm = Path("/proc/self/statm")
+    if most == resource.RLIM_INFINITY or not statm.exists():
+        return
+    left = most - int(statm.read_text("ascii").split()[0]) * resource.getpagesize()
+    if left < _COMPILER_BYTES:
+        raise CrawlerError(
+            f"the address space is limited and has {left >> 20} MiB left; compiling the kernels takes "
+            f"{_COMPILER_BYTES >> 20} MiB: raise the limit (ulimit -v) until the first run has compiled them"
+        )
+
+
 class _Announcer(event.Listener):
     """Print one line per process on standard error when kernels of this package are compiled (not when loaded)."""
 
@@ -165,6 +188,7 @@ class _Announcer(event.Listener):
         function = getattr(event.data.get("dispatcher"), "py_func", None)
         if not self.announced and getattr(function, "__module__", "").startswith(f"{__package__}."):
             self.announced = True
+            _check_address_space()
             text = "crawler: compiling the kernels, once on this machine (up to a minute) ..."
             print(text, file=sys.stderr, flush=True)
 

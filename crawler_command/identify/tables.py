@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Measurements
+from crawler_model.errors import LARGEST
 from crawler_model.identify.measurements import MeasurementError, channel_names
 from crawler_model.scene.scene import Scene
 
@@ -35,10 +36,10 @@ def read_table(path: Path, scene: Scene) -> Measurements:
         raise MeasurementError(f"{path}: no such file")
     try:
         table: Any = csv.read_csv(path) if path.suffix == ".csv" else parquet.read_table(path)
+        names = [str(name).strip() for name in table.column_names]
     except (pa.ArrowException, UnicodeDecodeError) as error:
         kind = "CSV" if path.suffix == ".csv" else "Parquet"
         raise MeasurementError(f"{path}: not a {kind} table with a header ({error})") from None
-    names = [str(name).strip() for name in table.column_names]
     if "time" not in names:
         raise MeasurementError(
             f"{path}: no column `time`; the header is {','.join(names[:6])}, it must be like time,contact_0,..., "
@@ -68,7 +69,14 @@ def _numbers(path: Path, column: Any, name: str) -> np.ndarray:
     import pyarrow as pa
 
     try:
-        return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        values = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        beyond = np.flatnonzero(np.abs(values) > LARGEST)
+        if beyond.size:
+            row = int(beyond[0])
+            raise MeasurementError(
+                f"{path.name}: column {name}, row {row}: {values[row]:g}; it must be at most {LARGEST:g} in size"
+            )
+        return values
     except pa.ArrowException:
         rows = column.to_pylist()
 

@@ -24,8 +24,8 @@ from crawler_model import CrawlerError
 
 from .record_head import message_head
 
-LARGEST_CHUNK = 1 << 26
-"""Bytes that a chunk may expand to; writers end their chunks at 1 to 4 MiB."""
+LARGEST_CHUNK = 1 << 27
+"""Bytes that a chunk may expand to; writers end theirs after the message that fills 1 to 4 MiB."""
 MOST_EXPANSION, ALWAYS_EXPANDED = 2_000, 1 << 28
 """Bytes that all chunks may expand to: so many for each byte of the file, or so many in all. A recording at rest
 expands 10 to 110 times, because each of its messages has 16 bytes of index beside the chunk."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -271,7 +272,7 @@ MISTAKES = [
     (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "do not fit in memory"),
     (["simulate", "two_anchor_a", "--rate", "fast"], "Invalid value for '--rate'"),
     (["simulate"], "Missing argument"),
-    (["replay", "parent"], "parent/one: the recording has no messages"),
+    (["replay", "parent"], "parent/one/one_0.mcap: not an MCAP file"),
     (["view", "text.mcap", "--png", "x.png"], "not an MCAP file"),
     (["replay", "text.mcap"], "not an MCAP file"),
     (["replay", "nothing"], "nothing: no such file or folder"),
@@ -308,6 +309,22 @@ def test_nothing_of_ros_is_needed_for_the_model():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 1
     assert "rclpy is not installed; install with: pip install 'crawler-ros[ros]'" in done.stderr
+
+
+def test_a_limit_of_the_address_space_that_compiling_would_exceed_is_one_line(tmp_path):
+    """The compiler itself would end the process: std::bad_alloc."""
+    code = (
+        "import resource, sys; import crawler_model.compiled; from crawler_command.app import main; "
+        "pages = int(open('/proc/self/statm').read().split()[0]); "
+        "resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (300 << 20),) * 2); "
+        "main(['simulate', 'two_anchor_a'])"
+    )
+    empty = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    empty.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=empty)
+    assert done.returncode == 1
+    assert done.stderr.startswith("crawler: the address space is limited and has ")
+    assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("flags", [(), ("--json",)])

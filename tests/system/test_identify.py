@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 import yaml
 
 from crawler_command.app import main
+from crawler_command.identify.tables import read_table
 from crawler_model import Measurements, Scene, load_scene, simulate
+from crawler_model.identify.measurements import MeasurementError, check_measurements
 
 from .. import recordings
 from ..model.identify.synthetic import chain, measure, scaled, walk
@@ -283,3 +286,56 @@ def test_a_recording_without_the_named_topic_is_refused(tmp_path, capsys):
     status, _, error = run(capsys, "identify", bag, *options)
     assert status == 1
     assert "no topic /robot/js for joint_states; recorded are /applied_commands" in error
+
+
+# -- damaged tables ---------------------------------------------------------------------------------------------------
+
+
+def test_a_number_beyond_all_use_and_a_header_that_is_no_text_are_named(robot, tmp_path, capsys):
+    guess, header, rows = robot
+    options = ("--scene", guess, "--fit", "friction.forward")
+    rows = rows.copy()
+    rows[5, 1] = 1e300
+    status, _, err = run(capsys, "identify", write_csv(tmp_path / "large.csv", header, rows), *options)
+    assert (status, err.count("\n")) == (1, 1)
+    assert f"large.csv: column {header[1]}, row 5: 1e+300; it must be at most 1e+100 in size" in err
+    other = tmp_path / "other.csv"
+    other.write_bytes(b"time,\xff\xfe,contact_0\n" + b"0,1,2\n" * 30)
+    status, _, err = run(capsys, "identify", other, *options)
+    assert (status, err.count("\n")) == (1, 1)
+    assert "other.csv: not a CSV table with a header" in err
+
+
+SOAK = bool(os.environ.get("CRAWLER_SOAK"))
+
+
+@pytest.mark.parametrize("seed", range(300 if SOAK else 50))
+def test_mutants_of_a_table_end_in_one_line_or_are_measurements(robot, tmp_path, capsys, seed):
+    guess, header, rows = robot
+    rng = np.random.default_rng(seed)
+    data = bytearray(write_csv(tmp_path / "run.csv", header, rows[:40]).read_bytes())
+    kind = seed % 4
+    place = int(rng.integers(len(data)))
+    if kind == 0:
+        for _ in range(int(rng.integers(1, 10))):
+            data[int(rng.integers(len(data)))] = int(rng.integers(256))
+    elif kind == 1:
+        data[place:place] = rng.choice([b"1e300", b"nan", b"-inf", b"\x00", b'"', b"\r\n\r\n", b",,,", b"\xff"])
+    elif kind == 2:
+        del data[place : place + int(rng.integers(1, 400))]
+    else:
+        data[place:place] = data[: int(rng.integers(1, 400))]
+    mutant = tmp_path / "mutant.csv"
+    mutant.write_bytes(data)
+    if SOAK:
+        status, _, err = run(capsys, "identify", mutant, "--scene", guess, "--fit", "friction.forward")
+        assert status in (0, 1)
+        assert "Traceback" not in err
+        return
+    scene = load_scene(str(guess))
+    message = ""
+    try:
+        check_measurements(scene, read_table(mutant, scene))
+    except MeasurementError as error:
+        message = str(error)
+    assert "\n" not in message
