@@ -44,7 +44,10 @@ def identify_command(
     ] = "frame",
     fit_delay: Annotated[bool, typer.Option("--fit-delay", help="Find the delay of the measurements, too.")] = False,
     robust: Annotated[bool, typer.Option("--robust", help="Let outliers count less (soft_l1).")] = False,
-    starts: Annotated[int, typer.Option(help="Largest number of starts.", min=1)] = 8,
+    starts: Annotated[int, typer.Option(help="Number of starts, unless an earlier one fits.", min=1)] = 8,
+    seconds: Annotated[
+        float, typer.Option(help="Time in which more starts are tried while none fits, s.", min=0.0)
+    ] = 10.0,
     seed: Annotated[int, typer.Option(help="Seed of the random starts.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     out: Annotated[
@@ -73,7 +76,9 @@ def identify_command(
     topics = parse_topics(topic or ())
     measured = [one for path in recordings for one in _read(path, loaded, topics)]
     with progress_bar("identifying") as progress:
-        found = identify(loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress)
+        found = identify(
+            loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress, seconds
+        )
     written = _write(found, out, png, html)
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))

@@ -151,7 +151,7 @@ def excite(
             raise
         interrupted = True
     driven = search.scene_with_drive()
-    found = identify(driven, [search.measure(driven)], keys, hold_out=0.0, starts=1, seed=seed)
+    found = identify(driven, [search.measure(driven)], keys, hold_out=0.0, starts=1, seed=seed, seconds=0.0)
     if progress is not None:
         progress(1.0)
     length = every * (search.rows.shape[0] - 1)

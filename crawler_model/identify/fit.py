@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,6 +23,8 @@ _SHORTEST = 1e-16
 _DAMPING = 1e-4
 _MOST_DAMPING = 1e7
 _MAD = 1.4826
+_SAME_MINIMUM = 1e-3
+"""Part by which the sums of squares at the ends of two starts may differ if they ended at the same minimum."""
 _SOFT = 2.0
 """Residuals above this many standard deviations count less in a robust fit."""
 
@@ -35,6 +39,8 @@ class Fit:
         residuals: there.
         soft: size from which residuals count less [m]; None for plain least squares.
         interrupted: whether Ctrl-C ended the search before all starts were tried.
+        starts: number of starts tried.
+        reached: how many of them ended at this minimum.
     """
 
     unknowns: np.ndarray
@@ -42,6 +48,8 @@ class Fit:
     residuals: Residuals
     soft: float | None
     interrupted: bool = False
+    starts: int = 1
+    reached: int = 1
 
 
 def fit_from(
@@ -136,6 +144,7 @@ def find_fit(
     problem: Problem,
     coarse: Problem,
     starts: int,
+    seconds: float,
     robust: bool,
     rng: np.random.Generator,
     progress: Callable[[float], None] | None,
@@ -145,7 +154,8 @@ def find_fit(
     Args:
         problem: the problem.
         coarse: the same with fewer rows, on which the starts are compared.
-        starts: largest number of starts.
+        starts: number of starts, unless an earlier one leads to a fit.
+        seconds: time in which more are tried as long as none does [s].
         robust: whether outliers count less.
         rng: source of random numbers.
         progress: called with the fraction done, in [0, 1].
@@ -159,12 +169,18 @@ def find_fit(
     held = np.zeros(problem.count, np.bool_)
     best: Fit | None = None
     interrupted = False
+    costs: list[float] = []
+    begin = time.monotonic()
     spread = max(float(np.ptp(r.measured.values)) for r in problem.replicas)
     try:
-        for k, start in enumerate(_starts(coarse, starts, rng)):
-            found = fit_from(coarse, start, held, None, tight=False)
+        for k, start in enumerate(_starts(coarse, rng)):
+            spent = (time.monotonic() - begin) / seconds if seconds else np.inf
+            if k >= starts and spent >= 1.0:
+                break
+            found = None if start is None else fit_from(coarse, start, held, None, tight=False)
             if progress is not None:
-                progress(0.8 * (k + 1) / starts)
+                progress(0.8 * min((k + 1) / starts, max(spent, 0.01)))
+            costs.append(np.inf if found is None else found.cost)
             if found is not None and (best is None or found.cost < best.cost):
                 best = found
             rms = np.inf if best is None else np.sqrt(best.cost / best.residuals.fitted.size)
@@ -178,6 +194,7 @@ def find_fit(
         raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
     soft = None
     unknowns = best.unknowns
+    reached = sum(cost <= (1.0 + _SAME_MINIMUM) * best.cost for cost in costs)
     for _ in range(3 if robust else 0):
         soft = robust_size(problem, unknowns)
         softer = fit_from(problem, unknowns, held, soft, tight=False)
@@ -185,7 +202,7 @@ def find_fit(
         unknowns = softer.unknowns
     last = fit_from(problem, unknowns, held, soft, tight=True, most=40)
     assert last is not None
-    return replace(last, interrupted=interrupted)
+    return replace(last, interrupted=interrupted, starts=len(costs), reached=reached)
 
 
 def robust_size(problem: Problem, unknowns: np.ndarray) -> float:
@@ -204,19 +221,17 @@ def robust_size(problem: Problem, unknowns: np.ndarray) -> float:
     return max(_SOFT * _MAD * float(np.median(np.abs(now.fitted))), 1e-12 * spread)
 
 
-def _starts(problem: Problem, count: int, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Generate starts: from the balance of forces, the scene's values, and alternately from both kinds of draws."""
+def _starts(problem: Problem, rng: np.random.Generator) -> Iterator[np.ndarray | None]:
+    """Generate starts without end: the balance of forces, the scene's values, then draws of both kinds in turn."""
     seen = [see(r, rows) for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
     known = [one for one in seen if one is not None]
-    for k in range(count):
+    for k in itertools.count():
         if k == 1 or (k == 0 and len(known) < len(seen)):
             yield problem.unknowns(problem.space.origin)
             continue
         values = problem.space.origin if k == 0 else problem.space.draw(rng)
         balanced = estimate(known, problem.space, values) if len(known) == len(seen) and k % 2 == 0 else None
-        drawn = _draw(problem, rng) if balanced is None else problem.unknowns(balanced)
-        if drawn is not None:
-            yield drawn
+        yield _draw(problem, rng) if balanced is None else problem.unknowns(balanced)
 
 
 def residuals_of(problem: Problem, fit: Fit) -> NoiseTest:

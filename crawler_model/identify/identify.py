@@ -139,6 +139,7 @@ def identify(
     starts: int = 8,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
+    seconds: float = 10.0,
 ) -> Identification:
     """Find the numbers of a scene under which the model repeats measured motion, and what the motion tells about each.
 
@@ -156,9 +157,10 @@ def identify(
             "none" for positions in the frame of the scene.
         delay: whether the measurements of each recording have an unknown delay.
         robust: whether outliers count less (soft_l1).
-        starts: largest number of starts.
+        starts: number of starts, unless an earlier one leads to a fit.
         seed: of the random starts.
         progress: called with the fraction done, in [0, 1].
+        seconds: time in which more starts are tried as long as none leads to a fit [s].
 
     Returns:
         The result.
@@ -175,6 +177,8 @@ def identify(
         raise CrawlerError(f"identify: hold_out: {hold_out:g}; it must be between 0 and 0.8")
     if starts < 1:
         raise CrawlerError(f"identify: starts: {starts}; it must be at least 1")
+    if not 0.0 <= seconds < np.inf:
+        raise CrawlerError(f"identify: seconds: {seconds:g}; it must be 0 or more")
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"identify: offset: {offset!r}; it must be none, frame or each")
     if scene.dimension == 2:
@@ -191,17 +195,18 @@ def identify(
     if numbers <= problem.count:
         raise MeasurementError(f"identify: {numbers} measured values for {problem.count} unknowns are too few")
     coarse = _coarse(problem, scene, checked, offset, delay)
-    fit = find_fit(problem, coarse, starts, robust, np.random.default_rng(seed), progress)
+    searched = fit = find_fit(problem, coarse, starts, seconds, robust, np.random.default_rng(seed), progress)
     for _ in range(_WEIGHINGS):
-        if fit.interrupted or not problem.weigh(fit.residuals):
+        if searched.interrupted or not problem.weigh(fit.residuals):
             break
         fit = _fit_again(problem, fit)
-    interrupted = fit.interrupted
     fit, structure = _settle(problem, fit)
     parameters = judge(problem, fit, structure)
     if progress is not None:
         progress(1.0)
-    return _conclude(scene, problem, dataclasses.replace(fit, interrupted=interrupted), parameters)
+    count, reached = searched.starts, searched.reached
+    fit = dataclasses.replace(fit, interrupted=searched.interrupted, starts=count, reached=reached)
+    return _conclude(scene, problem, fit, parameters)
 
 
 def _fit_again(problem: Problem, fit: Fit) -> Fit:
@@ -299,6 +304,10 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, parameters: tuple[Parame
         if p.verdict == "bound" and "the fit ended" in p.why
     ]
     if where is not None:
+        warnings.append(
+            f"this is the best of {fit.starts} starts, and {fit.reached} of them ended here: if the model is right, it "
+            "is a local minimum, which more time for starts may leave"
+        )
         parameters = tuple(without_trust(p, where) for p in parameters)
     return Identification(
         _with_values(scene, problem, parameters),

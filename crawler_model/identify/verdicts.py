@@ -329,9 +329,14 @@ def without_trust(parameter: Parameter, where: str) -> Parameter:
         where: where the model fails.
 
     Returns:
-        The same parameter, with its best value but without an interval.
+        The same parameter, with its best value but without an interval; no bound remains, as the forces of a wrong
+        model are wrong.
     """
-    if parameter.verdict not in ("identified", "ratio"):
+    if parameter.verdict == "not excited":
         return parameter
-    why = f"the model cannot repeat the measurements ({where}); the value is only the best one of a wrong model"
-    return dataclasses.replace(parameter, verdict="not excited", interval=(None, None), partners=(), why=why)
+    value = None if parameter.verdict == "bound" else parameter.value
+    kind = "it has no bound" if value is None else "the value is only the best one that was found"
+    why = f"the model does not repeat the measurements ({where}); {kind}"
+    return dataclasses.replace(
+        parameter, verdict="not excited", value=value, interval=(None, None), partners=(), why=why
+    )
