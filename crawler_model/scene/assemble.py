@@ -17,7 +17,7 @@ from .assemble_start import assemble_start, check_start, relax_loaded, starts_be
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
 from .friction_parts import FrictionRowsPart
-from .parts import SceneParts
+from .parts import LEAST_TOLERANCE, SceneParts
 from .standing import find_standing
 
 _OTHERS = 31
@@ -88,8 +88,11 @@ def _assemble(
 
 def _check_parts(parts: SceneParts) -> None:
     if parts.dimension == 2:
-        if parts.tolerance is not None and not 1e-9 <= parts.tolerance <= 0.5:
-            raise SceneError(f"tolerance: {parts.tolerance:g}; it must be between 1e-9 and 0.5")
+        if parts.tolerance is not None and not LEAST_TOLERANCE <= parts.tolerance <= 0.5:
+            raise SceneError(
+                f"tolerance: {parts.tolerance:g}; it must be between {LEAST_TOLERANCE:g} and 0.5, as errors may exceed "
+                "smaller ones"
+            )
         _check_planar(parts)
     elif parts.tolerance is not None:
         raise SceneError("tolerance: only planar scenes have a tolerance; on a line the solution is exact")

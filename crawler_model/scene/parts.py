@@ -21,6 +21,9 @@ from .friction_parts import (
     key,
 )
 
+LEAST_TOLERANCE = 1e-7
+"""Least tolerance of a body in the plane [1]: the errors of smaller ones were found to exceed them."""
+
 
 class LinksPart(Part):
     """The springs between contacts and ends of segments."""
@@ -355,7 +358,7 @@ class SceneParts(Part):
         Number | None,
         key(
             "Only in the plane: largest error of a ramp, relative to the largest commanded change. Default: 1e-4.",
-            minimum=1e-9,
+            minimum=LEAST_TOLERANCE,
             maximum=0.5,
         ),
     ] = None

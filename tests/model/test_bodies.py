@@ -303,7 +303,7 @@ def test_the_tolerance_is_kept_with_friction_by_directions(tolerance):
         "drive": {"times": [0, 0.3, 0.6, 1.0], "period": 1.0, "actuation": strokes.tolist()},
     }
     rough, fine = (
-        simulate(Scene.model_validate(scene | {"tolerance": t}), duration=2.0, rate=1.0) for t in (tolerance, 1e-8)
+        simulate(Scene.model_validate(scene | {"tolerance": t}), duration=2.0, rate=1.0) for t in (tolerance, 1e-7)
     )
     assert np.abs(rough.displacement - fine.displacement).max() < 6 * tolerance  # six ramps, about a stroke each
     assert rough.overspent == fine.overspent == 0

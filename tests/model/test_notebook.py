@@ -74,7 +74,7 @@ def test_numbers_are_those_of_the_results():
 
 def test_derivatives_and_regimes_are_shown():
     given = load_scene("two_contacts_anisotropic")
-    cells = shown(sensitivities(given, ["body.links.stiffness", "friction.forward"], 3.0, 10.0))
+    cells = shown(sensitivities(given, ["body.links.stiffness", "friction.forward"], 3.0, 7.0))
     assert cells[1] == "body.links.stiffness = 20"
     assert cells[2] == "0.001"
     assert "gain [m]" in shown(limit_cycle(given))

@@ -20,7 +20,7 @@ CROSS = polygon(0.0, 4)
 PAIR = build_springs(np.array([[0, 1]]), np.ones(1), 2)
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-7])
 @pytest.mark.parametrize("angle", [0.0, 2.3])
 @pytest.mark.parametrize("corners", [0, 4, 6])
 def test_contacts_that_exchange_roles_inside_a_ramp(tolerance, angle, corners):
@@ -29,7 +29,7 @@ def test_contacts_that_exchange_roles_inside_a_ramp(tolerance, angle, corners):
     assert on_a_line([0.5, 2], constant, [([-3, -1.75], constant)], tolerance, angle, corners) <= 1.0
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-7])
 @pytest.mark.parametrize("corners", [0, 6])
 def test_random_ramps_of_a_line_in_the_plane(tolerance, corners):
     for seed in range(60):
@@ -41,7 +41,7 @@ def planar(directional):
     return [Planar(seed, directional) for seed in (range(8) if not directional else range(25))]
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-7])
 @pytest.mark.parametrize("directional", [False, True])
 def test_random_ramps_in_two_dimensions(tolerance, directional):
     for number, ramps in enumerate(planar(directional)):
