@@ -115,7 +115,6 @@ def simulate_command(
     """
     from crawler_model import load_scene
     from crawler_model.run.arrow import load_library
-    from crawler_pictures.numbers import write_length
 
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
@@ -135,6 +134,19 @@ def simulate_command(
         print(json.dumps(run.summary(), allow_nan=False))
         _check_certificate(run)
         return
+    _print_translation(run, rate)
+    _print_account(run)
+    for file in filter(None, (parquet, csv)):
+        screen.print(f"table: {file}", markup=False)
+    if png is not None:
+        screen.print(f"drawn: {png}")
+    _check_certificate(run)
+
+
+def _print_translation(run: Trajectory, rate: float) -> None:
+    """Print the net translation at each waypoint, of long drives at the first and the last ones."""
+    from crawler_pictures.numbers import write_length
+
     table = Table(title=f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz", title_justify="left")
     periods = run.per_period.size > 0
     table.add_column(r"time \[s]", justify="right")
@@ -155,12 +167,6 @@ def simulate_command(
     if run.time[-1] > run.waypoint_time[-1]:
         table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size), "")
     screen.print(table)
-    _print_account(run)
-    for file in filter(None, (parquet, csv)):
-        screen.print(f"table: {file}", markup=False)
-    if png is not None:
-        screen.print(f"drawn: {png}")
-    _check_certificate(run)
 
 
 def _check_certificate(run: Trajectory) -> None:

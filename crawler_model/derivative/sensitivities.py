@@ -56,7 +56,8 @@ class Sensitivities:
             (periods, 2, P).
         work: derivatives of the work of the actuators in the whole run, shape (P,).
         period_work: derivatives of that work in each whole period, shape (periods, P); in the plane shape (0, P).
-        one_sided: parameters whose derivatives are one-sided somewhere on the path, bool, shape (P,).
+        one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
+            derivative, bool, shape (P,).
         kinks: where they are; not located in the plane.
         tolerance: on a line 0, as derivatives are exact but for rounding; in the plane an estimate of their error,
             relative to the largest derivative with respect to the same parameter [1].
@@ -91,7 +92,7 @@ class Sensitivities:
         """Show the derivatives of the gain in the last period, or at the end, in a notebook."""
         which = "per_period" if self.per_period.size else "net_translation"
         last = getattr(self, which)[-1].T
-        sides = np.where(self.one_sided, " (one-sided)", "").tolist()
+        sides = np.where(self.one_sided, " (one-sided somewhere)", "").tolist()
         facts = [
             (f"{name} = {value:.6g}", write_numbers(derivative) + side)
             for name, value, derivative, side in zip(self.parameters, self.values, last, sides, strict=True)

@@ -53,7 +53,7 @@ def tensions_repeat(
         targets: likewise.
         tension: at the end of a period, likewise.
         before: at the end of the period before, same shape.
-        part: as for `tolerance_of_tensions`.
+        part: as for `tolerance_of_tensions` [1].
 
     Returns:
         A single truth value, or one of each variation, shape (M,).

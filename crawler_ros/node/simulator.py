@@ -225,6 +225,7 @@ class Simulator(QuietNode):
                 self._report(wall_ns)
         finally:
             self.stopping.set()
+            self.stepper.end_stretch(time.monotonic_ns())
             self._server.join()
             self.close()
 
@@ -339,24 +340,19 @@ class Simulator(QuietNode):
         lag_ns = self.stepper.lag_ns(wall_ns)
         if lag_ns > self._logged_lag_ns and not self.lock_step:
             self._logged_lag_ns = lag_ns
-            self.throttle.warn("lag", self._describe_lag(wall_ns))
-
-    def _describe_lag(self, wall_ns: int) -> str:
-        lag, factor = self.stepper.lag_ns(wall_ns) / NS, self.stepper.achieved_factor(wall_ns)
-        return f"simulated time lags {lag:.3f} s behind the clock, real-time factor {factor:.4f}"
+            self.throttle.warn("lag", self.stepper.describe_lag(wall_ns))
 
     def close(self) -> None:
         """Report for the last time, close the recording and the viewer, and remove the node from the graph."""
-        self._report(self._next_diagnostics_ns)
+        wall_ns = self._next_diagnostics_ns = time.monotonic_ns()
+        self._report(wall_ns)
         if self.recorder is not None:
             self.recorder.close()
             if self.recorder.error is None:
                 self.get_logger().info(f"recorded {self.recorder.folder}")
         if self.feed is not None:
             self.feed.close()
-        late = self.stepper.late
-        lag = f"; {self._describe_lag(time.monotonic_ns())}" if late else ""
-        self.get_logger().info(f"stopped after {self.stepper.tick} ticks, {late} late{lag}")
+        self.get_logger().info(f"stopped after {self.stepper.describe(wall_ns)}")
         self.destroy_node()
 
 

@@ -72,10 +72,16 @@ class Stepper:
             wall_ns: time of a steady clock [ns].
         """
         self.paused = paused
-        self._origin_wall_ns = None
-        self._end_stretch(wall_ns)
+        self.end_stretch(wall_ns)
 
-    def _end_stretch(self, wall_ns: int) -> None:
+    def end_stretch(self, wall_ns: int) -> None:
+        """End the present stretch of playing, if any: what was still to be caught up has slipped.
+
+        Args:
+            wall_ns: time of a steady clock [ns].
+        """
+        self._slipped_ns = self.lag_ns(wall_ns)
+        self._origin_wall_ns = None
         if self._playing is not None:
             self._played[0] += wall_ns - self._playing[0]
             self._played[1] += self.now_ns - self._playing[1]
@@ -108,6 +114,23 @@ class Stepper:
             return self._slipped_ns
         behind = wall_ns - self._deadline()
         return self._slipped_ns + (behind if self._is_late(behind) else 0)
+
+    def describe_lag(self, wall_ns: int) -> str:
+        """Describe the lag and the pace of simulated time in one line for a log.
+
+        Args:
+            wall_ns: time of a steady clock [ns].
+        """
+        lag, factor = self.lag_ns(wall_ns) / NS, self.achieved_factor(wall_ns)
+        return f"simulated time lags {lag:.3f} s behind the clock, real-time factor {factor:.4f}"
+
+    def describe(self, wall_ns: int) -> str:
+        """Describe the ticks run so far, and if any was late also the lag.
+
+        Args:
+            wall_ns: time of a steady clock [ns].
+        """
+        return f"{self.tick} ticks, {self.late} late" + (f"; {self.describe_lag(wall_ns)}" if self.late else "")
 
     def _is_late(self, behind: int) -> bool:
         return behind > (self.next_ns - self.now_ns) / self._factor
@@ -178,6 +201,5 @@ class Stepper:
         Args:
             wall_ns: time of a steady clock [ns].
         """
-        self._end_stretch(wall_ns)
+        self.end_stretch(wall_ns)
         self._go_to(0)
-        self._origin_wall_ns = None

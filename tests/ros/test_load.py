@@ -104,6 +104,7 @@ def is_good_trajectory(
         and len(parts) == len(set(parts))
         and not (only_lengths and any(name in FRICTIONS for name in names))
         and stamp >= 0
+        and len(rows) > 0
         and all(b >= a for a, b in zip([0, *times], times, strict=False))
         and all(len(row) == len(names) for row in rows)
         and all(abs(v) <= LARGEST and (n not in FRICTIONS or v >= 0.0) for r in rows for n, v in zip(names, r, strict=True))
