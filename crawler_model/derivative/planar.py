@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..run.simulate import Trajectory, simulate
+from ..scene.parts import LEAST_TOLERANCE
 from ..scene.scene import Scene
 from ..sweep.vary import Variations, vary
 from .parameters import changing_keys, expand_keys
@@ -21,8 +22,6 @@ _STEP = 2.0**-10
 """Step of the differences, relative to the value of the parameter."""
 _SMALLEST = 2.0**-3
 """Values are taken to be of this size at least."""
-_TOLERANCE = 1e-8
-"""Largest error of a planar ramp in the runs whose difference is taken, relative to the largest commanded change."""
 _ONE_SIDED = 1e-2
 """Derivatives to both sides that differ by more than this part are those of a kink."""
 
@@ -75,7 +74,7 @@ def differentiate_in_plane(
     names = expand_keys(scene, keys, caller)
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)
     document = scene.document()
-    fine = Scene.model_validate(document | {"tolerance": min(_TOLERANCE, scene.tolerance or _TOLERANCE)})
+    fine = Scene.model_validate(document | {"tolerance": LEAST_TOLERANCE})
     base = simulate(scene, duration, rate)
     columns, one_sided, errors = [], [], [0.0]
     middle = _numbers(simulate(fine, duration, rate))
