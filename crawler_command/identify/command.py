@@ -79,19 +79,23 @@ def identify_command(
         found = identify(
             loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress, seconds
         )
-    written = _write(found, out, png, html)
-    if as_json:
-        print(json.dumps(found.summary(), allow_nan=False))
-    else:
-        from .report import print_identification
-
-        print_identification(found, screen)
-        for line in written:
-            screen.print(line)
+    _print(found, _write(found, out, png, html), as_json)
     if found.interrupted:
         raise typer.Exit(130)
     if not found.model_fits:
         raise CrawlerError(f"the model does not fit: {found.where}")
+
+
+def _print(found: Identification, written: list[str], as_json: bool) -> None:
+    """Print the result, and a line about each file that was written."""
+    if as_json:
+        print(json.dumps(found.summary(), allow_nan=False))
+        return
+    from .report import print_identification
+
+    print_identification(found, screen)
+    for line in written:
+        screen.print(line)
 
 
 def split_keys(texts: Sequence[str]) -> list[str]:
