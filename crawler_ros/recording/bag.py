@@ -73,7 +73,7 @@ def find_files(path: Path) -> list[Path]:
         raise BagError(f"{path}: no such file or folder")
     for file in files:
         with file.open("rb") as stream:
-            if stream.read(8) != b"\x89MCAP0\r\n":
+            if not b"\x89MCAP0\r\n".startswith(stream.read(8)):  # a file that has just begun may be shorter
                 raise BagError(f"{file}: not an MCAP file")
     return files
 

@@ -179,6 +179,17 @@ def split(source, folder, parts):
     return folder
 
 
+@pytest.mark.parametrize("size", [0, 5, 8, 20])
+def test_a_file_that_has_just_begun_is_an_incomplete_recording(tmp_path, size):
+    """A recorder may have created it a moment ago."""
+    BagWriter(tmp_path / "run", {}).close()
+    (file,) = (tmp_path / "run").glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:size])
+    health = bag.examine(tmp_path / "run")
+    assert not health.complete
+    assert health.counts == {}
+
+
 def test_a_folder_of_split_files_is_one_recording(tmp_path):
     whole = record(tmp_path / "whole", "three_contacts_one_way", 6)
     parts = split(whole, tmp_path / "parts", 12)
