@@ -23,15 +23,6 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `nohup make test &`: child processes would ignore it, too
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
-KERNELS: dict[str, list[tuple[str, dict[str, Any]]]] = {
-    "chain": [("three_contacts_two_ways", {}), ("three_contacts_two_ways", {"ground": PATCHES})],
-    "plane": [("planar_three_points", {})],
-    "graph": [("three_springs", {}), ("three_springs", {"ground": PATCHES})],
-}
-"""Scenes for each set of kernels, what takes longest to compile first."""
-
-
 ONE_PORT = ("test_behind_a_stopped_viewer", "test_every_socket_is_on_loopback", "test_the_live_viewer_is")
 """Tests that start live viewers, all of which listen on one port."""
 
@@ -55,30 +46,80 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Groups(config, log)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def kernels() -> None:
-    """Compile the kernels before the tests of parallel workers: each set by one of them."""
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
-    if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
-        return
+PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
+RING = {
+    "name": "ring",
+    "body": {
+        "contacts": list(range(301)),
+        "links": {"stiffness": 1.0, "between": [[i, (i + 1) % 301] for i in range(301)]},
+    },
+    "friction": {"isotropic": 0.1},
+    "drive": {"times": [0.0, 1.0], "actuation": [[0.0] * 301, [1.0] * 301]},
+}
+
+
+def compile_scenes(*scenes: tuple[str, dict[str, Any]]) -> None:
+    """Compile the kernels of scenes of the gallery, each with changes to its document."""
     from crawler_model import Scene, load_scene, simulate
 
-    for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):  # first what no other worker compiles
-        for name, scenes in KERNELS.items():
-            file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{name}"
-            with contextlib.suppress(BlockingIOError), file.open("w") as lock:
-                fcntl.flock(lock, how)
-                for scene, more in scenes:
-                    simulate(Scene.model_validate(load_scene(scene).document() | more), duration=0.05)
-                if name == "chain":
-                    compile_lanes()
+    for name, more in scenes:
+        simulate(Scene.model_validate(load_scene(name).document() | more), duration=0.05)
 
 
-def compile_lanes() -> None:
-    """Compile the kernels of environments, if their extra is installed."""
+def compile_chains() -> None:
+    """Compile the kernels of chains, and those of environments, if their extra is installed."""
+    compile_scenes(("three_contacts_two_ways", {}), ("three_contacts_two_ways", {"ground": PATCHES}))
     with contextlib.suppress(ModuleNotFoundError):
         import gymnasium
 
         environment = gymnasium.make("crawler_gym:Crawler-v0", scene="three_contacts_one_way")
         environment.reset(seed=0)
         environment.step(environment.action_space.sample())
+
+
+def compile_plane() -> None:
+    compile_scenes(("planar_three_points", {}))
+
+
+def compile_graphs() -> None:
+    compile_scenes(("three_springs", {}), ("three_springs", {"ground": PATCHES}))
+
+
+def compile_derivatives() -> None:
+    from crawler_model import load_scene, sensitivities
+
+    for name in ("two_contacts_anisotropic", "three_springs"):
+        sensitivities(load_scene(name), ["friction.forward[0]"], 0.2, 10.0)
+
+
+def compile_batches() -> None:
+    from crawler_model import load_scene, simulate_many
+
+    for name in ("two_contacts_anisotropic", "three_springs", "planar_three_points"):
+        simulate_many([load_scene(name)] * 2, 0.05)
+
+
+def compile_ring() -> None:
+    from crawler_model import Scene, simulate
+
+    for method in ("exact", "catch_up"):
+        simulate(Scene.model_validate(RING), rate=1.0, method=method)
+
+
+KERNELS = ((compile_chains, compile_plane, compile_graphs), (compile_ring, compile_derivatives, compile_batches))
+"""What compiles a set of kernels; those of the second row build on the first."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernels() -> None:
+    """Compile the kernels before the tests of parallel workers: each set by one of them."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+        return
+    for sets in KERNELS:
+        for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):  # first what no other worker compiles
+            for build in sets:
+                file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{build.__name__}"
+                with contextlib.suppress(BlockingIOError), file.open("w") as lock:
+                    fcntl.flock(lock, how)
+                    build()
