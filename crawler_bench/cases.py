@@ -12,6 +12,7 @@ import numpy as np
 
 from crawler_model import Crawler, Scene, load_scene
 from crawler_model.body.drive import NS
+from crawler_model.scene.parts import LEAST_TOLERANCE
 
 PERIODS = 2
 """Periods over which errors are measured, at every quarter."""
@@ -56,7 +57,6 @@ class Case:
         scene: the crawler.
         rational: x at the end of each quarter by rational arithmetic, from fractions; None when not computed.
         gain: net translation per period after the first in closed form [m]; in the plane its length.
-        fine: tolerance of the reference in the plane, where no method is exact, relative to the stroke.
     """
 
     name: str
@@ -64,7 +64,6 @@ class Case:
     scene: Scene
     rational: np.ndarray | None = None
     gain: float | None = None
-    fine: float = 1e-9
 
     @property
     def contacts(self) -> int:
@@ -101,7 +100,7 @@ class Case:
         planar = self.scene.dimension == 2
         scene = self.scene
         if planar:
-            scene = Scene.model_validate(scene.document() | {"tolerance": self.fine})
+            scene = Scene.model_validate(scene.document() | {"tolerance": LEAST_TOLERANCE})
         crawler = Crawler(scene)
         start = crawler.displacement
         steps, found, net = [], [], []
@@ -216,7 +215,7 @@ def _planar_turning() -> Case:
         "drive": {"times": (np.arange(17) / 16).tolist(), "period": 1.0, "actuation": actuation.tolist()},
     }
     title = "three points in the plane, rest lengths turn in circles: curved paths"
-    return Case("planar_turning", title, Scene.model_validate(document), fine=1e-8)
+    return Case("planar_turning", title, Scene.model_validate(document))
 
 
 CASES: dict[str, Callable[[], Case]] = {

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.duration import Duration
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.serialization import deserialize_message
 
@@ -35,6 +36,7 @@ _LEAST_MESSAGE_NS = NS // 10
 _MOST_AHEAD_NS = 30 * NS
 _WAKE_EVERY_S = 10.0  # discovery takes less: a simulator silent for longer is in lock-step, in the middle of a run
 _PATIENCE_S = 30.0
+_STILL_S = 0.3  # simulated time that has not advanced for as long waits for a command, as in lock-step
 _GONE_S = 3.0  # a simulator that restarts is absent for less
 
 
@@ -116,8 +118,16 @@ class GaitPlayer(QuietNode):
         self.now_ns = now_ns
         if self._publisher.get_subscription_count() == 0:
             return
+        if self._sent == 0 and (self._start_ns is None or now_ns >= self._start_ns):
+            self._start_ns = self._choose_start()  # the next state shows whether this one was up to date
+        else:
+            self.send()
+
+    def send(self) -> None:
+        """Send what is due, if a start has been chosen."""
         if self._start_ns is None:
-            self._start_ns = self._choose_start()
+            return
+        if self._sent == 0:
             self.get_logger().info(f"playing from simulated time {self._start_ns / NS:.3f} s")
         if self.drive.period is None:
             if self._sent == 0:
@@ -160,6 +170,16 @@ class GaitPlayer(QuietNode):
                 self.get_logger().warning(f"a command of this player or of another one was refused: {status.message}")
             else:
                 self.fail(f"the simulator refuses the commands: {status.message}")
+
+    @property
+    def waits_to_send(self) -> bool:
+        """Whether a start has been chosen and nothing sent yet."""
+        return self._start_ns is not None and self._sent == 0
+
+    def wait_for_receipt(self) -> None:
+        """Wait until the simulator has received all that was sent, which ends with this process otherwise."""
+        if not self.problem and self._sent:
+            self._publisher.wait_for_all_acked(Duration(seconds=_GONE_S))
 
     def fail(self, problem: str) -> None:
         """End with an error.
@@ -223,6 +243,7 @@ class GaitPlayer(QuietNode):
         assert self._start_ns is not None
         times = np.rint(self.drive.times * NS).astype(np.int64)
         self._publish(self._start_ns, times.tolist(), list(range(times.size)))
+        self._sent = 1
         self.end_ns = self._start_ns + int(times[-1])
 
     def _send_ahead(self) -> None:
@@ -282,6 +303,8 @@ def _spin(node: GaitPlayer) -> None:
             looked = now
             node.look_for_rivals()
             node.throttle.flush()
+        if node.waits_to_send and now - moved > _STILL_S:
+            node.send()
         if node.now_ns < 0 and now - woken > _WAKE_EVERY_S:
             woken = now
             node.wake()
@@ -294,6 +317,7 @@ def _spin(node: GaitPlayer) -> None:
                 node.get_logger().info(f"waiting for joint_states of a simulator; {why}")
             else:
                 node.get_logger().warning(why)
+    node.wait_for_receipt()
     node.destroy_node()
     if node.problem:
         raise CrawlerError(node.problem)

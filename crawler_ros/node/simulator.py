@@ -336,9 +336,9 @@ class Simulator(QuietNode):
             outlet.send(encode_diagnostics(time.time_ns(), diagnose(self)))
 
     def _warn_of_lag(self, wall_ns: int) -> None:
-        """Log the lag of simulated time if it has grown by a tenth of a second since it was logged last."""
+        """Log the lag of simulated time when it exceeds a tenth of a second, and each time that it has doubled."""
         lag_ns = self.stepper.lag_ns(wall_ns)
-        if lag_ns > self._logged_lag_ns + NS // 10 and not self.lock_step:
+        if lag_ns > max(2 * self._logged_lag_ns, NS // 10) and not self.lock_step:
             self._logged_lag_ns = lag_ns
             self.throttle.warn("lag", self.stepper.describe_lag(wall_ns))
 

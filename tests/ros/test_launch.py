@@ -264,7 +264,7 @@ def test_simulator_runs(ros):
 
 
 def test_walk_walks(ros):
-    run(ros, "walk.launch.xml", periods="2", real_time_factor="10")
+    run(ros, "walk.launch.xml", periods="2", real_time_factor="10", rate="20")
     wait_until(lambda: ros.heard["/pose"][-1].pose.position.x > 0.2, what="two periods")
 
 
@@ -302,7 +302,7 @@ def test_controllers_control(ros, values):
 
 def test_three_crawlers_walk_apart(ros):
     ros.hear("/clock")
-    run(ros, "three_crawlers.launch.xml", publish_clock="true", real_time_factor="5")
+    run(ros, "three_crawlers.launch.xml", publish_clock="true", real_time_factor="5", rate="20")
     for namespace in ("one_way", "two_ways", "anchors"):
         heard = ros.heard[f"/{namespace}/pose"]
         wait_until(lambda h=heard: h[-1].pose.position.x > 0.05, what=f"a walk in {namespace}")
