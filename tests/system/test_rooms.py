@@ -42,6 +42,7 @@ ROOMS = {
         "motion.chain",
         "motion.chain.long",
         "motion.chain.patches",
+        "motion.line",
         "motion.plane",
         "motion.plane.parts",
         "motion",

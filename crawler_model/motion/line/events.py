@@ -1,0 +1,356 @@
+"""A ramp followed from event to event.
+
+Between events every contact is free (strictly inside its bounds, at rest) or at a bound, and the rates of forces and
+displacements are constant. A free contact is a wall: an event changes the rates of the block around it alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import lean
+from ...rounding import EPS, LATE
+from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
+from ..state import EVENTS
+from .advance import advance, advance_spring
+from .block import ROUNDING, find_block, find_sides, settle
+from .ground import find_meeting, gather_falls, has_fall, is_falling, leave_border, reach_border, rest_on_border
+from .path import elongation_rate
+from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, JUMPS, SPENT, UNSOLVED
+from .tournament import begin_tournament, find_earliest, schedule
+from .translation import choose, sample_margin
+
+_BEGINS = 1e-300
+"""Velocity of a contact that reaches a bound, until that of its block is known: its sign tells where to."""
+
+
+@lean
+def find_arrival(c, springs, ends, s):
+    """Find when a contact reaches a bound that its force is not at.
+
+    Args:
+        c: a CONTACT at s; `coming` is written.
+        springs: SPRING, shape (S,).
+        ends: END, shape (2 S,).
+        s: place on the ramp.
+
+    Returns:
+        The place on the ramp; infinite if it reaches none.
+    """
+    when, closing = np.inf, 0.0
+    above = c.force_rate - c.d_forward
+    below = -c.force_rate - c.d_backward
+    if above > 0.0 and not c.at & FORWARD:
+        when, closing = s + max(c.forward + s * c.d_forward - c.force, 0.0) / above, above
+        c.coming = FORWARD
+    if below > 0.0 and not c.at & BACKWARD:
+        other = s + max(c.backward + s * c.d_backward + c.force, 0.0) / below
+        if other < when:
+            when, closing = other, below
+            c.coming = BACKWARD
+    if LATE < when < 1.0:  # an arrival within rounding of the end of the ramp is one at its end
+        size = abs(c.forward) + abs(c.backward) + abs(c.d_forward) + abs(c.d_backward)
+        for k in range(c.first, c.last):
+            spring = springs[ends[k].spring]
+            size += abs(spring.tension) + abs(spring.rate)
+        if closing * (1.0 - when) <= 8.0 * EPS * size:
+            return 1.0
+    return when
+
+
+@lean
+def _find_next(c, springs, model, s, i):
+    """Find the next event of contact i of a block that has just been solved at s."""
+    when = find_meeting(c, model.ground, i)
+    if c.side == 0 or c.d_forward + c.d_backward < 0.0:
+        border = c.coming
+        other = find_arrival(c, springs, model.ends, s)
+        if other < when:
+            return other
+        c.coming = border
+    return when
+
+
+@lean
+def _touch_wall(contacts, springs, model, ramp, i):
+    """Find the rate of the force on a wall from those of its springs, and its next event."""
+    c = contacts[i]
+    advance(c, model.account, ramp.s)
+    c.force_rate = 0.0
+    for k in range(c.first, c.last):
+        end = model.ends[k]
+        c.force_rate += end.sign * springs[end.spring].rate
+    if ramp.begun:
+        schedule(contacts, i, find_arrival(c, springs, model.ends, ramp.s), ramp.begun)
+
+
+@lean
+def _set_rates(contacts, springs, model, ramp, count):
+    """Advance a solved block to s, and give its contacts and springs the rates that were found."""
+    block, ends, account, s = model.block, model.ends, model.account, ramp.s
+    for j in range(count):
+        c = contacts[block[j].contact]
+        advance(c, account, s)
+        stops = block[j].v == 0.0 and c.v != 0.0
+        c.v = block[j].v
+        if stops:
+            rest_on_border(c, model.ground, ramp, block[j].contact)
+    if ramp.path > 0:
+        for j in range(count + 1):
+            e = block[j]
+            if e.spring >= 0:
+                spring = springs[e.spring]
+                advance_spring(spring, account, s)
+                spring.rate = e.sign * e.flow - (spring.tension if ramp.stepping else 0.0)
+                spring.moved |= elongation_rate(e.flow, e.trial, e.compliance) != 0.0
+        return
+    for j in range(count):
+        c = contacts[block[j].contact]
+        for k in range(c.first, c.last):
+            o = contacts[ends[k].other]
+            if o.mark == c.mark and ends[k].sign < 0.0:
+                continue  # its other end is in the block, too
+            spring = springs[ends[k].spring]
+            advance_spring(spring, account, s)
+            stretch = ends[k].sign * ((o.v if o.mark == c.mark else 0.0) - c.v)
+            spring.rate = spring.stiffness * (stretch - spring.d_length)
+            spring.moved |= stretch != 0.0
+
+
+@lean
+def _hold_sides(contacts, springs, model, ramp, count):
+    """Put the contacts of a solved block onto their bounds, or let them leave, and find their next events."""
+    block, s = model.block, ramp.s
+    for j in range(count):
+        e = block[j]
+        c = contacts[e.contact]
+        side = e.side
+        if side == 0:  # at rest; it stays at its bound if its force changes as the bound does
+            close = ROUNDING * (e.scale + e.blur)
+            side = 1 if e.force >= e.upper - close else (-1 if e.force <= e.lower + close else 0)
+        if side != 0 and not c.at & (FORWARD if side > 0 else BACKWARD):
+            side = 0  # it has just come to rest on a border beyond which the ground holds more
+        c.side = side
+        c.force_rate = e.force if side == 0 else (e.upper if side > 0 else e.lower)
+        held = 0
+        if side != 0:
+            held = FORWARD if side > 0 else BACKWARD
+            c.force = c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
+            if c.at == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:
+                held = FORWARD | BACKWARD
+        c.leaving = c.at & ~held
+        leave_border(c, model.ground, e.contact)
+        schedule(contacts, e.contact, _find_next(c, springs, model, s, e.contact), ramp.begun)
+        if j == 0 or j == count - 1 or ramp.path == 0:
+            for k in range(c.first, c.last):
+                if contacts[model.ends[k].other].mark != ramp.block:
+                    _touch_wall(contacts, springs, model, ramp, model.ends[k].other)
+
+
+@lean
+def solve_around(contacts, springs, model, ramp, i):
+    """Solve for the rates of the block around contact i at s, and update all that depends on them.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        ramp: the RAMP.
+        i: the contact.
+
+    Returns:
+        False if no rates were found.
+    """
+    count = find_block(contacts, springs, model, ramp, i)
+    if has_fall(contacts, model.block, model.ground, ramp, count):
+        ramp.jumping = 1
+        return False
+    if not find_sides(contacts, springs, model, ramp, count):
+        return False
+    _set_rates(contacts, springs, model, ramp, count)
+    if not ramp.stepping:
+        _hold_sides(contacts, springs, model, ramp, count)
+    return True
+
+
+@lean
+def _list(contacts, model, i, count):
+    """List contact i among those around which rates change, unless it is listed; returns how many are."""
+    if contacts[i].listed:
+        return count
+    contacts[i].listed = 1
+    model.block[count].hit = i
+    return count + 1
+
+
+@lean
+def _list_blocks(contacts, model, ramp, count):
+    """List all contacts at bounds, each advanced to s; returns how many are listed."""
+    for i in range(contacts.shape[0]):
+        c = contacts[i]
+        advance(c, model.account, ramp.s)
+        settle(c, ramp.s)
+        if c.at == 0:
+            c.v = 0.0
+        else:
+            count = _list(contacts, model, i, count)
+    return count
+
+
+@lean
+def _stop(contacts, springs, model, ramp, i, count):
+    """List the contacts at bounds beside one that has stopped at a border; springs to those at rest keep their ends."""
+    c = contacts[i]
+    for k in range(c.first, c.last):
+        o = contacts[model.ends[k].other]
+        settle(o, ramp.s)
+        if o.at != 0:
+            count = _list(contacts, model, model.ends[k].other, count)
+        else:
+            spring = springs[model.ends[k].spring]
+            advance_spring(spring, model.account, ramp.s)
+            spring.rate = -spring.stiffness * spring.d_length
+    return count
+
+
+@lean
+def _meet(contacts, springs, model, ramp):
+    """Let all contacts whose event is due at s reach their bound or border; returns how many are listed."""
+    count = 0
+    i = find_earliest(contacts)
+    while contacts[i].next <= ramp.s:
+        c = contacts[i]
+        settle(c, ramp.s)
+        advance(c, model.account, ramp.s)
+        if is_falling(c, model.ground, ramp, i):
+            ramp.jumping = 1  # all that fall now are gathered at the end of this part
+        elif c.coming == AHEAD or c.coming == BEHIND:
+            if reach_border(c, model.ground, ramp, i) > 0:
+                count = _stop(contacts, springs, model, ramp, i, count)
+        else:
+            c.at |= c.coming
+            c.v = _BEGINS if c.coming == FORWARD else -_BEGINS
+        schedule(contacts, i, np.inf, ramp.begun)
+        count = _list(contacts, model, i, count)
+        i = find_earliest(contacts)
+    if ramp.shifted:
+        count = _list_blocks(contacts, model, ramp, count)
+    return count
+
+
+@lean
+def _touch_stopped(contacts, springs, model, ramp, count):
+    """Find the next events of the listed contacts that have stopped, and of those at rest beside them."""
+    for j in range(count):
+        i = model.block[j].hit
+        contacts[i].listed = 0
+        if contacts[i].at == 0:
+            for k in range(contacts[i].first, contacts[i].last):
+                o = model.ends[k].other
+                if contacts[o].at == 0:
+                    _touch_wall(contacts, springs, model, ramp, o)
+            _touch_wall(contacts, springs, model, ramp, i)
+
+
+@lean
+def _begin_tournament(contacts, springs, model, ramp):
+    """Find the next events of contacts at rest, and the earliest of all."""
+    for i in range(contacts.shape[0]):
+        c = contacts[i]
+        if c.at == 0:
+            c.next = find_arrival(c, springs, model.ends, 0.0)
+    begin_tournament(contacts)
+    ramp.begun = 1
+
+
+@lean
+def _choose(contacts, springs, model, ground, ramp):
+    """Choose the translation at s if it is free; borders are then met at other instants."""
+    choose(contacts, model, ramp)
+    if ground is None:
+        return
+    if ramp.shifted:
+        for i in range(contacts.shape[0]):
+            c = contacts[i]
+            leave_border(c, ground, i)
+            schedule(contacts, i, _find_next(c, springs, model, ramp.s, i), ramp.begun)
+
+
+@lean
+def _give_up(contacts, ramp):
+    """End where rates cannot be found, or contacts jump; returns the outcome."""
+    for i in range(contacts.shape[0]):
+        contacts[i].listed = 0
+    return JUMPS if ramp.jumping else UNSOLVED
+
+
+@lean
+def _sample_before(contacts, model, ground, ramp):
+    """Update the visited margin before contacts cross borders, which changes their bounds at once."""
+    if ground is None:
+        return
+    sample_margin(contacts, model.account, ramp)
+
+
+@lean
+def _note_piece(pieces, contacts, begin, until):
+    """Note a piece of the path, if pieces are asked for: its velocities, and the bounds reached at its end."""
+    if pieces is None:
+        return
+    if until <= begin:
+        return
+    pieces[0, COUNT] += 1.0
+    row = int(pieces[0, COUNT])
+    if row >= pieces.shape[0]:
+        return
+    n = contacts.shape[0]
+    pieces[row, RAMP] = pieces[0, PRESENT_RAMP]
+    pieces[row, FROM] = begin
+    pieces[row, UNTIL] = until
+    for i in range(n):
+        c = contacts[i]
+        pieces[row, HEADER + i] = c.v
+        pieces[row, HEADER + n + i] = c.coming if c.next <= until else 0.0
+
+
+@lean
+def follow_events(contacts, springs, model, ramp):
+    """Follow a ramp from event to event.
+
+    Args:
+        contacts: CONTACT, shape (N,), at the start of the ramp.
+        springs: SPRING, shape (S,), likewise.
+        model: a `Model`.
+        ramp: the RAMP; at the end `s` is the place that was reached, to which contacts and springs have yet to advance.
+
+    Returns:
+        DONE, SPENT, UNSOLVED or JUMPS.
+    """
+    account = model.account
+    account[EVENTS] += 1.0
+    count = _list_blocks(contacts, model, ramp, 0)
+    while True:
+        before = ramp.block
+        for j in range(count):
+            i = model.block[j].hit
+            is_stale = contacts[i].at != 0 and contacts[i].mark <= before
+            if is_stale and not solve_around(contacts, springs, model, ramp, i):
+                return _give_up(contacts, ramp)
+        _touch_stopped(contacts, springs, model, ramp, count)
+        if not ramp.begun:
+            _begin_tournament(contacts, springs, model, ramp)
+        _choose(contacts, springs, model, model.ground, ramp)
+        s = contacts[find_earliest(contacts)].next
+        _note_piece(model.pieces, contacts, ramp.s, min(s, 1.0))
+        if not s < 1.0:
+            ramp.s = 1.0
+            ramp.jumping = gather_falls(contacts, account, model.ground, ramp)
+            return JUMPS if ramp.jumping else DONE
+        if ramp.effort > ramp.budget:
+            return SPENT
+        account[EVENTS] += s > ramp.s
+        ramp.s = s
+        _sample_before(contacts, model, model.ground, ramp)
+        count = _meet(contacts, springs, model, ramp)
+        if ramp.jumping:
+            return _give_up(contacts, ramp)

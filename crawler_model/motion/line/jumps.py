@@ -1,0 +1,209 @@
+"""Ramps on patches of ground: followed in parts, as bounds fall at fixed commands wherever contacts come to less grip.
+
+A jump is a ramp of its own: commands rest, and the bounds that the ground does not hold fall to those that it does. All
+that fall at one instant fall together; where others come to such borders on the way, the rest of the fall begins anew
+with them. Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with the
+displacements of the others, so the end of a jump is the least displacement at which all bounds hold. Where no
+equilibrium is left, all contacts are at bounds of one side, and the body slides as a whole to the next border.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import lean
+from ...rounding import CRITICAL
+from ..state import DISSIPATION, LOADS_WORK
+from .advance import move
+from .ground import (
+    border_of,
+    close_jump,
+    excess_of,
+    gap_of,
+    leave_border,
+    open_jump,
+    reach_border,
+    rest_on_border,
+    set_bound,
+    set_load,
+)
+from .records import AHEAD, BACKWARD, BEHIND, FORWARD
+
+
+@lean
+def begin_on_ground(contacts, ground, ramp, target, springs):
+    """Begin the ramp of bounds and loads on patches of ground.
+
+    Args:
+        contacts: CONTACT, shape (N,), changed in place.
+        ground: a `Terrain`.
+        ramp: the RAMP; `falling` tells whether commands rest.
+        target: L, bounds and, with loads, these, for ground without patches, shape (S + 2 N,) or (S + 3 N,).
+        springs: number of springs S.
+
+    Returns:
+        Whether bounds or loads change.
+    """
+    n, share = contacts.shape[0], 0.0 if ramp.falling else 1.0
+    loaded = target.shape[0] > springs + 2 * n
+    changed = False
+    ramp.span = 0.0
+    for i in range(n):
+        c, foot = contacts[i], ground.feet[i]
+        foot.d_forward = share * (target[springs + i] - foot.forward)
+        foot.d_backward = share * (target[springs + n + i] - foot.backward)
+        foot.d_load = share * (target[springs + 2 * n + i] - foot.load) if loaded else 0.0
+        forward, backward = c.forward, c.backward
+        set_bound(c, foot, ground.stretches, FORWARD)
+        set_bound(c, foot, ground.stretches, BACKWARD)
+        set_load(c, foot, ground.stretches)
+        if c.fallen & FORWARD:
+            c.d_forward = min(c.forward - forward, 0.0)
+            c.forward -= c.d_forward
+        if c.fallen & BACKWARD:
+            c.d_backward = min(c.backward - backward, 0.0)
+            c.backward -= c.d_backward
+        changed = changed or c.d_forward != 0.0 or c.d_backward != 0.0 or c.d_load != 0.0
+        ramp.span = max(ramp.span, abs(foot.home) + abs(c.x))
+    return changed
+
+
+@lean
+def finish_on_ground(c, ground, ramp, target, i):
+    """Set what is commanded of a contact, and its bounds and load, to those at the end of what was followed of a ramp.
+
+    Args:
+        c: CONTACT i, advanced to s.
+        ground: a `Terrain`.
+        ramp: the RAMP.
+        target: bounds and, with loads, these, for ground without patches, shape (2 N,) or (3 N,).
+        i: the contact.
+    """
+    foot, s, n = ground.feet[i], ramp.s, ground.feet.shape[0]
+    rest_on_border(c, ground, ramp, i)
+    forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
+    if s == 1.0 and not ramp.falling:
+        foot.forward, foot.backward = target[i], target[n + i]
+        if target.shape[0] > 2 * n:
+            foot.load = target[2 * n + i]
+    else:
+        foot.forward += s * foot.d_forward
+        foot.backward += s * foot.d_backward
+        foot.load += s * foot.d_load
+    foot.d_forward = foot.d_backward = foot.d_load = 0.0
+    set_bound(c, foot, ground.stretches, FORWARD)
+    set_bound(c, foot, ground.stretches, BACKWARD)
+    set_load(c, foot, ground.stretches)
+    if ramp.falling and s == 1.0 and not ramp.jumping:
+        close_jump(c, ground, ramp, i)
+        c.fallen = 0
+    if c.fallen & FORWARD:
+        c.forward = max(forward, c.forward)
+    if c.fallen & BACKWARD:
+        c.backward = max(backward, c.backward)
+    c.d_forward = c.d_backward = c.d_load = 0.0
+
+
+@lean
+def find_runaway(contacts):
+    """Find the direction in which nothing holds the body: all contacts are at bounds of one side, which sum to zero.
+
+    Args:
+        contacts: CONTACT, shape (N,), with their bounds where the ramp has been followed to.
+
+    Returns:
+        1 or -1; 0 if the body is held.
+    """
+    size = forward = backward = 0.0
+    both = FORWARD | BACKWARD
+    for i in range(contacts.shape[0]):
+        c = contacts[i]
+        size += abs(c.forward) + abs(c.backward)
+        forward += c.forward
+        backward += c.backward
+        both &= c.at
+    if both & FORWARD and abs(forward) <= CRITICAL * size:
+        return 1
+    return -1 if both & BACKWARD and abs(backward) <= CRITICAL * size else 0
+
+
+@lean
+def slide_to_border(contacts, account, ground, ramp, direction):
+    """Slide the whole body to the next border of a contact.
+
+    Args:
+        contacts: CONTACT, shape (N,), changed in place.
+        account: of the ramp, added to, shape (14,).
+        ground: a `Terrain`.
+        ramp: the RAMP.
+        direction: 1 or -1.
+
+    Returns:
+        False if there is no border on the way.
+    """
+    n = contacts.shape[0]
+    coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
+    distance, first = np.inf, 0
+    for i in range(n):
+        contacts[i].v = float(direction)
+        contacts[i].coming = coming
+        leave_border(contacts[i], ground, i)
+        gap = gap_of(contacts[i], ground.feet[i], ground.stretches, coming, contacts[i].since)
+        if gap < distance:
+            distance, first = gap, i
+    if distance == np.inf:
+        return False
+    distance = max(distance, 0.0)
+    near = 1e-14 * (ramp.span + distance)
+    if not ramp.falling and distance > 0.0:
+        open_jump(contacts[first], ground, ramp, first, border_of(ground.feet[first], ground.stretches, coming))
+    for i in range(n):
+        c = contacts[i]
+        gap = gap_of(c, ground.feet[i], ground.stretches, coming, c.since)
+        account[DISSIPATION] += (c.forward if direction > 0 else c.backward) * distance
+        account[LOADS_WORK] += c.load * direction * distance
+        c.lost += excess_of(c, ground.feet[i], ground.stretches) * distance
+        move(c, direction * distance)
+        c.at |= side
+        if gap <= distance + near:
+            reach_border(c, ground, ramp, i)
+    return True
+
+
+@lean
+def place_anew(contacts, ground, ramp):
+    """Find the places of contacts after a step that has passed over borders; those that are not held there fall.
+
+    Args:
+        contacts: CONTACT, shape (N,), at the end of the step, changed in place.
+        ground: a `Terrain`.
+        ramp: the RAMP.
+
+    Returns:
+        Whether any falls.
+    """
+    falls = False
+    for i in range(contacts.shape[0]):
+        c, foot = contacts[i], ground.feet[i]
+        direction = 1 if gap_of(c, foot, ground.stretches, AHEAD, c.since) < 0.0 else 0
+        direction = -1 if gap_of(c, foot, ground.stretches, BEHIND, c.since) < 0.0 else direction
+        coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
+        if direction == 0:
+            continue
+        border = border_of(foot, ground.stretches, coming)
+        while gap_of(c, foot, ground.stretches, coming, c.since) < 0.0:
+            foot.place += 2 * direction if foot.place % 2 == 0 else direction
+        for bound in (FORWARD, BACKWARD):
+            set_bound(c, foot, ground.stretches, bound)
+        set_load(c, foot, ground.stretches)
+        c.at = 0
+        excess = c.force - c.forward if direction > 0 else -c.force - c.backward
+        if excess > 0.0:
+            c.at = c.fallen = side
+            open_jump(c, ground, ramp, i, border)
+            if direction > 0:
+                c.forward = c.force
+            else:
+                c.backward = -c.force
+            falls = True
+    return falls

@@ -1,0 +1,238 @@
+"""The motion of any body on a line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...body.body import Body
+from ...body.ground import Track
+from ...errors import CommandError
+from ..jump import Jump
+from ..translation import FEW_CONTACTS, visited_margin
+from . import build, follow
+from .records import CONTACT_STATE, FOOT_STATE, JUMP, SPRING_STATE, Model, Terrain
+
+
+@dataclass(eq=False)
+class LineState:
+    """The state of a body on a line.
+
+    Attributes:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        loaded: whether the body has loads.
+        feet: FOOT, shape (N,); None without patches of ground.
+    """
+
+    contacts: np.ndarray
+    springs: np.ndarray
+    loaded: bool = False
+    feet: np.ndarray | None = None
+
+    @property
+    def _commanded(self) -> np.ndarray:
+        """What holds the bounds and loads that are commanded, before the ground changes them."""
+        return self.contacts if self.feet is None else self.feet
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Displacement x, shape (N,) [m]."""
+        return self.contacts["x"].copy()
+
+    @property
+    def gained(self) -> np.ndarray:
+        """Displacement gained in the last command, shape (N,) [m]."""
+        return self.contacts["gained"].copy()
+
+    @property
+    def shape(self) -> np.ndarray:
+        """Elongations z, shape (S,) [m]."""
+        return self.springs["elongation"].copy()
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Tensions T, shape (S,) [N]."""
+        return self.springs["tension"].copy()
+
+    @property
+    def actuation(self) -> np.ndarray:
+        """Rest-length changes L in force, shape (S,) [m]."""
+        return self.springs["length"].copy()
+
+    @property
+    def friction(self) -> np.ndarray:
+        """Friction in force, forward then backward, shape (2 N,) [N]."""
+        c = self._commanded
+        return np.concatenate((c["forward"] + c["load"], c["backward"] - c["load"]))
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the spring forces as in a target: friction shifted by the loads, shape (2 N,) [N]."""
+        return np.concatenate((self._commanded["forward"], self._commanded["backward"]))
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Loads in force, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
+        return self._commanded["load"].copy() if self.loaded else np.empty(0)
+
+    @property
+    def contact_state(self) -> np.ndarray:
+        """1 if a contact slid forward in the last command, -1 backward, 0 stuck; int8, shape (N,)."""
+        return np.sign(self.contacts["gained"]).astype(np.int8)
+
+    def margins(self, force: np.ndarray) -> np.ndarray:
+        """Compute the distance of the spring forces from their nearest bounds.
+
+        Args:
+            force: g, shape (N,) [N].
+
+        Returns:
+            Shape (N,) [N].
+        """
+        return np.minimum(self.contacts["forward"] - force, force + self.contacts["backward"])
+
+    def visited_margin(self, force: np.ndarray) -> float:
+        """Compute how close all contacts are to sliding at once.
+
+        Args:
+            force: g, shape (N,) [N].
+
+        Returns:
+            The margin [1].
+        """
+        return visited_margin(force, self.contacts["forward"], self.contacts["backward"])
+
+    def copy(self) -> LineState:
+        """Copy the state.
+
+        Returns:
+            An independent state with the same numbers.
+        """
+        feet = None if self.feet is None else self.feet.copy()
+        return LineState(self.contacts.copy(), self.springs.copy(), self.loaded, feet)
+
+    def restore(self, kept: LineState) -> None:
+        """Return to former numbers.
+
+        Args:
+            kept: a copy of the state.
+        """
+        self.contacts[:], self.springs[:] = kept.contacts, kept.springs
+        if self.feet is not None:
+            self.feet[:] = kept.feet
+
+    def bits(self) -> bytes:
+        """Return all numbers that last from ramp to ramp as bytes, for comparison.
+
+        Returns:
+            The bytes of all fields, one after another.
+        """
+        parts = [self.contacts[name] for name, _ in CONTACT_STATE] + [self.springs[name] for name in SPRING_STATE]
+        if self.feet is not None:
+            parts += [self.feet[name] for name in FOOT_STATE]
+        return b"".join(part.tobytes() for part in parts)
+
+
+@dataclass(frozen=True, eq=False)
+class LineMotion:
+    """A chain or any other graph of springs on a line, followed from event to event or by implicit steps.
+
+    Attributes:
+        body: the body.
+        track: patches of ground; None if the ground is the same everywhere.
+    """
+
+    body: Body
+    track: Track | None = None
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Names of the methods."""
+        return ("exact", "catch_up") if self.track is None else ("exact",)
+
+    @property
+    def samples_margin(self) -> bool:
+        """Whether an exact ramp samples its visited margin only at its ends, as in large bodies."""
+        return self.body.contacts > FEW_CONTACTS
+
+    def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
+        """Build the state at rest, see `Motion`; a contact within rounding of a border stands on it."""
+        springs = build.build_springs(self.body, x, target[..., : self.body.springs])
+        bounds = target[..., self.body.springs :]
+        loaded, feet = bounds.shape[-1] > 2 * self.body.contacts, None
+        if self.track is not None:
+            place = self.track.find_places(self.body.position, x)
+            feet = build.build_feet(self.body, self.track, place, bounds)
+            bounds = np.concatenate(self.track.bounds(bounds, place))
+        return LineState(build.build_contacts(self.body, x, springs["tension"], bounds), springs, loaded, feet)
+
+    def scratch(self) -> Model:
+        """Allocate the working memory of a ramp, see `Motion`."""
+        return build.build_model(self.body)
+
+    def follow(
+        self,
+        state: LineState,
+        scratch: Model,
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+        pieces: np.ndarray | None = None,
+    ) -> tuple[Jump, ...]:
+        """Follow straight ramps to each of the targets in turn, see `Motion`."""
+        scratch.ramps["budget"] = budget
+        model = scratch if pieces is None else scratch._replace(pieces=pieces)
+        if self.track is not None:
+            return self._follow_on_ground(state, model, targets, budget, account, records)
+        follow.follow(state.contacts, state.springs, model, exact, targets, account, records)
+        return ()
+
+    def _follow_on_ground(
+        self,
+        state: LineState,
+        model: Model,
+        targets: np.ndarray,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+    ) -> tuple[Jump, ...]:
+        """Follow ramps on patches of ground; they are followed once more if there was no room for all jumps."""
+        assert self.track is not None
+        assert state.feet is not None
+        kept, spent, room = state.copy(), account.copy(), self.body.contacts + 16
+        try:
+            while True:
+                jumps = np.zeros(room, JUMP).view(np.recarray)
+                model = model._replace(ground=Terrain(state.feet, self.track.stretches, jumps))
+                runaway = follow.follow(state.contacts, state.springs, model, True, targets, account, records)
+                if runaway:
+                    raise CommandError(self._describe_runaway(state, int(runaway)))
+                count = int(model.ramps["jumps"][0])
+                if count <= room:
+                    rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
+                    return tuple(Jump(*row) for row in rows.tolist())
+                room = count
+                state.restore(kept)
+                account[:] = spent
+        except BaseException:
+            state.restore(kept)
+            account[:] = spent
+            raise
+
+    def _describe_runaway(self, state: LineState, direction: int) -> str:
+        """Build the message with the sums that do not fit on the ground where the body would end."""
+        assert self.track is not None
+        assert state.feet is not None
+        commanded = np.concatenate([state.feet[name] for name in ("forward", "backward", "load")])
+        forward, backward, load = self.track.bounds(commanded, state.feet["place"])
+        total, bound = float(load.sum()), float((forward if direction > 0 else backward).sum())
+        side = "forward" if direction > 0 else "backward"
+        return (
+            f"ground.patches: on the ground that the contacts reach, the loads sum to {direction * total:g} N {side}, "
+            f"but friction against sliding {side} to {bound + direction * total:g} N: no equilibrium, the body would "
+            "run away"
+        )

@@ -1,0 +1,118 @@
+"""Rates in a block whose springs form a path, from the tensions: O(n)."""
+
+from __future__ import annotations
+
+from ...compiled import lean
+from ...rounding import CRITICAL, EPS, NOISE
+
+
+@lean
+def elongation_rate(flow, trial, compliance):
+    """Compute the rate of the elongation of a spring; a difference of rates of tension within rounding is none.
+
+    Args:
+        flow: rate of the tension [N].
+        trial: rate of the tension if no contact moves [N].
+        compliance: 1 / k [m/N].
+
+    Returns:
+        The rate [m].
+    """
+    change = flow - trial
+    return change * compliance if abs(change) > 16.0 * EPS * (abs(flow) + abs(trial)) else 0.0
+
+
+@lean
+def limit_of(e):
+    """Return the rate of the force on a sliding contact: that of the bound that it slides at.
+
+    Args:
+        e: a BLOCK.
+
+    Returns:
+        The rate [N].
+    """
+    return e.upper if e.side > 0 else e.lower
+
+
+@lean
+def _find_first_flow(block, first, stop, count):
+    """Find the rate of the tension before the first contact of a run of sliding contacts, and its scale.
+
+    The rates of the elongations of all springs between two contacts at rest sum to zero; at a free end there is no
+    tension.
+    """
+    rise = pull = compliance = size = 0.0
+    for j in range(first, stop + 1):
+        e = block[j]
+        compliance += e.compliance
+        pull += (e.trial - rise) * e.compliance
+        size += abs(e.trial)
+        if j < stop:
+            rise += limit_of(e)
+            size += abs(limit_of(e))
+    flow = 0.0
+    if block[first].spring >= 0:
+        flow = -rise if block[stop].spring < 0 else pull / compliance
+        flow = block[first].trial if first == stop else flow
+    return flow, size
+
+
+@lean
+def _slide_run(block, first, stop):
+    """Compute the velocities of a run of sliding contacts from the rates of the elongations."""
+    way = 0.0
+    if block[first].spring >= 0:
+        v = 0.0
+        for j in range(first, stop):
+            e = block[j]
+            w = elongation_rate(e.flow, e.trial, e.compliance)
+            v += w
+            way += abs(w)
+            e.v = v
+    else:
+        v = 0.0
+        for j in range(stop, first, -1):
+            e = block[j]
+            w = elongation_rate(e.flow, e.trial, e.compliance)
+            v -= w
+            way += abs(w)
+            block[j - 1].v = v
+    for j in range(first, stop):
+        e = block[j]
+        if abs(e.v) <= NOISE * way or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * way):
+            e.v = 0.0
+
+
+@lean
+def solve_path(block, count):
+    """Solve for the velocities of the sliding contacts of a path and the rates of the forces on those at rest.
+
+    Row j of the block holds contact j and the spring before it; row `count` holds the spring after the last contact.
+
+    Args:
+        block: BLOCK, changed in place; at least one contact or one end of the path is at rest.
+        count: number of contacts.
+    """
+    first = 0
+    while first <= count:
+        stop = first
+        while stop < count and block[stop].side != 0:
+            stop += 1
+        flow, size = _find_first_flow(block, first, stop, count)
+        for j in range(first, stop + 1):
+            e = block[j]
+            e.flow = flow if e.spring >= 0 else 0.0
+            e.scale = size
+            if j < stop:
+                e.force = limit_of(e)
+                flow += e.force
+        if stop > first:
+            _slide_run(block, first, stop)
+        first = stop + 1
+    for j in range(count):
+        e = block[j]
+        if e.side == 0:
+            e.v = 0.0
+            e.force = block[j + 1].flow - e.flow
+            e.scale += block[j + 1].scale

@@ -1,0 +1,217 @@
+"""The records of the engine: what is known of a contact, a spring, an end of a spring, a block and a ramp.
+
+Each is a numpy structured array; kernels take it whole and read `contacts[i].force_rate`. Within a ramp, quantities
+change linearly in the place s on the ramp, 0 .. 1: rates are per unit of s. What a field means is stated here alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...body.places import Stretches
+
+_FLOAT, _INT, _BYTE = np.float64, np.int64, np.int8
+
+FORWARD, BACKWARD = 1, 2
+"""Bits of a contact's status: the spring force is at the forward bound, or at the backward bound; both if the interval
+between them is a point."""
+AHEAD, BEHIND = 4, 8
+"""What a contact comes to at its next event, beside a bound: the border ahead or the border behind."""
+
+CONTACT_STATE = [
+    ("x", _FLOAT),  # displacement, where it was last advanced [m]
+    ("rest", _FLOAT),  # what rounding left out of it [m]
+    ("gained", _FLOAT),  # displacement gained since `follow` was called [m]
+    ("forward", _FLOAT),  # largest spring force that holds the contact, at s = 0 [N]
+    ("backward", _FLOAT),  # largest spring force in the other direction, at s = 0 [N]
+    ("load", _FLOAT),  # force along the ground, at s = 0, contained in both bounds [N]
+    ("v", _FLOAT),  # velocity; between ramps that of the last one, whose sign begins the search for the next
+    ("at", _BYTE),  # bounds that the spring force is at, as bits
+]
+"""Fields of a contact that last from ramp to ramp: they, and the fields of a spring, are the state of a body."""
+
+CONTACT = np.dtype(
+    [
+        *CONTACT_STATE,
+        ("side", _BYTE),  # bound that the force moves along until the next event: 1 forward, -1 backward, 0 none
+        ("leaving", _BYTE),  # bounds that it leaves as soon as s has increased
+        ("coming", _BYTE),  # bound or border that its next event reaches
+        ("listed", _BYTE),  # whether it is among those around which rates change
+        ("fallen", _BYTE),  # bounds that the ground does not hold, as bits: they fall to those of the ground in a jump
+        ("lost", _FLOAT),  # energy lost in the present jump, beside that lost to friction [J]
+        ("d_forward", _FLOAT),  # change of the bounds and of the load along the ramp [N]
+        ("d_backward", _FLOAT),
+        ("d_load", _FLOAT),
+        ("force", _FLOAT),  # of the springs, at s = since [N]
+        ("force_rate", _FLOAT),
+        ("since", _FLOAT),  # place on the ramp where x and force were last advanced
+        ("pull", _FLOAT),  # rate of the force if no contact moves [N]
+        ("next", _FLOAT),  # place of its next event on the ramp; infinite without one
+        ("winner", _INT),  # contact with the earliest event below node i of the tournament
+        ("first", _INT),  # its ends of springs are first .. last - 1
+        ("last", _INT),
+        ("order", _INT),  # position in the order of elimination
+        ("mark", _INT),  # number of the last block that it was in
+        ("row", _INT),  # its row in that block
+    ],
+    align=True,
+)
+
+SPRING = np.dtype(
+    [
+        ("length", _FLOAT),  # change of the rest length, L, at s = 0 [m]
+        ("elongation", _FLOAT),  # z, at the last end of a ramp [m]
+        ("tension", _FLOAT),  # T, at s = since [N]
+        ("still_tension", _FLOAT),  # T and L when the elongation last changed: from them follows the tension of a
+        ("still_length", _FLOAT),  # spring whose ends rest, so that rest is rest to the bit
+        ("stiffness", _FLOAT),  # k [N/m]
+        ("compliance", _FLOAT),  # 1 / k [m/N]
+        ("a", _INT),  # its two contacts
+        ("b", _INT),
+        ("d_length", _FLOAT),  # change of L along the ramp [m]
+        ("rate", _FLOAT),  # of the tension [N]
+        ("since", _FLOAT),  # place on the ramp where the tension was last advanced
+        ("moved", _BYTE),  # whether the elongation has changed on this ramp
+    ],
+    align=True,
+)
+
+SPRING_STATE = ("length", "elongation", "tension", "still_tension", "still_length")
+"""Fields of a spring that last from ramp to ramp."""
+
+FOOT = np.dtype(
+    [
+        ("home", _FLOAT),  # reference position xi [m]
+        ("weight", _FLOAT),  # [N]
+        ("follows", _BYTE),  # whether friction follows from the weight
+        ("place", _INT),  # as in `body.ground.Track`
+        ("forward", _FLOAT),  # bounds and load commanded, as on ground without patches, at s = 0 [N]
+        ("backward", _FLOAT),
+        ("load", _FLOAT),
+        ("d_forward", _FLOAT),  # their changes along the ramp [N]
+        ("d_backward", _FLOAT),
+        ("d_load", _FLOAT),
+        ("jump", _INT),  # number of its present jump, counted from 1; 0 if it does not jump
+    ],
+    align=True,
+)
+"""What is known of a contact beside CONTACT where there are patches of ground."""
+
+FOOT_STATE = ("place", "forward", "backward", "load")
+"""Fields of a foot that last from ramp to ramp."""
+
+JUMP = np.dtype(
+    [
+        ("ramp", _INT),  # as the attributes of `motion.jump.Jump`
+        ("part", _FLOAT),
+        ("contact", _INT),
+        ("border", _FLOAT),
+        ("distance", _FLOAT),
+        ("loss", _FLOAT),
+        ("x", _FLOAT),  # displacement at the border [m]
+    ],
+    align=True,
+)
+
+END = np.dtype(
+    [
+        ("other", _INT),  # contact at the other end
+        ("spring", _INT),
+        ("sign", _FLOAT),  # 1 if the tension pulls the contact forward, -1 backward
+    ],
+    align=True,
+)
+
+BLOCK = np.dtype(
+    [
+        ("contact", _INT),
+        ("side", _BYTE),  # as of a contact, during the search
+        ("upper", _FLOAT),  # largest rate of the force that keeps the contact within its bounds; infinite if free [N]
+        ("lower", _FLOAT),  # least rate of the force, likewise [N]
+        ("blur", _FLOAT),  # sum of the bounds whose change the limits are, the scale of their rounding [N]
+        ("load", _FLOAT),  # rate of the force if no contact moves [N]
+        ("v", _FLOAT),  # velocity that is found [m]
+        ("force", _FLOAT),  # rate of the force that is found [N]
+        ("scale", _FLOAT),  # scale of the rounding of that rate [N]
+        # of the spring before the contact, where the block is a path
+        ("spring", _INT),  # -1 if there is none
+        ("sign", _FLOAT),  # 1 if the spring points along the path
+        ("trial", _FLOAT),  # rate of its tension if no contact moves [N]
+        ("compliance", _FLOAT),  # [m/N]
+        ("flow", _FLOAT),  # rate of its tension that is found [N]
+        # where the block is a graph
+        ("ground", _FLOAT),  # sum of the stiffnesses to contacts at rest [N/m]
+        ("pull", _FLOAT),  # force that the sliding contact adds [N]
+        ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
+        # memory
+        ("hit", _INT),  # contacts that reach a bound at the same instant
+    ],
+    align=True,
+)
+
+RAMP = np.dtype(
+    [
+        ("s", _FLOAT),  # place on the ramp, 0 .. 1
+        ("stepping", _BYTE),  # whether the ramp is one implicit step
+        ("begun", _BYTE),  # whether the tournament holds the events
+        ("shifted", _BYTE),  # whether the present stretch has a chosen translation
+        ("effort", _INT),  # contacts solved so far, counted in every round
+        ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step
+        ("block", _INT),  # number of the present block, increasing
+        ("path", _INT),  # number of contacts of the present block if it is a path, else 0
+        ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
+        ("friction", _FLOAT),  # sum of all bounds at s = 0 [N]
+        ("d_friction", _FLOAT),  # its change along the ramp [N]
+        ("stored", _FLOAT),  # elastic energy at the start of the ramp [J]
+        # on patches of ground, where a ramp is followed in parts
+        ("number", _INT),  # of the ramp in the present call
+        ("done", _FLOAT),  # part of the ramp that was followed before; s is a place on the rest of it
+        ("jumping", _BYTE),  # whether a contact falls at s
+        ("falling", _BYTE),  # whether commands rest and bounds fall
+        ("runaway", _BYTE),  # direction in which nothing holds the body, 1 or -1; else 0
+        ("span", _FLOAT),  # a length whose rounding is that of all positions [m]
+        ("jumps", _INT),  # number of jumps of the present call
+        ("lost", _FLOAT),  # energy lost in jumps [J]
+    ],
+    align=True,
+)
+
+DONE, SPENT, UNSOLVED, JUMPS = 0, 1, 2, 3
+"""Outcomes of a ramp: its end was reached; the budget was spent; no rates were found; contacts are at borders where the
+ground holds less than their bounds."""
+
+
+class Terrain(NamedTuple):
+    """Patches of ground under a body."""
+
+    feet: np.ndarray
+    """FOOT, shape (N,)."""
+    stretches: Stretches
+    """What each stretch of ground does to friction and loads."""
+    jumps: np.ndarray
+    """JUMP, output, shape (J,); further ones are counted only."""
+
+
+class Model(NamedTuple):
+    """What a ramp needs of a body beside its state; None is not compiled."""
+
+    ends: np.ndarray
+    """END, two of each spring, those of a contact together, shape (2 S,)."""
+    block: np.ndarray
+    """BLOCK, memory, shape (N + 1,)."""
+    ramps: np.ndarray
+    """RAMP, memory, shape (1,)."""
+    share: np.ndarray
+    """Weight of each contact in the net translation, shape (N,)."""
+    account: np.ndarray
+    """Account of the ramp, entries as in `motion.state`, shape (14,)."""
+    matrix: Any
+    """Conductances between sliding contacts, a row for each, shape (N, width); None for chains."""
+    elements: Any
+    """Both contacts of each element of a segment, shape (P, 2); None without segments."""
+    pieces: Any
+    """Rows for the pieces of the path, see `motion.pieces`; None unless asked for."""
+    ground: Any = None
+    """The `Terrain`; None without patches."""
