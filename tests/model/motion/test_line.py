@@ -35,11 +35,14 @@ SAME = (AMBIGUOUS, GAIN_LEAST, GAIN_MOST, VISITED, WORK, DISSIPATION, LOADS_WORK
 
 
 def line(body: Body) -> LineMotion:
-    """Lend a chain the matrix of a graph, which its blocks, all of them paths, never use: one set of kernels serves."""
+    """Lend every body a matrix and a list of elements, of which it may have no use: one set of kernels serves all."""
     motion = LineMotion(body)
-    if body.is_chain:
-        scratch = motion.scratch()._replace(matrix=np.zeros((body.contacts, 1)))
-        object.__setattr__(motion, "scratch", lambda: scratch)
+    scratch = motion.scratch()
+    if scratch.matrix is None:  # a chain: its blocks are paths
+        scratch = scratch._replace(matrix=np.zeros((body.contacts, 1)))
+    if scratch.elements is None:
+        scratch = scratch._replace(elements=np.zeros((0, 2), np.int64))
+    object.__setattr__(motion, "scratch", lambda: scratch)
     return motion
 
 
