@@ -1,5 +1,7 @@
 # For colcon alone; pip and uv build from pyproject.toml.
+import re
 from glob import glob
+from pathlib import Path
 
 from setuptools import Distribution, find_packages, setup
 
@@ -14,7 +16,7 @@ class WithoutPyproject(Distribution):
 setup(
     distclass=WithoutPyproject,
     name="crawler_ros",
-    version="0.1.0",
+    version=re.search(r'__version__ = "(.+)"', Path("crawler_ros/__init__.py").read_text())[1],
     packages=find_packages(include=["crawler_*", "msgs_config"]),
     package_data={
         "crawler_model": ["py.typed"],

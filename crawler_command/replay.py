@@ -63,7 +63,7 @@ def replay(
     """Analyse a recording: completeness, cycles, slips, energy; simulate it again and compare.
 
     The exit status is 0 when the recording is complete and, if its scene is known, identical to the bit when simulated
-    again.
+    again, or equal up to rounding if other versions made it.
 
     Several recordings, or --resume, --workers or --scheduler, make a data set: --parquet is then a folder of the tables
     runs, cycles, slips and account, partitioned by run, and a folder of bags stands for all of them, at any depth.

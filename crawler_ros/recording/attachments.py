@@ -59,3 +59,22 @@ def versions() -> dict[str, str]:
     found |= {name: installed_version(name) or "unknown" for name in ("numpy", "numba", "llvmlite")}
     found["machine"] = platform.machine()
     return found
+
+
+def other_versions(recorded: object) -> list[str]:
+    """List the programs whose versions were others when a recording was made.
+
+    Args:
+        recorded: its attachment `versions`; None if it has none.
+
+    Returns:
+        A phrase for each.
+    """
+    ours = versions()
+    if not isinstance(recorded, dict):
+        return []
+    return [
+        f"recorded with {name} {recorded[name]}, here {ours[name]}"
+        for name in ours
+        if recorded.get(name, ours[name]) != ours[name]
+    ]

@@ -15,7 +15,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
 from crawler_model.run.simulate import TimedJump
 
-from ..recording.attachments import versions
+from ..recording.attachments import other_versions
 from ..recording.bag import BagError, recorded_scene
 from ..recording.incidents import Incidents, find_incidents
 from ..recording.recorded_robot import Robot
@@ -32,7 +32,6 @@ from .standstill import Rest, Standstill, find_rests, find_standstill
 
 _SURVEYED = 0.2
 """Fraction of the work that the survey takes."""
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,20 +321,16 @@ def _explain(survey: Survey, compared: Comparison, start: Crawler, fitted: int |
         return "identical to the bit" + (f", up to the point where {compared.stopped}" if compared.stopped else "")
     else:
         text = f"first difference at {compared.first_difference:g} s, {compared.first_where}"
+        if compared.equal:
+            lengths, forces = compared.max_difference, compared.max_force_difference
+            text = f"equal up to rounding, at most {lengths:.1g} m and {forces:.1g} N apart; {text}"
     reasons = []
     if compared.stopped:
         reasons.append(compared.stopped)
     if compared.missing:
         reasons.append(f"{compared.missing} ledger message(s) missing from {compared.missing_at:g} s on")
-    recorded = survey.attachments.get("versions")
-    if isinstance(recorded, dict):
-        ours = versions()
-        reasons += [
-            f"recorded with {name} {recorded[name]}, here {ours[name]}"
-            for name in ours
-            if recorded.get(name, ours[name]) != ours[name]
-        ]
-    elif fitted is None:
+    reasons += other_versions(survey.attachments.get("versions"))
+    if fitted is None and not isinstance(survey.attachments.get("versions"), dict):
         reasons.append("the recording does not name the versions that made it")
     if not method_known:
         reasons.append(f"it does not name its method: {start.method} from the scene's start is assumed")
@@ -377,9 +372,8 @@ def _problems(
     if scene is not None and compared is None:
         found.append(why)
     if compared is not None and not compared.identical:
-        size = 1.0 + abs(compared.max_difference)
-        rounding = fitted is not None and compared.ticks > 0 and compared.max_difference <= _SAME * size
-        if not rounding:
+        may_differ = fitted is not None or bool(other_versions(survey.attachments.get("versions")))
+        if not (may_differ and compared.equal):
             found.append(f"not identical when simulated again: {why}")
     elif compared is not None and compared.stopped:
         found.append(compared.stopped)

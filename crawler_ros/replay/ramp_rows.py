@@ -182,7 +182,7 @@ class RampRows:
         if track is None:
             return target
         springs = self._scene.body.springs
-        return np.hstack((target[:, :springs], *track.bounds_along(target[:, springs:], np.array(self._places))))
+        return np.hstack((target[:, :springs], *track.bounds(target[:, springs:], np.array(self._places))))
 
     def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""

@@ -22,6 +22,8 @@ from .ramp_rows import RampRows
 from .ramps import Sink
 
 _MOST_WAITING = 20_000
+_ROUNDING = 1e-9
+"""Differences up to this part of the largest number are taken for rounding, which grows along a run."""
 _LEDGER, _JOINTS = "applied_commands", "joint_states"
 _STATES = {_JOINTS: JOINT_STATE, "contact_states": JOINT_STATE, "pose": POSE}
 _AXES = ("x", "y", "z", *(f"orientation.{axis}" for axis in "xyzw"))
@@ -36,6 +38,8 @@ class Comparison:
         resets: number of times that simulated time returned to 0.
         max_difference: largest difference of a displacement or elongation [m].
         max_force_difference: largest difference of a force [N].
+        max_length: largest displacement or elongation recorded [m].
+        max_force: largest force recorded [N].
         first_difference: simulated time of the first difference [s]; None when there is none.
         first_where: the joint, its quantity, recorded and simulated value there.
         unmatched: number of recorded states without a simulated one.
@@ -49,6 +53,8 @@ class Comparison:
     resets: int = 0
     max_difference: float = 0.0
     max_force_difference: float = 0.0
+    max_length: float = 0.0
+    max_force: float = 0.0
     first_difference: float | None = None
     first_where: str = ""
     unmatched: int = 0
@@ -61,6 +67,12 @@ class Comparison:
     def identical(self) -> bool:
         """Whether every number compared has the same bits."""
         return self.ticks > 0 and self.first_difference is None
+
+    @property
+    def equal(self) -> bool:
+        """Whether all lengths and forces are the same up to rounding."""
+        lengths = self.max_difference <= _ROUNDING * self.max_length
+        return self.ticks > 0 and lengths and self.max_force_difference <= _ROUNDING * self.max_force
 
 
 @dataclass(eq=False)
@@ -304,6 +316,9 @@ class Resimulation:
         result = self.comparison
         if name == _JOINTS:
             result.ticks += len(keys)
+        size = np.nan_to_num(np.abs(theirs), nan=0.0)
+        result.max_length = max(result.max_length, float(size[:, 0].max(initial=0.0)))
+        result.max_force = max(result.max_force, float(size[:, 2:].max(initial=0.0)))
         wrong = ~((ours == theirs) | (np.isnan(ours) & ~np.isnan(theirs)))
         if not wrong.any():
             return

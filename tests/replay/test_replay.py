@@ -172,6 +172,26 @@ def test_another_version_is_named(tmp_path):
     sent = messages(other, play(other, 0, 10**9))
     found = analyse(write(tmp_path / "a", sent, attached))
     assert "recorded with numpy 1.0" in found.explanation
+    assert not found.healthy
+
+
+@pytest.mark.parametrize("version", ["0.1.0", None])
+def test_rounding_is_no_problem_in_a_recording_of_another_version(tmp_path, version):
+    def change(name, stamp, data):
+        if name == "joint_states" and stamp == 1_230_000_000:
+            place = len(data) - 8  # an effort
+            (number,) = struct.unpack_from("<d", data, place)
+            data = data[:place] + struct.pack("<d", np.nextafter(number, 9.0)) + data[place + 8 :]
+        return [(name, stamp, data)]
+
+    source = record(tmp_path / "a", "two_anchor_a", 2)
+    attached = survey_recording(source).attachments
+    if version is not None:
+        attached["versions"] = {**attached["versions"], "crawler": version}
+    found = analyse(rewrite(source, tmp_path / "b", change, attached))
+    assert found.explanation.startswith("equal up to rounding, at most 0 m and ")
+    assert "first difference at 1.23 s" in found.explanation
+    assert found.healthy == (version is not None)
 
 
 def test_missing_and_doubled_ticks_are_counted(tmp_path):
