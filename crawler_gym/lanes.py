@@ -99,7 +99,7 @@ class Lanes:
             some = slice(first, last)
             scratch = motion.scratch()
             if not body.is_chain:
-                scratch = (tuple(motion.network.layout), scratch[0], *scratch[1])
+                scratch = (tuple(motion.network.layout), *scratch)
             self._blocks.append(
                 (
                     self._memory[some],

@@ -79,7 +79,6 @@ def step_chains(
             long_ints,
             account,
             records,
-            None,
             pieces,
         )
         end_step(lane, clock, plan, contacts, links, False, observes, logs[m])

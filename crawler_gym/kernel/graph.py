@@ -24,9 +24,8 @@ def step_graphs(
     budget,
     layout,
     work,
-    body_floats,
-    changes,
-    bytes_,
+    ring,
+    memory,
     observes,
     logs,
 ):
@@ -43,10 +42,9 @@ def step_graphs(
         elements: both contacts of each element of a segment, shape (P, 2).
         budget: upper limit of work in a ramp.
         layout: fields of the `Layout` of the springs.
-        work: memory from `GraphMotion.scratch`.
-        body_floats: memory from `scratch`, like the next two.
-        changes: floats of the springs.
-        bytes_: flags of the contacts.
+        work: memory from `GraphMotion.scratch`, as the next two.
+        ring: a `RingMemory`; None for other bodies, and for short rings.
+        memory: of a ramp.
         observes: whether to observe; False where readings of segments have to be added first.
         logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """
@@ -64,6 +62,7 @@ def step_graphs(
             part(lane, plan, ELASTICITY)[:springs],
             (layout, part(lane, plan, CONDUCTANCES)),
             work,
+            ring,
             contacts,
             links,
             status[m],
@@ -73,13 +72,9 @@ def step_graphs(
             elements,
             share,
             plan.settings[ROUNDS],
-            body_floats,
-            changes,
-            bytes_,
+            memory,
             account,
             records,
-            None,
-            None,
             pieces,
         )
         end_step(lane, clock, plan, contacts, links, False, observes, logs[m])

@@ -3,11 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from ..rounding import EPS
 from .directions import unit_directions
-from .places import NEAR, Stretches, find_bounds, put_all_on_ground, survey, survey_all
+
+_NEAR = 16.0 * EPS
+"""A contact within this part of the positions that its place follows from stands on a border."""
+
+
+class Stretches(NamedTuple):
+    """The M + 1 stretches into which M borders divide the track."""
+
+    borders: np.ndarray
+    """Positions on the track, increasing, shape (M,) [m]."""
+    grip: np.ndarray
+    """Factor of each stretch on friction, forward and backward, shape (2, M + 1)."""
+    pressed: np.ndarray
+    """Further factor of each stretch on friction that follows from the weight, shape (M + 1,)."""
+    rise: np.ndarray
+    """Sine of the slope of each stretch less that of the track, shape (M + 1,)."""
+    follows: np.ndarray
+    """Whether the friction of each contact follows from its weight, shape (N,)."""
+    weight: np.ndarray
+    """Weight of each contact, shape (N,) [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,73 +76,37 @@ class Track:
         behind, ahead = np.maximum(stretch - 1, 0), np.minimum(stretch, self.borders.size - 1)
         nearest = np.where(np.abs(at - self.borders[behind]) <= np.abs(at - self.borders[ahead]), behind, ahead)
         border = self.borders[nearest]
-        near = NEAR * (np.abs(position) + np.abs(x) + np.abs(border))
+        near = _NEAR * (np.abs(position) + np.abs(x) + np.abs(border))
         return np.where(np.abs(at - border) <= near, 2 * nearest + 1, 2 * stretch)
 
-    def find_ground(self, position: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Collect what the ground at given places does to a body.
-
-        Args:
-            position: reference positions xi, shape (N,) [m].
-            place: of each contact, shape (N,).
-
-        Returns:
-            Rows AHEAD_FACTOR .. ROUNDING_OF_PLACE, shape (8, N).
-        """
-        ground = np.empty((8, place.size))
-        survey_all(self.stretches, position, place, ground)
-        return ground
-
     def bounds(self, targets: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute the bounds of the spring forces at given places, see `places.put_on_ground`.
+        """Compute the bounds of the spring forces at given places.
+
+            forward = c_plus mu_plus - f,  backward = c_minus mu_minus + f,  f = load + tilt
 
         Args:
             targets: for ground without patches: forward and backward bounds and, with loads, loads, shape (..., 2 N)
                 or (..., 3 N) [N].
-            place: of each contact, shape (N,).
+            place: of each contact, shape (..., N).
 
         Returns:
             Forward bounds, backward bounds and loads (on a border the mean of both sides), shape (..., N) [N].
         """
-        rows = np.array(targets, dtype=np.float64).reshape(-1, targets.shape[-1])
-        out = np.empty((rows.shape[0], 3 * place.size))
-        put_all_on_ground(rows, self.find_ground(np.zeros(place.size), place), out)
-        forward, backward, load = np.moveaxis(out.reshape(*targets.shape[:-1], 3, place.size), -2, 0)
-        return forward, backward, load
+        n = place.shape[-1]
+        forward, backward = targets[..., :n], targets[..., n : 2 * n]
+        load = targets[..., 2 * n :] if targets.shape[-1] > 2 * n else np.zeros(n)
+        ahead, behind, contact = (place + 1) // 2, place // 2, np.arange(n)
+        (forward_factor, backward_factor), tilt = self.factor, self.tilt
+        return (
+            _bound_on(forward_factor[ahead, contact], tilt[ahead, contact], forward, load),
+            _bound_on(backward_factor[behind, contact], -tilt[behind, contact], backward, -load),
+            load + 0.5 * (tilt[ahead, contact] + tilt[behind, contact]),
+        )
 
-    def bounds_at(self, contact: int, target: np.ndarray, place: int) -> tuple[float, float, float]:
-        """Compute the bounds of the spring force of one contact at a place, see `places.find_bounds`.
 
-        Args:
-            contact: its number.
-            target: for ground without patches: forward and backward bounds and, with loads, loads of all contacts,
-                shape (2 N,) or (3 N,) [N].
-            place: its place.
-
-        Returns:
-            Forward bound, backward bound and load [N].
-        """
-        ground = np.empty((8, 1))
-        survey(self.stretches, 0.0, place, contact, ground, 0)
-        forward, backward, load = find_bounds(target, 0, self.stretches.weight.size, contact, ground, 0)
-        return forward, backward, load
-
-    def bounds_along(self, targets: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Compute the bounds of the spring forces along a path.
-
-        Args:
-            targets: for ground without patches, as for `bounds`, shape (R, 2 N) or (R, 3 N) [N].
-            places: of each contact, shape (R, N).
-
-        Returns:
-            Forward bounds, backward bounds and loads, shape (3, R, N) [N].
-        """
-        local = np.empty((3, *places.shape))
-        different, which = np.unique(places, axis=0, return_inverse=True)
-        for k, place in enumerate(different):  # far fewer than rows: a contact seldom passes a border
-            rows = np.flatnonzero(which.ravel() == k)
-            local[:, rows] = self.bounds(targets[rows], np.ascontiguousarray(place))
-        return local
+def _bound_on(factor: np.ndarray, tilt: np.ndarray, bound: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Compute the bound that friction, shifted by a load, has on ground with a factor and an additional load."""
+    return np.where((factor == 1.0) & (tilt == 0.0), bound, factor * (bound + load) - (load + tilt))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,13 @@ import numpy as np
 
 from ..body.body import Body
 from ..compiled import compiled
+from ..motion.line.motion import LineState
+from ..motion.line.records import zeros
 from ..motion.state import CONTACT_ROWS, GAINED, LOAD, SHAPE, TENSION, X
 from .crawler import Crawler
+
+SEEN = np.dtype([("contact", np.int64), ("home", np.float64)], align=True)
+"""A contact that is read, and its reference position [m]."""
 
 
 class Readout:
@@ -34,6 +39,8 @@ class Readout:
             root = [[self._root, 0, 0]]
             self.joints = np.vstack((root, np.column_stack((self._pairs, springs)))).astype(np.int64)
             self.pull = np.zeros((2, body.contacts))
+            self._seen = zeros(shown.size, SEEN)
+            self._seen["contact"], self._seen["home"] = shown, body.position[shown]
 
     def read(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
         """Read positions, mean velocities and efforts.
@@ -51,6 +58,10 @@ class Readout:
             self._read_planar(crawler, seconds, of_joints, of_contacts)
             return
         state: Any = crawler._state
+        if isinstance(state, LineState):
+            read_records(state.contacts, state.springs, self.joints, self._seen, seconds, of_joints, of_contacts)
+            self._read_segments(crawler, of_joints)
+            return
         read_line(
             state.contacts,
             state.links,
@@ -63,8 +74,12 @@ class Readout:
             of_joints,
             of_contacts,
         )
-        if body.segments:  # bitwise the sums of Body.joint_sum
-            links = body.link_springs.size
+        self._read_segments(crawler, of_joints)
+
+    def _read_segments(self, crawler: Crawler, of_joints: np.ndarray) -> None:
+        """Read elongations and tensions of segments, bitwise the sums of `Body.joint_sum`."""
+        if self._body.segments:
+            links = self._body.link_springs.size
             of_joints[0, 1 + links :] = crawler.joint_elongation[links:]
             of_joints[2, 1 + links :] = crawler.joint_tension[links:]
 
@@ -120,3 +135,32 @@ def read_line(contacts, links, ends, joints, shown, position, pull, seconds, of_
         of_contacts[0, i] = position[contact] + contacts[X, contact]
         of_contacts[1, i] = contacts[GAINED, contact] / seconds
         of_contacts[2, i] = pull[1, contact] - pull[0, contact]
+
+
+@compiled
+def read_records(contacts, springs, joints, seen, seconds, of_joints, of_contacts):
+    """Read the root, the joints (without the sums over segments) and some contacts of a body on a line.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        joints: as for `read_line`, shape (1 + J, 3).
+        seen: SEEN, the contacts to read, shape (M,).
+        seconds: time in which the displacement was gained [s].
+        of_joints: output, as for `read_line`, shape (3, 1 + J).
+        of_contacts: output, as for `read_line`, shape (3, M).
+    """
+    root = contacts[joints[0, 0]]
+    of_joints[0, 0] = root.x
+    of_joints[1, 0] = root.gained / seconds
+    of_joints[2, 0] = 0.0 - (root.force + root.load)
+    for joint in range(1, joints.shape[0]):
+        first, second, spring = contacts[joints[joint, 0]], contacts[joints[joint, 1]], springs[joints[joint, 2]]
+        of_joints[0, joint] = spring.elongation
+        of_joints[1, joint] = second.gained / seconds - first.gained / seconds
+        of_joints[2, joint] = spring.tension
+    for i in range(seen.shape[0]):
+        c = contacts[seen[i].contact]
+        of_contacts[0, i] = seen[i].home + c.x
+        of_contacts[1, i] = c.gained / seconds
+        of_contacts[2, i] = 0.0 - (c.force + c.load)

@@ -138,7 +138,6 @@ def _follow_ticks(
             long_ints,
             accounts[tick],
             records,
-            None,
             pieces,
         )
         if read[tick]:

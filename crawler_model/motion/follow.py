@@ -1,7 +1,7 @@
 """The contract of all motions, and the choice of the motion of a body.
 
-The implementations are `chain` for chains, `graph` for any other springs on a line and `plane` for the plane; `ground`
-resumes the first two at the borders of patches of ground.
+The implementations are `chain` for chains and `graph` for any other springs on ground that is the same everywhere,
+`line` for any body on patches of ground, and `plane` for the plane.
 """
 
 from __future__ import annotations
@@ -160,20 +160,16 @@ def build_motion(plan: Plan) -> Motion:
         plan: the body and its commands.
 
     Returns:
-        The motion of a chain, a graph of springs, or a body in the plane; only the kernels of that motion are loaded.
+        The motion; only its kernels are loaded.
     """
     if plan.body.dimension == 2:
         from .plane.motion import build_plane_motion
 
         return build_plane_motion(plan)
     if plan.ground.track is not None:
-        from .ground.motion import GroundMotion
+        from .line.motion import LineMotion
 
-        return GroundMotion(_build_line_motion(plan), plan.ground.track)
-    return _build_line_motion(plan)
-
-
-def _build_line_motion(plan: Plan) -> Any:
+        return LineMotion(plan.body, plan.ground.track)
     if plan.body.is_chain:
         from .chain.motion import ChainMotion
 

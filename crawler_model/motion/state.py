@@ -190,25 +190,6 @@ def is_in_force(contacts, links, target):
     return True
 
 
-@lean
-def read_commands(contacts, links, target):
-    """Write the commands in force to a target; within a ramp they are those at the end of the followed part.
-
-    Args:
-        contacts: rows X .. LOAD_WORK, shape (9, N).
-        links: rows SHAPE .. ACTUATION_REF, shape (5, S).
-        target: L, bounds and loads, shape (S + 3 N,), output.
-    """
-    n = contacts.shape[1]
-    springs = links.shape[1]
-    for s in range(springs):
-        target[s] = links[ACTUATION, s]
-    for i in range(n):
-        target[springs + i] = contacts[FORWARD, i]
-        target[springs + n + i] = contacts[BACKWARD, i]
-        target[springs + 2 * n + i] = contacts[LOAD, i]
-
-
 SPENT = 3
 """Columns that a row of the records may have at its end, see `record_spent`."""
 

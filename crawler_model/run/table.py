@@ -255,7 +255,7 @@ class TrajectoryColumns:
         target = columns.target(commands)
         if track is not None:
             places = track.find_places(np.tile(body.position, len(x)), x.ravel()).reshape(x.shape)
-            forward, backward, load = track.bounds_along(target[:, lengths:], places)
+            forward, backward, load = track.bounds(target[:, lengths:], places)
             return np.hstack((forward + load, backward - load)), load
         if columns.slope_load is not None:
             load = target[:, lengths + frictions :].reshape(x.shape)

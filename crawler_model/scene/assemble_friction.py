@@ -10,8 +10,7 @@ import numpy as np
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
-from ..body.ground import Ground, Track
-from ..body.places import Stretches
+from ..body.ground import Ground, Stretches, Track
 from ..errors import SceneError
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts, angles_of

@@ -14,7 +14,6 @@ import numpy as np
 
 from ...compiled import compiled, lean
 from ...rounding import SHORTEST_STRETCH
-from ..borders import AT_BORDER, AT_JUMP, STOPPED, mark_reached
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -32,7 +31,7 @@ from ..state import (
 )
 from ..tournament import begin_tournament
 from ..translation import FEW_CONTACTS, FEW_FREE, choose_translation, is_wide
-from .criticality import is_near_criticality, visit
+from .criticality import is_near_criticality
 from .long.monotone import follow_monotone
 from .long.solve import release_long, solve_long
 from .long.tables import ENDS, tabulate
@@ -52,8 +51,6 @@ from .memory import (
     ROW_V,
     ROW_V_BEFORE,
 )
-from .patches.border import begin_meetings, next_meeting, sum_bounds, update_meetings
-from .patches.crossing import cross_borders
 from .rates import settle, solve, update, update_tournament
 from .wide import uncertainty
 
@@ -67,6 +64,17 @@ def _survey(floats, bytes_):
         free += bytes_[ROW_SIDE, i] == 0
         soonest = min(soonest, floats[ROW_NEXT, i])
     return free, soonest
+
+
+@lean
+def _sum_bounds(contacts, target):
+    """Add up all bounds, at the start of the ramp and at its end [N]."""
+    n = contacts.shape[1]
+    begin = end = 0.0
+    for i in range(n):
+        begin += contacts[FORWARD, i] + contacts[BACKWARD, i]
+        end += target[n - 1 + i] + target[2 * n - 1 + i]
+    return begin, end
 
 
 @compiled
@@ -93,11 +101,9 @@ def follow_events(
     elements,
     share,
     wide,
-    patches,
-    commands,
     pieces_met,
 ):
-    """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
+    """Follow the straight ramp to `target` from event to event.
 
     Args:
         elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
@@ -117,13 +123,11 @@ def follow_events(
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
         wide: True to use the projection in double-double arithmetic.
-        patches: a `Patches`, changed in place; None on ground that is the same everywhere.
-        commands: the targets at the start and at the end of the ramp, for ground without patches.
         pieces_met: output, from `room_for_pieces`, or without rows.
 
     Returns:
-        False if the budget was exceeded or a border was reached before the end; and the place on the ramp that was
-        reached, 1 for the end, to which state and commands belong.
+        False if the budget was exceeded before the end; and the place on the ramp that was reached, 1 for the end, to
+        which state and commands belong.
     """
     n = contacts.shape[1]
     leaves = 1
@@ -133,8 +137,8 @@ def follow_events(
     shortest = long_ints[0]
     until_long = long_ints[4]
     lines, nodes, order, marks, parts = tables
-    whole = sum_bounds(contacts, target)
-    may_be_long = marks.shape[1] > 0 and not wide and patches is None and pieces_met.shape[0] == 0
+    whole = _sum_bounds(contacts, target)
+    may_be_long = marks.shape[1] > 0 and not wide and pieces_met.shape[0] == 0
     any_long = False
     for i in range(n):
         floats[ROW_RATE, i] = 0.0
@@ -165,16 +169,12 @@ def follow_events(
         if part == 0.0:
             break
         in_steps = False  # what is left of the ramp is the ramp from now on
-    if soonest < 1.0 or patches is not None:
+    if soonest < 1.0:
         begin_tournament(tree, leaves, floats[ROW_NEXT])
     else:
         tree[3] = 0.0  # no contact has an event on this ramp
-    if patches is not None:
-        fastest = begin_meetings(contacts, floats, patches, leaves)
     pieces = 1
     done = True
-    at_border = False
-    crossed = False
     while True:
         shifted = False
         least = 0.0
@@ -184,9 +184,6 @@ def follow_events(
         ending = not when < 1.0
         until = 1.0 if ending else when
         look = free <= FEW_FREE or n <= FEW_CONTACTS
-        if look and crossed:
-            whole = sum_bounds(contacts, target)
-            crossed = False
         critical = look and is_near_criticality(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
         if critical or free_translation:
             # friction at the middle of the stretch, as it may be zero at its start
@@ -199,59 +196,21 @@ def follow_events(
                 floats[ROW_BACKWARD, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
             least, most = choose_translation(floats[ROW_V], floats[ROW_FORWARD], floats[ROW_BACKWARD], elements, share)
             shifted = True
-            if patches is not None:
-                fastest = begin_meetings(contacts, floats, patches, leaves)
-        if patches is not None:
-            meeting = next_meeting(floats, patches, leaves, s, fastest)
-            if meeting < until or (ending and meeting <= 1.0):
-                until = meeting
-                at_border = True
         if shifted and until - s > SHORTEST_STRETCH and is_wide(least, most, floats[ROW_V]):
             account[AMBIGUOUS] = 1.0
             account[GAIN_LEAST] += least * (until - s)
             account[GAIN_MOST] += most * (until - s)
         note_piece(pieces_met, s, until, floats[ROW_V], floats[ROW_NEXT], bytes_[ROW_COMING])
-        count = 0
-        if at_border:
-            moved_on = until > s
-            s = until
-            if patches is not None and patches.crosses and not shifted and not wide:
-                if look:
-                    visit(contacts, links, floats, bytes_[ROW_SIDE], account, whole, s)
-                count, done = cross_borders(
-                    elasticity,
-                    contacts,
-                    links,
-                    status,
-                    floats,
-                    bytes_,
-                    account,
-                    hits,
-                    leaves,
-                    patches,
-                    commands,
-                    target,
-                    s,
-                    fastest,
-                )
-                crossed = True
-            else:
-                done = crossed = False
-            if not done or s == 1.0:
-                pieces -= not moved_on
-                break
-            at_border = False
-            pieces += moved_on
-        elif ending:
+        if ending:
             break
         spent += n if look or shifted else 0
         if spent > budget:
             done = False
             break
-        if count == 0:
-            pieces += when > s
-            s = when
+        pieces += when > s
+        s = when
 
+        count = 0
         blur = 0.0
         while floats[ROW_NEXT, first_hit] <= s:  # ties: collect all simultaneous arrivals, then solve
             settle(status, floats, bytes_, s, first_hit)
@@ -350,8 +309,6 @@ def follow_events(
                 free += bytes_[ROW_SIDE, i] == 0
             for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
                 update_tournament(tree, leaves, floats, i)
-            if patches is not None:
-                fastest = update_meetings(contacts, floats, patches, leaves, first, last, fastest)
 
     end = 1.0 if done else s
     if any_long:
@@ -366,9 +323,5 @@ def follow_events(
         for i in range(n - 1):
             links[ACTUATION, i] += s * floats[ROW_D_ACTUATION, i]
         advance_loads(contacts, s)
-        if patches is not None and at_border:
-            patches.jumps[0, STOPPED] = AT_JUMP if crossed else AT_BORDER
-            if not crossed:
-                mark_reached(contacts, floats[ROW_V], patches.ground, patches.reached)
     account[EVENTS] += pieces
     return done, end

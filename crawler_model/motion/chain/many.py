@@ -81,7 +81,6 @@ def follow_many(
                 long_ints,
                 accounts[m],
                 records[m, legs[leg] : legs[leg + 1]],
-                None,
                 pieces,
             )
             spent[m, leg, 0] = accounts[m, WORK]

@@ -28,9 +28,8 @@ from . import projection
     ROW_GAIN,
     ROW_TENSION,  # after an implicit step
     ROW_STEP,  # displacements in an implicit step
-    ROW_MEETING,  # where contacts reach borders of patches, at the start of a tournament of these
-) = range(18)
-_FLOAT_ROWS = 18
+) = range(17)
+_FLOAT_ROWS = 17
 # Rows of the scratch bytes.
 ROW_SIDE, ROW_LEAVING, ROW_COMING, ROW_MOVED, ROW_HIT = range(5)
 _BYTE_ROWS = 5

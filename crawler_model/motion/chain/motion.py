@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...body.body import Body
-from ..borders import Patches
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
 from ..translation import FEW_CONTACTS
@@ -39,19 +38,6 @@ class ChainMotion:
         """Allocate the working memory of a ramp, see `Motion`."""
         return tuple(memory.scratch(self.body.contacts))
 
-    def follow_to_border(
-        self,
-        state: LineState,
-        scratch: tuple[Any, ...],
-        targets: np.ndarray,
-        budget: int,
-        account: np.ndarray,
-        records: np.ndarray,
-        patches: Patches,
-    ) -> tuple[int, float, int]:
-        """Follow straight ramps exactly, across borders where that is simple, see `Motion` and `LineMotion`."""
-        return self._follow(state, scratch, targets, True, budget, account, records, patches, NO_PIECES)
-
     def follow(
         self,
         state: LineState,
@@ -64,7 +50,22 @@ class ChainMotion:
         pieces: np.ndarray = NO_PIECES,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        self._follow(state, scratch, targets, exact, budget, account, records, None, pieces)
+        body = self.body
+        ramp.follow(
+            body.elasticity,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            exact,
+            budget,
+            body.element_ends,
+            body.share,
+            *scratch,
+            account,
+            records,
+            pieces,
+        )
 
     def follow_many(
         self,
@@ -97,34 +98,3 @@ class ChainMotion:
             spent,
             records,
         )
-
-    def _follow(
-        self,
-        state: LineState,
-        scratch: tuple[Any, ...],
-        targets: np.ndarray,
-        exact: bool,
-        budget: int,
-        account: np.ndarray,
-        records: np.ndarray,
-        patches: Patches | None,
-        pieces: np.ndarray,
-    ) -> tuple[int, float, int]:
-        body = self.body
-        found: tuple[int, float, int] = ramp.follow(
-            body.elasticity,
-            state.contacts,
-            state.links,
-            state.status,
-            targets,
-            exact,
-            budget,
-            body.element_ends,
-            body.share,
-            *scratch,
-            account,
-            records,
-            patches,
-            pieces,
-        )
-        return found

@@ -15,10 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...body.places import put_on_ground
 from ...compiled import compiled, inlined, lean
 from ...rounding import EPS
-from ..borders import AT_JUMP, FOLLOWED, LOST, OF_RAMP, PASSED, STOPPED, SUM_BACKWARD, SUM_FORWARD
 from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
@@ -37,7 +35,6 @@ from ..state import (
     STIFFNESS,
     TENSION,
     TENSION_REF,
-    UNSOLVED,
     VIOLATION,
     VISITED,
     WORK,
@@ -47,7 +44,6 @@ from ..state import (
     begin_loads,
     end_loads,
     is_in_force,
-    read_commands,
     record,
 )
 from ..translation import nearness
@@ -173,10 +169,9 @@ def follow(
     long_ints,
     account,
     records,
-    patches,
     pieces,
 ):
-    """Follow straight ramps to each of the targets in turn, until contacts reach a border that they do not cross.
+    """Follow straight ramps to each of the targets in turn.
 
     Args:
         elasticity: rows STIFFNESS and COMPLIANCE, shape (2, N - 1).
@@ -196,19 +191,11 @@ def follow(
         long_ints: likewise.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 3 N - 1), or no rows.
-        patches: a `Patches`, for contacts with rows of loads, changed in place; None on ground that is the same
-            everywhere, where the gained displacement starts at zero.
         pieces: output, from `room_for_pieces`, or without rows.
-
-    Returns:
-        The number of targets reached; the part of the next ramp that was followed; and how it ended, see `borders`.
     """
     n = contacts.shape[1]
     ramp = np.zeros(account.shape[0])
-    if patches is None:
-        contacts[GAINED, :] = 0.0
-    else:
-        here = np.empty(4 * n - 1)
+    contacts[GAINED, :] = 0.0
     tables = carve(long_floats, long_ints)
     wide = spans_decades(elasticity[COMPLIANCE])
     energy = 0.0
@@ -216,26 +203,15 @@ def follow(
         energy += 0.5 * links[TENSION, i] * links[TENSION, i] * elasticity[COMPLIANCE, i]
     for v in range(targets.shape[0]):
         target = targets[v]
-        commands = (target, target)
-        if patches is not None:
-            unheld = put_on_ground(target, n - 1, patches.ground, here)
-            if unheld != 0:
-                return v, 0.0, unheld
-            commands = (targets[v - 1] if v > 0 else patches.command, target)
-            target = here
-            patches.jumps[0, LOST:] = 0.0
-            patches.jumps[0, OF_RAMP] = v
-            patches.jumps[0, SUM_FORWARD] = here[n - 1 : 2 * n - 1].sum()
-            patches.jumps[0, SUM_BACKWARD] = here[2 * n - 1 : 3 * n - 1].sum()
         if not is_in_force(contacts, links, target):
             bytes_[ROW_MOVED] = 0
             ramp[:] = 0.0
             ramp[VISITED] = np.inf
             begin_loads(contacts, target)
             begin_ramp(pieces, v)
-            finished, part = False, 0.0
+            finished = False
             if exact:
-                finished, part = follow_events(
+                finished, _ = follow_events(
                     elasticity,
                     contacts,
                     links,
@@ -252,23 +228,8 @@ def follow(
                     elements,
                     share,
                     wide,
-                    patches,
-                    commands,
                     pieces,
                 )
-            if patches is not None and patches.jumps[0, STOPPED] != 0.0:
-                middle = np.empty(target.shape[0])
-                read_commands(contacts, links, middle)
-                if part == 1.0:
-                    middle[:] = target
-                visited = ramp[VISITED]
-                _finish(elasticity, contacts, links, status, middle, bytes_, ramp, energy, wide)
-                if patches.jumps[0, STOPPED] == AT_JUMP:  # a jump does not count for the visited margin
-                    ramp[VISITED] = visited
-                ramp[DISSIPATION] -= patches.jumps[0, LOST]
-                end_loads(contacts, middle, ramp)
-                add_ramp(account, ramp)
-                return v, part, FOLLOWED
             if not finished:
                 if exact:
                     ramp[OVERSPENT] = 1.0
@@ -278,17 +239,12 @@ def follow(
                     elasticity, contacts, links, status, target, floats, bytes_, stacks, ramp, elements, share, wide
                 )
             energy = _finish(elasticity, contacts, links, status, target, bytes_, ramp, energy, wide)
-            if patches is not None:
-                ramp[DISSIPATION] -= patches.jumps[0, LOST]
             end_loads(contacts, target, ramp)
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             record(contacts, links, account, records[v])
-        if patches is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
-            return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         force = floats[ROW_TRIAL]
         for i in range(n):
             force[i] = (links[TENSION, i] if i < n - 1 else 0.0) - (links[TENSION, i - 1] if i > 0 else 0.0)
         account[VISITED] = nearness(force, contacts[FORWARD], contacts[BACKWARD])
-    return targets.shape[0], 0.0, FOLLOWED

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from ...rounding import SHORTEST_STRETCH
-from ..borders import find_border, mark_reached
 from ..pieces import note_piece
 from ..state import (
     ACTUATION,
@@ -175,11 +174,9 @@ def follow_events(
     rounds,
     elements,
     share,
-    ground,
-    reached,
     pieces_met,
 ):
-    """Follow the straight ramp to `target` from event to event, or until a contact reaches a border of the ground.
+    """Follow the straight ramp to `target` from event to event.
 
     Args:
         ends: the two contacts of each spring, shape (S, 2).
@@ -197,8 +194,6 @@ def follow_events(
         rounds: upper limit of rounds of the active set.
         elements: both contacts of each element of a segment, shape (P, 2).
         share: weight of each contact in the net translation, shape (N,).
-        ground: rows as in `Track.find_ground`, shape (8, N); None on ground that is the same everywhere.
-        reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
         pieces_met: output, from `room_for_pieces`, or without rows.
 
     Returns:
@@ -241,7 +236,7 @@ def follow_events(
         return 0.0, spent >= budget
     in_ring = False
     if ring is not None:
-        in_ring = ground is None and pieces_met.shape[0] == 0 and can_follow(contacts, target, springs, ring, stiffness)
+        in_ring = pieces_met.shape[0] == 0 and can_follow(contacts, target, springs, ring, stiffness)
     visits = 0
     handed_back = False
     at = 0.0
@@ -281,31 +276,20 @@ def follow_events(
                     floats[ROW_MIDDLE_B, i] = contacts[BACKWARD, i] + middle * floats[ROW_D_BACKWARD, i]
                 least, most = choose_translation(v, floats[ROW_MIDDLE], floats[ROW_MIDDLE_B], elements, share)
                 shifted = True
-                if ground is not None:
-                    ds = min(ds, find_border(contacts, v, floats[ROW_SINCE], at, ground) - at)
                 if ds > SHORTEST_STRETCH and is_wide(least, most, v):
                     account[AMBIGUOUS] = 1.0
                     account[GAIN_LEAST] += least * ds
                     account[GAIN_MOST] += most * ds
-        at_border = False
-        if ground is not None:
-            meeting = find_border(contacts, v, floats[ROW_SINCE], at, ground)
-            if meeting < until or (ending and meeting <= 1.0):
-                until = meeting
-                ending = False
-                at_border = True
         if not ending and spent > budget:
             advance(contacts, links, status, floats, changes, bytes_, account, at)
             return at, True
         note_piece(pieces_met, at, until, v, floats[ROW_ARRIVAL], bytes_[ROW_COMING])
-        if until > at or (pieces == 0 and not at_border):
+        if until > at or pieces == 0:
             pieces += 1
             account[EVENTS] += 1
         at = until
-        if at_border or ending:
+        if ending:
             advance(contacts, links, status, floats, changes, bytes_, account, at)
-            if at_border:
-                mark_reached(contacts, v, ground, reached)
             return at, True
 
         count = 0

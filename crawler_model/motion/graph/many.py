@@ -82,8 +82,6 @@ def follow_many(
                 memory,
                 accounts[m],
                 records[m, legs[leg] : legs[leg + 1]],
-                None,
-                None,
                 pieces,
             )
             spent[m, leg, 0] = accounts[m, WORK]

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...body.body import Body
-from ..borders import Patches
 from ..line_state import LineState, build_line_state
 from ..pieces import NO_PIECES
 from ..translation import FEW_CONTACTS
@@ -58,20 +57,6 @@ class GraphMotion:
         work = (*active_set.workspace(self.network), paths.memory(n))
         return work, ring.memory(self.body.ends, n), memory.scratch(n, self.body.springs)
 
-    def follow_to_border(
-        self,
-        state: LineState,
-        scratch: tuple[Any, ...],
-        targets: np.ndarray,
-        budget: int,
-        account: np.ndarray,
-        records: np.ndarray,
-        patches: Patches,
-    ) -> tuple[int, float, int]:
-        """Follow straight ramps exactly, to the first border of the ground, see `Motion` and `LineMotion`."""
-        found = patches.ground, patches.reached
-        return self._follow(state, scratch, targets, True, budget, account, records, *found, NO_PIECES)
-
     def follow(
         self,
         state: LineState,
@@ -84,7 +69,28 @@ class GraphMotion:
         pieces: np.ndarray = NO_PIECES,
     ) -> None:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        self._follow(state, scratch, targets, exact, budget, account, records, None, None, pieces)
+        body = self.body
+        work, around, ramp_memory = scratch
+        ramp.follow(
+            body.ends,
+            body.stiffness,
+            (tuple(self.network.layout), self.network.conductances),
+            work,
+            around,
+            state.contacts,
+            state.links,
+            state.status,
+            targets,
+            exact,
+            budget,
+            body.element_ends,
+            body.share,
+            active_set.most_rounds(body.contacts),
+            ramp_memory,
+            account,
+            records,
+            pieces,
+        )
 
     def follow_many(
         self,
@@ -123,42 +129,3 @@ class GraphMotion:
             spent,
             records,
         )
-
-    def _follow(
-        self,
-        state: LineState,
-        scratch: tuple[Any, ...],
-        targets: np.ndarray,
-        exact: bool,
-        budget: int,
-        account: np.ndarray,
-        records: np.ndarray,
-        ground: np.ndarray | None,
-        reached: np.ndarray | None,
-        pieces: np.ndarray,
-    ) -> tuple[int, float, int]:
-        body = self.body
-        work, around, ramp_memory = scratch
-        found: tuple[int, float, int] = ramp.follow(
-            body.ends,
-            body.stiffness,
-            (tuple(self.network.layout), self.network.conductances),
-            work,
-            around,
-            state.contacts,
-            state.links,
-            state.status,
-            targets,
-            exact,
-            budget,
-            body.element_ends,
-            body.share,
-            active_set.most_rounds(body.contacts),
-            ramp_memory,
-            account,
-            records,
-            ground,
-            reached,
-            pieces,
-        )
-        return found

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...body.places import put_on_ground
 from ...compiled import compiled, inlined, lean
 from ...rounding import EPS
-from ..borders import FOLLOWED, PASSED
 from ..pieces import begin_ramp
 from ..state import (
     ACTUATION,
@@ -40,7 +38,6 @@ from ..state import (
     begin_loads,
     end_loads,
     is_in_force,
-    read_commands,
     record,
     shift,
 )
@@ -266,11 +263,9 @@ def follow(
     memory,
     account,
     records,
-    ground,
-    reached,
     pieces,
 ):
-    """Follow straight ramps to each of the targets in turn, until a contact reaches a border of the ground.
+    """Follow straight ramps to each of the targets in turn.
 
     Args:
         ends: the two contacts of each spring, shape (S, 2).
@@ -291,27 +286,14 @@ def follow(
         memory: from `memory.scratch`.
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
-        ground: from `Track.find_ground`, shape (8, N), for contacts with rows of loads; None on ground that is the
-            same everywhere, where the gained displacement starts at zero.
-        reached: output: the contacts that reached a border, from `mark_reached`, int8, shape (N,); or None.
         pieces: output, from `room_for_pieces`, or without rows.
-
-    Returns:
-        The number of targets reached; the part of the next ramp that was followed; and how it ended, see `borders`.
     """
     n, springs = contacts.shape[1], ends.shape[0]
     ramp = np.zeros(account.shape[0])
     floats, bytes_ = memory[0], memory[2]
-    here = np.empty(springs + 3 * n)
-    if ground is None:
-        contacts[GAINED, :] = 0.0
+    contacts[GAINED, :] = 0.0
     for v in range(targets.shape[0]):
         target = targets[v]
-        if ground is not None:
-            unheld = put_on_ground(targets[v], springs, ground, here)
-            if unheld != 0:
-                return v, 0.0, unheld
-            target = here
         if not is_in_force(contacts, links, target):
             energy = _stored_energy(stiffness, links)
             floats[ROW_BEFORE] = contacts[RELATIVE]
@@ -338,15 +320,10 @@ def follow(
                     rounds,
                     elements,
                     share,
-                    ground,
-                    reached,
                     pieces,
                 )
                 if done < 1.0:
-                    at_border = False
-                    if ground is not None:
-                        at_border = reached.any()
-                    if done < 1.0 - INSTANT and not at_border:
+                    if done < 1.0 - INSTANT:
                         ramp[OVERSPENT if solved else UNSOLVED] = 1.0
                     for s in range(springs):
                         links[ACTUATION, s] += done * (target[s] - links[ACTUATION, s])
@@ -354,15 +331,6 @@ def follow(
                         contacts[FORWARD, i] += done * (target[springs + i] - contacts[FORWARD, i])
                         contacts[BACKWARD, i] += done * (target[springs + n + i] - contacts[BACKWARD, i])
                     advance_loads(contacts, done)
-                if ground is not None and reached.any():
-                    middle = np.empty(target.shape[0])
-                    read_commands(contacts, links, middle)
-                    if done == 1.0:
-                        middle[:] = target
-                    _finish(ends, stiffness, network, work, contacts, links, status, middle, memory, ramp, energy)
-                    end_loads(contacts, middle, ramp)
-                    add_ramp(account, ramp)
-                    return v, done, FOLLOWED
             else:
                 ramp[EVENTS] = 1.0
             if done < 1.0:
@@ -391,9 +359,6 @@ def follow(
             add_ramp(account, ramp)
         if records.shape[0] > 0:
             record(contacts, links, account, records[v])
-        if ground is not None and ramp[OVERSPENT] + ramp[UNSOLVED] > 0.0:
-            return v + 1, 0.0, PASSED
     if account[VISITED] == np.inf:  # no command changed
         contact_forces(ends, links[TENSION], floats[ROW_FORCE])
         account[VISITED] = margin_at_rest(status, floats, contacts, bytes_[ROW_LAST])
-    return targets.shape[0], 0.0, FOLLOWED

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 from ...compiled import lean
-from ..state import DISSIPATION, LOADS_WORK, WORK
 
 _RETURNED = 2.0**-50
 """A gain that is left of a larger one of opposite sign, below this part of it, is rounding."""
+
+
+@lean
+def place_of(record, ramp):
+    """Find where on its line a contact or a spring is now.
+
+    Args:
+        record: a CONTACT or a SPRING.
+        ramp: the RAMP.
+
+    Returns:
+        The place on the ramp, or on the present fall if it takes part in that.
+    """
+    return ramp.rests if ramp.falling and record.since >= 0.0 else ramp.s
 
 
 @lean
@@ -26,13 +39,13 @@ def move(c, distance):
 
 
 @lean
-def advance(c, account, s):
+def advance(c, ramp, s):
     """Advance a contact to s, and account for the friction and the load on its way.
 
     Args:
         c: a CONTACT.
-        account: of the ramp, added to, shape (14,).
-        s: place on the ramp.
+        ramp: the RAMP, whose account is added to.
+        s: place on the ramp, or on the fall that it takes part in.
     """
     begin, c.since = c.since, s
     ds = s - begin
@@ -43,29 +56,29 @@ def advance(c, account, s):
         return
     middle = 0.5 * (begin + s)
     distance = c.v * ds
-    if c.fallen != 0:
-        fall = c.d_forward if c.v > 0.0 else -c.d_backward
-        c.lost -= (1.0 - middle) * fall * distance
+    if c.fallen != 0 and begin < 0.0:  # in a fall: what its bound exceeds that of the ground by
+        c.lost += middle * (c.d_forward if c.v > 0.0 else -c.d_backward) * distance
     if c.v > 0.0:
-        account[DISSIPATION] += (c.forward + middle * c.d_forward) * distance
+        ramp.dissipation += (c.forward + middle * c.d_forward) * distance
     else:
-        account[DISSIPATION] -= (c.backward + middle * c.d_backward) * distance
-    account[LOADS_WORK] += (c.load + middle * c.d_load) * distance
+        ramp.dissipation -= (c.backward + middle * c.d_backward) * distance
+    ramp.loads_work += (c.load + middle * c.d_load) * distance
     move(c, distance)
 
 
 @lean
-def advance_spring(spring, account, s):
+def advance_spring(spring, ramp, s):
     """Advance the tension of a spring to s, and account for the work of its actuator.
 
     Args:
         spring: a SPRING.
-        account: of the ramp, added to, shape (14,).
+        ramp: the RAMP, whose account is added to.
         s: place on the ramp.
     """
     ds = s - spring.since
     spring.since = s
     if ds > 0.0:
         change = spring.rate * ds
-        account[WORK] -= (spring.tension + 0.5 * change) * spring.d_length * ds
+        if s > 0.0:  # in a fall, commands rest
+            ramp.work -= (spring.tension + 0.5 * change) * spring.d_length * ds
         spring.tension += change

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...compiled import lean
 from ...rounding import EPS, NOISE
+from .advance import place_of
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
 from .records import BACKWARD, FORWARD
@@ -24,16 +25,36 @@ ROUNDING = 32.0 * EPS
 
 
 @lean
-def settle(c, s):
-    """Mark a contact as inside the bounds that it left before s.
+def settle(c, ramp):
+    """Mark a contact as inside the bounds that it left before the present place on the ramp.
 
     Args:
         c: a CONTACT.
-        s: place on the ramp.
+        ramp: the RAMP.
     """
-    if c.leaving != 0 and c.since < s:
+    if c.leaving != 0 and c.since < place_of(c, ramp):
         c.at &= ~c.leaving
         c.leaving = 0
+
+
+@lean
+def list_contact(contacts, block, i, count):
+    """List a contact among those around which rates change, unless it is listed.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        block: BLOCK, which holds the list.
+        i: the contact.
+        count: how many are listed.
+
+    Returns:
+        How many are listed now.
+    """
+    if contacts[i].listed:
+        return count
+    contacts[i].listed = 1
+    block[count].hit = i
+    return count + 1
 
 
 @lean
@@ -47,25 +68,26 @@ def is_wall(c, ramp):
     Returns:
         True if it is; in an implicit step none is.
     """
-    settle(c, ramp.s)
+    settle(c, ramp)
     return c.at == 0 and not ramp.stepping
 
 
 @lean
-def _enter(contacts, model, ramp, row, i):
+def _enter(contacts, block, ramp, row, i):
     """Enter contact i in a row of the block: the limits of the rate of its force, and how it moved before."""
-    c, e = contacts[i], model.block[row]
+    c, e = contacts[i], block[row]
     c.mark, c.row = ramp.block, row
     e.contact = i
-    e.load = c.pull
+    e.load = 0.0 if ramp.falling else c.pull
     if ramp.stepping:
         e.load += c.force
         e.upper, e.lower = c.forward + c.d_forward, -(c.backward + c.d_backward)
         e.blur = 0.0
     else:
-        e.upper = c.d_forward if c.at & FORWARD else np.inf
-        e.lower = -c.d_backward if c.at & BACKWARD else -np.inf
-        changing = c.d_forward != 0.0 or c.d_backward != 0.0
+        moves = not ramp.falling or c.since < 0.0  # else it has yet to be drawn into the fall
+        e.upper = (c.d_forward if moves else 0.0) if c.at & FORWARD else np.inf
+        e.lower = (-c.d_backward if moves else 0.0) if c.at & BACKWARD else -np.inf
+        changing = moves and (c.d_forward != 0.0 or c.d_backward != 0.0)
         e.blur = abs(c.forward) + abs(c.backward) if changing else 0.0
     if e.lower > e.upper:  # both bounds are met by rounding just before the interval between them vanishes
         e.upper = e.lower = 0.5 * (e.lower + e.upper)
@@ -75,16 +97,16 @@ def _enter(contacts, model, ramp, row, i):
 
 
 @lean
-def _enter_spring(springs, model, ramp, row, k):
+def _enter_spring(springs, ends, e, ramp, k):
     """Enter the spring before the contact of a row; k is the end of it at the contact before, -1 if there is none."""
-    e = model.block[row]
     e.spring = -1
     e.trial = e.compliance = 0.0
     if k >= 0:
-        end = model.ends[k]
+        end = ends[k]
         spring = springs[end.spring]
         e.spring, e.sign, e.compliance = end.spring, end.sign, spring.compliance
-        e.trial = -end.sign * spring.stiffness * spring.d_length
+        if not ramp.falling:
+            e.trial = -end.sign * spring.stiffness * spring.d_length
         if ramp.stepping:
             e.trial += end.sign * spring.tension
 
@@ -123,8 +145,8 @@ def _find_path(contacts, springs, model, ramp, i):
     if k >= 0:
         before = _end_at(contacts[ends[k].other], ends, came)
     while True:
-        _enter_spring(springs, model, ramp, count, before)
-        _enter(contacts, model, ramp, count, here)
+        _enter_spring(springs, ends, model.block[count], ramp, before)
+        _enter(contacts, model.block, ramp, count, here)
         count += 1
         before = _leave_by(contacts[here], ends, came)
         if before < 0:
@@ -136,7 +158,7 @@ def _find_path(contacts, springs, model, ramp, i):
         if o.last - o.first > 2 or o.mark == ramp.block:
             return 0
         here = ends[before].other
-    _enter_spring(springs, model, ramp, count, before)
+    _enter_spring(springs, ends, model.block[count], ramp, before)
     return count
 
 
@@ -167,10 +189,8 @@ def _sort_rows(contacts, block, count):
 
 
 @lean
-def _find_mesh(contacts, model, matrix, ramp, i):
+def _find_mesh(contacts, model, ramp, i):
     """Find the block around contact i of a graph; returns the number of its contacts."""
-    if matrix is None:
-        return 0
     block, ends = model.block, model.ends
     contacts[i].mark = ramp.block
     block[0].contact = i
@@ -186,7 +206,7 @@ def _find_mesh(contacts, model, matrix, ramp, i):
                 count += 1
     _sort_rows(contacts, block, count)
     for row in range(count):
-        _enter(contacts, model, ramp, row, block[row].contact)
+        _enter(contacts, block, ramp, row, block[row].contact)
     return count
 
 
@@ -209,7 +229,7 @@ def find_block(contacts, springs, model, ramp, i):
     ramp.path = count
     if count == 0:
         ramp.block += 1
-        count = _find_mesh(contacts, model, model.matrix, ramp, i)
+        count = _find_mesh(contacts, model, ramp, i)
     return count
 
 
@@ -301,7 +321,7 @@ def _solve_sides(contacts, springs, model, ramp, count):
     if ramp.path > 0:
         solve_path(model.block, count)
     else:
-        solve_mesh(contacts, springs, model, model.matrix, count)
+        solve_mesh(contacts, springs, model, count)
 
 
 @lean

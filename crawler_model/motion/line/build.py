@@ -10,8 +10,8 @@ from ...body.body import Body
 from ...body.ground import Track
 from ...errors import SceneError
 from ...rounding import EPS
-from ..state import ACCOUNT_SIZE
-from .records import BACKWARD, BLOCK, CONTACT, END, FOOT, FORWARD, RAMP, SPRING, Model
+from ..pieces import NO_PIECES
+from .records import BACKWARD, BLOCK, CONTACT, END, FOOT, FORWARD, SPRING, zeros
 
 _MOST_NUMBERS = 50_000_000
 """Largest number of entries of the matrix of a graph."""
@@ -39,34 +39,24 @@ def _order(body: Body) -> tuple[np.ndarray, int]:
     return place, width
 
 
-def build_model(body: Body, pieces: np.ndarray | None = None) -> Model:
-    """Allocate what a ramp needs beside contacts and springs.
+def build_memory(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, None]:
+    """Allocate the memory in which ramps are followed.
 
     Args:
         body: the body.
-        pieces: rows for the pieces of the path, from `motion.pieces.room_for_pieces`; None if they are not asked for.
 
     Returns:
-        The model; it holds no data between calls.
+        The fields of a `Model` without ground; beside the ends of springs they hold no data between calls.
     """
     n, count = body.contacts, body.springs
     at = body.ends.T.ravel()
     order = np.argsort(at, kind="stable")
-    ends = np.zeros(2 * count, END).view(np.recarray)
+    ends = zeros(2 * count, END)
     ends["other"] = body.ends.T[::-1].ravel()[order]
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
-    matrix = None if body.is_chain else np.zeros((n, max(_order(body)[1], 1)))
-    return Model(
-        ends,
-        np.zeros(n + 1, BLOCK).view(np.recarray),
-        np.zeros(1, RAMP).view(np.recarray),
-        body.share,
-        np.zeros(ACCOUNT_SIZE),
-        matrix,
-        body.element_ends if body.segments else None,
-        pieces,
-    )
+    width = 1 if body.is_chain else max(_order(body)[1], 1)
+    return ends, zeros(n + 1, BLOCK), np.zeros((n, width)), NO_PIECES, None
 
 
 def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -80,10 +70,12 @@ def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     Returns:
         SPRING, shape (..., S).
     """
-    springs = np.zeros((*x.shape[:-1], body.springs), SPRING).view(np.recarray)
+    springs = zeros((*x.shape[:-1], body.springs), SPRING)
     springs["a"], springs["b"] = body.ends.T
     springs["stiffness"], springs["compliance"] = body.stiffness, 1.0 / body.stiffness
     springs["length"] = springs["still_length"] = lengths
+    for segment in body.segments:
+        springs["element"][..., segment.springs] = 1
     springs["elongation"] = body.elongation(x)
     springs["tension"] = body.stiffness * (springs["elongation"] - lengths)
     springs["still_tension"] = springs["tension"]
@@ -103,8 +95,8 @@ def build_contacts(body: Body, x: np.ndarray, tension: np.ndarray, bounds: np.nd
         CONTACT, shape (..., N).
     """
     n = body.contacts
-    contacts = np.zeros(x.shape, CONTACT).view(np.recarray)
-    contacts["x"] = x
+    contacts = zeros(x.shape, CONTACT)
+    contacts["x"], contacts["share"] = x, body.share
     forward, backward, load = np.split(bounds, (n, 2 * n), axis=-1)
     contacts["forward"], contacts["backward"] = forward, backward
     if load.size:
@@ -137,7 +129,7 @@ def build_feet(body: Body, track: Track, place: np.ndarray, bounds: np.ndarray) 
         FOOT, shape (N,).
     """
     n = body.contacts
-    feet = np.zeros(n, FOOT).view(np.recarray)
+    feet = zeros(n, FOOT)
     feet["home"], feet["place"] = body.position, place
     feet["weight"], feet["follows"] = track.stretches.weight, track.stretches.follows
     feet["forward"], feet["backward"] = bounds[:n], bounds[n : 2 * n]

@@ -11,12 +11,12 @@ import numpy as np
 from ...compiled import lean
 from ...rounding import EPS, LATE
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
-from ..state import EVENTS
 from .advance import advance, advance_spring
-from .block import ROUNDING, find_block, find_sides, settle
-from .ground import find_meeting, gather_falls, has_fall, is_falling, leave_border, reach_border, rest_on_border
+from .block import ROUNDING, find_block, find_sides, list_contact, settle
+from .falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
+from .ground import find_meeting, leave_border, reach_border, rest_on_border
 from .path import elongation_rate
-from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, JUMPS, SPENT, UNSOLVED
+from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, SPENT, UNSOLVED
 from .tournament import begin_tournament, find_earliest, schedule
 from .translation import choose, sample_margin
 
@@ -25,19 +25,19 @@ _BEGINS = 1e-300
 
 
 @lean
-def find_arrival(c, springs, ends, s):
+def find_arrival(c, springs, ends, ramp):
     """Find when a contact reaches a bound that its force is not at.
 
     Args:
         c: a CONTACT at s; `coming` is written.
         springs: SPRING, shape (S,).
         ends: END, shape (2 S,).
-        s: place on the ramp.
+        ramp: the RAMP.
 
     Returns:
         The place on the ramp; infinite if it reaches none.
     """
-    when, closing = np.inf, 0.0
+    s, when, closing = ramp.s, np.inf, 0.0
     above = c.force_rate - c.d_forward
     below = -c.force_rate - c.d_backward
     if above > 0.0 and not c.at & FORWARD:
@@ -48,23 +48,23 @@ def find_arrival(c, springs, ends, s):
         if other < when:
             when, closing = other, below
             c.coming = BACKWARD
-    if LATE < when < 1.0:  # an arrival within rounding of the end of the ramp is one at its end
+    if ramp.end - (1.0 - LATE) < when < ramp.end:  # an arrival within rounding of the end of the ramp is one at its end
         size = abs(c.forward) + abs(c.backward) + abs(c.d_forward) + abs(c.d_backward)
         for k in range(c.first, c.last):
             spring = springs[ends[k].spring]
             size += abs(spring.tension) + abs(spring.rate)
-        if closing * (1.0 - when) <= 8.0 * EPS * size:
-            return 1.0
+        if closing * (ramp.end - when) <= 8.0 * EPS * size:
+            return ramp.end
     return when
 
 
 @lean
-def _find_next(c, springs, model, s, i):
-    """Find the next event of contact i of a block that has just been solved at s."""
-    when = find_meeting(c, model.ground, i)
+def _find_next(c, springs, ends, ground, ramp, i):
+    """Find the next event of contact i of a block that has just been solved."""
+    when = find_meeting(c, ground, i)
     if c.side == 0 or c.d_forward + c.d_backward < 0.0:
         border = c.coming
-        other = find_arrival(c, springs, model.ends, s)
+        other = find_arrival(c, springs, ends, ramp)
         if other < when:
             return other
         c.coming = border
@@ -75,23 +75,28 @@ def _find_next(c, springs, model, s, i):
 def _touch_wall(contacts, springs, model, ramp, i):
     """Find the rate of the force on a wall from those of its springs, and its next event."""
     c = contacts[i]
-    advance(c, model.account, ramp.s)
+    if ramp.falling:
+        draw(contacts, model, model.ground, ramp, i)
+    advance(c, ramp, ramp.s)
     c.force_rate = 0.0
     for k in range(c.first, c.last):
         end = model.ends[k]
-        c.force_rate += end.sign * springs[end.spring].rate
+        if not ramp.falling or springs[end.spring].since < 0.0:
+            c.force_rate += end.sign * springs[end.spring].rate
     if ramp.begun:
-        schedule(contacts, i, find_arrival(c, springs, model.ends, ramp.s), ramp.begun)
+        schedule(contacts, i, find_arrival(c, springs, model.ends, ramp), ramp.begun)
 
 
 @lean
 def _set_rates(contacts, springs, model, ramp, count):
     """Advance a solved block to s, and give its contacts and springs the rates that were found."""
-    block, ends, account, s = model.block, model.ends, model.account, ramp.s
+    block, ends, s = model.block, model.ends, ramp.s
     for j in range(count):
         c = contacts[block[j].contact]
-        advance(c, account, s)
         stops = block[j].v == 0.0 and c.v != 0.0
+        if ramp.falling:
+            draw(contacts, model, model.ground, ramp, block[j].contact)
+        advance(c, ramp, s)
         c.v = block[j].v
         if stops:
             rest_on_border(c, model.ground, ramp, block[j].contact)
@@ -100,7 +105,8 @@ def _set_rates(contacts, springs, model, ramp, count):
             e = block[j]
             if e.spring >= 0:
                 spring = springs[e.spring]
-                advance_spring(spring, account, s)
+                draw_spring(spring, model.ground, ramp)
+                advance_spring(spring, ramp, s)
                 spring.rate = e.sign * e.flow - (spring.tension if ramp.stepping else 0.0)
                 spring.moved |= elongation_rate(e.flow, e.trial, e.compliance) != 0.0
         return
@@ -111,9 +117,10 @@ def _set_rates(contacts, springs, model, ramp, count):
             if o.mark == c.mark and ends[k].sign < 0.0:
                 continue  # its other end is in the block, too
             spring = springs[ends[k].spring]
-            advance_spring(spring, account, s)
+            draw_spring(spring, model.ground, ramp)
+            advance_spring(spring, ramp, s)
             stretch = ends[k].sign * ((o.v if o.mark == c.mark else 0.0) - c.v)
-            spring.rate = spring.stiffness * (stretch - spring.d_length)
+            spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
             spring.moved |= stretch != 0.0
 
 
@@ -139,8 +146,8 @@ def _hold_sides(contacts, springs, model, ramp, count):
             if c.at == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:
                 held = FORWARD | BACKWARD
         c.leaving = c.at & ~held
-        leave_border(c, model.ground, e.contact)
-        schedule(contacts, e.contact, _find_next(c, springs, model, s, e.contact), ramp.begun)
+        leave_border(c, model.ground, ramp, e.contact)
+        schedule(contacts, e.contact, _find_next(c, springs, model.ends, model.ground, ramp, e.contact), ramp.begun)
         if j == 0 or j == count - 1 or ramp.path == 0:
             for k in range(c.first, c.last):
                 if contacts[model.ends[k].other].mark != ramp.block:
@@ -162,8 +169,7 @@ def solve_around(contacts, springs, model, ramp, i):
         False if no rates were found.
     """
     count = find_block(contacts, springs, model, ramp, i)
-    if has_fall(contacts, model.block, model.ground, ramp, count):
-        ramp.jumping = 1
+    if find_due(contacts, model.block, model.ground, ramp, count):
         return False
     if not find_sides(contacts, springs, model, ramp, count):
         return False
@@ -174,26 +180,16 @@ def solve_around(contacts, springs, model, ramp, i):
 
 
 @lean
-def _list(contacts, model, i, count):
-    """List contact i among those around which rates change, unless it is listed; returns how many are."""
-    if contacts[i].listed:
-        return count
-    contacts[i].listed = 1
-    model.block[count].hit = i
-    return count + 1
-
-
-@lean
 def _list_blocks(contacts, model, ramp, count):
     """List all contacts at bounds, each advanced to s; returns how many are listed."""
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        advance(c, model.account, ramp.s)
-        settle(c, ramp.s)
+        advance(c, ramp, ramp.s)
+        settle(c, ramp)
         if c.at == 0:
             c.v = 0.0
         else:
-            count = _list(contacts, model, i, count)
+            count = list_contact(contacts, model.block, i, count)
     return count
 
 
@@ -203,13 +199,13 @@ def _stop(contacts, springs, model, ramp, i, count):
     c = contacts[i]
     for k in range(c.first, c.last):
         o = contacts[model.ends[k].other]
-        settle(o, ramp.s)
+        settle(o, ramp)
         if o.at != 0:
-            count = _list(contacts, model, model.ends[k].other, count)
+            count = list_contact(contacts, model.block, model.ends[k].other, count)
         else:
             spring = springs[model.ends[k].spring]
-            advance_spring(spring, model.account, ramp.s)
-            spring.rate = -spring.stiffness * spring.d_length
+            advance_spring(spring, ramp, ramp.s)
+            spring.rate = 0.0 if ramp.falling else -spring.stiffness * spring.d_length
     return count
 
 
@@ -220,10 +216,10 @@ def _meet(contacts, springs, model, ramp):
     i = find_earliest(contacts)
     while contacts[i].next <= ramp.s:
         c = contacts[i]
-        settle(c, ramp.s)
-        advance(c, model.account, ramp.s)
-        if is_falling(c, model.ground, ramp, i):
-            ramp.jumping = 1  # all that fall now are gathered at the end of this part
+        settle(c, ramp)
+        advance(c, ramp, ramp.s)
+        if is_due(c, model.ground, ramp, i):
+            pass  # it falls with all others that do
         elif c.coming == AHEAD or c.coming == BEHIND:
             if reach_border(c, model.ground, ramp, i) > 0:
                 count = _stop(contacts, springs, model, ramp, i, count)
@@ -231,7 +227,7 @@ def _meet(contacts, springs, model, ramp):
             c.at |= c.coming
             c.v = _BEGINS if c.coming == FORWARD else -_BEGINS
         schedule(contacts, i, np.inf, ramp.begun)
-        count = _list(contacts, model, i, count)
+        count = list_contact(contacts, model.block, i, count)
         i = find_earliest(contacts)
     if ramp.shifted:
         count = _list_blocks(contacts, model, ramp, count)
@@ -247,7 +243,7 @@ def _touch_stopped(contacts, springs, model, ramp, count):
         if contacts[i].at == 0:
             for k in range(contacts[i].first, contacts[i].last):
                 o = model.ends[k].other
-                if contacts[o].at == 0:
+                if contacts[o].at == 0 and (not ramp.falling or contacts[o].since < 0.0):
                     _touch_wall(contacts, springs, model, ramp, o)
             _touch_wall(contacts, springs, model, ramp, i)
 
@@ -258,7 +254,7 @@ def _begin_tournament(contacts, springs, model, ramp):
     for i in range(contacts.shape[0]):
         c = contacts[i]
         if c.at == 0:
-            c.next = find_arrival(c, springs, model.ends, 0.0)
+            c.next = find_arrival(c, springs, model.ends, ramp)
     begin_tournament(contacts)
     ramp.begun = 1
 
@@ -266,22 +262,35 @@ def _begin_tournament(contacts, springs, model, ramp):
 @lean
 def _choose(contacts, springs, model, ground, ramp):
     """Choose the translation at s if it is free; borders are then met at other instants."""
-    choose(contacts, model, ramp)
+    choose(contacts, springs, model, ramp)
     if ground is None:
         return
     if ramp.shifted:
         for i in range(contacts.shape[0]):
             c = contacts[i]
-            leave_border(c, ground, i)
-            schedule(contacts, i, _find_next(c, springs, model, ramp.s, i), ramp.begun)
+            leave_border(c, ground, ramp, i)
+            schedule(contacts, i, _find_next(c, springs, model.ends, ground, ramp, i), ramp.begun)
 
 
 @lean
-def _give_up(contacts, ramp):
-    """End where rates cannot be found, or contacts jump; returns the outcome."""
-    for i in range(contacts.shape[0]):
-        contacts[i].listed = 0
-    return JUMPS if ramp.jumping else UNSOLVED
+def _give_up(contacts, springs, model, ramp, count):
+    """Return from an unfinished fall to the ramp, and clear the list."""
+    if ramp.falling:
+        count = end_fall(contacts, springs, model, model.ground, ramp, count)
+    for j in range(count):
+        contacts[model.block[j].hit].listed = 0
+
+
+@lean
+def _solve_blocks(contacts, springs, model, ramp, count):
+    """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
+    before = ramp.block
+    for j in range(count):
+        i = model.block[j].hit
+        if contacts[i].at != 0 and contacts[i].mark <= before and not solve_around(contacts, springs, model, ramp, i):
+            return ramp.due > 0
+    _touch_stopped(contacts, springs, model, ramp, count)
+    return True
 
 
 @lean
@@ -289,15 +298,13 @@ def _sample_before(contacts, model, ground, ramp):
     """Update the visited margin before contacts cross borders, which changes their bounds at once."""
     if ground is None:
         return
-    sample_margin(contacts, model.account, ramp)
+    sample_margin(contacts, ramp)
 
 
 @lean
 def _note_piece(pieces, contacts, begin, until):
     """Note a piece of the path, if pieces are asked for: its velocities, and the bounds reached at its end."""
-    if pieces is None:
-        return
-    if until <= begin:
+    if pieces.shape[0] == 0 or until <= begin:
         return
     pieces[0, COUNT] += 1.0
     row = int(pieces[0, COUNT])
@@ -324,33 +331,38 @@ def follow_events(contacts, springs, model, ramp):
         ramp: the RAMP; at the end `s` is the place that was reached, to which contacts and springs have yet to advance.
 
     Returns:
-        DONE, SPENT, UNSOLVED or JUMPS.
+        DONE, SPENT or UNSOLVED.
     """
-    account = model.account
-    account[EVENTS] += 1.0
+    ground = model.ground
+    ramp.events += 1.0
     count = _list_blocks(contacts, model, ramp, 0)
+    if has_fallen(contacts, ground):
+        count = begin_fall(contacts, springs, model, ground, ramp, count)
     while True:
-        before = ramp.block
-        for j in range(count):
-            i = model.block[j].hit
-            is_stale = contacts[i].at != 0 and contacts[i].mark <= before
-            if is_stale and not solve_around(contacts, springs, model, ramp, i):
-                return _give_up(contacts, ramp)
-        _touch_stopped(contacts, springs, model, ramp, count)
+        if ramp.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
+            _give_up(contacts, springs, model, ramp, count)
+            return UNSOLVED
+        if ramp.due > 0:
+            count = begin_fall(contacts, springs, model, ground, ramp, count)
+            continue
+        count = 0
         if not ramp.begun:
             _begin_tournament(contacts, springs, model, ramp)
-        _choose(contacts, springs, model, model.ground, ramp)
+        _choose(contacts, springs, model, ground, ramp)
         s = contacts[find_earliest(contacts)].next
         _note_piece(model.pieces, contacts, ramp.s, min(s, 1.0))
-        if not s < 1.0:
-            ramp.s = 1.0
-            ramp.jumping = gather_falls(contacts, account, model.ground, ramp)
-            return JUMPS if ramp.jumping else DONE
+        if not s < ramp.end:
+            ramp.s = ramp.end
+            if find_due_at_end(contacts, model.block, ground, ramp):
+                continue
+            if not ramp.falling:
+                return DONE
+            count = end_fall(contacts, springs, model, ground, ramp, count)
+            continue
         if ramp.effort > ramp.budget:
+            _give_up(contacts, springs, model, ramp, count)
             return SPENT
-        account[EVENTS] += s > ramp.s
+        ramp.events += s > ramp.s
         ramp.s = s
-        _sample_before(contacts, model, model.ground, ramp)
+        _sample_before(contacts, model, ground, ramp)
         count = _meet(contacts, springs, model, ramp)
-        if ramp.jumping:
-            return _give_up(contacts, ramp)

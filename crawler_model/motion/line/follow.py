@@ -6,28 +6,13 @@ import numpy as np
 
 from ...compiled import lean
 from ...rounding import EPS
+from .. import state
 from ..pieces import begin_ramp
-from ..state import (
-    COMPLEMENTARITY,
-    DISSIPATION,
-    EVENTS,
-    OVERSPENT,
-    RESIDUAL,
-    VIOLATION,
-    VISITED,
-    WORK,
-    add_ramp,
-    record_spent,
-)
-from ..state import (
-    UNSOLVED as NOT_SOLVED,
-)
 from .advance import advance, advance_spring
 from .block import settle
 from .events import follow_events, solve_around
-from .ground import gather_falls
 from .jumps import begin_on_ground, find_runaway, finish_on_ground, place_anew, slide_to_border
-from .records import BACKWARD, DONE, FORWARD, JUMPS, SPENT, UNSOLVED
+from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
 from .translation import choose_step
 
 ENDS, FOLLOWS, STEPS = range(3)
@@ -68,11 +53,13 @@ def _begin_contacts(contacts, model, ramp, target, springs):
 
 @lean
 def _begin(contacts, springs, model, ramp, target):
-    """Begin a ramp: the changes of the commands, and the rates if no contact moves; returns whether commands change."""
+    """Begin a ramp: what its commands change, and the rates if no contact moves; returns whether anything changes."""
+    ramp.s, ramp.end = 0.0, 1.0
+    ramp.begun = ramp.stepping = ramp.shifted = ramp.undetermined = ramp.falling = ramp.due = 0
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
     for j in range(springs.shape[0]):
         spring = springs[j]
-        spring.d_length = 0.0 if ramp.falling else target[j] - spring.length
+        spring.d_length = target[j] - spring.length
         changed = changed or spring.d_length != 0.0
         spring.rate = -spring.stiffness * spring.d_length
         spring.since = 0.0
@@ -85,8 +72,6 @@ def _begin(contacts, springs, model, ramp, target):
         if c.at == 0:
             c.v = 0.0
             c.force_rate = c.pull
-    ramp.s = 0.0
-    ramp.begun = ramp.stepping = ramp.shifted = ramp.undetermined = ramp.jumping = 0
     return changed
 
 
@@ -95,8 +80,8 @@ def _finish_contacts(contacts, model, ramp, target, springs):
     """Advance contacts to the end of what was followed of the ramp, and set their bounds to those there."""
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        settle(c, ramp.s)
-        advance(c, model.account, ramp.s)
+        settle(c, ramp)
+        advance(c, ramp, ramp.s)
     _finish_bounds(contacts, model.ground, ramp, target, springs)
     for i in range(contacts.shape[0]):
         contacts[i].force = 0.0
@@ -126,10 +111,9 @@ def _finish_spring(contacts, spring, model, ramp, length):
 
     Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows.
     """
-    advance_spring(spring, model.account, ramp.s)
+    advance_spring(spring, ramp, ramp.s)
     a, b = contacts[spring.a], contacts[spring.b]
-    at_target = ramp.s == 1.0 and not ramp.falling
-    spring.length = length if at_target else spring.length + ramp.s * spring.d_length
+    spring.length = length if ramp.s == 1.0 else spring.length + ramp.s * spring.d_length
     if spring.moved:
         z = (b.x - a.x) + (b.rest - a.rest)
         tension = spring.stiffness * (z - spring.length)
@@ -145,39 +129,38 @@ def _finish_spring(contacts, spring, model, ramp, length):
 
 
 @lean
-def _visit(contacts, account):
-    """Update the visited margin by the present state."""
+def _margin(contacts):
+    """Compute how close all contacts are to sliding at once."""
     near = total = 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         near += max(min(c.forward - c.force, c.backward + c.force), 0.0)
         total += c.forward + c.backward
-    account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    return near / total if total > 0.0 else 0.0
 
 
 @lean
-def _certify(contacts, account):
+def _certify(contacts, ramp):
     """Update the largest violations of the bounds, and of the rule that what slides is at its bound."""
     for i in range(contacts.shape[0]):
         c = contacts[i]
         above, below = c.forward - c.force, c.backward + c.force
-        account[VIOLATION] = max(account[VIOLATION], -min(above, below))
+        ramp.violation = max(ramp.violation, -min(above, below))
         if c.v != 0.0:
-            account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], abs(c.v * (above if c.v > 0.0 else below)))
+            ramp.complementarity = max(ramp.complementarity, abs(c.v * (above if c.v > 0.0 else below)))
 
 
 @lean
 def _finish(contacts, springs, model, ramp, target):
     """Set the state to the end of what was followed of the ramp and complete its account; returns the energy stored."""
-    account = model.account
     _finish_contacts(contacts, model, ramp, target, springs.shape[0])
     stored = 0.0
     for j in range(springs.shape[0]):
         stored += _finish_spring(contacts, springs[j], model, ramp, target[j])
-    _certify(contacts, account)
-    if not ramp.jumping and (ramp.s == 1.0 or not ramp.falling):  # bounds in a jump are not those of the ground
-        _visit(contacts, account)
-    account[RESIDUAL] = (stored - ramp.stored) + account[DISSIPATION] - account[WORK]
+    _certify(contacts, ramp)
+    if ramp.s == 1.0:
+        ramp.visited = min(ramp.visited, _margin(contacts))
+    ramp.residual = (stored - ramp.stored) + ramp.dissipation - ramp.work
     return stored
 
 
@@ -196,7 +179,7 @@ def _take_step(contacts, springs, model, ramp):
         c.at = FORWARD if e.side > 0 else (BACKWARD if e.side < 0 else 0)
         if e.side != 0 and e.upper == e.lower:
             c.at = FORWARD | BACKWARD
-    choose_step(contacts, model, ramp)
+    choose_step(contacts, springs, ramp)
     ramp.s = 1.0
     return True
 
@@ -209,7 +192,7 @@ def _slide(contacts, model, ground, ramp):
     direction = find_runaway(contacts)
     if direction == 0:
         return False
-    if not slide_to_border(contacts, model.account, ground, ramp, direction):
+    if not slide_to_border(contacts, ground, ramp, direction):
         ramp.runaway = direction
         return False
     return True
@@ -217,56 +200,50 @@ def _slide(contacts, model, ground, ramp):
 
 @lean
 def _continue(contacts, model, ground, ramp, outcome):
-    """Decide how a ramp goes on after a part of it that has not led to its end.
+    """Decide how a ramp goes on after a part of it.
 
-    A jump is a part at fixed commands. A part that spends the budget, or finds no rates, is completed by an implicit
-    step; contacts that have passed borders in it jump from there.
+    A part that spends the budget, or finds no rates, is completed by an implicit step; contacts that have passed
+    borders in it fall from there.
 
     Returns:
         ENDS, FOLLOWS or STEPS.
     """
     stepped, ramp.stepping = ramp.stepping, 0
-    if outcome == DONE and not ramp.falling:
+    if outcome == DONE:
         if ground is None or not stepped:
             return ENDS
         if not place_anew(contacts, ground, ramp):
             return ENDS
-        ramp.effort, ramp.done, ramp.falling = 0, 1.0, 1
+        ramp.effort, ramp.done = 0, 1.0
         return FOLLOWS
-    if outcome == DONE:
-        ramp.falling = 0
-        return FOLLOWS
-    if not ramp.falling:
-        ramp.done += ramp.s * (1.0 - ramp.done)
+    ramp.done += ramp.s * (1.0 - ramp.done)
     ramp.s = 0.0
     ramp.effort += contacts.shape[0]
-    if outcome == JUMPS or (outcome == UNSOLVED and _slide(contacts, model, ground, ramp)):
-        ramp.falling = 1
+    if outcome == UNSOLVED and _slide(contacts, model, ground, ramp):
         return FOLLOWS
     if ramp.runaway != 0:
         return ENDS
-    model.account[OVERSPENT if outcome == SPENT else NOT_SOLVED] = 1.0
+    if outcome == SPENT:
+        ramp.overspent = 1.0
+    else:
+        ramp.unsolved = 1.0
     return STEPS
 
 
 @lean
-def _follow_ramp(contacts, springs, model, ramp, target, exact):
-    """Follow a ramp that has begun, in parts if contacts jump; returns the energy stored at its end."""
-    how = FOLLOWS if exact else STEPS
+def _follow_ramp(contacts, springs, model, ramp, target):
+    """Follow a ramp that has begun, in parts if need be; returns the energy stored at its end."""
+    how = FOLLOWS if ramp.exact else STEPS
     while True:
         if how == FOLLOWS:
             outcome = follow_events(contacts, springs, model, ramp)
-            if outcome == JUMPS:
-                gather_falls(contacts, model.account, model.ground, ramp)
         else:
             outcome = DONE
             if not _take_step(contacts, springs, model, ramp):
-                model.account[NOT_SOLVED] = 1.0
+                ramp.unsolved = 1.0
         stored = _finish(contacts, springs, model, ramp, target)
         how = _continue(contacts, model, model.ground, ramp, outcome)
-        if how == ENDS:
-            return stored
-        if not _begin(contacts, springs, model, ramp, target) and not ramp.falling:
+        if how == ENDS or not _begin(contacts, springs, model, ramp, target):
             return stored
 
 
@@ -279,26 +256,54 @@ def _record(contacts, springs, account, row):
     for j in range(count):
         row[2 * n + j] = springs[j].tension
     if row.shape[0] > 2 * n + count:
-        record_spent(account, row)
+        state.record_spent(account, row)
 
 
 @lean
-def _begin_pieces(pieces, ramp):
-    """Note which ramp the next pieces of the path belong to, if pieces are asked for."""
-    if pieces is None:
-        return
-    begin_ramp(pieces, ramp)
+def _begin_account(ramp):
+    """Empty the account of the ramp."""
+    ramp.work = ramp.dissipation = ramp.loads_work = ramp.residual = ramp.lost = 0.0
+    ramp.violation = ramp.complementarity = ramp.ambiguous = ramp.gain_least = ramp.gain_most = 0.0
+    ramp.overspent = ramp.unsolved = 0.0
+    ramp.visited = np.inf
+    ramp.events = 0.0 if ramp.exact else 1.0
 
 
 @lean
-def follow(contacts, springs, model, exact, targets, account, records):
+def _add_ramp(account, ramp):
+    """Add the account of the ramp to the total; what is lost in jumps is not lost to friction."""
+    account[state.WORK] += ramp.work
+    account[state.DISSIPATION] += ramp.dissipation - ramp.lost
+    account[state.LOADS_WORK] += ramp.loads_work
+    account[state.RESIDUAL] += ramp.residual
+    account[state.EVENTS] += ramp.events
+    account[state.GAIN_LEAST] += ramp.gain_least
+    account[state.GAIN_MOST] += ramp.gain_most
+    account[state.OVERSPENT] += ramp.overspent
+    account[state.UNSOLVED] += ramp.unsolved
+    account[state.VIOLATION] = max(account[state.VIOLATION], ramp.violation)
+    account[state.COMPLEMENTARITY] = max(account[state.COMPLEMENTARITY], ramp.complementarity)
+    account[state.AMBIGUOUS] = max(account[state.AMBIGUOUS], ramp.ambiguous)
+    account[state.VISITED] = min(account[state.VISITED], ramp.visited)
+
+
+@lean
+def _build_terrain(ground):
+    """Name the parts of the ground; None without patches."""
+    if ground is None:
+        return None
+    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5])
+
+
+@lean
+def follow(contacts, springs, ramps, memory, targets, account, records):
     """Follow straight ramps to each of the targets in turn.
 
     Args:
         contacts: CONTACT, shape (N,), changed in place.
         springs: SPRING, shape (S,), changed in place.
-        model: a `Model`; `ramps` holds the budget.
-        exact: True to follow every event, False for one implicit step per ramp.
+        ramps: RAMP, memory with the budget and the method, shape (1,).
+        memory: the fields of a `Model`.
         targets: L, bounds and, with loads, these at each ramp's end, shape (V, S + 2 N) or (V, S + 3 N).
         account: total account, shape (14,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
@@ -306,28 +311,27 @@ def follow(contacts, springs, model, exact, targets, account, records):
     Returns:
         0, or the direction in which nothing holds the body on the ground that it has come to, 1 or -1.
     """
-    ramp = model.ramps[0]
+    model = Model(memory[0], memory[1], memory[2], memory[3], _build_terrain(memory[4]))
+    ramp = ramps[0]
     ramp.stored = 0.0
-    ramp.jumps = ramp.runaway = ramp.falling = 0
+    ramp.jumps = ramp.runaway = ramp.block = 0
     for i in range(contacts.shape[0]):
         contacts[i].gained = 0.0
+        contacts[i].mark = 0
     for j in range(springs.shape[0]):
         ramp.stored += 0.5 * springs[j].tension * springs[j].tension * springs[j].compliance
     for v in range(targets.shape[0]):
         target = targets[v]
         if _begin(contacts, springs, model, ramp, target):
-            _begin_pieces(model.pieces, v)
-            model.account[:] = 0.0
-            model.account[VISITED] = np.inf
-            ramp.effort, ramp.number, ramp.done, ramp.lost = 0, v, 0.0, 0.0
-            model.account[EVENTS] = 0.0 if exact else 1.0
-            ramp.stored = _follow_ramp(contacts, springs, model, ramp, target, exact)
-            model.account[DISSIPATION] -= ramp.lost
+            begin_ramp(model.pieces, v)
+            ramp.effort, ramp.number, ramp.done = 0, v, 0.0
+            _begin_account(ramp)
+            ramp.stored = _follow_ramp(contacts, springs, model, ramp, target)
             if ramp.runaway != 0:
                 return ramp.runaway
-            add_ramp(account, model.account)
+            _add_ramp(account, ramp)
         if records.shape[0] > 0:
             _record(contacts, springs, account, records[v])
-    if account[VISITED] == np.inf:  # no command changed
-        _visit(contacts, account)
+    if account[state.VISITED] == np.inf:  # no command changed
+        account[state.VISITED] = _margin(contacts)
     return 0

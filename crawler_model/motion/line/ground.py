@@ -15,25 +15,25 @@ import numpy as np
 
 from ...compiled import lean
 from ...rounding import CRITICAL, EPS
-from .advance import advance
+from .advance import place_of
 from .records import AHEAD, BACKWARD, BEHIND, FORWARD
 
-_ROUNDING = 64.0 * EPS
+ROUNDING = 64.0 * EPS
 """Part of the span within which a contact is at a border: positions are sums of a few rounded numbers."""
-_SLIDES = 1e-290
+SLIDES = 1e-290
 """Velocities below this stand for contacts that are about to slide."""
 
 
 @lean
-def _hold(foot, stretches, stretch, side, s):
+def _hold(foot, ground, stretch, side, s):
     """Compute the bound that a stretch of ground holds under a contact: c mu less the load, that of its slope included.
 
     Returns the commanded bound itself where the stretch is like the rest of the track.
     """
-    factor = stretches.grip[0 if side == FORWARD else 1, stretch]
+    factor = ground.grip[0 if side == FORWARD else 1, stretch]
     if foot.follows:
-        factor *= stretches.pressed[stretch]
-    load, tilt = foot.load + s * foot.d_load, -foot.weight * stretches.rise[stretch]
+        factor *= ground.pressed[stretch]
+    load, tilt = foot.load + s * foot.d_load, -foot.weight * ground.rise[stretch]
     bound = foot.forward + s * foot.d_forward
     if side == BACKWARD:
         bound, load, tilt = foot.backward + s * foot.d_backward, -load, -tilt
@@ -43,18 +43,19 @@ def _hold(foot, stretches, stretch, side, s):
 
 
 @lean
-def set_bound(c, foot, stretches, side):
-    """Set a bound of a contact along the ramp to that of the ground at its place.
+def set_bound(c, foot, ground, side, ramp):
+    """Set a bound of a contact, along the ramp, to that of the ground at its place; in a fall commands rest.
 
     Args:
         c: a CONTACT.
         foot: its FOOT.
-        stretches: the track.
+        ground: a `Terrain`.
         side: FORWARD or BACKWARD.
+        ramp: the RAMP.
     """
     stretch = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2
-    begin = _hold(foot, stretches, stretch, side, 0.0)
-    change = _hold(foot, stretches, stretch, side, 1.0) - begin
+    begin = _hold(foot, ground, stretch, side, ramp.rests if ramp.falling else 0.0)
+    change = 0.0 if ramp.falling else _hold(foot, ground, stretch, side, 1.0) - begin
     if side == FORWARD:
         c.forward, c.d_forward = begin, change
     else:
@@ -62,44 +63,62 @@ def set_bound(c, foot, stretches, side):
 
 
 @lean
-def excess_of(c, foot, stretches):
+def excess_of(c, foot, ground):
     """Compute by how much the bound in force of a contact that falls exceeds that of the ground, while commands rest.
 
     Args:
         c: a CONTACT.
         foot: its FOOT.
-        stretches: the track.
+        ground: a `Terrain`.
 
     Returns:
         The excess [N]; 0 if it does not fall.
     """
     if c.fallen & FORWARD:
-        return c.forward - _hold(foot, stretches, (foot.place + 1) // 2, FORWARD, 0.0)
+        return c.forward - _hold(foot, ground, (foot.place + 1) // 2, FORWARD, 0.0)
     if c.fallen & BACKWARD:
-        return c.backward - _hold(foot, stretches, foot.place // 2, BACKWARD, 0.0)
+        return c.backward - _hold(foot, ground, foot.place // 2, BACKWARD, 0.0)
     return 0.0
 
 
 @lean
-def set_load(c, foot, stretches):
-    """Set the load on a contact along the ramp to that at its place, on a border the mean of both sides.
+def set_load(c, foot, ground, ramp):
+    """Set the load on a contact, along the ramp, to that at its place, on a border the mean of both sides.
 
     Args:
         c: a CONTACT.
         foot: its FOOT.
-        stretches: the track.
+        ground: a `Terrain`.
+        ramp: the RAMP; in a fall loads rest.
     """
-    rise = 0.5 * (stretches.rise[(foot.place + 1) // 2] + stretches.rise[foot.place // 2])
+    rise = 0.5 * (ground.rise[(foot.place + 1) // 2] + ground.rise[foot.place // 2])
     c.load, c.d_load = foot.load - foot.weight * rise, foot.d_load
+    if ramp.falling:
+        c.load, c.d_load = c.load + ramp.rests * c.d_load, 0.0
 
 
 @lean
-def border_of(foot, stretches, coming):
+def set_bounds(c, foot, ground, ramp):
+    """Set both bounds of a contact and its load to those of the ground at its place, see `set_bound` and `set_load`.
+
+    Args:
+        c: a CONTACT.
+        foot: its FOOT.
+        ground: a `Terrain`.
+        ramp: the RAMP.
+    """
+    set_bound(c, foot, ground, FORWARD, ramp)
+    set_bound(c, foot, ground, BACKWARD, ramp)
+    set_load(c, foot, ground, ramp)
+
+
+@lean
+def border_of(foot, ground, coming):
     """Find the next border of a contact.
 
     Args:
         foot: its FOOT.
-        stretches: the track.
+        ground: a `Terrain`.
         coming: AHEAD or BEHIND.
 
     Returns:
@@ -107,29 +126,29 @@ def border_of(foot, stretches, coming):
     """
     if coming == AHEAD:
         j = foot.place // 2
-        return j if j < stretches.borders.shape[0] else -1
+        return j if j < ground.borders.shape[0] else -1
     return (foot.place + 1) // 2 - 1
 
 
 @lean
-def gap_of(c, foot, stretches, coming, s):
+def gap_of(c, foot, ground, coming, s):
     """Compute the distance of a contact from its next border at s.
 
     Args:
         c: a CONTACT.
         foot: its FOOT.
-        stretches: the track.
+        ground: a `Terrain`.
         coming: AHEAD or BEHIND.
         s: place on the ramp.
 
     Returns:
         The distance, infinite without a border [m].
     """
-    j = border_of(foot, stretches, coming)
+    j = border_of(foot, ground, coming)
     if j < 0:
         return np.inf
     x = c.x + c.v * (s - c.since)
-    gap = (stretches.borders[j] - foot.home - x) - c.rest
+    gap = (ground.borders[j] - foot.home - x) - c.rest
     return gap if coming == AHEAD else -gap
 
 
@@ -150,7 +169,7 @@ def find_meeting(c, ground, i):
     if c.v == 0.0:
         return np.inf
     coming = AHEAD if c.v > 0.0 else BEHIND
-    gap = gap_of(c, ground.feet[i], ground.stretches, coming, c.since)
+    gap = gap_of(c, ground.feet[i], ground, coming, c.since)
     if gap == np.inf:
         return np.inf
     c.coming = coming
@@ -158,12 +177,13 @@ def find_meeting(c, ground, i):
 
 
 @lean
-def leave_border(c, ground, i):
+def leave_border(c, ground, ramp, i):
     """Let a contact that slides leave the border that it is on: both bounds become those of the ground it slides onto.
 
     Args:
         c: CONTACT i, with its velocity.
         ground: a `Terrain`, or None.
+        ramp: the RAMP.
         i: the contact.
     """
     if ground is None:
@@ -173,24 +193,33 @@ def leave_border(c, ground, i):
         return
     side = FORWARD if c.v > 0.0 else BACKWARD
     foot.place += 1 if c.v > 0.0 else -1
-    set_bound(c, foot, ground.stretches, BACKWARD if side == FORWARD else FORWARD)
-    set_load(c, foot, ground.stretches)
+    set_bound(c, foot, ground, BACKWARD if side == FORWARD else FORWARD, ramp)
+    set_load(c, foot, ground, ramp)
     if c.forward + c.backward > 0.0 or c.d_forward + c.d_backward > 0.0:
         c.at &= side
         c.leaving &= side
 
 
 @lean
-def _compare(c, foot, stretches, coming, s):
-    """Compare the bound beyond a border with the bound in force: -1 if it is less, 0 if they are equal, 1 if more.
+def compare(c, foot, ground, coming, ramp):
+    """Compare the bound beyond a border with the bound in force, which in a fall is not that of the ground.
 
-    The bound in force is that of the contact, which in a jump is not that of the ground.
+    Args:
+        c: a CONTACT.
+        foot: its FOOT.
+        ground: a `Terrain`.
+        coming: AHEAD or BEHIND.
+        ramp: the RAMP.
+
+    Returns:
+        -1 if it is less, 0 if they are equal, 1 if it is more.
     """
+    s, commanded = place_of(c, ramp), ramp.rests if ramp.falling else ramp.s
     if coming == AHEAD:
-        beyond = _hold(foot, stretches, foot.place // 2 + 1, FORWARD, s)
+        beyond = _hold(foot, ground, foot.place // 2 + 1, FORWARD, commanded)
         force = c.forward + s * c.d_forward
     else:
-        beyond = _hold(foot, stretches, (foot.place + 1) // 2 - 1, BACKWARD, s)
+        beyond = _hold(foot, ground, (foot.place + 1) // 2 - 1, BACKWARD, commanded)
         force = c.backward + s * c.d_backward
     if abs(beyond - force) <= CRITICAL * (abs(beyond) + abs(force) + abs(c.load)):
         return 0
@@ -212,18 +241,18 @@ def reach_border(c, ground, ramp, i):
     """
     if ground is None:
         return 0
-    foot, stretches = ground.feet[i], ground.stretches
+    foot = ground.feet[i]
     coming = c.coming
-    order = _compare(c, foot, stretches, coming, ramp.s)
+    order = compare(c, foot, ground, coming, ramp)
     side = FORWARD if coming == AHEAD else BACKWARD
-    j = border_of(foot, stretches, coming)
-    c.x, c.rest = stretches.borders[j] - foot.home, 0.0
+    j = border_of(foot, ground, coming)
+    c.x, c.rest = ground.borders[j] - foot.home, 0.0
     close_jump(c, ground, ramp, i)
     foot.place = 2 * j + 1
     if order >= 0:
-        set_bound(c, foot, stretches, side)
+        set_bound(c, foot, ground, side, ramp)
         c.fallen &= ~side
-    set_load(c, foot, stretches)
+    set_load(c, foot, ground, ramp)
     if order > 0:
         c.at = c.leaving = 0
         c.v = 0.0
@@ -233,9 +262,9 @@ def reach_border(c, ground, ramp, i):
         return 0
     c.fallen = side
     if c.v == 0.0:
-        c.v = _SLIDES if side == FORWARD else -_SLIDES
+        c.v = SLIDES if side == FORWARD else -SLIDES
     open_jump(c, ground, ramp, i, j)
-    leave_border(c, ground, i)
+    leave_border(c, ground, ramp, i)
     return -1
 
 
@@ -257,8 +286,8 @@ def open_jump(c, ground, ramp, i, border):
     if ramp.jumps <= ground.jumps.shape[0]:
         jump = ground.jumps[ramp.jumps - 1]
         jump.ramp, jump.contact = ramp.number, i
-        jump.part = ramp.done if ramp.falling else ramp.done + ramp.s * (1.0 - ramp.done)
-        jump.border, jump.x = ground.stretches.borders[border], c.x
+        jump.part = ramp.done + (ramp.rests if ramp.falling else ramp.s) * (1.0 - ramp.done)
+        jump.border, jump.x = ground.borders[border], c.x
 
 
 @lean
@@ -284,79 +313,6 @@ def close_jump(c, ground, ramp, i):
 
 
 @lean
-def is_falling(c, ground, ramp, i):
-    """Determine whether a sliding contact is, at s, at a border beyond which the ground holds less.
-
-    Args:
-        c: CONTACT i.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-        i: the contact.
-
-    Returns:
-        Whether it is.
-    """
-    if ground is None:
-        return False
-    if abs(c.v) <= _SLIDES:
-        return False
-    coming = AHEAD if c.v > 0.0 else BEHIND
-    foot, stretches = ground.feet[i], ground.stretches
-    if foot.place % 2 == 1 or gap_of(c, foot, stretches, coming, ramp.s) > _ROUNDING * (ramp.span + abs(c.v)):
-        return False
-    return _compare(c, foot, stretches, coming, ramp.s) < 0
-
-
-@lean
-def gather_falls(contacts, account, ground, ramp):
-    """Put all contacts that fall at s onto their borders.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        account: of the ramp, added to, shape (14,).
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-
-    Returns:
-        Whether there are any.
-    """
-    if ground is None:
-        return False
-    found = False
-    for i in range(contacts.shape[0]):
-        c = contacts[i]
-        if is_falling(c, ground, ramp, i):
-            advance(c, account, ramp.s)
-            c.coming = AHEAD if c.v > 0.0 else BEHIND
-            reach_border(c, ground, ramp, i)
-            found = True
-    return found
-
-
-@lean
-def has_fall(contacts, block, ground, ramp, count):
-    """Determine whether a contact of a block falls at s, before the rates of the block change.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        block: BLOCK.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-        count: number of contacts of the block.
-
-    Returns:
-        Whether one does.
-    """
-    if ground is None:
-        return False
-    for j in range(count):
-        i = block[j].contact
-        if is_falling(contacts[i], ground, ramp, i):
-            return True
-    return False
-
-
-@lean
 def rest_on_border(c, ground, ramp, i):
     """Put a contact that stops within rounding of a border onto it, unless it falls there.
 
@@ -370,24 +326,24 @@ def rest_on_border(c, ground, ramp, i):
     """
     if ground is None:
         return
-    foot, stretches = ground.feet[i], ground.stretches
+    foot = ground.feet[i]
     if foot.place % 2 == 1 or c.fallen != 0:
         return
-    near = _ROUNDING * ramp.span
+    near = ROUNDING * ramp.span
     coming = 0
     for way in (AHEAD, BEHIND):
-        if abs(gap_of(c, foot, stretches, way, c.since)) <= near:
+        if abs(gap_of(c, foot, ground, way, c.since)) <= near:
             coming = way
     if coming == 0:
         return
-    order = _compare(c, foot, stretches, coming, ramp.s)
+    order = compare(c, foot, ground, coming, ramp)
     side = FORWARD if coming == AHEAD else BACKWARD
     if order < 0 and c.at & side:
         return
-    j = border_of(foot, stretches, coming)
-    c.x, c.rest = stretches.borders[j] - foot.home, 0.0
+    j = border_of(foot, ground, coming)
+    c.x, c.rest = ground.borders[j] - foot.home, 0.0
     foot.place = 2 * j + 1
-    set_bound(c, foot, stretches, side)
-    set_load(c, foot, stretches)
+    set_bound(c, foot, ground, side, ramp)
+    set_load(c, foot, ground, ramp)
     if order > 0:
         c.at &= ~side

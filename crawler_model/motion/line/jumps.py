@@ -1,10 +1,6 @@
-"""Ramps on patches of ground: followed in parts, as bounds fall at fixed commands wherever contacts come to less grip.
+"""Ramps on patches of ground: their bounds, places after implicit steps, and bodies that nothing holds.
 
-A jump is a ramp of its own: commands rest, and the bounds that the ground does not hold fall to those that it does. All
-that fall at one instant fall together; where others come to such borders on the way, the rest of the fall begins anew
-with them. Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with the
-displacements of the others, so the end of a jump is the least displacement at which all bounds hold. Where no
-equilibrium is left, all contacts are at bounds of one side, and the body slides as a whole to the next border.
+Where no equilibrium is left, all contacts are at bounds of one side, and the body slides as a whole to the next border.
 """
 
 from __future__ import annotations
@@ -13,8 +9,8 @@ import numpy as np
 
 from ...compiled import lean
 from ...rounding import CRITICAL
-from ..state import DISSIPATION, LOADS_WORK
 from .advance import move
+from .falls import has_fallen
 from .ground import (
     border_of,
     close_jump,
@@ -24,8 +20,7 @@ from .ground import (
     open_jump,
     reach_border,
     rest_on_border,
-    set_bound,
-    set_load,
+    set_bounds,
 )
 from .records import AHEAD, BACKWARD, BEHIND, FORWARD
 
@@ -37,33 +32,29 @@ def begin_on_ground(contacts, ground, ramp, target, springs):
     Args:
         contacts: CONTACT, shape (N,), changed in place.
         ground: a `Terrain`.
-        ramp: the RAMP; `falling` tells whether commands rest.
+        ramp: the RAMP.
         target: L, bounds and, with loads, these, for ground without patches, shape (S + 2 N,) or (S + 3 N,).
         springs: number of springs S.
 
     Returns:
-        Whether bounds or loads change.
+        Whether bounds or loads change, or a contact has yet to fall.
     """
-    n, share = contacts.shape[0], 0.0 if ramp.falling else 1.0
+    n = contacts.shape[0]
     loaded = target.shape[0] > springs + 2 * n
     changed = False
     ramp.span = 0.0
     for i in range(n):
         c, foot = contacts[i], ground.feet[i]
-        foot.d_forward = share * (target[springs + i] - foot.forward)
-        foot.d_backward = share * (target[springs + n + i] - foot.backward)
-        foot.d_load = share * (target[springs + 2 * n + i] - foot.load) if loaded else 0.0
+        foot.d_forward = target[springs + i] - foot.forward
+        foot.d_backward = target[springs + n + i] - foot.backward
+        foot.d_load = target[springs + 2 * n + i] - foot.load if loaded else 0.0
         forward, backward = c.forward, c.backward
-        set_bound(c, foot, ground.stretches, FORWARD)
-        set_bound(c, foot, ground.stretches, BACKWARD)
-        set_load(c, foot, ground.stretches)
+        set_bounds(c, foot, ground, ramp)
         if c.fallen & FORWARD:
-            c.d_forward = min(c.forward - forward, 0.0)
-            c.forward -= c.d_forward
+            c.forward, c.d_forward = forward, (c.forward - forward) + c.d_forward
         if c.fallen & BACKWARD:
-            c.d_backward = min(c.backward - backward, 0.0)
-            c.backward -= c.d_backward
-        changed = changed or c.d_forward != 0.0 or c.d_backward != 0.0 or c.d_load != 0.0
+            c.backward, c.d_backward = backward, (c.backward - backward) + c.d_backward
+        changed = changed or c.d_forward != 0.0 or c.d_backward != 0.0 or c.d_load != 0.0 or c.fallen != 0
         ramp.span = max(ramp.span, abs(foot.home) + abs(c.x))
     return changed
 
@@ -82,7 +73,7 @@ def finish_on_ground(c, ground, ramp, target, i):
     foot, s, n = ground.feet[i], ramp.s, ground.feet.shape[0]
     rest_on_border(c, ground, ramp, i)
     forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
-    if s == 1.0 and not ramp.falling:
+    if s == 1.0:
         foot.forward, foot.backward = target[i], target[n + i]
         if target.shape[0] > 2 * n:
             foot.load = target[2 * n + i]
@@ -91,10 +82,8 @@ def finish_on_ground(c, ground, ramp, target, i):
         foot.backward += s * foot.d_backward
         foot.load += s * foot.d_load
     foot.d_forward = foot.d_backward = foot.d_load = 0.0
-    set_bound(c, foot, ground.stretches, FORWARD)
-    set_bound(c, foot, ground.stretches, BACKWARD)
-    set_load(c, foot, ground.stretches)
-    if ramp.falling and s == 1.0 and not ramp.jumping:
+    set_bounds(c, foot, ground, ramp)
+    if ramp.stepping:
         close_jump(c, ground, ramp, i)
         c.fallen = 0
     if c.fallen & FORWARD:
@@ -128,14 +117,13 @@ def find_runaway(contacts):
 
 
 @lean
-def slide_to_border(contacts, account, ground, ramp, direction):
+def slide_to_border(contacts, ground, ramp, direction):
     """Slide the whole body to the next border of a contact.
 
     Args:
         contacts: CONTACT, shape (N,), changed in place.
-        account: of the ramp, added to, shape (14,).
         ground: a `Terrain`.
-        ramp: the RAMP.
+        ramp: the RAMP, whose account is added to.
         direction: 1 or -1.
 
     Returns:
@@ -147,22 +135,22 @@ def slide_to_border(contacts, account, ground, ramp, direction):
     for i in range(n):
         contacts[i].v = float(direction)
         contacts[i].coming = coming
-        leave_border(contacts[i], ground, i)
-        gap = gap_of(contacts[i], ground.feet[i], ground.stretches, coming, contacts[i].since)
+        leave_border(contacts[i], ground, ramp, i)
+        gap = gap_of(contacts[i], ground.feet[i], ground, coming, contacts[i].since)
         if gap < distance:
             distance, first = gap, i
     if distance == np.inf:
         return False
     distance = max(distance, 0.0)
     near = 1e-14 * (ramp.span + distance)
-    if not ramp.falling and distance > 0.0:
-        open_jump(contacts[first], ground, ramp, first, border_of(ground.feet[first], ground.stretches, coming))
+    if distance > 0.0 and not has_fallen(contacts, ground):
+        open_jump(contacts[first], ground, ramp, first, border_of(ground.feet[first], ground, coming))
     for i in range(n):
         c = contacts[i]
-        gap = gap_of(c, ground.feet[i], ground.stretches, coming, c.since)
-        account[DISSIPATION] += (c.forward if direction > 0 else c.backward) * distance
-        account[LOADS_WORK] += c.load * direction * distance
-        c.lost += excess_of(c, ground.feet[i], ground.stretches) * distance
+        gap = gap_of(c, ground.feet[i], ground, coming, c.since)
+        ramp.dissipation += (c.forward if direction > 0 else c.backward) * distance
+        ramp.loads_work += c.load * direction * distance
+        c.lost += excess_of(c, ground.feet[i], ground) * distance
         move(c, direction * distance)
         c.at |= side
         if gap <= distance + near:
@@ -185,17 +173,15 @@ def place_anew(contacts, ground, ramp):
     falls = False
     for i in range(contacts.shape[0]):
         c, foot = contacts[i], ground.feet[i]
-        direction = 1 if gap_of(c, foot, ground.stretches, AHEAD, c.since) < 0.0 else 0
-        direction = -1 if gap_of(c, foot, ground.stretches, BEHIND, c.since) < 0.0 else direction
+        direction = 1 if gap_of(c, foot, ground, AHEAD, c.since) < 0.0 else 0
+        direction = -1 if gap_of(c, foot, ground, BEHIND, c.since) < 0.0 else direction
         coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
         if direction == 0:
             continue
-        border = border_of(foot, ground.stretches, coming)
-        while gap_of(c, foot, ground.stretches, coming, c.since) < 0.0:
+        border = border_of(foot, ground, coming)
+        while gap_of(c, foot, ground, coming, c.since) < 0.0:
             foot.place += 2 * direction if foot.place % 2 == 0 else direction
-        for bound in (FORWARD, BACKWARD):
-            set_bound(c, foot, ground.stretches, bound)
-        set_load(c, foot, ground.stretches)
+        set_bounds(c, foot, ground, ramp)
         c.at = 0
         excess = c.force - c.forward if direction > 0 else -c.force - c.backward
         if excess > 0.0:

@@ -12,9 +12,9 @@ from .path import limit_of
 
 
 @lean
-def _connect(contacts, springs, model, matrix, count):
+def _connect(contacts, springs, model, count):
     """Enter the springs between sliding contacts in the matrix, and those to contacts at rest as conductances."""
-    block, ends = model.block, model.ends
+    block, ends, matrix = model.block, model.ends, model.matrix
     for r in range(count):
         e = block[r]
         e.reach = 0
@@ -62,20 +62,17 @@ def _eliminate(block, matrix, count):
 
 
 @lean
-def solve_mesh(contacts, springs, model, matrix, count):
+def solve_mesh(contacts, springs, model, count):
     """Solve for the velocities of the sliding contacts of a block and the rates of the forces on those at rest.
 
     Args:
         contacts: CONTACT, shape (N,).
         springs: SPRING, shape (S,).
         model: a `Model`, whose block is changed in place; at least one contact at a spring of it is at rest.
-        matrix: that of the model; None for chains, whose blocks are paths.
         count: number of contacts of the block.
     """
-    if matrix is None:
-        return
-    block, ends = model.block, model.ends
-    _connect(contacts, springs, model, matrix, count)
+    block, ends, matrix = model.block, model.ends, model.matrix
+    _connect(contacts, springs, model, count)
     _eliminate(block, matrix, count)
     most = 0.0
     for r in range(count - 1, -1, -1):

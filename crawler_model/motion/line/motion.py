@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +11,13 @@ from ...body.body import Body
 from ...body.ground import Track
 from ...errors import CommandError
 from ..jump import Jump
+from ..pieces import NO_PIECES
 from ..translation import FEW_CONTACTS, visited_margin
 from . import build, follow
-from .records import CONTACT_STATE, FOOT_STATE, JUMP, SPRING_STATE, Model, Terrain
+from .records import CONTACT_STATE, FOOT_STATE, JUMP, RAMP, SPRING_STATE, zeros
+
+Scratch = tuple[np.ndarray, tuple[Any, ...]]
+"""RAMP, shape (1,), and the fields of a `Model`."""
 
 
 @dataclass(eq=False)
@@ -81,6 +86,11 @@ class LineState:
     def contact_state(self) -> np.ndarray:
         """1 if a contact slid forward in the last command, -1 backward, 0 stuck; int8, shape (N,)."""
         return np.sign(self.contacts["gained"]).astype(np.int8)
+
+    @property
+    def place(self) -> np.ndarray | None:
+        """Place of each contact on patches of ground, as in `Track`, shape (N,); None without patches."""
+        return None if self.feet is None else self.feet["place"].copy()
 
     def margins(self, force: np.ndarray) -> np.ndarray:
         """Compute the distance of the spring forces from their nearest bounds.
@@ -168,50 +178,52 @@ class LineMotion:
             bounds = np.concatenate(self.track.bounds(bounds, place))
         return LineState(build.build_contacts(self.body, x, springs["tension"], bounds), springs, loaded, feet)
 
-    def scratch(self) -> Model:
+    def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
-        return build.build_model(self.body)
+        return zeros(1, RAMP), build.build_memory(self.body)
 
     def follow(
         self,
         state: LineState,
-        scratch: Model,
+        scratch: Scratch,
         targets: np.ndarray,
         exact: bool,
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-        pieces: np.ndarray | None = None,
+        pieces: np.ndarray = NO_PIECES,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        scratch.ramps["budget"] = budget
-        model = scratch if pieces is None else scratch._replace(pieces=pieces)
+        ramps, memory = scratch
+        ramps["budget"], ramps["exact"] = budget, exact
         if self.track is not None:
-            return self._follow_on_ground(state, model, targets, budget, account, records)
-        follow.follow(state.contacts, state.springs, model, exact, targets, account, records)
+            return self._follow_on_ground(state, scratch, targets, account, records)
+        if pieces is not NO_PIECES:
+            memory = (*memory[:3], pieces, None)
+        follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
         return ()
 
     def _follow_on_ground(
         self,
         state: LineState,
-        model: Model,
+        scratch: Scratch,
         targets: np.ndarray,
-        budget: int,
         account: np.ndarray,
         records: np.ndarray,
     ) -> tuple[Jump, ...]:
         """Follow ramps on patches of ground; they are followed once more if there was no room for all jumps."""
         assert self.track is not None
         assert state.feet is not None
+        ramps, parts = scratch
         kept, spent, room = state.copy(), account.copy(), self.body.contacts + 16
         try:
             while True:
-                jumps = np.zeros(room, JUMP).view(np.recarray)
-                model = model._replace(ground=Terrain(state.feet, self.track.stretches, jumps))
-                runaway = follow.follow(state.contacts, state.springs, model, True, targets, account, records)
+                jumps = zeros(room, JUMP)
+                memory = (*parts[:4], (state.feet, jumps, *self.track.stretches[:4]))
+                runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
                 if runaway:
                     raise CommandError(self._describe_runaway(state, int(runaway)))
-                count = int(model.ramps["jumps"][0])
+                count = int(ramps["jumps"][0])
                 if count <= room:
                     rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
                     return tuple(Jump(*row) for row in rows.tolist())

@@ -6,11 +6,10 @@ change linearly in the place s on the ramp, 0 .. 1: rates are per unit of s. Wha
 
 from __future__ import annotations
 
+import os
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from ...body.places import Stretches
 
 _FLOAT, _INT, _BYTE = np.float64, np.int64, np.int8
 
@@ -46,8 +45,9 @@ CONTACT = np.dtype(
         ("d_load", _FLOAT),
         ("force", _FLOAT),  # of the springs, at s = since [N]
         ("force_rate", _FLOAT),
-        ("since", _FLOAT),  # place on the ramp where x and force were last advanced
+        ("since", _FLOAT),  # place on the ramp where x and force were last advanced; in a fall, on that, < 0
         ("pull", _FLOAT),  # rate of the force if no contact moves [N]
+        ("share", _FLOAT),  # weight in the net translation
         ("next", _FLOAT),  # place of its next event on the ramp; infinite without one
         ("winner", _INT),  # contact with the earliest event below node i of the tournament
         ("first", _INT),  # its ends of springs are first .. last - 1
@@ -72,8 +72,9 @@ SPRING = np.dtype(
         ("b", _INT),
         ("d_length", _FLOAT),  # change of L along the ramp [m]
         ("rate", _FLOAT),  # of the tension [N]
-        ("since", _FLOAT),  # place on the ramp where the tension was last advanced
+        ("since", _FLOAT),  # place on the ramp where the tension was last advanced; in a fall, on that, < 0
         ("moved", _BYTE),  # whether the elongation has changed on this ramp
+        ("element", _BYTE),  # whether it is an element of a segment
     ],
     align=True,
 )
@@ -146,30 +147,50 @@ BLOCK = np.dtype(
         ("pull", _FLOAT),  # force that the sliding contact adds [N]
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
         # memory
-        ("hit", _INT),  # contacts that reach a bound at the same instant
+        ("hit", _INT),  # contacts around which rates change
+        ("drawn", _INT),  # contacts that take part in the present fall
+        ("held", _FLOAT),  # sum of the bounds of such a contact before it [N]
     ],
     align=True,
 )
 
 RAMP = np.dtype(
     [
-        ("s", _FLOAT),  # place on the ramp, 0 .. 1
+        ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0
+        ("end", _FLOAT),  # where that ends: 1, in a fall a hair before 0
         ("stepping", _BYTE),  # whether the ramp is one implicit step
         ("begun", _BYTE),  # whether the tournament holds the events
         ("shifted", _BYTE),  # whether the present stretch has a chosen translation
         ("effort", _INT),  # contacts solved so far, counted in every round
         ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step
+        ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
         ("block", _INT),  # number of the present block, increasing
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
         ("friction", _FLOAT),  # sum of all bounds at s = 0 [N]
         ("d_friction", _FLOAT),  # its change along the ramp [N]
         ("stored", _FLOAT),  # elastic energy at the start of the ramp [J]
-        # on patches of ground, where a ramp is followed in parts
+        # its account, as in `motion.state`
+        ("work", _FLOAT),  # of the actuators [J]
+        ("dissipation", _FLOAT),  # by the bounds, which contain the loads [J]
+        ("loads_work", _FLOAT),  # of the loads [J]
+        ("residual", _FLOAT),  # of the balance of energy [J]
+        ("violation", _FLOAT),  # largest force beyond a bound [N]
+        ("complementarity", _FLOAT),  # largest product of a velocity and a distance of the force from its bound [J]
+        ("visited", _FLOAT),  # least margin
+        ("events", _FLOAT),  # number of pieces of the path
+        ("ambiguous", _FLOAT),  # 1 if a translation was chosen
+        ("gain_least", _FLOAT),  # what other translations would change the gain by [m]
+        ("gain_most", _FLOAT),
+        ("overspent", _FLOAT),  # 1 if the budget was spent
+        ("unsolved", _FLOAT),  # 1 if no rates were found
+        # on patches of ground
         ("number", _INT),  # of the ramp in the present call
         ("done", _FLOAT),  # part of the ramp that was followed before; s is a place on the rest of it
-        ("jumping", _BYTE),  # whether a contact falls at s
+        ("due", _INT),  # 1 + a contact that falls at s; 0 if none is known
         ("falling", _BYTE),  # whether commands rest and bounds fall
+        ("rests", _FLOAT),  # place on the ramp at which commands rest in a fall
+        ("drawn", _INT),  # number of contacts that take part in the present fall
         ("runaway", _BYTE),  # direction in which nothing holds the body, 1 or -1; else 0
         ("span", _FLOAT),  # a length whose rounding is that of all positions [m]
         ("jumps", _INT),  # number of jumps of the present call
@@ -178,40 +199,50 @@ RAMP = np.dtype(
     align=True,
 )
 
-DONE, SPENT, UNSOLVED, JUMPS = 0, 1, 2, 3
-"""Outcomes of a ramp: its end was reached; the budget was spent; no rates were found; contacts are at borders where the
-ground holds less than their bounds."""
+_INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+
+
+def zeros(shape: int | tuple[int, ...], dtype: np.dtype[np.void]) -> np.ndarray:
+    """Allocate records of zeros.
+
+    Args:
+        shape: of the array.
+        dtype: of a record.
+
+    Returns:
+        The array; where kernels are interpreted, one whose fields are attributes, too (slow to pass to compiled ones).
+    """
+    found = np.zeros(shape, dtype)
+    return found.view(np.recarray) if _INTERPRETED else found
+
+
+DONE, SPENT, UNSOLVED = 0, 1, 2
+"""Outcomes of a ramp: its end was reached; the budget was spent; no rates were found."""
 
 
 class Terrain(NamedTuple):
-    """Patches of ground under a body."""
+    """Patches of ground under a body, the stretches of ground as in `body.ground.Stretches`."""
 
     feet: np.ndarray
     """FOOT, shape (N,)."""
-    stretches: Stretches
-    """What each stretch of ground does to friction and loads."""
     jumps: np.ndarray
     """JUMP, output, shape (J,); further ones are counted only."""
+    borders: np.ndarray
+    grip: np.ndarray
+    pressed: np.ndarray
+    rise: np.ndarray
 
 
 class Model(NamedTuple):
-    """What a ramp needs of a body beside its state; None is not compiled."""
+    """What kernels need beside contacts, springs and the ramp; Python passes it as a plain tuple, which is faster."""
 
     ends: np.ndarray
     """END, two of each spring, those of a contact together, shape (2 S,)."""
     block: np.ndarray
     """BLOCK, memory, shape (N + 1,)."""
-    ramps: np.ndarray
-    """RAMP, memory, shape (1,)."""
-    share: np.ndarray
-    """Weight of each contact in the net translation, shape (N,)."""
-    account: np.ndarray
-    """Account of the ramp, entries as in `motion.state`, shape (14,)."""
-    matrix: Any
-    """Conductances between sliding contacts, a row for each, shape (N, width); None for chains."""
-    elements: Any
-    """Both contacts of each element of a segment, shape (P, 2); None without segments."""
-    pieces: Any
-    """Rows for the pieces of the path, see `motion.pieces`; None unless asked for."""
-    ground: Any = None
-    """The `Terrain`; None without patches."""
+    matrix: np.ndarray
+    """Conductances between sliding contacts, memory, a row for each, shape (N, width)."""
+    pieces: np.ndarray
+    """Rows for the pieces of the path, output, see `motion.pieces`; none unless asked for."""
+    ground: Any
+    """The `Terrain`; None without patches, where nothing of it is compiled."""

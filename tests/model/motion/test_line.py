@@ -34,18 +34,6 @@ BUDGET = 10**9
 SAME = (AMBIGUOUS, GAIN_LEAST, GAIN_MOST, VISITED, WORK, DISSIPATION, LOADS_WORK)
 
 
-def line(body: Body) -> LineMotion:
-    """Lend every body a matrix and a list of elements, of which it may have no use: one set of kernels serves all."""
-    motion = LineMotion(body)
-    scratch = motion.scratch()
-    if scratch.matrix is None:  # a chain: its blocks are paths
-        scratch = scratch._replace(matrix=np.zeros((body.contacts, 1)))
-    if scratch.elements is None:
-        scratch = scratch._replace(elements=np.zeros((0, 2), np.int64))
-    object.__setattr__(motion, "scratch", lambda: scratch)
-    return motion
-
-
 def in_use(body: Body) -> Any:
     return ChainMotion(body) if body.is_chain else GraphMotion(body, build_network_of(body))
 
@@ -114,7 +102,7 @@ def test_rational_solutions_are_met_to_rounding(parts: int) -> None:
     for case in CASES:
         scene = Scene.model_validate(case["scene"])
         rows = split(scene.drive.targets, parts)
-        x, account = follow(line(scene.body), rows, start=scene.start_displacement)
+        x, account = follow(LineMotion(scene.body), rows, start=scene.start_displacement)
         assert np.abs(x[parts - 1 :: parts] - np.array(case["displacement"])[1:]).max() < 1e-13, scene.name
         assert abs(account[RESIDUAL]) < 1e-13 * account[WORK]
         assert not account[AMBIGUOUS]
@@ -124,7 +112,7 @@ def test_rational_solutions_are_met_to_rounding(parts: int) -> None:
 def test_motion_account_and_interval_are_those_of_the_engine_in_use(drawn: Any, exact: bool) -> None:
     ambiguous = 0
     for number, (body, rows) in enumerate(drawn):
-        x, account = follow(line(body), rows, exact)
+        x, account = follow(LineMotion(body), rows, exact)
         expected, other = follow(in_use(body), rows, exact)
         np.testing.assert_allclose(x, expected, rtol=0, atol=1e-13, err_msg=str(number))
         np.testing.assert_allclose(account[[*SAME]], other[[*SAME]], rtol=1e-12, atol=1e-13, err_msg=str(number))
@@ -134,9 +122,9 @@ def test_motion_account_and_interval_are_those_of_the_engine_in_use(drawn: Any, 
 
 def test_a_ramp_in_parts_is_the_ramp(drawn: Any) -> None:
     for number, (body, rows) in enumerate(drawn):
-        whole, account = follow(line(body), rows)
+        whole, account = follow(LineMotion(body), rows)
         if not account[AMBIGUOUS]:
-            parts, _ = follow(line(body), split(rows, 4))
+            parts, _ = follow(LineMotion(body), split(rows, 4))
             np.testing.assert_allclose(parts[3::4], whole, rtol=0, atol=1e-13, err_msg=str(number))
 
 
@@ -144,7 +132,7 @@ def test_neither_numbering_nor_direction_matters(drawn: Any) -> None:
     rng = np.random.default_rng(0)
     for number, (body, rows) in enumerate(drawn):
         n, springs = body.contacts, body.springs
-        x, account = follow(line(body), rows)
+        x, account = follow(LineMotion(body), rows)
         if account[AMBIGUOUS]:
             continue
         order = rng.permutation(n)  # of the same contacts
@@ -155,7 +143,7 @@ def test_neither_numbering_nor_direction_matters(drawn: Any) -> None:
         moved[:, :springs] *= np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0)  # a spring points to the later contact
         for first in range(springs, rows.shape[1], n):
             moved[:, first : first + n] = rows[:, first + order]
-        other, _ = follow(line(renamed), moved)
+        other, _ = follow(LineMotion(renamed), moved)
         np.testing.assert_allclose(other[:, place], x, rtol=0, atol=1e-13, err_msg=str(number))
         mirror = build_body(body.stiffness, body.ends)
         turned = rows.copy()
@@ -163,7 +151,7 @@ def test_neither_numbering_nor_direction_matters(drawn: Any) -> None:
         turned[:, springs : springs + n] = rows[:, springs + n : springs + 2 * n]
         turned[:, springs + n : springs + 2 * n] = rows[:, springs : springs + n]
         turned[:, springs + 2 * n :] *= -1.0
-        other, _ = follow(line(mirror), turned)
+        other, _ = follow(LineMotion(mirror), turned)
         np.testing.assert_allclose(other, -x, rtol=0, atol=1e-13, err_msg=str(number))
 
 
@@ -175,8 +163,8 @@ def test_a_critical_chain_is_followed_to_the_same_place_in_one_ramp_and_in_three
     lengths = [[0] * 8, [-1, -9, 1, 7, -1, -8, 9, -7], [-4, -6, -4, -2, -3, 2, -1, -5]]
     rows = np.array([[*length, *forward, *backward] for length in lengths], float)
     body = build_body(stiffness, [(i, i + 1) for i in range(8)])
-    whole, account = follow(line(body), rows)
-    parts, account_of_parts = follow(line(body), split(rows, 3))
+    whole, account = follow(LineMotion(body), rows)
+    parts, account_of_parts = follow(LineMotion(body), split(rows, 3))
     np.testing.assert_allclose(parts[2::3], whole, rtol=0, atol=1e-12)
     assert account[AMBIGUOUS]
     assert account_of_parts[AMBIGUOUS]
@@ -189,7 +177,7 @@ def test_sliding_that_spreads_from_both_ends_by_one_contact_a_round_is_no_cycle(
     body = build_body([34.0] * (n - 1), [(i, i + 1) for i in range(n - 1)])
     friction = [0.0015] + [0.003] * (n - 2) + [0.0015] + [0.0045] + [0.009] * (n - 2) + [0.0045]
     rows = np.array([[length] * (n - 1) + friction for length in (0.0, 0.006, 0.0, 0.006)])
-    x, _ = follow(line(body), rows, exact=False)
+    x, _ = follow(LineMotion(body), rows, exact=False)
     expected, _ = follow(in_use(body), rows, exact=False)
     np.testing.assert_allclose(x, expected, rtol=0, atol=1e-13)
     assert np.abs(x).max() > 0.01

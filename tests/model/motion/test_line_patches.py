@@ -1,33 +1,22 @@
-"""The engine of records on patches of ground: as the engine in use where nothing ties, as rational numbers where it does."""
+"""Patches of ground: contacts that reach borders in one ramp, together or one by one, as rational numbers show."""
 
 from __future__ import annotations
 
+import itertools
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Scene, SceneError
-from crawler_model.motion.follow import build_motion
-from crawler_model.motion.line.motion import LineMotion
-from crawler_model.motion.state import (
-    ACCOUNT_SIZE,
-    AMBIGUOUS,
-    DISSIPATION,
-    LOADS_WORK,
-    OVERSPENT,
-    RESIDUAL,
-    UNSOLVED,
-    VISITED,
-    WORK,
-)
+from crawler_model import Crawler, Scene
+from crawler_model.motion.jump import Jump
+from crawler_model.motion.state import DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, UNSOLVED, WORK
 
 from ..rational_patches import NotUniqueError, RationalBody
-from ..test_patches import ice, random_body, two
-from .test_crossings import random_scene
+from ..test_patches import ice, two
 
-SAME = [WORK, DISSIPATION, LOADS_WORK, VISITED, AMBIGUOUS]
+ENERGIES = [WORK, DISSIPATION, LOADS_WORK]
 TIED = {
     "contacts": [-108, -36, -12, 12, 36, 108],
     "stiffness": [6, 18, 18, 18, 6],
@@ -37,34 +26,78 @@ TIED = {
 
 
 class Followed:
-    """A body on patches, followed by the engine of records or by the one in use."""
+    """A body on patches, with the account and the jumps of all its ramps."""
 
-    def __init__(self, scene: Scene, records: bool = True, budget: int = 10**9) -> None:
-        self.scene, self.budget = scene, budget
-        self.motion: Any = LineMotion(scene.body, scene.ground.track)
-        if records and scene.body.is_chain:  # one set of kernels serves chains and graphs
-            scratch = self.motion.scratch()._replace(matrix=np.zeros((scene.body.contacts, 1)))
-            object.__setattr__(self.motion, "scratch", lambda: scratch)
-        if not records:
-            self.motion = build_motion(scene)
-        self.state = self.motion.start(scene.start_displacement, scene.drive.targets[0])
-        self.account = np.zeros(ACCOUNT_SIZE)
-        self.account[VISITED] = np.inf
-        self.jumps: list[Any] = []
+    def __init__(self, scene: Scene, budget: int | None = None) -> None:
+        self.scene, self.crawler = scene, Crawler(scene, budget=budget)
+        self.step = self.crawler.follow(scene.drive.targets[:0])
+        self.jumps: list[Jump] = []
 
     def go(self, targets: np.ndarray) -> np.ndarray:
         """Follow ramps; return the displacement after each."""
         n = self.scene.body.contacts
         out = np.zeros((len(targets), 2 * n + self.scene.body.springs))
-        found = self.motion.follow(self.state, self.motion.scratch(), targets, True, self.budget, self.account, out)
-        self.jumps += found
+        self.step = self.crawler.follow(targets, out, self.step)
+        self.jumps += self.step.jumps
         return out[:, :n]
+
+    @property
+    def account(self) -> np.ndarray:
+        return self.step.account
 
     def stretch(self, *lengths: Any) -> np.ndarray:
         """Follow ramps of the rest lengths, at constant friction."""
         targets = np.repeat(self.scene.drive.targets[:1], len(lengths), axis=0)
         targets[:, : self.scene.body.springs] = np.array(lengths, float).reshape(len(lengths), -1)
         return self.go(targets)
+
+
+def random_scene(seed: int) -> tuple[Scene, np.ndarray]:
+    """A chain of 2 to 20 contacts on up to three patches for each of them, with slopes, and targets with friction."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 20))
+    position = np.cumsum(rng.uniform(0.3, 1.5, n))
+    count = int(rng.integers(1, 3 * n))
+    cuts = np.sort(rng.uniform(position[0] - 1.0, position[-1] + 1.0, 2 * count))
+    factors = np.exp(rng.uniform(-1.5, 1.0, (count, 2)))
+    factors[rng.random(count) < 0.1] = 0.0 if seed % 3 == 1 else 1.0  # ice, or a border in name only
+    slopes = np.degrees(rng.uniform(-0.1, 0.1, count)) * (seed % 3 == 0)
+    patches = [
+        {"from": a, "to": b, "forward": plus, "backward": minus} | ({"slope": slope} if slope else {})
+        for (a, b), (plus, minus), slope in zip(
+            cuts.reshape(-1, 2).tolist(), factors.tolist(), slopes.tolist(), strict=True
+        )
+    ]
+    forward, backward = np.exp(rng.uniform(-1.5, 0.0, (2, n)))
+    document = {
+        "name": "random",
+        "body": {
+            "contacts": position.tolist(),
+            "weights": 0.1,
+            "links": {"stiffness": np.exp(rng.uniform(-1, 1, n - 1)).tolist()},
+        },
+        "friction": {"forward": forward.tolist(), "backward": backward.tolist()},
+        "ground": {"patches": patches},
+    }
+    scene = Scene.model_validate(document)
+    targets = np.repeat(scene.drive.targets[:1], 6, axis=0)
+    targets[:, : n - 1] += rng.uniform(-1, 1, (6, n - 1)) * rng.uniform(0.2, 3.0)
+    if seed % 4 == 1:
+        targets[:, n - 1 : 3 * n - 1] *= rng.uniform(0.5, 1.5, (6, 2 * n))
+    return scene, targets
+
+
+def rows_of_patches(n: int) -> tuple[Scene, np.ndarray]:
+    """A wave along n equal contacts, over patches of half their wavelength, with a border for each ten contacts."""
+    patches = [{"from": 20.0 * k + 0.31, "to": 20.0 * k + 10.37, "friction": 0.6} for k in range(n // 20)]
+    body = {"contacts": list(range(n)), "links": {"stiffness": 1.0}}
+    friction = {"forward": 0.1, "backward": 0.3}
+    document = {"name": "rows", "body": body, "friction": friction, "ground": {"patches": patches}}
+    scene = Scene.model_validate(document)
+    turned = 2.0 * np.pi * (np.arange(1, 6 + 1)[:, None] / 16.0 - np.arange(n - 1) / 17.0)
+    targets = np.repeat(scene.drive.targets[:1], 6, axis=0)
+    targets[:, : n - 1] += np.sin(turned)
+    return scene, targets
 
 
 def chain(contacts: Any, stiffness: Any, friction: Any, patch: Any) -> Scene:
@@ -78,41 +111,101 @@ def chain(contacts: Any, stiffness: Any, friction: Any, patch: Any) -> Scene:
     return Scene.model_validate(document)
 
 
-def test_motion_jumps_and_account_are_those_of_the_engine_in_use() -> None:
-    cases = [random_scene(seed) for seed in range(60)]
-    cases = [case for case in cases if case[0].body.contacts <= 10]
-    for seed in range(40):
-        try:
-            scene, _, rng = random_body(seed)
-        except SceneError:  # a slope that this body cannot start on
-            continue
-        targets = np.repeat(scene.drive.targets[:1], 4, axis=0)
-        targets[:, : scene.body.springs] = rng.uniform(-2.0, 2.0, (4, scene.body.springs))
-        cases.append((scene, targets))
+def split(before: np.ndarray, targets: np.ndarray, parts: int) -> np.ndarray:
+    """Divide each ramp into equal parts."""
+    rows = np.vstack((before, targets))
+    between = [a + (b - a) * (k / parts) for a, b in itertools.pairwise(rows) for k in range(1, parts)]
+    split = np.repeat(targets, parts, axis=0)
+    split[np.arange(len(split)) % parts < parts - 1] = between
+    return split
+
+
+@pytest.mark.parametrize("seed", range(0, 80, 4))
+def test_a_ramp_in_many_parts_leads_to_the_same_place(seed: int) -> None:
+    scene, targets = random_scene(seed)
+    one, other = Followed(scene), Followed(scene)
+    x = one.go(targets)
+    np.testing.assert_allclose(x, other.go(split(scene.drive.targets[0], targets, 37))[36::37], rtol=0, atol=1e-10)
+    assert (one.crawler.places == other.crawler.places).all()
+    np.testing.assert_allclose(one.account[ENERGIES], other.account[ENERGIES], rtol=0, atol=1e-10)
+    assert [(jump.contact, jump.border) for jump in one.jumps] == [(jump.contact, jump.border) for jump in other.jumps]
+    for body in (one, other):
+        certificate = body.step.certificate
+        assert abs(certificate.energy_residual) < 1e-12 * (1.0 + body.step.dissipation)
+        assert max(certificate.violation, certificate.complementarity) < 1e-12
+        assert not body.account[[UNSOLVED, OVERSPENT]].any()
+
+
+def test_a_copy_of_a_state_goes_on_as_the_state_does() -> None:
+    """With memory of its own, which knows nothing of the ramps before."""
+    scene, targets = random_scene(4)
+    crawler = Crawler(scene)
+    for k in range(0, len(targets), 2):
+        other = crawler.copy()
+        other.follow(targets[k : k + 2])
+        crawler.follow(targets[k : k + 1])
+        crawler.follow(targets[k + 1 : k + 2])
+        assert (other.displacement == crawler.displacement).all()
+
+
+def test_several_ramps_of_one_call_number_their_jumps() -> None:
+    scene, targets = random_scene(7)
+    together, each = Followed(scene), Crawler(scene)
+    together.go(targets)
+    expected = [
+        (ramp, jump.contact, jump.border) for ramp, row in enumerate(targets) for jump in each.follow(row[None]).jumps
+    ]
+    assert [(jump.ramp, jump.contact, jump.border) for jump in together.jumps] == expected
+    assert len({ramp for ramp, _, _ in expected}) > 1
+
+
+def mirrored(document: dict[str, Any]) -> Scene:
+    """Build the scene that a mirror shows: forward is backward, and the last contact the first."""
+    body, friction = document["body"], document["friction"]
+    patches = [
+        patch | {"from": -patch["to"], "to": -patch["from"], "forward": patch["backward"], "backward": patch["forward"]}
+        for patch in document["ground"]["patches"][::-1]
+    ]
+    slopes = ({"slope": -patch["slope"]} if "slope" in patch else {} for patch in patches)
+    turned = {
+        "body": body
+        | {"contacts": [-x for x in body["contacts"][::-1]], "links": {"stiffness": body["links"]["stiffness"][::-1]}},
+        "friction": {"forward": friction["backward"][::-1], "backward": friction["forward"][::-1]},
+        "ground": {"patches": [patch | slope for patch, slope in zip(patches, slopes, strict=True)]},
+    }
+    return Scene.model_validate(document | turned)
+
+
+def test_direction_does_not_matter() -> None:
     jumps = 0
-    for number, (scene, targets) in enumerate(cases):
-        ours, others = Followed(scene), Followed(scene, records=False)
-        np.testing.assert_allclose(ours.go(targets), others.go(targets), rtol=0, atol=1e-12, err_msg=str(number))
-        np.testing.assert_allclose(ours.account[SAME], others.account[SAME], rtol=0, atol=1e-11, err_msg=str(number))
-        assert abs(ours.account[RESIDUAL]) < 1e-12
-        assert not ours.account[[UNSOLVED, OVERSPENT]].any()
-        for one, other in zip(sorted(ours.jumps, key=str), sorted(others.jumps, key=str), strict=True):
-            assert (one.ramp, one.contact, one.border) == (other.ramp, other.contact, other.border)
-            assert (one.part, one.distance, one.loss) == pytest.approx(
-                (other.part, other.distance, other.loss), abs=1e-10
-            )
-            jumps += 1
-    assert jumps > 100
+    for seed in range(60):
+        scene, targets = random_scene(seed)
+        n = scene.body.contacts
+        image = mirrored(scene.document())
+        length, forward, backward, loads = np.split(targets, (n - 1, 2 * n - 1, 3 * n - 1), axis=1)
+        one, other = Followed(scene), Followed(image)
+        x = one.go(targets)
+        turned = np.hstack((length[:, ::-1], backward[:, ::-1], forward[:, ::-1], -loads[:, ::-1]))
+        np.testing.assert_allclose(other.go(turned)[:, ::-1], -x, rtol=0, atol=1e-11, err_msg=str(seed))
+        np.testing.assert_allclose(one.account[ENERGIES], other.account[ENERGIES], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(
+            sorted((jump.contact, jump.border, jump.distance, jump.loss) for jump in one.jumps),
+            sorted((n - 1 - jump.contact, -jump.border, -jump.distance, jump.loss) for jump in other.jumps),
+            rtol=0,
+            atol=1e-10,
+        )
+        jumps += len(one.jumps)
+    assert jumps > 1000
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 5, 7])
 def test_contacts_that_reach_borders_together_fall_together(parts: int) -> None:
-    """The engine in use finishes one jump before it starts the other, and is 0.2 m off."""
+    """If one jump ends before the other begins, the body ends 0.2 m off."""
     body = Followed(chain(*TIED.values()))
     x = body.stretch(*([0, 23 * k / parts, 23 * k / parts, 23 * k / parts, 0] for k in range(1, parts + 1)))
     np.testing.assert_allclose(x[-1], [0, -19, -13 / 3, 13 / 3, 19, 0], rtol=0, atol=1e-12)
     assert abs(body.account[RESIDUAL]) < 1e-12 * body.account[WORK]
-    assert [jump.contact for jump in body.jumps] == [1, 4]
+    assert sorted(jump.contact for jump in body.jumps) == [1, 4]
     assert body.jumps[0].loss == pytest.approx(body.jumps[1].loss, rel=1e-12)
 
 
@@ -163,28 +256,6 @@ def test_tied_jumps_are_those_of_rational_numbers() -> None:
     assert ties > 40
 
 
-def test_ground_that_holds_nothing_is_refused_and_changes_nothing() -> None:
-    scene = two([{"from": -1.0, "to": 1.25, "slope": 0.0}], 0.4, 1.0, slope=-80.0, body={"weights": 3.0})
-    body = Followed(scene)
-    body.stretch(0.6)
-    kept, account = body.state.copy(), body.account.copy()
-    with pytest.raises(CommandError, match=r"the loads sum to 5\.90885 N forward, but friction against .* to 0\.8 N"):
-        body.stretch(0.7)
-    assert body.state.bits() == kept.bits()
-    assert (body.account == account).all()
-
-
-def test_a_body_that_nothing_holds_slides_to_the_foot_of_the_hill() -> None:
-    cliff = [{"from": 1.25, "to": 2.25, "slope": -80.0}]
-    scene = two(cliff, 0.4, 1.0, body={"weights": 3.0})
-    ours, others = Followed(scene), Followed(scene, records=False)
-    np.testing.assert_allclose(ours.stretch(0.7), others.stretch(0.7), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(ours.account[SAME], others.account[SAME], rtol=0, atol=1e-12)
-    assert ours.jumps[0].loss == pytest.approx(others.jumps[0].loss, abs=1e-12)
-    assert ours.state.feet is not None
-    assert ours.state.feet["place"].tolist() == [0, 3]
-
-
 def test_a_step_that_completes_a_ramp_finds_the_ground_that_it_leads_to() -> None:
     lengths = (0.2, 2.0, 2.5, 1.5)
     spent, exact = Followed(two(ice()), budget=0), Followed(two(ice()))
@@ -199,5 +270,4 @@ def test_jumps_beyond_the_room_for_them_are_found_in_a_second_run() -> None:
     x = body.stretch(21.0)
     assert len(body.jumps) == 40 > scene.body.contacts + 16
     assert abs(body.account[RESIDUAL]) < 1e-12
-    other = Followed(scene, records=False)
-    np.testing.assert_allclose(x, other.stretch(21.0), rtol=0, atol=1e-12)
+    assert x == pytest.approx(np.array([[0.0, 20.6]]), abs=1e-12)

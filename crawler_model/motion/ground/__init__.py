@@ -1,1 +1,0 @@
-"""Ground that changes with place: the event loops of chains and graphs, resumed where they stop at a border."""

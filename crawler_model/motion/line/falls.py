@@ -1,0 +1,362 @@
+"""Falls: bounds that fall at fixed commands, wherever contacts come to ground that holds less.
+
+A fall takes part of no length of the ramp: commands rest at `rests`, and the bounds that the ground does not hold fall
+to those that it does, along a line of their own from -1 to 0. Only contacts that the fall moves, or whose forces it
+changes, are drawn into it; `since` < 0 marks them, and their events come before all others in the tournament. So the
+same loop follows ramps and falls, and a jump costs no more than the contacts that take part in it.
+
+All that fall at one instant fall together; where others come to such borders on the way, the rest of the fall begins
+anew with them. Lowering a forward bound moves contacts forward only, as the forces of springs on a contact grow with
+the displacements of the others, so the end is the least displacement at which all bounds hold.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import lean
+from .advance import advance, advance_spring, place_of
+from .block import list_contact, settle
+from .ground import ROUNDING, SLIDES, close_jump, compare, gap_of, reach_border, rest_on_border, set_bound, set_bounds
+from .records import AHEAD, BACKWARD, BEHIND, FORWARD
+from .tournament import begin_tournament, schedule
+
+_BEGIN, _END = -1.0, -1e-300
+"""The line of a fall. Its end is as good as 0, where the bounds are those of the ground, and still before the ramp."""
+_SLOWEST = 1e-4
+"""Contacts that slide slower than this part of the velocity of one that falls are not looked for at their borders."""
+
+
+@lean
+def _is_due(c, ground, ramp, i):
+    """Determine whether a sliding contact is now at a border beyond which the ground holds less."""
+    if abs(c.v) <= SLIDES:
+        return False
+    coming = AHEAD if c.v > 0.0 else BEHIND
+    foot = ground.feet[i]
+    if foot.place % 2 == 1 or gap_of(c, foot, ground, coming, place_of(c, ramp)) > ROUNDING * (ramp.span + abs(c.v)):
+        return False
+    return compare(c, foot, ground, coming, ramp) < 0
+
+
+@lean
+def is_due(c, ground, ramp, i):
+    """Determine whether a sliding contact is now at a border beyond which the ground holds less, and note it as `due`.
+
+    Args:
+        c: CONTACT i.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP.
+        i: the contact.
+
+    Returns:
+        Whether it is.
+    """
+    if ground is None:
+        return False
+    if not _is_due(c, ground, ramp, i):
+        return False
+    ramp.due = i + 1
+    return True
+
+
+@lean
+def find_due(contacts, block, ground, ramp, count):
+    """Look for a contact of a block that is at a border beyond which the ground holds less, before its rates change.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        block: BLOCK.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP; `due` is set.
+        count: number of contacts of the block.
+
+    Returns:
+        Whether there is one.
+    """
+    if ground is None:
+        return False
+    for j in range(count):
+        i = block[j].contact
+        if is_due(contacts[i], ground, ramp, i):
+            return True
+    return False
+
+
+@lean
+def find_due_at_end(contacts, block, ground, ramp):
+    """Look for a contact that is at such a border at the end of the ramp or of the fall.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        block: BLOCK.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP, at its end; `due` is set.
+
+    Returns:
+        Whether there is one.
+    """
+    if ground is None:
+        return False
+    for j in range(ramp.drawn if ramp.falling else contacts.shape[0]):
+        i = block[j].drawn if ramp.falling else j
+        if is_due(contacts[i], ground, ramp, i):
+            return True
+    return False
+
+
+@lean
+def has_fallen(contacts, ground):
+    """Determine whether a contact stands on ground that does not hold its bounds, and so has to fall.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        ground: a `Terrain`, or None.
+
+    Returns:
+        Whether one does.
+    """
+    if ground is None:
+        return False
+    fallen = 0
+    for i in range(contacts.shape[0]):
+        fallen |= contacts[i].fallen
+    return fallen != 0
+
+
+@lean
+def draw(contacts, model, ground, ramp, i):
+    """Draw contact i into the present fall, if there is one: its bounds rest, and so does it until it is solved.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        model: a `Model`.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP.
+        i: the contact.
+    """
+    if ground is None:
+        return
+    c = contacts[i]
+    if not ramp.falling or c.since < 0.0:
+        return
+    settle(c, ramp)
+    advance(c, ramp, ramp.rests)
+    c.forward += ramp.rests * c.d_forward
+    c.backward += ramp.rests * c.d_backward
+    c.load += ramp.rests * c.d_load
+    c.d_forward = c.d_backward = c.d_load = 0.0
+    c.v = 0.0 if c.fallen == 0 else (SLIDES if c.fallen == FORWARD else -SLIDES)
+    c.force_rate = 0.0
+    c.leaving = c.side = 0
+    c.since = ramp.s
+    schedule(contacts, i, np.inf, ramp.begun)
+    model.block[ramp.drawn].drawn, model.block[ramp.drawn].held = i, c.forward + c.backward
+    ramp.drawn += 1
+
+
+@lean
+def draw_all(contacts, model, ground, ramp):
+    """Draw all contacts into the present fall, if there is one.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        model: a `Model`.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP.
+    """
+    if ground is None:
+        return
+    if ramp.falling:
+        for i in range(contacts.shape[0]):
+            draw(contacts, model, ground, ramp, i)
+
+
+@lean
+def draw_spring(spring, ground, ramp):
+    """Draw a spring whose rate changes into the present fall, if there is one.
+
+    Args:
+        spring: a SPRING.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP.
+    """
+    if ground is None:
+        return
+    if ramp.falling and spring.since >= 0.0:
+        advance_spring(spring, ramp, ramp.rests)
+        spring.since, spring.rate = ramp.s, 0.0
+
+
+@lean
+def _let_fall(contacts, model, ground, ramp, i, count):
+    """Put contact i onto its border if it falls there; returns how many contacts are listed."""
+    c = contacts[i]
+    if not _is_due(c, ground, ramp, i):
+        return count
+    advance(c, ramp, place_of(c, ramp))
+    c.coming = AHEAD if c.v > 0.0 else BEHIND
+    reach_border(c, ground, ramp, i)
+    return list_contact(contacts, model.block, i, count)
+
+
+@lean
+def _let_all_fall(contacts, model, ground, ramp, count):
+    """Put all contacts that fall now onto their borders; returns how many contacts are listed.
+
+    The tournament is descended to all events that come within the rounding of positions.
+    """
+    n, block, first = contacts.shape[0], model.block, ramp.due - 1
+    until = np.inf
+    if ramp.begun:
+        until = ramp.s + ROUNDING / _SLOWEST * (1.0 + ramp.span / abs(contacts[first].v))
+    listed = count
+    count = _let_fall(contacts, model, ground, ramp, first, count)
+    for j in range(listed):
+        count = _let_fall(contacts, model, ground, ramp, block[j].hit, count)
+    if ramp.falling:
+        for j in range(ramp.drawn):
+            count = _let_fall(contacts, model, ground, ramp, block[j].drawn, count)
+        return count
+    if not ramp.begun:
+        for i in range(n):
+            count = _let_fall(contacts, model, ground, ramp, i, count)
+        return count
+    block[0].reach = 1  # nodes of the tournament to descend to
+    left = 1
+    while left > 0:
+        left -= 1
+        node = block[left].reach
+        i = node - n if node >= n else contacts[node].winner
+        if contacts[i].next > until:
+            continue
+        if node >= n:
+            count = _let_fall(contacts, model, ground, ramp, i, count)
+        else:
+            block[left].reach, block[left + 1].reach = 2 * node, 2 * node + 1
+            left += 2
+    return count
+
+
+@lean
+def _rewind(contacts, springs, model, ramp):
+    """Advance what takes part in the present fall, and let its line begin anew from there."""
+    for j in range(ramp.drawn):
+        c = contacts[model.block[j].drawn]
+        settle(c, ramp)
+        advance(c, ramp, ramp.s)
+        for k in range(c.first, c.last):
+            spring = springs[model.ends[k].spring]
+            if spring.since < 0.0:
+                advance_spring(spring, ramp, ramp.s)
+                spring.since, spring.rate = _BEGIN, 0.0
+        c.forward += ramp.s * c.d_forward
+        c.backward += ramp.s * c.d_backward
+        c.d_forward = c.d_backward = c.force_rate = 0.0
+        if c.fallen == 0:
+            c.v = 0.0
+        c.leaving = c.side = 0
+        c.since = _BEGIN
+
+
+@lean
+def begin_fall(contacts, springs, model, ground, ramp, count):
+    """Begin a fall of all contacts that are now at borders beyond which the ground holds less, or one anew with them.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP; `due` is one of these contacts, or 0 if those that fall stand on their borders already.
+        count: how many contacts are listed.
+
+    Returns:
+        How many contacts are listed now: all that take part.
+    """
+    if ground is None:
+        return count
+    block = model.block
+    if ramp.due > 0:
+        count = _let_all_fall(contacts, model, ground, ramp, count)
+    ramp.due = 0
+    if ramp.falling:
+        _rewind(contacts, springs, model, ramp)
+        ramp.s = _BEGIN
+    else:
+        ramp.rests, ramp.s, ramp.end = ramp.s, _BEGIN, _END
+        ramp.falling, ramp.drawn = 1, 0
+        if not ramp.begun:
+            draw_all(contacts, model, ground, ramp)
+            begin_tournament(contacts)
+            ramp.begun = 1
+    for j in range(count):
+        draw(contacts, model, ground, ramp, block[j].hit)
+    for j in range(ramp.drawn):
+        i = block[j].drawn
+        c, foot = contacts[i], ground.feet[i]
+        schedule(contacts, i, np.inf, ramp.begun)
+        count = list_contact(contacts, model.block, i, count)
+        if c.fallen & FORWARD:
+            bound = c.forward
+            set_bound(c, foot, ground, FORWARD, ramp)
+            c.d_forward = min(c.forward - bound, 0.0)
+        if c.fallen & BACKWARD:
+            bound = c.backward
+            set_bound(c, foot, ground, BACKWARD, ramp)
+            c.d_backward = min(c.backward - bound, 0.0)
+    return count
+
+
+@lean
+def end_fall(contacts, springs, model, ground, ramp, count):
+    """Return from a fall to the ramp, with the bounds of the ground, or with those that are left of an unfinished fall.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        ground: a `Terrain`, or None.
+        ramp: the RAMP; the fall is finished if `s` is at its end.
+        count: how many contacts are listed.
+
+    Returns:
+        How many contacts are listed now: all that have taken part.
+    """
+    if ground is None:
+        return count
+    s, ramp.s, ramp.end, ramp.falling = ramp.s, ramp.rests, 1.0, 0
+    for j in range(ramp.drawn):
+        i = model.block[j].drawn
+        c, foot = contacts[i], ground.feet[i]
+        if c.leaving != 0 and c.since < s:
+            c.at &= ~c.leaving
+        advance(c, ramp, s)
+        for k in range(c.first, c.last):
+            spring = springs[model.ends[k].spring]
+            if spring.since < 0.0:
+                advance_spring(spring, ramp, s)
+                spring.since = ramp.rests
+                spring.rate = -spring.stiffness * spring.d_length
+        c.leaving = c.side = 0
+        c.since = ramp.rests
+        c.forward += s * c.d_forward
+        c.backward += s * c.d_backward
+        c.d_forward = c.d_backward = 0.0
+        rest_on_border(c, ground, ramp, i)
+        forward, backward = c.forward, c.backward
+        set_bounds(c, foot, ground, ramp)
+        ramp.friction += (c.forward + c.backward) - model.block[j].held
+        if s == _END:
+            close_jump(c, ground, ramp, i)
+            c.fallen = 0
+        if c.fallen & FORWARD:
+            c.forward, c.d_forward = max(forward, c.forward + c.since * c.d_forward), 0.0
+        if c.fallen & BACKWARD:
+            c.backward, c.d_backward = max(backward, c.backward + c.since * c.d_backward), 0.0
+        if c.at == 0:
+            c.v = 0.0
+        schedule(contacts, i, np.inf, ramp.begun)
+        count = list_contact(contacts, model.block, i, count)
+    ramp.drawn = 0
+    return count
