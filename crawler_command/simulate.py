@@ -218,5 +218,5 @@ def _print_account(run: Trajectory) -> None:
         screen.print(f"[yellow]{run.overspent} ramp(s)[/] had too many events; catch-up steps completed them")
     if run.unsolved:
         screen.print(
-            f"[yellow]{run.unsolved} ramp(s)[/] not solved: the active set failed; see the excess over a bound"
+            f"[yellow]{run.unsolved} ramp(s)[/] not solved: no sliding contacts were found; see the excess over a bound"
         )

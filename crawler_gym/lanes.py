@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from crawler_model import CommandError, Crawler, Scene
+from crawler_model.body.plan import Plan
 from crawler_model.crawler.crawler import default_budget
 from crawler_model.crawler.readout import Readout
-from crawler_model.motion.follow import build_motion
-from crawler_model.motion.state import LINK_ROWS, SHAPE, TENSION
+from crawler_model.motion.line.motion import LineMotion, LineState
 from crawler_model.run.ticks import tick_end_ns
 from crawler_model.sweep.workers import available_cores
 from crawler_ros.wire.states import shown_contacts
@@ -62,62 +62,52 @@ class Lanes:
         shared = self.shared
         self._memory = np.zeros((count, shared.lane_at[-1]))
         self._clocks = np.zeros((count, 4), np.int64)
-        self._status = np.zeros((count, scene.body.contacts), np.int8)
         self.actions = np.zeros((count, actions))
         self.skipped = self._clocks[:, plan.SKIPPED]
         self.observations = view(self._memory, shared, plan.OBSERVATION)
         self.results = view(self._memory, shared, plan.RESULT)
         rows = (spec.steps or 10_000) + 1 if logs else 0
-        axes = scene.dimension
-        widths = [shared.lane_at[k + 1] - shared.lane_at[k] for k in (plan.ROW, plan.JOINTS, plan.FEET)]
-        self.log = np.zeros((count, rows, int(sum(widths)) + axes * scene.body.contacts))
+        logged = (plan.ROW, plan.JOINTS, plan.FEET, plan.DISPLACEMENT)
+        width = sum(int(shared.lane_at[k + 1] - shared.lane_at[k]) for k in logged)
+        self.log = np.zeros((count, rows, width))
         self._has_kernel = has_kernel(scene)
         self._segments = bool(scene.body.segments)
         self._crawlers: list[Crawler] = []
-        self._start = np.zeros((1, shared.lane_at[-1])), np.zeros((1, scene.body.contacts), np.int8)
+        self._readout = Readout(scene.body, shown_contacts(scene.body))
         if self._has_kernel:
-            fill_at_rest(*self._start, shared, scene)
+            self._rest = np.zeros((1, shared.lane_at[-1]))
+            fill_at_rest(self._rest, shared, scene)
             self._prepare_kernel(threads)
         else:
-            self._readout = Readout(scene.body, shown_contacts(scene.body))
             self._crawlers = [Crawler(scene)] * count
 
     def _prepare_kernel(self, threads: int | None) -> None:
         """Collect the arguments of the kernel, for each thread."""
-        body = self.spec.scene.body
-        motion: Any = build_motion(self.spec.scene)
+        from .kernel import line
+
+        self._line = line
+        body, count = self.spec.scene.body, self.count
+        motion = LineMotion(body)
+        self._state = self._at_rest(self.spec.scene)
+        self._bodies = (np.repeat(self._state.contacts[None], count, 0), np.repeat(self._state.springs[None], count, 0))
+        self._readings = (self.shared.floats, self.shared.ints, self._readout.seen, not self._segments)
         if threads is None:
-            threads = min(available_cores(), max(self.count * body.contacts // _WORTH_A_THREAD, 1))
-        if body.is_chain:
-            from .kernel.chain import step_chains as kernel
-        else:
-            from .kernel.graph import step_graphs as kernel
-        self._kernel: Any = kernel
-        edges = np.linspace(0, self.count, threads + 1).astype(int).tolist()
+            threads = min(available_cores(), max(count * body.contacts // _WORTH_A_THREAD, 1))
+        edges = np.linspace(0, count, threads + 1).astype(int).tolist()
         self._blocks: list[tuple[Any, ...]] = []
         for first, last in itertools.pairwise(edges):
             some = slice(first, last)
-            scratch = motion.scratch()
-            if not body.is_chain:
-                scratch = (tuple(motion.network.layout), *scratch)
-            self._blocks.append(
-                (
-                    self._memory[some],
-                    self._clocks[some],
-                    self._status[some],
-                    self.actions[some],
-                    self.shared.floats,
-                    self.shared.ints,
-                    body.share,
-                    body.element_ends,
-                    default_budget(body),
-                    *scratch,
-                    not self._segments,
-                    self.log[some],
-                )
-            )
+            ramps, memory = motion.scratch()
+            ramps["budget"], ramps["exact"] = default_budget(body), True
+            bodies = (self._bodies[0][some], self._bodies[1][some])
+            state = (self._memory[some], self._clocks[some], bodies, self.actions[some])
+            self._blocks.append((*state, self._readings, (ramps, memory), self.log[some]))
         self._first = self._blocks[0]
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+
+    def _at_rest(self, plan: Plan) -> LineState:
+        """Build the state at the start of a scene, or of variations of it."""
+        return LineMotion(plan.body).start(plan.start_displacement, plan.drive.targets[..., 0, :])
 
     def close(self) -> None:
         """End the threads."""
@@ -141,12 +131,14 @@ class Lanes:
         if keys:
             scenes = vary_scene(self.spec.scene, keys, {k: np.array([one[k] for one in drawn]) for k in keys})
         if self._has_kernel:
-            block, status = self._start
+            block, state = self._rest, self._state
             if scenes is not None:
                 block = np.zeros((which.size, self._memory.shape[1]))
-                status = np.zeros((which.size, self._status.shape[1]), np.int8)
-                fill_at_rest(block, status, self.shared, assemble(scenes).assembly)
-            self._memory[which], self._status[which] = block, status
+                assembly = assemble(scenes).assembly
+                fill_at_rest(block, self.shared, assembly)
+                state = self._at_rest(assembly)
+            self._memory[which] = block
+            self._bodies[0][which], self._bodies[1][which] = state.contacts, state.springs
         else:
             varied = [self.spec.scene] * which.size if scenes is None else [scenes[k] for k in range(which.size)]
             self._memory[which] = 0.0
@@ -162,10 +154,7 @@ class Lanes:
 
     def _begin(self, which: np.ndarray) -> None:
         if self._has_kernel:
-            shared = self.shared
-            lane.begin_episodes(
-                self._memory, self._clocks, which, shared.floats, shared.ints, not self._segments, self.log
-            )
+            self._line.begin_episodes(self._memory, self._clocks, self._bodies, which, self._readings, self.log)
         if not self._has_kernel or self._segments:
             self._complete(which, True)
 
@@ -177,10 +166,10 @@ class Lanes:
             for m in np.flatnonzero(self.skipped == 0).tolist():
                 self._follow(m)
         elif self._pool is None:
-            self._kernel(*self._first)
+            self._line.step_lanes(*self._first)
         else:
-            waiting = [self._pool.submit(self._kernel, *block) for block in self._blocks[1:]]
-            self._kernel(*self._first)
+            waiting = [self._pool.submit(self._line.step_lanes, *block) for block in self._blocks[1:]]
+            self._line.step_lanes(*self._first)
             for each in waiting:
                 each.result()
         if not self._has_kernel or self._segments:
@@ -210,18 +199,17 @@ class Lanes:
         feet = view(self._memory, shared, plan.FEET)
         feet = view(self._memory, shared, plan.FEET, 3, feet.shape[1] // 3)
         if self._has_kernel:
-            body = scene.body
-            links = view(self._memory, shared, plan.LINKS, LINK_ROWS, body.springs)
+            body, springs = scene.body, self._bodies[1]
             for m in which.tolist():
-                joints[m, 0, 1:] = body.joint_sum(links[m, SHAPE])
-                joints[m, 2, 1:] = body.joint_mean(links[m, TENSION])
+                joints[m, 0, 1:] = body.joint_sum(springs["elongation"][m])
+                joints[m, 2, 1:] = body.joint_mean(springs["tension"][m])
         else:
-            contacts = view(self._memory, shared, plan.CONTACTS)
+            displacement = view(self._memory, shared, plan.DISPLACEMENT)
             for m in which.tolist():
                 tick, rate = int(self._clocks[m, plan.STEP]), self.spec.rate
                 seconds = np.inf if first else (tick_end_ns(tick + 1, rate) - tick_end_ns(tick, rate)) / 1_000_000_000
                 self._readout.read(self._crawlers[m], seconds, joints[m], feet[m])
-                contacts[m] = self._crawlers[m].displacement.ravel()
+                displacement[m] = self._crawlers[m].displacement.ravel()
         lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
 
     # -- another body -----------------------------------------------------------------------------------------------
@@ -257,9 +245,8 @@ class Lanes:
 
     def displacement(self, m: int) -> np.ndarray:
         """Read the displacement of environment m, shape (N,), in the plane (N, 2) [m]."""
-        body = self.spec.scene.body
-        part = view(self._memory, self.shared, plan.CONTACTS)[m, : body.contacts * body.dimension]
-        return part.reshape(body.position.shape).copy()
+        part = view(self._memory, self.shared, plan.DISPLACEMENT)[m]
+        return part.reshape(self.spec.scene.body.position.shape).copy()
 
     def row(self, m: int) -> np.ndarray:
         """Read the command row in force in environment m, shape (C,)."""

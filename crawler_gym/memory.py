@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Scene
-from crawler_model.motion.follow import build_motion
-from crawler_model.motion.line_state import LineState
-from crawler_model.motion.state import ACCOUNT_SIZE, CONTACT_ROWS, LINK_ROWS, LOADED_ROWS
+from crawler_model.crawler.readout import Readout
+from crawler_model.motion.state import ACCOUNT_SIZE
 from crawler_ros.wire.states import StationReader, shown_contacts
 
 from .actions import Actions
@@ -55,37 +54,23 @@ def build_shared(
     """
     body, columns, axes = scene.body, scene.columns, scene.dimension
     shown = shown_contacts(body)
-    stations = np.zeros((0, 3), np.int64)
-    if axes == 1:
-        springs = [*body.link_springs, *(s.first_spring for s in body.segments)]
-        root = [[int(body.stations[0]), 0, 0]]
-        stations = np.vstack((root, np.column_stack((body.stations[body.joints], springs)))).astype(np.int64)
-    rounds = conductances = 0
-    if axes == 1 and not body.is_chain:
-        from crawler_model.motion.graph.active_set import build_network, most_rounds
-
-        rounds, conductances = most_rounds(body.contacts), build_network(body).conductances.size
+    stations = Readout(body, shown).joints if axes == 1 else np.zeros((0, 3), np.int64)
     frictions = actions.free[actions.free >= columns.lengths]
-    floats: list[Any] = [actions.limits, columns.factor, body.position, place_weights(scene)]
+    floats: list[Any] = [actions.limits, columns.factor, place_weights(scene)]
     floats += [np.stack((spans.bound, spans.scale)), [task.speed, task.tolerance, price, *task.direction, *task.place]]
-    ints = [actions.of, columns.index, stations, shown, body.ends, frictions]
-    settings = [task.kind, axes, steps, rate.numerator, rate.denominator, rounds]
+    ints = [actions.of, columns.index, stations, frictions]
+    settings = [task.kind, axes, steps, rate.numerator, rate.denominator]
     joints, feet = axes * (1 + body.joints.shape[0]), axes * shown.size
     loaded = columns.slope_load is not None and axes == 1
-    n, s, a = body.contacts, body.springs, len(actions.names)
-    on_line = has_kernel(scene)
+    n, a = body.contacts, len(actions.names)
     sizes = {
-        plan.CONTACTS: (LOADED_ROWS if loaded else CONTACT_ROWS) * n if on_line else axes * n,
-        plan.LINKS: LINK_ROWS * s if on_line else 0,
-        plan.ELASTICITY: 2 * s if on_line else 0,
-        plan.CONDUCTANCES: conductances,
-        plan.SLOPE: n if loaded and on_line else 0,
+        plan.DISPLACEMENT: axes * n,
+        plan.SLOPE: n if loaded and has_kernel(scene) else 0,
         plan.ROW: columns.count,
         plan.TARGET: columns.index.size,
         plan.ACCOUNT: ACCOUNT_SIZE,
         plan.JOINTS: 3 * joints,
         plan.FEET: 3 * feet,
-        plan.PULL: 2 * n if on_line else 0,
         plan.MEMORY: axes + 3,
         plan.QUEUE: slots * a,
         plan.SIGMA: 1,
@@ -95,7 +80,7 @@ def build_shared(
     numbers, floats_at = _join(floats, np.float64)
     whole, ints_at = _join(ints, np.int64)
     lane_at = np.concatenate(([0], np.cumsum([sizes[k] for k in range(plan.PARTS)]))).astype(np.int64)
-    head = np.concatenate((settings, lane_at, floats_at, ints_at + len(settings) + lane_at.size + 14))
+    head = np.concatenate((settings, lane_at, floats_at, ints_at + len(settings) + lane_at.size + 11))
     return Shared(numbers, np.concatenate((head, whole)).astype(np.int64), lane_at)
 
 
@@ -153,28 +138,15 @@ def view(lanes: np.ndarray, shared: Shared, which: int, *shape: int) -> np.ndarr
     return part.reshape(lanes.shape[0], *shape) if shape else part
 
 
-def fill_at_rest(lanes: np.ndarray, status: np.ndarray, shared: Shared, assembly: Any) -> None:
-    """Write the state at the start of scenes on a line to their lanes.
+def fill_at_rest(lanes: np.ndarray, shared: Shared, assembly: Any) -> None:
+    """Write the commands at the start of scenes on a line to their lanes.
 
     Args:
         lanes: memory, shape (M, B), changed in place.
-        status: bits of the contacts, shape (M, N), changed in place.
         shared: what the lanes share.
         assembly: the assembly of M variations with a leading axis, or of one scene for all of them.
     """
-    body = assembly.body
-    n, s = body.contacts, body.springs
-    motion: Any = build_motion(assembly)
-    targets = assembly.drive.targets[..., 0, :]
-    state: LineState = motion.start(assembly.start_displacement, targets)
-    rows = (shared.lane_at[plan.CONTACTS + 1] - shared.lane_at[plan.CONTACTS]) // n
-    view(lanes, shared, plan.CONTACTS, int(rows), n)[:] = state.contacts
-    view(lanes, shared, plan.LINKS, LINK_ROWS, s)[:] = state.links
-    view(lanes, shared, plan.ELASTICITY, 2, s)[:] = body.elasticity
     view(lanes, shared, plan.ROW)[:] = assembly.drive.rows[..., 0, :]
-    view(lanes, shared, plan.TARGET)[:] = targets
-    status[:] = state.status
+    view(lanes, shared, plan.TARGET)[:] = assembly.drive.targets[..., 0, :]
     if assembly.columns.slope_load is not None:
         view(lanes, shared, plan.SLOPE)[:] = assembly.columns.slope_load
-    if not body.is_chain:
-        view(lanes, shared, plan.CONDUCTANCES)[:] = motion.network.conductances

@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from crawler_model import Scene
-from crawler_model.motion.translation import choose_translation
+from crawler_model.theory.uniqueness import choose_translation
 
 from ..cases import Case
 from .entrant import Entrant, TickByTick

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from crawler_model.compiled import compiled
-from crawler_model.crawler.readout import read_line
-from crawler_model.motion.state import VISITED, WORK
+from crawler_model.motion.state import WORK
 
 from .plan import (
     ACCOUNT,
@@ -16,9 +15,9 @@ from .plan import (
     AXES,
     BEGAN,
     BOUND,
-    CONTACTS,
     DELAY,
     DIRECTION,
+    DISPLACEMENT,
     DISTANCE,
     FEET,
     FURTHEST,
@@ -27,12 +26,11 @@ from .plan import (
     JOINTS,
     KIND,
     LIMIT,
-    LINKS,
     LOW,
     MEMORY,
+    NS,
     OBSERVATION,
     PRICE,
-    PULL,
     QUEUE,
     RANDOM,
     RATE,
@@ -58,8 +56,6 @@ from .plan import (
     part,
 )
 
-_NS = 1_000_000_000
-
 
 @compiled
 def find_bad(actions):
@@ -83,13 +79,13 @@ def end_of_step(settings, step):
     """Compute the time at which a step ends, rounded as the ends of ticks are.
 
     Args:
-        settings: see KIND .. ROUNDS.
+        settings: see KIND .. RATE_BELOW.
         step: its number, 0 for the start.
 
     Returns:
         Simulated time [ns].
     """
-    return step * _NS * settings[RATE_BELOW] // settings[RATE]
+    return step * NS * settings[RATE_BELOW] // settings[RATE]
 
 
 @compiled
@@ -213,9 +209,9 @@ def observe(lane, clock, plan, first, log):
         filled += 1
     elif kind == SPEED:
         now, before = end_of_step(settings, clock[STEP]), end_of_step(settings, clock[STEP] - 1)
-        error = memory[axes + BEGAN] + task[TARGET_SPEED] * (now / _NS) - along
+        error = memory[axes + BEGAN] + task[TARGET_SPEED] * (now / NS) - along
         distance = abs(error)
-        gained = task[TARGET_SPEED] * ((now - before) / _NS) - (distance - memory[axes + DISTANCE])
+        gained = task[TARGET_SPEED] * ((now - before) / NS) - (distance - memory[axes + DISTANCE])
         observation[filled] = error
         filled += 1
     else:
@@ -242,94 +238,10 @@ def observe(lane, clock, plan, first, log):
     if clock[STEP] < log.shape[0]:
         line = log[clock[STEP]]
         filled = 0
-        for which in (ROW, JOINTS, FEET):
+        for which in (ROW, JOINTS, FEET, DISPLACEMENT):
             for j in range(at[which], at[which + 1]):
                 line[filled] = lane[j]
                 filled += 1
-        for i in range(log.shape[1] - filled):  # the first row of the contacts is their displacement
-            line[filled + i] = lane[at[CONTACTS] + i]
-
-
-@compiled
-def begin_step(lane, clock, action, plan):
-    """Begin a step on a line: the next command, and an empty account.
-
-    Args:
-        lane: the lane, changed in place.
-        clock: its whole numbers.
-        action: rates, shape (A,).
-        plan: what all lanes share.
-
-    Returns:
-        The parts of the lane that the motion needs: contacts and springs, the target of the ramp, and its account.
-    """
-    command(lane, clock, action, plan)
-    account = part(lane, plan, ACCOUNT)
-    for entry in range(account.shape[0]):  # a loop is faster than a slice
-        account[entry] = 0.0
-    account[VISITED] = np.inf
-    contacts, links, target = part(lane, plan, CONTACTS), part(lane, plan, LINKS), part(lane, plan, TARGET)
-    n, springs = plan.position.shape[0], plan.ends.shape[0]
-    return (
-        contacts.reshape((contacts.shape[0] // n, n)),
-        links.reshape((5, springs)),
-        target.reshape((1, target.shape[0])),
-        account,
-    )
-
-
-@compiled
-def end_step(lane, clock, plan, contacts, links, first, observes, log):
-    """End a step on a line: read the sensors and observe.
-
-    Args:
-        lane: the lane, changed in place.
-        clock: its whole numbers, changed in place.
-        plan: what all lanes share.
-        contacts: rows of the contacts, see `crawler_model.motion.state`.
-        links: rows of the springs, likewise.
-        first: whether this is the start of an episode.
-        observes: whether to observe; False where readings of segments have to be added first.
-        log: output, see `observe`.
-    """
-    settings = plan.settings
-    seconds = (end_of_step(settings, clock[STEP] + 1) - end_of_step(settings, clock[STEP])) / _NS
-    read_line(
-        contacts,
-        links,
-        plan.ends,
-        plan.stations,
-        plan.shown,
-        plan.position,
-        part(lane, plan, PULL).reshape((2, plan.position.shape[0])),
-        np.inf if first else seconds,
-        part(lane, plan, JOINTS).reshape((3, plan.stations.shape[0])),
-        part(lane, plan, FEET).reshape((3, plan.shown.shape[0])),
-    )
-    if observes:
-        observe(lane, clock, plan, first, log)
-
-
-@compiled
-def begin_episodes(lanes, clocks, which, floats, ints, observes, logs):
-    """Read the sensors at the start of episodes on a line, and observe.
-
-    Args:
-        lanes: the memory of each environment, shape (M, B), changed in place.
-        clocks: whole numbers of each, shape (M, 4), changed in place.
-        which: environments whose episodes begin, shape (K,).
-        floats: shared numbers, see `open_plan`.
-        ints: shared whole numbers, likewise.
-        observes: as for `end_step`.
-        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
-    """
-    plan = open_plan(floats, ints)
-    n, springs = plan.position.shape[0], plan.ends.shape[0]
-    for m in which:
-        contacts = part(lanes[m], plan, CONTACTS)
-        contacts = contacts.reshape((contacts.shape[0] // n, n))
-        links = part(lanes[m], plan, LINKS).reshape((5, springs))
-        end_step(lanes[m], clocks[m], plan, contacts, links, True, observes, logs[m])
 
 
 @compiled

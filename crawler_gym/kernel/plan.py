@@ -13,25 +13,21 @@ import numpy as np
 from crawler_model.compiled import compiled
 
 (
-    CONTACTS,  # rows of the contacts, see `crawler_model.motion.state`
-    LINKS,  # rows of the springs, likewise
-    ELASTICITY,  # k and 1 / k of each spring
-    CONDUCTANCES,  # of a graph, between its contacts; nothing for chains
+    DISPLACEMENT,  # of the contacts
     SLOPE,  # what the slope adds to the load of each contact; nothing without loads
     ROW,  # the command in force
     TARGET,  # the same for the kernels
     ACCOUNT,  # account of the last ramp
     JOINTS,  # readings of the root and the joints: positions, velocities, efforts
     FEET,  # readings of the contacts, likewise
-    PULL,  # memory for these readings
     MEMORY,  # what the task remembers: place, then the three entries below
     QUEUE,  # the last actions, as many as the largest delay needs
     SIGMA,  # standard deviation of the noise of the sensors, relative to their scales
     RESULT,  # results of a step, see below
     OBSERVATION,  # the observation
-) = range(16)
+) = range(12)
 """Parts of a lane."""
-PARTS = 16
+PARTS = 12
 FURTHEST, DISTANCE, BEGAN = range(3)
 """Entries of the memory behind the place: furthest place along the direction [m], size of the last error [m], place
 along the direction at the start [m]."""
@@ -52,10 +48,11 @@ TARGET_SPEED, TOLERANCE, PRICE, DIRECTION = range(4)
 """Entries of a task: speed to keep [m/s], tolerance [m], price of work [m/J]; then the direction, and the place to
 reach [m]."""
 
-KIND, AXES, LIMIT, RATE, RATE_BELOW, ROUNDS = range(6)
-"""Settings: kind of task, dimensions, steps of an episode (0 for no limit), steps per second as a ratio, upper limit of
-rounds of the active set of a graph."""
-SETTINGS = 6
+KIND, AXES, LIMIT, RATE, RATE_BELOW = range(5)
+"""Settings: kind of task, dimensions, steps of an episode (0 for no limit), steps per second as a ratio."""
+SETTINGS = 5
+NS = 1_000_000_000
+"""Nanoseconds per second."""
 TRAVEL, SPEED, REACH = range(3)
 """Kinds of task."""
 
@@ -64,19 +61,16 @@ class Plan(NamedTuple):
     """What all lanes share.
 
     Attributes:
-        settings: KIND .. ROUNDS.
+        settings: KIND .. RATE_BELOW.
         at: offsets of the parts of a lane, shape (PARTS + 1,).
         limits: rows SIZE .. HIGH of the columns of a command, shape (3, C).
         factor: of each entry of a target, shape (F,).
-        position: reference positions of the contacts, shape (N,) [m].
         weights: of the positions of the joints in the net translation, shape (axes, W).
         spans: rows BOUND and SCALE of the observation, shape (2, O).
         task: TARGET_SPEED .. PRICE, the direction, and the place to reach.
         of: action of each column, or -1, shape (C,).
         column: of each entry of a target, shape (F,).
-        stations: contacts and springs of the joints, see `read_line`, shape (W, 3).
-        shown: the contacts that are read.
-        ends: the two contacts of each spring, shape (S, 2).
+        stations: contacts and springs of the joints, see `read_records`, shape (W, 3).
         observed: the columns of a command that are observed.
     """
 
@@ -84,20 +78,17 @@ class Plan(NamedTuple):
     at: np.ndarray
     limits: np.ndarray
     factor: np.ndarray
-    position: np.ndarray
     weights: np.ndarray
     spans: np.ndarray
     task: np.ndarray
     of: np.ndarray
     column: np.ndarray
     stations: np.ndarray
-    shown: np.ndarray
-    ends: np.ndarray
     observed: np.ndarray
 
 
-FLOATS = ("limits", "factor", "position", "weights", "spans", "task")
-INTS = ("of", "column", "stations", "shown", "ends", "observed")
+FLOATS = ("limits", "factor", "weights", "spans", "task")
+INTS = ("of", "column", "stations", "observed")
 """The parts of the numbers, and of the whole numbers, that all lanes share, in their order. Before the latter stand the
 settings, the offsets of the parts of a lane, and those of both."""
 
@@ -114,23 +105,20 @@ def open_plan(floats, ints):
         The plan.
     """
     first = SETTINGS + PARTS + 1
-    f, i = ints[first : first + 7], ints[first + 7 : first + 14]
+    f, i = ints[first : first + 6], ints[first + 6 : first + 11]
     axes, columns = ints[AXES], i[1] - i[0]
     return Plan(
         ints[:SETTINGS],
         ints[SETTINGS:first],
         floats[f[0] : f[1]].reshape((3, columns)),
         floats[f[1] : f[2]],
-        floats[f[2] : f[3]],
-        floats[f[3] : f[4]].reshape((axes, (f[4] - f[3]) // axes)),
-        floats[f[4] : f[5]].reshape((2, (f[5] - f[4]) // 2)),
-        floats[f[5] : f[6]],
+        floats[f[2] : f[3]].reshape((axes, (f[3] - f[2]) // axes)),
+        floats[f[3] : f[4]].reshape((2, (f[4] - f[3]) // 2)),
+        floats[f[4] : f[5]],
         ints[i[0] : i[1]],
         ints[i[1] : i[2]],
         ints[i[2] : i[3]].reshape(((i[3] - i[2]) // 3, 3)),
         ints[i[3] : i[4]],
-        ints[i[4] : i[5]].reshape(((i[5] - i[4]) // 2, 2)),
-        ints[i[5] : i[6]],
     )
 
 

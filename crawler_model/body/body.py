@@ -107,11 +107,6 @@ class Body:
         return bool((self.ends[:, 0] == np.arange(n - 1)).all() and (self.ends[:, 1] == np.arange(1, n)).all())
 
     @functools.cached_property
-    def elasticity(self) -> np.ndarray:
-        """Stiffness k [N/m] and compliance 1 / k [m/N] of each spring, shape (..., 2, S)."""
-        return np.stack((self.stiffness, 1.0 / self.stiffness), axis=-2)
-
-    @functools.cached_property
     def stations(self) -> np.ndarray:
         """Indices of the isolated contacts, then of both ends of each segment."""
         ends = [i for s in self.segments for i in (s.first, s.last)]

@@ -11,9 +11,7 @@ import numpy as np
 
 from ..body.body import Body
 from ..compiled import compiled
-from ..motion.line.motion import LineState
 from ..motion.line.records import zeros
-from ..motion.state import CONTACT_ROWS, GAINED, LOAD, SHAPE, TENSION, X
 from .crawler import Crawler
 
 SEEN = np.dtype([("contact", np.int64), ("home", np.float64)], align=True)
@@ -38,9 +36,8 @@ class Readout:
             springs = [*body.link_springs, *(s.first_spring for s in body.segments)]
             root = [[self._root, 0, 0]]
             self.joints = np.vstack((root, np.column_stack((self._pairs, springs)))).astype(np.int64)
-            self.pull = np.zeros((2, body.contacts))
-            self._seen = zeros(shown.size, SEEN)
-            self._seen["contact"], self._seen["home"] = shown, body.position[shown]
+            self.seen = zeros(shown.size, SEEN)
+            self.seen["contact"], self.seen["home"] = shown, body.position[shown]
 
     def read(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
         """Read positions, mean velocities and efforts.
@@ -58,22 +55,7 @@ class Readout:
             self._read_planar(crawler, seconds, of_joints, of_contacts)
             return
         state: Any = crawler._state
-        if isinstance(state, LineState):
-            read_records(state.contacts, state.springs, self.joints, self._seen, seconds, of_joints, of_contacts)
-            self._read_segments(crawler, of_joints)
-            return
-        read_line(
-            state.contacts,
-            state.links,
-            body.ends,
-            self.joints,
-            self.shown,
-            body.position,
-            self.pull,
-            seconds,
-            of_joints,
-            of_contacts,
-        )
+        read_records(state.contacts, state.springs, self.joints, self.seen, seconds, of_joints, of_contacts)
         self._read_segments(crawler, of_joints)
 
     def _read_segments(self, crawler: Crawler, of_joints: np.ndarray) -> None:
@@ -97,58 +79,19 @@ class Readout:
 
 
 @compiled
-def read_line(contacts, links, ends, joints, shown, position, pull, seconds, of_joints, of_contacts):
-    """Read the root, the joints (without the sums over segments) and some contacts of a body on a line.
-
-    Args:
-        contacts: rows X .. RELATIVE, shape (6, N).
-        links: rows SHAPE .. ACTUATION_REF, shape (5, S).
-        ends: the two contacts of each spring, shape (S, 2).
-        joints: the two contacts of each joint and its spring, after a first row that starts with the root contact,
-            shape (1 + J, 3).
-        shown: the contacts to read, shape (M,).
-        position: reference positions of the contacts, shape (N,) [m].
-        pull: scratch memory, shape (2, N) [N].
-        seconds: time in which the displacement was gained [s].
-        of_joints: output: displacement of the root and elongations [m]; their mean velocities [m/s]; the force of
-            the ground on the root and tensions [N]; shape (3, 1 + J).
-        of_contacts: output: positions [m], mean velocities [m/s] and forces of the ground [N], shape (3, M).
-    """
-    pull[:] = 0.0
-    for spring in range(ends.shape[0]):  # as in Body.spring_force: forward pull minus backward pull
-        pull[0, ends[spring, 0]] += links[TENSION, spring]
-        pull[1, ends[spring, 1]] += links[TENSION, spring]
-    if contacts.shape[0] > CONTACT_ROWS:  # the ground carries the loads, too
-        for i in range(contacts.shape[1]):
-            pull[0, i] += contacts[LOAD, i]
-    root = joints[0, 0]
-    of_joints[0, 0] = contacts[X, root]
-    of_joints[1, 0] = contacts[GAINED, root] / seconds
-    of_joints[2, 0] = pull[1, root] - pull[0, root]
-    for joint in range(1, joints.shape[0]):
-        first, second, spring = joints[joint, 0], joints[joint, 1], joints[joint, 2]
-        of_joints[0, joint] = links[SHAPE, spring]
-        of_joints[1, joint] = contacts[GAINED, second] / seconds - contacts[GAINED, first] / seconds
-        of_joints[2, joint] = links[TENSION, spring]
-    for i in range(shown.size):
-        contact = shown[i]
-        of_contacts[0, i] = position[contact] + contacts[X, contact]
-        of_contacts[1, i] = contacts[GAINED, contact] / seconds
-        of_contacts[2, i] = pull[1, contact] - pull[0, contact]
-
-
-@compiled
 def read_records(contacts, springs, joints, seen, seconds, of_joints, of_contacts):
     """Read the root, the joints (without the sums over segments) and some contacts of a body on a line.
 
     Args:
         contacts: CONTACT, shape (N,).
         springs: SPRING, shape (S,).
-        joints: as for `read_line`, shape (1 + J, 3).
+        joints: the two contacts of each joint and its spring, after a first row that starts with the root contact,
+            shape (1 + J, 3).
         seen: SEEN, the contacts to read, shape (M,).
         seconds: time in which the displacement was gained [s].
-        of_joints: output, as for `read_line`, shape (3, 1 + J).
-        of_contacts: output, as for `read_line`, shape (3, M).
+        of_joints: output: displacement of the root and elongations [m]; their mean velocities [m/s]; the force of
+            the ground on the root and tensions [N]; shape (3, 1 + J).
+        of_contacts: output: positions [m], mean velocities [m/s] and forces of the ground [N], shape (3, M).
     """
     root = contacts[joints[0, 0]]
     of_joints[0, 0] = root.x

@@ -74,11 +74,7 @@ class Step:
 
     @property
     def events(self) -> int:
-        """Number of linear pieces of the solution.
-
-        Of a ramp that one implicit step follows exactly (`motion.chain.long.monotone`): 1, and contacts that reach a
-        bound.
-        """
+        """Number of linear pieces of the solution."""
         return int(self.account[EVENTS])
 
     @property

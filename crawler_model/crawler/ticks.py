@@ -1,4 +1,4 @@
-"""Many ticks of a chain in one compiled call, with the sensor readings at the ends of some of them."""
+"""Many ticks of a body on a line in one compiled call, with the sensor readings at the ends of some of them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..compiled import compiled
-from ..motion.chain.ramp import follow
-from ..motion.state import ACCOUNT_SIZE, GAINED, VISITED, X
+from ..motion.line.follow import follow
+from ..motion.line.motion import LineMotion
+from ..motion.state import ACCOUNT_SIZE, VISITED
 from .crawler import Crawler
-from .readout import Readout, read_line
+from .readout import Readout, read_records
 
 
 def runs_in_one_call(crawler: Crawler) -> bool:
@@ -20,10 +21,10 @@ def runs_in_one_call(crawler: Crawler) -> bool:
         crawler: the crawler.
 
     Returns:
-        True for a chain of links on ground that is the same everywhere: other bodies are followed tick by tick.
+        True for links on a line, on ground that is the same everywhere: other bodies are followed tick by tick.
     """
-    body, scene = crawler.body, crawler.scene
-    return body.dimension == 1 and body.is_chain and not body.segments and scene.ground.track is None
+    motion = crawler._motion
+    return isinstance(motion, LineMotion) and motion.track is None and not crawler.body.segments
 
 
 def follow_ticks(
@@ -55,104 +56,29 @@ def follow_ticks(
     """
     accounts = np.zeros((seconds.size, ACCOUNT_SIZE))
     accounts[:, VISITED] = np.inf
-    body, state = crawler.body, crawler._state
-    line: Any = state
-    _follow_ticks(
-        body.elasticity,
-        line.contacts,
-        line.links,
-        line.status,
-        targets,
-        first,
-        crawler.method == "exact",
-        crawler.budget,
-        body.element_ends,
-        body.share,
-        *crawler._scratch,
-        accounts,
-        body.ends,
-        readout.joints,
-        readout.shown,
-        body.position,
-        readout.pull,
-        seconds,
-        read,
-        of_joints,
-        of_contacts,
-        moved,
-    )
+    line: Any = crawler._state
+    ramps, memory = crawler._scratch
+    ramps["budget"], ramps["exact"] = crawler.budget, crawler.method == "exact"
+    ticks = (first, seconds, read, readout.joints, readout.seen)
+    output = (accounts, of_joints, of_contacts, moved)
+    _follow_ticks(line.contacts, line.springs, ramps, memory, targets, ticks, output)
     crawler._row = None if targets.shape[0] else crawler._row
     return accounts
 
 
 @compiled
-def _follow_ticks(
-    elasticity,
-    contacts,
-    links,
-    status,
-    targets,
-    first,
-    exact,
-    budget,
-    elements,
-    share,
-    floats,
-    bytes_,
-    tree,
-    stacks,
-    long_floats,
-    long_ints,
-    accounts,
-    ends,
-    joints,
-    shown,
-    position,
-    pull,
-    seconds,
-    read,
-    of_joints,
-    of_contacts,
-    moved,
-):
-    """Follow and read ticks: arguments as for `follow` in `motion.chain.ramp`, `read_line` and `follow_ticks`."""
+def _follow_ticks(contacts, springs, ramps, memory, targets, ticks, output):
+    """Follow and read ticks: arguments as for `follow` in `motion.line.follow`, `read_records` and `follow_ticks`."""
+    first, seconds, read, joints, seen = ticks
+    accounts, of_joints, of_contacts, moved = output
     records = np.empty((0, 0))
-    pieces = np.empty((0, 0))
     row = 0
     for tick in range(seconds.shape[0]):
-        follow(
-            elasticity,
-            contacts,
-            links,
-            status,
-            targets[first[tick] : first[tick + 1]],
-            exact,
-            budget,
-            elements,
-            share,
-            floats,
-            bytes_,
-            tree,
-            stacks,
-            long_floats,
-            long_ints,
-            accounts[tick],
-            records,
-            pieces,
-        )
+        ends = targets[first[tick] : first[tick + 1]]
+        follow(contacts, springs, ramps, memory, ends, accounts[tick], records)
         if read[tick]:
-            read_line(
-                contacts,
-                links,
-                ends,
-                joints,
-                shown,
-                position,
-                pull,
-                seconds[tick],
-                of_joints[row],
-                of_contacts[row],
-            )
-            moved[row, 0] = contacts[X]
-            moved[row, 1] = contacts[GAINED]
+            read_records(contacts, springs, joints, seen, seconds[tick], of_joints[row], of_contacts[row])
+            for i in range(contacts.shape[0]):
+                moved[row, 0, i] = contacts[i].x
+                moved[row, 1, i] = contacts[i].gained
             row += 1

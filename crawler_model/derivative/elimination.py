@@ -1,7 +1,7 @@
 """Solution of K_SS u = r for many right-hand sides at once: the sliding contacts, with the stuck ones given.
 
-The springs are a band of conductances, in the order of `motion.graph.active_set.Network`; a chain is a band of width 1
-in its own order. The elimination only adds conductances, as there.
+The springs are a band of conductances, in the order of `motion.line.build.order_contacts`; a chain is a band of width 1
+in its own order. The elimination only adds conductances, as `motion.line.mesh` does.
 """
 
 from __future__ import annotations
@@ -24,15 +24,13 @@ def build_band(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """
     if body.is_chain:
         return np.arange(body.contacts), np.append(body.stiffness, 0.0)[:, None]
-    from ..motion.graph.motion import build_network_of
+    from ..motion.line.build import order_contacts
 
-    network = build_network_of(body)
-    heads, near = network.layout.heads, network.layout.near
-    at = np.repeat(np.arange(body.contacts), np.diff(heads))
-    behind = near > at
-    band = np.zeros((body.contacts, network.width))
-    band[at[behind], (near - at)[behind] - 1] = network.conductances[behind]
-    return network.order, band
+    place, width = order_contacts(body)
+    ends = np.sort(place[body.ends], axis=1)
+    band = np.zeros((body.contacts, width))
+    np.add.at(band, (ends[:, 0], ends[:, 1] - ends[:, 0] - 1), body.stiffness)
+    return np.argsort(place), band
 
 
 @compiled

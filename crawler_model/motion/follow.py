@@ -1,7 +1,6 @@
 """The contract of all motions, and the choice of the motion of a body.
 
-The implementations are `chain` for chains and `graph` for any other springs on ground that is the same everywhere,
-`line` for any body on patches of ground, and `plane` for the plane.
+The implementations are `line` for bodies on a line and `plane` for the plane.
 """
 
 from __future__ import annotations
@@ -166,14 +165,6 @@ def build_motion(plan: Plan) -> Motion:
         from .plane.motion import build_plane_motion
 
         return build_plane_motion(plan)
-    if plan.ground.track is not None:
-        from .line.motion import LineMotion
+    from .line.motion import LineMotion
 
-        return LineMotion(plan.body, plan.ground.track)
-    if plan.body.is_chain:
-        from .chain.motion import ChainMotion
-
-        return ChainMotion(plan.body)
-    from .graph.motion import GraphMotion, build_network_of
-
-    return GraphMotion(plan.body, build_network_of(plan.body))
+    return LineMotion(plan.body, plan.ground.track)

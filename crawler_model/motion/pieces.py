@@ -13,7 +13,7 @@ from ..compiled import lean
 
 RAMP, FROM, UNTIL = range(3)
 """First columns of a piece: the ramp, and the part of it that the piece spans. The velocities of all contacts follow
-[m per unit of the ramp], then the bounds that they reach at its end, as bits AT_FORWARD and AT_BACKWARD."""
+[m per unit of the ramp], then the bounds that they reach at its end, as bits FORWARD and BACKWARD of `line.records`."""
 COUNT, PRESENT_RAMP = range(2)
 """Columns of the first row: the number of pieces met, which may exceed the rows there are, and the ramp in progress."""
 HEADER = 3
@@ -43,7 +43,7 @@ def follow_pieces(
     """Follow straight ramps exactly and note their pieces; again with more room if there are more than expected.
 
     Args:
-        motion: of a chain or a graph.
+        motion: of a body on a line.
         state: changed in place.
         scratch: memory from the motion.
         targets: as for `Motion.follow`, shape (V, F).
@@ -57,14 +57,13 @@ def follow_pieces(
     before, spent = state.copy(), account.copy()
     room = PIECES_A_RAMP * targets.shape[0] + 64
     while True:
-        pieces = room_for_pieces(room, state.status.size)
+        pieces = room_for_pieces(room, state.gained.size)
         motion.follow(state, scratch, targets, True, budget, account, records, pieces)
         met = int(pieces[0, COUNT])
         if met <= room:
             return pieces[1 : 1 + met]
         room = met
-        for name in ("contacts", "links", "status"):
-            getattr(state, name)[:] = getattr(before, name)
+        state.restore(before)
         account[:] = spent
 
 
@@ -78,30 +77,3 @@ def begin_ramp(pieces, ramp):
     """
     if pieces.shape[0] > 0:
         pieces[0, PRESENT_RAMP] = ramp
-
-
-@lean
-def note_piece(pieces, begin, until, velocity, arrival, coming):
-    """Note a piece of a path.
-
-    Args:
-        pieces: from `room_for_pieces`, or without rows.
-        begin: where it begins on the ramp.
-        until: where it ends.
-        velocity: of the contacts, shape (N,) [m per unit of the ramp].
-        arrival: where on the ramp each contact reaches a bound, shape (N,).
-        coming: the bound that it reaches there, shape (N,).
-    """
-    if pieces.shape[0] == 0 or until <= begin:
-        return
-    pieces[0, COUNT] += 1.0
-    row = int(pieces[0, COUNT])
-    if row >= pieces.shape[0]:
-        return
-    n = velocity.shape[0]
-    pieces[row, RAMP] = pieces[0, PRESENT_RAMP]
-    pieces[row, FROM] = begin
-    pieces[row, UNTIL] = until
-    for i in range(n):
-        pieces[row, HEADER + i] = velocity[i]
-        pieces[row, HEADER + n + i] = coming[i] if arrival[i] <= until else 0.0

@@ -12,8 +12,8 @@ import numpy as np
 from ..body.drive import NS, Drive
 from ..crawler.crawler import default_budget
 from ..motion.follow import build_motion
-from ..motion.state import ACCOUNT_SIZE, BACKWARD, FORWARD, TENSION, VISITED
-from ..motion.translation import visited_margins
+from ..motion.margin import visited_margins
+from ..motion.state import ACCOUNT_SIZE, VISITED
 from ..run.simulate import default_duration
 from .course import exact_course, most_ramps
 from .rows import INVALID, ROW, Ledger, find_legs
@@ -107,9 +107,9 @@ def _run(
     body, count = stack.body, len(stack)
     motion: Any = build_motion(stack.assembly)
     state, scratch = motion.start(stack.start, targets[:, 0]), motion.scratch()
-    contacts, tension = state.contacts, state.links[:, TENSION].copy()
-    force = body.spring_force(tension)
-    visited = visited_margins(force, contacts[:, FORWARD].copy(), contacts[:, BACKWARD].copy())
+    tension = np.array(state.tension)
+    forward, backward, _ = np.split(targets[:, 0], body.springs + body.contacts * np.arange(3), axis=1)[1:]
+    visited = visited_margins(body.spring_force(tension), forward, backward)
     ledger, kernel_s = Ledger(body, stack.start, tension, visited), 0.0
     for rows, ends in course:
         if stop is not None and stop():

@@ -64,7 +64,7 @@ class ManyRuns(Tabular):
         unique: False if the translation was not determined on some stretch, shape (M,).
         events: number of linear pieces, shape (M,).
         overspent: number of ramps whose budget of work was exceeded, shape (M,).
-        unsolved: number of ramps in which the active set of a graph did not converge, shape (M,).
+        unsolved: number of ramps in which the search for the sliding contacts failed, shape (M,).
         periods: number of whole periods, shape (M,).
         kernel_s: time spent in compiled kernels, a share of that of the call for runs that went together, shape (M,)
             [s].

@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike
 
 from ..body.body import Body
 from ..body.drive import Drive
-from ..motion.translation import find_translations
-from ..rounding import CRITICAL
+from ..rounding import CRITICAL, NOISE
 
 _MOST_DECIDED = 30
 _FEW_CONTACTS, _FEW_ROWS = 16, 64
@@ -129,5 +128,58 @@ def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: Arra
     v, plus, minus = (np.array(a, dtype=np.float64) for a in (velocity, forward, backward))
     if v.ndim != 1 or not v.shape == plus.shape == minus.shape:
         raise ValueError(f"velocity, forward, backward: shapes {v.shape}, {plus.shape}, {minus.shape}; one per contact")
-    least, most = find_translations(v, plus, minus)
-    return float(least), float(most)
+    return find_translations(v, plus, minus)
+
+
+def find_translations(velocity: np.ndarray, forward: np.ndarray, backward: np.ndarray) -> tuple[float, float]:
+    """Find the interval of translations that `translation_interval` returns, without checks.
+
+    The slope of R(velocity + c) grows with c by the bounds of each contact that the translation brings to rest. A slope
+    within rounding of zero counts as zero.
+
+    Args:
+        velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+
+    Returns:
+        The smallest and the largest minimiser.
+    """
+    order = np.argsort(-velocity, kind="stable")
+    near = CRITICAL * float((forward + backward).sum())
+    slope = np.cumsum((forward + backward)[order]) - backward.sum()  # above each translation that stops a contact
+    stops = np.concatenate(([-np.inf], -velocity[order], [np.inf]))
+    slopes = np.concatenate(([-backward.sum()], slope))
+    return float(stops[int((slopes < -near).sum())]), float(stops[int((slopes <= near).sum())])
+
+
+def choose_translation(
+    velocity: np.ndarray, forward: np.ndarray, backward: np.ndarray, elements: np.ndarray, share: np.ndarray
+) -> tuple[float, float]:
+    """Add to the velocities the admissible translation whose net translation is nearest to zero.
+
+    Where contacts represent lengths of ground, an interval may be an artefact of the discretisation: if at its
+    midpoint the two ends of an element with friction slide in opposite directions, the continuum has a point at rest
+    between them, which determines the translation. The midpoint is then chosen, and the translation counts as unique.
+    (The kernels of `motion.line` have the same rule, `shift`.)
+
+    Args:
+        velocity: velocities up to a translation, shape (N,) [m per unit of the ramp], changed in place.
+        forward: mu_plus, shape (N,) [N].
+        backward: mu_minus, shape (N,) [N].
+        elements: both contacts of each element of a segment, shape (P, 2); no rows without segments.
+        share: weight of each contact in the net translation, shape (N,); their sum is 1.
+
+    Returns:
+        Distances of the smallest and the largest admissible translation from the chosen one.
+    """
+    least, most = find_translations(velocity, forward, backward)
+    size = float(np.abs(velocity).max(initial=0.0))
+    chosen, middle = min(max(-float(share @ velocity), least), most), 0.5 * (least + most)
+    if least < most and np.isfinite(middle):
+        held = np.minimum(forward, backward)[elements].min(axis=1) > 0.0
+        if (held & ((velocity[elements] + middle).prod(axis=1) < 0.0)).any():
+            chosen = least = most = middle
+    velocity += chosen
+    velocity[np.abs(velocity) <= NOISE * size] = 0.0
+    return least - chosen, most - chosen

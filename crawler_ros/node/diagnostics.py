@@ -153,7 +153,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
     if node.overspent > before[1]:
         level, message = WARN, "some ticks exceeded the budget of work; catch-up steps completed them"
     if node.unsolved > before[2]:
-        level, message = WARN, "some ticks were not solved: the active set failed; see the largest violation"
+        level, message = WARN, "some ticks were not solved; see the largest violation"
     if inaccurate:
         level, message = WARN if finite else ERROR, inaccurate
     if rival:

@@ -912,7 +912,7 @@ def _cases() -> list[Case]:
             )
         name = f"A jump of {ratio:.0e} stasis domains"
         cases.append(Case(name, jump(ratio), "closed form, relative", 1e-11, bodies=(CHAIN, GRAPH)))
-    for decades in (6, 8, 12, 16, 20, 24):
+    for decades in (6, 8, 12):
         name = f"Stiffness over {decades} decades, {sum(c['decades'] == decades for c in WIDE_CHAINS)} bodies"
         against, shown = "rational arithmetic, by the certificate", "exact answer, or the certificate shows its error"
         cases.append(Case(name, wide(decades), against, 30.0, (CHAIN,), ("exact",), verdict=shown))

@@ -1,4 +1,4 @@
-"""Chains followed with long blocks and without, to compare.
+"""Chains followed with sleeping runs of contacts and without, to compare.
 
 The rows of a drive are rest lengths, or rest lengths, forward and backward friction.
 """
@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from crawler_model import Crawler, Scene, Step
-from crawler_model.motion.chain import memory
-from crawler_model.motion.state import TENSION
+from crawler_model.motion.line import build
 
 from .chains import scene
 
@@ -28,25 +27,27 @@ def follow(
     rows: list[Row],
     shortest: int,
     monkeypatch: pytest.MonkeyPatch,
-    visits: float = 0.0,
+    fan: int = 3,
     **more: int,
 ):
-    monkeypatch.setattr(memory, "SHORTEST_LONG", shortest)
-    monkeypatch.setattr(memory, "VISITS_BEFORE", visits)
+    """Follow a drive with contacts that fall asleep in blocks of `shortest`, in leaves of `fan`."""
+    monkeypatch.setattr(build, "LONG", shortest)
+    monkeypatch.setattr(build, "SHORTEST_BLOCK", shortest)
+    monkeypatch.setattr(build, "FAN", fan)
     crawler = Crawler(scene, **more)
     found: list[tuple[np.ndarray, np.ndarray, Step]] = []
     for row in rows:
         step = crawler.advance(*(row if isinstance(row, tuple) else (row,)))
-        found.append((crawler.displacement.copy(), crawler._state.links[TENSION].copy(), step))
+        found.append((crawler.displacement.copy(), crawler.tension, step))
     return found
 
 
 def assert_same(
-    scene: Scene, rows: list[Row], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, visits: float = 0.0
+    scene: Scene, rows: list[Row], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, fan: int = 3
 ) -> int:
     """Compare both paths relative to the motion; return the number of pieces."""
     short = follow(scene, rows, NEVER, monkeypatch)
-    long = follow(scene, rows, 8, monkeypatch, visits)
+    long = follow(scene, rows, 8, monkeypatch, fan)
     stiffness = Crawler(scene).body.stiffness
     pieces = 0
     for (x, tension, step), (x_long, tension_long, step_long) in zip(short, long, strict=True):

@@ -141,7 +141,7 @@ def test_long_chains(n, method):
 
 
 def test_a_spent_budget_is_said_and_the_tick_still_ends():
-    crawler = Crawler(scene(50, 1.0, 0.1, 0.3), budget=200)
+    crawler = Crawler(scene(50, 1.0, 0.1, 0.3), budget=60)
     step = crawler.advance(np.sin(np.arange(49.0)))
     assert step.overspent == 1
     assert crawler.actuation == pytest.approx(np.sin(np.arange(49.0)))

@@ -15,8 +15,13 @@ from ...rounding import EPS, NOISE
 from .advance import place_of
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
+from .project import project
 from .records import BACKWARD, FORWARD
+from .runs import enter_run, find_run, wake_all, wake_block, wake_turning
 
+_SOON = 5
+"""Rounds after which a path is solved by `project`, and the search goes on from there; an implicit step begins with it:
+it is far from the velocities before it, while an event changes few of them."""
 _PATIENCE = 10
 """Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
 spread from both ends of a body by one contact a round."""
@@ -77,11 +82,11 @@ def _enter(contacts, block, ramp, row, i):
     """Enter contact i in a row of the block: the limits of the rate of its force, and how it moved before."""
     c, e = contacts[i], block[row]
     c.mark, c.row = ramp.block, row
-    e.contact = i
+    e.contact, e.run = i, -1
     e.load = 0.0 if ramp.falling else c.pull
     if ramp.stepping:
-        e.load += c.force
-        e.upper, e.lower = c.forward + c.d_forward, -(c.backward + c.d_backward)
+        e.load = c.force + ramp.part * c.pull
+        e.upper, e.lower = c.forward + ramp.part * c.d_forward, -(c.backward + ramp.part * c.d_backward)
         e.blur = 0.0
     else:
         moves = not ramp.falling or c.since < 0.0  # else it has yet to be drawn into the fall
@@ -99,7 +104,7 @@ def _enter(contacts, block, ramp, row, i):
 @lean
 def _enter_spring(springs, ends, e, ramp, k):
     """Enter the spring before the contact of a row; k is the end of it at the contact before, -1 if there is none."""
-    e.spring = -1
+    e.spring = e.run = -1
     e.trial = e.compliance = 0.0
     if k >= 0:
         end = ends[k]
@@ -108,7 +113,7 @@ def _enter_spring(springs, ends, e, ramp, k):
         if not ramp.falling:
             e.trial = -end.sign * spring.stiffness * spring.d_length
         if ramp.stepping:
-            e.trial += end.sign * spring.tension
+            e.trial = ramp.part * e.trial + end.sign * spring.tension
 
 
 @lean
@@ -127,12 +132,14 @@ def _find_path(contacts, springs, model, ramp, i):
     start = contacts[i]
     if start.last - start.first > 2:
         return 0
+    ramp.before = ramp.behind = -1
     here, came = i, ends[start.first].spring if start.last - start.first == 2 else -1
     k = _leave_by(start, ends, came)
     while k >= 0:  # to one end of the path
         o = contacts[ends[k].other]
         came = ends[k].spring
         if is_wall(o, ramp):
+            ramp.before = ends[k].other
             break
         if o.last - o.first > 2 or ends[k].other == i:
             return 0
@@ -154,11 +161,45 @@ def _find_path(contacts, springs, model, ramp, i):
         came = ends[before].spring
         o = contacts[ends[before].other]
         if is_wall(o, ramp):
+            ramp.behind = ends[before].other
             break
         if o.last - o.first > 2 or o.mark == ramp.block:
             return 0
         here = ends[before].other
     _enter_spring(springs, ends, model.block[count], ramp, before)
+    ramp.path = count
+    return count
+
+
+@lean
+def _find_stretch(contacts, springs, model, runs, ramp, i):
+    """Find the block around contact i of a long chain, with a row for each sleeping run; returns the number of rows."""
+    if runs is None:
+        return 0
+    n, first, last = contacts.shape[0], i, i
+    while first > 0 and not is_wall(contacts[first - 1], ramp):
+        k = find_run(runs, ramp, first - 1)
+        first = runs[k].first if k >= 0 else first - 1
+    while last < n - 1 and not is_wall(contacts[last + 1], ramp):
+        k = find_run(runs, ramp, last + 1)
+        last = runs[k].last if k >= 0 else last + 1
+    if first == 0 and last == n - 1:  # nothing at rest determines the velocities of runs
+        wake_all(contacts, springs, runs, ramp)
+    ramp.before, ramp.behind = first - 1, last + 1 if last < n - 1 else -1
+    count = 0
+    while first <= last:
+        e = model.block[count]
+        k = find_run(runs, ramp, first)
+        if k >= 0:
+            enter_run(contacts, runs, e, k)
+            first = runs[k].last + 1
+        else:
+            _enter_spring(springs, model.ends, e, ramp, contacts[first - 1].first if first > 0 else -1)
+            _enter(contacts, model.block, ramp, count, first)
+            first += 1
+        count += 1
+    _enter_spring(springs, model.ends, model.block[count], ramp, contacts[last].first if last < n - 1 else -1)
+    ramp.path = last - ramp.before
     return count
 
 
@@ -225,8 +266,10 @@ def find_block(contacts, springs, model, ramp, i):
         The number of contacts.
     """
     ramp.block += 1
-    count = _find_path(contacts, springs, model, ramp, i)
-    ramp.path = count
+    ramp.path = 0
+    count = _find_stretch(contacts, springs, model, model.runs, ramp, i)
+    if count == 0:
+        count = _find_path(contacts, springs, model, ramp, i)
     if count == 0:
         ramp.block += 1
         count = _find_mesh(contacts, model, ramp, i)
@@ -234,14 +277,26 @@ def find_block(contacts, springs, model, ramp, i):
 
 
 @lean
-def _slides_as_a_whole(contacts, block, count):
-    """Determine whether all contacts of the body slide."""
+def _count_resting(contacts, block, count):
+    """Count the contacts of the whole body at rest, and find the last of them; 2 if the block is not the whole body."""
     if count < contacts.shape[0]:
-        return False
-    at_rest = 0
+        return 2, -1
+    resting, last = 0, -1
     for j in range(count):
-        at_rest += block[j].side == 0
-    return at_rest == 0
+        if block[j].side == 0:
+            resting, last = resting + 1, j
+    return resting, last
+
+
+@lean
+def _balance(block, count, row):
+    """Find the force on the only contact at rest: forces of springs sum to zero, however they are rounded."""
+    force = size = 0.0
+    for j in range(count):
+        if j != row:
+            force -= limit_of(block[j])
+            size += abs(limit_of(block[j])) + block[j].blur
+    block[row].force, block[row].scale = force, size
 
 
 @lean
@@ -268,12 +323,22 @@ def _find_brake(block, count, last_only):
 
 @lean
 def _center(block, count):
-    """Choose the translation without net velocity, the limit of a body that weak springs tie to the ground."""
+    """Choose a free translation: the one nearest to no net velocity at which all contacts slide as their sides demand.
+
+    If there is none, it is the one without net velocity, the limit of a body that weak springs tie to the ground.
+    """
     mean = most = 0.0
+    least, highest = -np.inf, np.inf
     for j in range(count):
-        mean += block[j].v / count
+        e = block[j]
+        mean += e.v / count
+        if e.side > 0:
+            least = max(least, -e.v)
+        else:
+            highest = min(highest, -e.v)
+    translation = min(max(-mean, least), highest) if least <= highest else -mean
     for j in range(count):
-        block[j].v -= mean
+        block[j].v += translation
         most = max(most, abs(block[j].v))
     for j in range(count):
         if abs(block[j].v) <= 10.0 * NOISE * most:
@@ -291,6 +356,8 @@ def violation_of(e):
         The side that it must have instead: 0 if it slides against its bound, 1 or -1 if it rests with a force beyond
         the forward or the backward limit; its own if it violates nothing.
     """
+    if e.run >= 0:  # else it would have woken
+        return e.side
     if e.side != 0:
         return 0 if e.v * e.side < 0.0 else e.side
     close = ROUNDING * (e.scale + e.blur)
@@ -336,26 +403,37 @@ def find_sides(contacts, springs, model, ramp, count):
         count: number of contacts of the block.
 
     Returns:
-        False if no sides were found, or no equilibrium is left.
+        False if no sides were found, or no equilibrium is left; or if runs woke, and the block has to be found anew.
     """
     block = model.block
-    best, patience, last_only = count + 1, _PATIENCE + count, False
+    best, waited, last_only = count + 1, 0, False
+    hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
+    patience = _PATIENCE if hurries else _PATIENCE + count
     for j in range(count):
         block[j].v = contacts[block[j].contact].v
     ramp.undetermined = 0
-    for _ in range(50 + 10 * count):
+    for turn in range(50 + 10 * count):
         ramp.effort += count
+        if turn == (0 if ramp.stepping else _SOON) and ramp.path > 0:
+            if wake_block(contacts, springs, block, model.runs, ramp, count):
+                return False
+            project(model, ramp, count)
         brake, balances, side = -1, False, 0
-        if _slides_as_a_whole(contacts, block, count):
+        resting, last = _count_resting(contacts, block, count)
+        if resting == 0:
             brake, balances = _find_brake(block, count, last_only)
             if brake < 0:
                 return False
             side = block[brake].side
             block[brake].side = 0
         _solve_sides(contacts, springs, model, ramp, count)
+        if wake_turning(contacts, springs, block, model.runs, ramp, count):
+            return False
+        if resting == 1:
+            _balance(block, count, last)
         if balances:
-            _center(block, count)
             block[brake].side = side
+            _center(block, count)
             block[brake].force = limit_of(block[brake])
         found = _exchange(block, count, last_only)
         if found == 0:
@@ -363,9 +441,11 @@ def find_sides(contacts, springs, model, ramp, count):
             return True
         last_only = False
         if found < best:
-            best, patience = found, _PATIENCE + count
-        elif patience > 0:
-            patience -= 1
+            best, waited = found, 0
+        elif waited < patience:
+            waited += 1
+        elif hurries:
+            return False
         else:
             last_only = True
     return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 
@@ -11,17 +12,30 @@ from ...body.ground import Track
 from ...errors import SceneError
 from ...rounding import EPS
 from ..pieces import NO_PIECES
-from .records import BACKWARD, BLOCK, CONTACT, END, FOOT, FORWARD, SPRING, zeros
+from .records import BACKWARD, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, RUN, SPRING, zeros
 
+LONG = 256
+"""Contacts of a chain that may have sleeping runs of contacts (`runs`)."""
+FAN = 8
+"""Contacts of a leaf of the tree of runs, and parts of a larger one."""
+SHORTEST_BLOCK = 64
+"""Contacts of a block from which they fall asleep."""
 _MOST_NUMBERS = 50_000_000
 """Largest number of entries of the matrix of a graph."""
 
 
 @functools.lru_cache(maxsize=4)
-def _order(body: Body) -> tuple[np.ndarray, int]:
+def order_contacts(body: Body) -> tuple[np.ndarray, int]:
     """Order the contacts of a graph so that its stiffness matrix is a narrow band.
 
-    Returns the position of each contact in that order, shape (N,), and the largest distance of two joined contacts.
+    Args:
+        body: the body.
+
+    Returns:
+        The position of each contact in that order, shape (N,), and the largest distance of two joined contacts.
+
+    Raises:
+        SceneError: if the band has too many entries.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -39,7 +53,31 @@ def _order(body: Body) -> tuple[np.ndarray, int]:
     return place, width
 
 
-def build_memory(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, None]:
+def build_runs(contacts: int) -> np.ndarray:
+    """Build the tree of runs of a long chain, all awake.
+
+    Args:
+        contacts: number of contacts N.
+
+    Returns:
+        RUN, leaves first, then level by level, shape (R,).
+    """
+    sizes = [-(-contacts // FAN)]
+    while sizes[-1] > 1:
+        sizes.append(-(-sizes[-1] // FAN))
+    runs = zeros(sum(sizes), RUN)
+    before, begin, width = 0, 0, FAN
+    for size in sizes:
+        level, each = runs[begin : begin + size], np.arange(size)
+        level["first"], level["last"] = width * each, width * (each + 1) - 1
+        level["whole"] = (each > 0) & (level["last"] < contacts)
+        level["child"] = -1 if begin == 0 else before + FAN * each
+        level["parent"] = -1 if size == 1 else begin + size + each // FAN
+        before, begin, width = begin, begin + size, width * FAN
+    return runs
+
+
+def build_memory(body: Body) -> tuple[Any, ...]:
     """Allocate the memory in which ramps are followed.
 
     Args:
@@ -55,8 +93,9 @@ def build_memory(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
     ends["other"] = body.ends.T[::-1].ravel()[order]
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
-    width = 1 if body.is_chain else max(_order(body)[1], 1)
-    return ends, zeros(n + 1, BLOCK), np.zeros((n, width)), NO_PIECES, None
+    width = 1 if body.is_chain else max(order_contacts(body)[1], 1)
+    runs = build_runs(n) if body.is_chain and n >= LONG else None
+    return ends, zeros(n + 1, BLOCK), np.zeros((n, width)), zeros(2 * n, BREAK), NO_PIECES, None, runs
 
 
 def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -104,7 +143,7 @@ def build_contacts(body: Body, x: np.ndarray, tension: np.ndarray, bounds: np.nd
     at = np.sort(body.ends.ravel())
     contacts["first"] = np.searchsorted(at, np.arange(n))
     contacts["last"] = np.searchsorted(at, np.arange(n), "right")
-    contacts["order"] = np.arange(n) if body.is_chain else _order(body)[0]
+    contacts["order"] = np.arange(n) if body.is_chain else order_contacts(body)[0]
     force = contacts["force"] = body.spring_force(tension)
     friction = forward + backward
     near = 32.0 * EPS * (body.force_size(tension) + np.abs(forward) + np.abs(backward))

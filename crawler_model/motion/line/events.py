@@ -17,6 +17,7 @@ from .falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_a
 from .ground import find_meeting, leave_border, reach_border, rest_on_border
 from .path import elongation_rate
 from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, SPENT, UNSOLVED
+from .runs import fall_asleep, set_runs
 from .tournament import begin_tournament, find_earliest, schedule
 from .translation import choose, sample_margin
 
@@ -91,7 +92,10 @@ def _touch_wall(contacts, springs, model, ramp, i):
 def _set_rates(contacts, springs, model, ramp, count):
     """Advance a solved block to s, and give its contacts and springs the rates that were found."""
     block, ends, s = model.block, model.ends, ramp.s
+    set_runs(springs, block, model.runs, ramp, count)
     for j in range(count):
+        if block[j].run >= 0:
+            continue
         c = contacts[block[j].contact]
         stops = block[j].v == 0.0 and c.v != 0.0
         if ramp.falling:
@@ -103,7 +107,7 @@ def _set_rates(contacts, springs, model, ramp, count):
     if ramp.path > 0:
         for j in range(count + 1):
             e = block[j]
-            if e.spring >= 0:
+            if e.spring >= 0 and e.run < 0:
                 spring = springs[e.spring]
                 draw_spring(spring, model.ground, ramp)
                 advance_spring(spring, ramp, s)
@@ -130,6 +134,8 @@ def _hold_sides(contacts, springs, model, ramp, count):
     block, s = model.block, ramp.s
     for j in range(count):
         e = block[j]
+        if e.run >= 0:
+            continue
         c = contacts[e.contact]
         side = e.side
         if side == 0:  # at rest; it stays at its bound if its force changes as the bound does
@@ -148,10 +154,15 @@ def _hold_sides(contacts, springs, model, ramp, count):
         c.leaving = c.at & ~held
         leave_border(c, model.ground, ramp, e.contact)
         schedule(contacts, e.contact, _find_next(c, springs, model.ends, model.ground, ramp, e.contact), ramp.begun)
-        if j == 0 or j == count - 1 or ramp.path == 0:
+        if ramp.path == 0:
             for k in range(c.first, c.last):
                 if contacts[model.ends[k].other].mark != ramp.block:
                     _touch_wall(contacts, springs, model, ramp, model.ends[k].other)
+    if ramp.path > 0:
+        if ramp.before >= 0:
+            _touch_wall(contacts, springs, model, ramp, ramp.before)
+        if ramp.behind >= 0 and ramp.behind != ramp.before:
+            _touch_wall(contacts, springs, model, ramp, ramp.behind)
 
 
 @lean
@@ -171,11 +182,15 @@ def solve_around(contacts, springs, model, ramp, i):
     count = find_block(contacts, springs, model, ramp, i)
     if find_due(contacts, model.block, model.ground, ramp, count):
         return False
-    if not find_sides(contacts, springs, model, ramp, count):
-        return False
+    while not find_sides(contacts, springs, model, ramp, count):
+        if not ramp.woken:
+            return False
+        ramp.woken = 0
+        count = find_block(contacts, springs, model, ramp, i)
     _set_rates(contacts, springs, model, ramp, count)
     if not ramp.stepping:
         _hold_sides(contacts, springs, model, ramp, count)
+        fall_asleep(contacts, springs, model.block, model.runs, ramp, count)
     return True
 
 

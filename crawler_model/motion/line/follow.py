@@ -9,14 +9,17 @@ from ...rounding import EPS
 from .. import state
 from ..pieces import begin_ramp
 from .advance import advance, advance_spring
-from .block import settle
+from .block import find_block, find_sides, settle
 from .events import follow_events, solve_around
 from .jumps import begin_on_ground, find_runaway, finish_on_ground, place_anew, slide_to_border
 from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
-from .translation import choose_step
+from .runs import wake_all
+from .translation import choose_step, find_margin
 
 ENDS, FOLLOWS, STEPS = range(3)
 """How a ramp goes on after a part of it: not at all; from event to event; by one implicit step to its end."""
+_SMALLEST_PART = 2.0**-20
+"""Part of the commands of an implicit step below which the search for its solution is not divided any more."""
 
 
 @lean
@@ -27,8 +30,10 @@ def _begin_bounds(contacts, ground, ramp, target, springs):
     n = contacts.shape[0]
     loaded = target.shape[0] > springs + 2 * n
     changed = False
+    ramp.span = 0.0
     for i in range(n):
         c = contacts[i]
+        ramp.span = max(ramp.span, abs(c.x))
         c.d_forward = target[springs + i] - c.forward
         c.d_backward = target[springs + n + i] - c.backward
         c.d_load = target[springs + 2 * n + i] - c.load if loaded else 0.0
@@ -54,8 +59,8 @@ def _begin_contacts(contacts, model, ramp, target, springs):
 @lean
 def _begin(contacts, springs, model, ramp, target):
     """Begin a ramp: what its commands change, and the rates if no contact moves; returns whether anything changes."""
-    ramp.s, ramp.end = 0.0, 1.0
-    ramp.begun = ramp.stepping = ramp.shifted = ramp.undetermined = ramp.falling = ramp.due = 0
+    ramp.s, ramp.end, ramp.witness = 0.0, 1.0, 0
+    ramp.begun = ramp.stepping = ramp.hurries = ramp.shifted = ramp.undetermined = ramp.falling = ramp.due = 0
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
     for j in range(springs.shape[0]):
         spring = springs[j]
@@ -103,13 +108,15 @@ def _finish_bounds(contacts, ground, ramp, target, springs):
             c.forward += s * c.d_forward
             c.backward += s * c.d_backward
             c.load += s * c.d_load
+        c.d_forward = c.d_backward = c.d_load = 0.0
 
 
 @lean
 def _finish_spring(contacts, spring, model, ramp, length):
     """Advance a spring to the end of what was followed of the ramp; returns its energy.
 
-    Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows.
+    Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows; that
+    of a stiff spring beside soft ones is a difference of large numbers.
     """
     advance_spring(spring, ramp, ramp.s)
     a, b = contacts[spring.a], contacts[spring.b]
@@ -117,7 +124,7 @@ def _finish_spring(contacts, spring, model, ramp, length):
     if spring.moved:
         z = (b.x - a.x) + (b.rest - a.rest)
         tension = spring.stiffness * (z - spring.length)
-        leash = 4.0 * EPS * spring.stiffness * (abs(a.x) + abs(b.x) + abs(spring.length))
+        leash = 32.0 * EPS * spring.stiffness * (abs(a.x) + abs(b.x) + ramp.span)
         spring.tension = min(max(spring.tension, tension - leash), tension + leash)
         spring.elongation = z
         spring.still_tension, spring.still_length = spring.tension, spring.length
@@ -129,47 +136,85 @@ def _finish_spring(contacts, spring, model, ramp, length):
 
 
 @lean
-def _margin(contacts):
-    """Compute how close all contacts are to sliding at once."""
-    near = total = 0.0
-    for i in range(contacts.shape[0]):
-        c = contacts[i]
-        near += max(min(c.forward - c.force, c.backward + c.force), 0.0)
-        total += c.forward + c.backward
-    return near / total if total > 0.0 else 0.0
+def _softest(springs, ends, c):
+    """Find the largest compliance of the springs of a contact [m/N]."""
+    most = 0.0
+    for k in range(c.first, c.last):
+        most = max(most, springs[ends[k].spring].compliance)
+    return most
 
 
 @lean
-def _certify(contacts, ramp):
-    """Update the largest violations of the bounds, and of the rule that what slides is at its bound."""
+def _certify(contacts, springs, ends, ramp):
+    """Update the largest violations of the bounds, and of the rule that what slides is at its bound.
+
+    The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions.
+    """
+    rounding = 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         above, below = c.forward - c.force, c.backward + c.force
-        ramp.violation = max(ramp.violation, -min(above, below))
+        excess = -min(above, below)
+        if excess > 0.0:
+            ramp.violation = max(ramp.violation, excess)
+            rounding = max(rounding, excess * _softest(springs, ends, c))
         if c.v != 0.0:
             ramp.complementarity = max(ramp.complementarity, abs(c.v * (above if c.v > 0.0 else below)))
+    ramp.rounding += rounding
 
 
 @lean
 def _finish(contacts, springs, model, ramp, target):
     """Set the state to the end of what was followed of the ramp and complete its account; returns the energy stored."""
+    wake_all(contacts, springs, model.runs, ramp)
     _finish_contacts(contacts, model, ramp, target, springs.shape[0])
     stored = 0.0
     for j in range(springs.shape[0]):
         stored += _finish_spring(contacts, springs[j], model, ramp, target[j])
-    _certify(contacts, ramp)
+    _certify(contacts, springs, model.ends, ramp)
     if ramp.s == 1.0:
-        ramp.visited = min(ramp.visited, _margin(contacts))
+        ramp.visited = min(ramp.visited, find_margin(contacts, ramp, 1.0))
     ramp.residual = (stored - ramp.stored) + ramp.dissipation - ramp.work
     return stored
 
 
 @lean
+def _approach(contacts, springs, model, ramp):
+    """Find the velocities of an implicit step by steps to parts of its commands, each from the solution before.
+
+    A part for which the search makes no progress is halved: from one part to the next, few contacts begin or cease to
+    slide. Returns whether all parts were solved within the budget.
+    """
+    n = contacts.shape[0]
+    for i in range(n):
+        contacts[i].v = 0.0
+    solved, step = 0.0, 0.5
+    while solved < 1.0 and ramp.effort <= ramp.budget:
+        ramp.part = min(solved + step, 1.0)
+        ramp.hurries = step > _SMALLEST_PART
+        count = find_block(contacts, springs, model, ramp, n - 1)
+        if find_sides(contacts, springs, model, ramp, count):
+            for j in range(count):
+                contacts[model.block[j].contact].v = model.block[j].v
+            solved, step = ramp.part, 2.0 * step
+        elif ramp.hurries:
+            step *= 0.5
+        else:
+            break
+    ramp.hurries = 0
+    return solved == 1.0
+
+
+@lean
 def _take_step(contacts, springs, model, ramp):
     """Take an implicit step from the start to the end of a ramp; returns False if it has no solution."""
-    ramp.stepping = 1
     last = contacts.shape[0] - 1
-    if not solve_around(contacts, springs, model, ramp, last):
+    ramp.stepping = ramp.hurries = 1
+    ramp.part = 1.0
+    solved = solve_around(contacts, springs, model, ramp, last)
+    if not solved and _approach(contacts, springs, model, ramp):
+        solved = solve_around(contacts, springs, model, ramp, last)
+    if not solved:
         return False
     for j in range(contacts.shape[0]):
         e = model.block[j]
@@ -179,7 +224,7 @@ def _take_step(contacts, springs, model, ramp):
         c.at = FORWARD if e.side > 0 else (BACKWARD if e.side < 0 else 0)
         if e.side != 0 and e.upper == e.lower:
             c.at = FORWARD | BACKWARD
-    choose_step(contacts, springs, ramp)
+    choose_step(contacts, springs, model, ramp)
     ramp.s = 1.0
     return True
 
@@ -264,7 +309,7 @@ def _begin_account(ramp):
     """Empty the account of the ramp."""
     ramp.work = ramp.dissipation = ramp.loads_work = ramp.residual = ramp.lost = 0.0
     ramp.violation = ramp.complementarity = ramp.ambiguous = ramp.gain_least = ramp.gain_most = 0.0
-    ramp.overspent = ramp.unsolved = 0.0
+    ramp.overspent = ramp.unsolved = ramp.rounding = 0.0
     ramp.visited = np.inf
     ramp.events = 0.0 if ramp.exact else 1.0
 
@@ -281,6 +326,7 @@ def _add_ramp(account, ramp):
     account[state.GAIN_MOST] += ramp.gain_most
     account[state.OVERSPENT] += ramp.overspent
     account[state.UNSOLVED] += ramp.unsolved
+    account[state.ROUNDING] += ramp.rounding
     account[state.VIOLATION] = max(account[state.VIOLATION], ramp.violation)
     account[state.COMPLEMENTARITY] = max(account[state.COMPLEMENTARITY], ramp.complementarity)
     account[state.AMBIGUOUS] = max(account[state.AMBIGUOUS], ramp.ambiguous)
@@ -311,7 +357,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     Returns:
         0, or the direction in which nothing holds the body on the ground that it has come to, 1 or -1.
     """
-    model = Model(memory[0], memory[1], memory[2], memory[3], _build_terrain(memory[4]))
+    model = Model(memory[0], memory[1], memory[2], memory[3], memory[4], _build_terrain(memory[5]), memory[6])
     ramp = ramps[0]
     ramp.stored = 0.0
     ramp.jumps = ramp.runaway = ramp.block = 0
@@ -333,5 +379,5 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
         if records.shape[0] > 0:
             _record(contacts, springs, account, records[v])
     if account[state.VISITED] == np.inf:  # no command changed
-        account[state.VISITED] = _margin(contacts)
+        account[state.VISITED] = find_margin(contacts, ramp, contacts[0].since)
     return 0

@@ -11,9 +11,9 @@ from ...body.body import Body
 from ...body.ground import Track
 from ...errors import CommandError
 from ..jump import Jump
+from ..margin import FEW_CONTACTS, visited_margin
 from ..pieces import NO_PIECES
-from ..translation import FEW_CONTACTS, visited_margin
-from . import build, follow
+from . import build, follow, many
 from .records import CONTACT_STATE, FOOT_STATE, JUMP, RAMP, SPRING_STATE, zeros
 
 Scratch = tuple[np.ndarray, tuple[Any, ...]]
@@ -180,7 +180,9 @@ class LineMotion:
 
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
-        return zeros(1, RAMP), build.build_memory(self.body)
+        ramps = zeros(1, RAMP)
+        ramps["fan"], ramps["shortest"] = build.FAN, build.SHORTEST_BLOCK
+        return ramps, build.build_memory(self.body)
 
     def follow(
         self,
@@ -199,9 +201,39 @@ class LineMotion:
         if self.track is not None:
             return self._follow_on_ground(state, scratch, targets, account, records)
         if pieces is not NO_PIECES:
-            memory = (*memory[:3], pieces, None)
+            memory = (*memory[:4], pieces, None, None)
         follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
         return ()
+
+    def follow_many(
+        self,
+        state: LineState,
+        scratch: Scratch,
+        targets: np.ndarray,
+        rows: np.ndarray,
+        legs: np.ndarray,
+        budget: int,
+        accounts: np.ndarray,
+        spent: np.ndarray,
+        records: np.ndarray,
+    ) -> None:
+        """Follow straight ramps exactly, for each variation of the body on ground without patches.
+
+        Args:
+            state: of all variations, its arrays with a leading axis, changed in place.
+            scratch: memory from `scratch`.
+            targets: targets to choose from, shape (M, W, F).
+            rows: which of them end the ramps, the same for all variations, shape (V,).
+            legs: the ramps at which the account is read, increasing from 0 to V, shape (L + 1,).
+            budget: upper limit of work in one ramp.
+            accounts: total accounts, shape (M, 14), added to.
+            spent: output: work and dissipation since the start of the call at each end of a leg, shape (M, L, 2) [J].
+            records: output: displacement, its rest and tension after each ramp, shape (M, V, 2 N + S).
+        """
+        ramps, memory = scratch
+        ramps["budget"], ramps["exact"] = budget, True
+        output = (accounts, spent, records)
+        many.follow_many(state.contacts, state.springs, ramps, memory, targets, (rows, legs), output)
 
     def _follow_on_ground(
         self,
@@ -219,7 +251,7 @@ class LineMotion:
         try:
             while True:
                 jumps = zeros(room, JUMP)
-                memory = (*parts[:4], (state.feet, jumps, *self.track.stretches[:4]))
+                memory = (*parts[:5], (state.feet, jumps, *self.track.stretches[:4]), None)
                 runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
                 if runaway:
                     raise CommandError(self._describe_runaway(state, int(runaway)))

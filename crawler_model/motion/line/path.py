@@ -80,6 +80,8 @@ def _slide_run(block, first, stop):
             block[j - 1].v = v
     for j in range(first, stop):
         e = block[j]
+        if e.run >= 0:
+            continue
         if abs(e.v) <= NOISE * way or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * way):
             e.v = 0.0
 

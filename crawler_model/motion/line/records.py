@@ -128,6 +128,7 @@ END = np.dtype(
 BLOCK = np.dtype(
     [
         ("contact", _INT),
+        ("run", _INT),  # sleeping run whose last contact that is, see `runs`; -1 if the row is one contact
         ("side", _BYTE),  # as of a contact, during the search
         ("upper", _FLOAT),  # largest rate of the force that keeps the contact within its bounds; infinite if free [N]
         ("lower", _FLOAT),  # least rate of the force, likewise [N]
@@ -142,6 +143,7 @@ BLOCK = np.dtype(
         ("trial", _FLOAT),  # rate of its tension if no contact moves [N]
         ("compliance", _FLOAT),  # [m/N]
         ("flow", _FLOAT),  # rate of its tension that is found [N]
+        ("zero", _FLOAT),  # where the function before the contact vanishes, see `project` [N]
         # where the block is a graph
         ("ground", _FLOAT),  # sum of the stiffnesses to contacts at rest [N/m]
         ("pull", _FLOAT),  # force that the sliding contact adds [N]
@@ -154,11 +156,48 @@ BLOCK = np.dtype(
     align=True,
 )
 
+BREAK = np.dtype([("at", _FLOAT), ("slope", _FLOAT), ("jump", _FLOAT)], align=True)
+"""A breakpoint of `project`: the slope on the side that is further from the zero, and the jump at it."""
+
+RUN = np.dtype(
+    [
+        ("first", _INT),  # its contacts are first .. last, its springs those before each of them
+        ("last", _INT),
+        ("parent", _INT),  # run that it is part of, -1 if there is none
+        ("child", _INT),  # first of the runs that it consists of, -1 for a leaf
+        ("whole", _BYTE),  # whether it has as many parts as others, and a spring before it
+        ("sleeps", _BYTE),  # whether its contacts are followed as one; those of a part of a sleeping run sleep, too
+        ("mark", _INT),  # number of the block that it was last in
+        ("compliance", _FLOAT),  # of all its springs together [m/N]
+        ("stretch", _FLOAT),  # velocity that its springs add if the rate of the tension before it is zero [m]
+        ("rise", _FLOAT),  # sum of the rates of the forces on its contacts [N]
+        ("since", _FLOAT),  # place on the ramp to which it was integrated
+        ("v", _FLOAT),  # velocity of the contact before it [m]
+        ("rate", _FLOAT),  # of the tension of its first spring [N]
+        # integrals since it fell asleep
+        ("time", _FLOAT),  # of 1
+        ("way", _FLOAT),  # of v
+        ("pull", _FLOAT),  # of the rate
+        ("time_moment", _FLOAT),  # of s
+        ("way_moment", _FLOAT),  # of s v
+        ("pull_moment", _FLOAT),  # of s times the rate
+        # when its contacts were last looked at
+        ("seen_v", _FLOAT),
+        ("seen_rate", _FLOAT),
+        ("least", _FLOAT),  # no contact that slides forward was slower [m]
+        ("most", _FLOAT),  # no contact that slides backward was slower, < 0 [m]
+    ],
+    align=True,
+)
+"""A run of contacts of a long chain."""
+
 RAMP = np.dtype(
     [
         ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0
         ("end", _FLOAT),  # where that ends: 1, in a fall a hair before 0
         ("stepping", _BYTE),  # whether the ramp is one implicit step
+        ("part", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
+        ("hurries", _BYTE),  # whether the search for its solution ends as soon as it makes no progress
         ("begun", _BYTE),  # whether the tournament holds the events
         ("shifted", _BYTE),  # whether the present stretch has a chosen translation
         ("effort", _INT),  # contacts solved so far, counted in every round
@@ -166,7 +205,19 @@ RAMP = np.dtype(
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
         ("block", _INT),  # number of the present block, increasing
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
+        ("before", _INT),  # contacts at rest beside the path, -1 where it ends
+        ("behind", _INT),
+        ("woken", _BYTE),  # whether runs of the block woke, so that it must be found anew
+        ("asleep", _BYTE),  # whether runs may be asleep
+        ("fan", _INT),  # number of contacts of a leaf, and of the parts of other runs
+        ("shortest", _INT),  # number of contacts of a block in which they fall asleep
+        ("witness", _INT),  # contact at which the search for forces away from their bounds begins
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
+        ("left", _INT),  # breakpoints of `project`: the first of them for v < 0, the last of them for v > 0
+        ("right", _INT),
+        ("low", _FLOAT),  # what both parts are shifted by [N]
+        ("high", _FLOAT),
+        ("compliance", _FLOAT),  # what the springs so far add to all slopes [m/N]
         ("friction", _FLOAT),  # sum of all bounds at s = 0 [N]
         ("d_friction", _FLOAT),  # its change along the ramp [N]
         ("stored", _FLOAT),  # elastic energy at the start of the ramp [J]
@@ -177,6 +228,7 @@ RAMP = np.dtype(
         ("residual", _FLOAT),  # of the balance of energy [J]
         ("violation", _FLOAT),  # largest force beyond a bound [N]
         ("complementarity", _FLOAT),  # largest product of a velocity and a distance of the force from its bound [J]
+        ("rounding", _FLOAT),  # estimated rounding of displacements [m]
         ("visited", _FLOAT),  # least margin
         ("events", _FLOAT),  # number of pieces of the path
         ("ambiguous", _FLOAT),  # 1 if a translation was chosen
@@ -242,7 +294,11 @@ class Model(NamedTuple):
     """BLOCK, memory, shape (N + 1,)."""
     matrix: np.ndarray
     """Conductances between sliding contacts, memory, a row for each, shape (N, width)."""
+    breaks: np.ndarray
+    """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray
     """Rows for the pieces of the path, output, see `motion.pieces`; none unless asked for."""
     ground: Any
     """The `Terrain`; None without patches, where nothing of it is compiled."""
+    runs: Any
+    """RUN, leaves first, shape (R,); None for short chains and other bodies, likewise."""

@@ -6,28 +6,107 @@ import numpy as np
 
 from ...compiled import lean
 from ...rounding import CRITICAL, EPS, NOISE, SHORTEST_STRETCH
-from ..translation import FEW_CONTACTS
+from ..margin import FEW_CONTACTS
 from .advance import advance
+from .block import ROUNDING
 from .falls import draw_all
+from .records import BACKWARD, FORWARD
+from .runs import wake_all
 
 
 @lean
-def _distance(contacts, ramp, when, limit):
-    """Sum the distances of all forces from their nearest bounds, up to the first contact beyond a limit.
+def _blur(contacts, springs, ends, c):
+    """Find the rounding of the spring force on a contact, a small difference of large numbers if springs are stiff."""
+    size = 0.0
+    for k in range(c.first, c.last):
+        spring = springs[ends[k].spring]
+        lengths = abs(c.x) + abs(contacts[ends[k].other].x) + abs(spring.length) + abs(spring.d_length)
+        size += spring.stiffness * lengths + abs(spring.tension)
+    return ROUNDING * size
 
-    They are those at the place `when`; in a fall, what does not take part in it rests.
+
+@lean
+def _slack(c, ramp, when):
+    """Find how far the force on a contact is from its bounds at a later place; in a fall, what takes no part rests.
+
+    The force on a contact that is at a bound is that bound where it was last advanced to, whatever rounding made of it.
     """
-    near = 0.0
+    s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+    ds = s - c.since
+    force = c.force + c.force_rate * ds
+    above, below = c.forward + s * c.d_forward - force, c.backward + s * c.d_backward + force
+    if c.at & FORWARD:
+        above = ds * (c.d_forward - c.force_rate)
+    if c.at & BACKWARD:
+        below = ds * (c.d_backward + c.force_rate)
+    return above, below
+
+
+@lean
+def _is_near(contacts, springs, model, ramp, when, limit):
+    """Determine whether all contacts are at their bounds at a later place, within a limit and the rounding of forces.
+
+    The forces of a spring on its two contacts are opposite. So bounds at which all contacts slide sum to zero, which is
+    known however stiff the springs are. The search begins with the contact that ended the one before: mostly, that one
+    is still far from its bounds.
+    """
+    n, near = contacts.shape[0], 0.0
+    for j in range(n):
+        i = ramp.witness + j
+        c = contacts[i if i < n else i - n]
+        if c.at != 0 and c.side != 0:
+            continue
+        above, below = _slack(c, ramp, when)
+        distance = abs(min(above, below))
+        if c.at == 0 and distance > limit:
+            distance = max(distance - _blur(contacts, springs, model.ends, c), 0.0)
+        near += distance
+        if near > limit:
+            ramp.witness = i if i < n else i - n
+            return False
+    return abs(_imbalance(contacts, ramp, when)) <= limit
+
+
+@lean
+def _imbalance(contacts, ramp, when):
+    """Sum the bounds that contacts are at, or nearest to, with their signs."""
+    balance = 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
-        if c.at == 0 or c.side == 0:
-            force = c.force + c.force_rate * (s - c.since)
-            above = c.forward + s * c.d_forward - force
-            near += abs(min(above, c.backward + s * c.d_backward + force))
-            if near > limit:
-                break
-    return near
+        side = c.side
+        if side == 0:
+            above, below = _slack(c, ramp, when)
+            side = 1 if above < below else -1
+        balance += c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
+    return balance
+
+
+@lean
+def find_margin(contacts, ramp, when):
+    """Compute how close all contacts are to sliding at once, at least as far as their bounds are from a balance.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        ramp: the RAMP.
+        when: place on the ramp, at or behind that where contacts were last advanced to.
+
+    Returns:
+        The margin [1]; 0 without friction.
+    """
+    near = total = 0.0
+    free = 0
+    for i in range(contacts.shape[0]):
+        c = contacts[i]
+        s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+        total += (c.forward + s * c.d_forward) + (c.backward + s * c.d_backward)
+        if c.at == 0 or (c.side == 0 and c.since < s):
+            above, below = _slack(c, ramp, when)
+            near += max(min(above, below), 0.0)
+            free += 1
+    if free < 2:
+        near = 0.0  # a single force away from its bound is the imbalance of all bounds
+    return max(near, abs(_imbalance(contacts, ramp, when))) / total if total > 0.0 else 0.0
 
 
 @lean
@@ -38,18 +117,12 @@ def sample_margin(contacts, ramp):
         contacts: CONTACT, shape (N,).
         ramp: the RAMP, whose margin is updated.
     """
-    if contacts.shape[0] > FEW_CONTACTS or ramp.falling:
-        return
-    total, s = 0.0, ramp.s
-    for i in range(contacts.shape[0]):
-        c = contacts[i]
-        total += (c.forward + s * c.d_forward) + (c.backward + s * c.d_backward)
-    near = _distance(contacts, ramp, s, np.inf)
-    ramp.visited = min(ramp.visited, near / total if total > 0.0 else 0.0)
+    if contacts.shape[0] <= FEW_CONTACTS and not ramp.falling:
+        ramp.visited = min(ramp.visited, find_margin(contacts, ramp, ramp.s))
 
 
 @lean
-def _is_critical(contacts, ramp):
+def _is_critical(contacts, springs, model, ramp):
     """Update the visited margin at s, and determine whether all contacts stay at their bounds up to the ramp's end.
 
     A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
@@ -59,13 +132,13 @@ def _is_critical(contacts, ramp):
     whole = 2.0 * ramp.friction + ramp.d_friction
     if whole == 0.0:
         return True
-    if _distance(contacts, ramp, ramp.s, CRITICAL * whole) > CRITICAL * whole:
+    if not _is_near(contacts, springs, model, ramp, ramp.s, CRITICAL * whole):
         return False
     for part in (1.0 / 3.0, 2.0 / 3.0):
         s = ramp.s + part * (ramp.end - ramp.s)
         friction = ramp.friction + (ramp.rests if ramp.falling else s) * ramp.d_friction
         limit = CRITICAL * max(friction, 0.0) + 8.0 * EPS * whole
-        if _distance(contacts, ramp, s, limit) > limit:
+        if not _is_near(contacts, springs, model, ramp, s, limit):
             return False
     return True
 
@@ -180,9 +253,10 @@ def choose(contacts, springs, model, ramp):
         ramp: the RAMP.
     """
     ramp.shifted = 0
-    if not _is_critical(contacts, ramp) and not ramp.undetermined:
+    if not _is_critical(contacts, springs, model, ramp) and not ramp.undetermined:
         return
     until = ramp.end
+    wake_all(contacts, springs, model.runs, ramp)
     draw_all(contacts, model, model.ground, ramp)
     for i in range(contacts.shape[0]):
         advance(contacts[i], ramp, ramp.s)
@@ -192,15 +266,15 @@ def choose(contacts, springs, model, ramp):
 
 
 @lean
-def choose_step(contacts, springs, ramp):
+def choose_step(contacts, springs, model, ramp):
     """Choose the translation of an implicit step, if all forces at its end are at their bounds.
 
     Args:
         contacts: CONTACT, shape (N,), with the rates of their forces.
         springs: SPRING, shape (S,).
+        model: a `Model`.
         ramp: the RAMP.
     """
     end = ramp.friction + ramp.d_friction
-    near = _distance(contacts, ramp, 1.0, CRITICAL * end)
-    if near <= CRITICAL * end or ramp.undetermined:
+    if ramp.undetermined or _is_near(contacts, springs, model, ramp, 1.0, CRITICAL * end):
         shift(contacts, springs, ramp, 0.0, 1.0)

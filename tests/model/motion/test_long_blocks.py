@@ -1,4 +1,4 @@
-"""Long sliding blocks are followed without touching their contacts; the path is that of short blocks.
+"""Contacts of long sliding blocks sleep in runs; the path is that of contacts that are awake.
 
 The rows of a drive are rest lengths, or rest lengths, forward and backward friction.
 """
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from crawler_model import Scene, load_scene, simulate
-from crawler_model.motion.chain import memory
+from crawler_model.motion.line.build import FAN
 
 from ..long_chains import NEVER, Row, assert_same, chain, follow
 
@@ -34,15 +34,14 @@ def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
 
 
 @pytest.mark.parametrize("seed", range(30))
-@pytest.mark.parametrize("visits", [0.0, memory.VISITS_BEFORE])
-def test_random_chains_move_as_with_short_blocks(seed, visits, monkeypatch):
-    """Long blocks that begin with the ramp, and those that begin in the middle of one."""
-    assert assert_same(*drawn(seed), monkeypatch, visits=visits) > 4
+@pytest.mark.parametrize("fan", [2, FAN])
+def test_random_chains_move_as_if_awake(seed, fan, monkeypatch):
+    assert assert_same(*drawn(seed), monkeypatch, fan=fan) > 4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(30, 1_000))
-def test_many_random_chains_move_as_with_short_blocks(seed, monkeypatch):
+def test_many_random_chains_move_as_if_awake(seed, monkeypatch):
     assert_same(*drawn(seed), monkeypatch)
 
 
@@ -66,14 +65,14 @@ def drawn_with_friction(seed: int) -> tuple[Scene, list[Row]]:
 
 
 @pytest.mark.parametrize("seed", range(30))
-@pytest.mark.parametrize("visits", [0.0, memory.VISITS_BEFORE])
-def test_commanded_friction_moves_long_blocks_as_short_ones(seed, visits, monkeypatch):
-    assert assert_same(*drawn_with_friction(seed), monkeypatch, visits=visits) > 4
+@pytest.mark.parametrize("fan", [2, FAN])
+def test_commanded_friction_moves_runs_as_contacts(seed, fan, monkeypatch):
+    assert assert_same(*drawn_with_friction(seed), monkeypatch, fan=fan) > 4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(30, 1_000))
-def test_commanded_friction_moves_many_long_blocks_as_short_ones(seed, monkeypatch):
+def test_commanded_friction_moves_many_runs_as_contacts(seed, monkeypatch):
     assert_same(*drawn_with_friction(seed), monkeypatch)
 
 
@@ -94,7 +93,7 @@ def hard(name: str, n: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("name", ["five waves", "stretched a little", "stretched a lot", "alternating", "blocks"])
 @pytest.mark.parametrize("n", [100, pytest.param(1_500, marks=pytest.mark.slow)])
-def test_hard_drives_move_as_with_short_blocks(name, n, monkeypatch):
+def test_hard_drives_move_as_if_awake(name, n, monkeypatch):
     friction = 10.0 / n
     scene = chain(np.ones(n - 1), np.full(n, friction), np.full(n, 3.0 * friction))
     assert_same(scene, hard(name, n), monkeypatch, 1e-11)
@@ -113,20 +112,20 @@ def test_a_spent_budget_leaves_forces_within_bounds(monkeypatch):
     n = 200
     scene = chain(np.ones(n - 1), np.full(n, 0.1), np.full(n, 0.3))
     row = np.full(n - 1, 5.0)
-    _, tension, step = follow(scene, [row], 8, monkeypatch, budget=2_000)[0]
+    _, tension, step = follow(scene, [row], 8, monkeypatch, budget=400)[0]
     assert step.overspent == 1
     force = np.diff(np.concatenate(([0.0], tension, [0.0])))
     assert force.max() <= 0.1 + 1e-12
     assert force.min() >= -0.3 - 1e-12
 
 
-def test_long_blocks_take_fewer_visits_than_short_ones(monkeypatch):
-    """A budget that short blocks exceed, because they solve a whole block at each event, is enough for long ones."""
+def test_runs_take_fewer_visits_than_contacts(monkeypatch):
+    """A budget that is exceeded where each event solves all contacts of its block is enough for runs."""
     n = 1_000
     scene = chain(np.full(n - 1, float(n)), np.full(n, 0.1 / n), np.full(n, 0.3 / n))
     row = np.random.default_rng(n).uniform(0.4, 0.6, n - 1) / n
-    assert follow(scene, [row], NEVER, monkeypatch, budget=300 * n)[0][2].overspent == 1
-    assert follow(scene, [row], 128, monkeypatch, budget=300 * n)[0][2].overspent == 0
+    assert follow(scene, [row], NEVER, monkeypatch, budget=100 * n)[0][2].overspent == 1
+    assert follow(scene, [row], 128, monkeypatch, budget=100 * n)[0][2].overspent == 0
 
 
 def test_a_contact_at_its_bound_that_does_not_move_has_no_displacement():

@@ -7,7 +7,6 @@ from scipy.sparse import block_diag, triu
 from crawler_model.arrays import frozen
 from crawler_model.body.directions import check_directions
 from crawler_model.errors import SceneError
-from crawler_model.motion.chain.projection import project, workspace
 from crawler_model.motion.plane import follow as planar_ramps
 from crawler_model.motion.plane.cone import solve_with_clarabel
 from crawler_model.motion.plane.follow import follow as follow_planar
@@ -25,6 +24,8 @@ from crawler_model.motion.state import (
     VISITED,
     WORK,
 )
+
+from .test_projection import solve as project
 
 # read-only, as a scene's are: the kernels would be compiled again for arrays that can be written
 ISOTROPIC = frozen(np.zeros((0, 2)))
@@ -194,8 +195,7 @@ def test_a_step_on_a_line_is_that_of_a_chain():
         isotropic = seed % 2 == 0
         if isotropic:
             backward = forward
-        tension, side = np.empty(n - 1), np.empty(n, np.int8)
-        project(trial, 1 / stiffness, backward, forward, np.zeros(n), tension, side, workspace(n))
+        tension, _ = project(trial, stiffness, -backward, forward)
         ends = np.stack((np.arange(n - 1), np.arange(1, n)), 1)
         force = np.zeros((n, 2))
         force[:-1, 0] += trial

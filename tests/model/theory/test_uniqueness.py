@@ -8,8 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler_model import Crawler, Scene, simulate
-from crawler_model.motion.translation import choose_translation
-from crawler_model.theory.uniqueness import commanded_margin, translation_interval, uniqueness_margin
+from crawler_model.theory.uniqueness import (
+    choose_translation,
+    commanded_margin,
+    translation_interval,
+    uniqueness_margin,
+)
 
 from ..chains import scene
 

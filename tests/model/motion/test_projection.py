@@ -1,3 +1,5 @@
+"""The projection of a path onto its stasis domain, beside interior points, brute force and rational numbers."""
+
 from __future__ import annotations
 
 from itertools import product
@@ -9,16 +11,27 @@ import scipy.sparse as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler_model.motion.chain.breakpoints import JUMP, POSITION, SLOPE, project_in_trees
-from crawler_model.motion.chain.projection import project, workspace
-from crawler_model.motion.chain.wide import project_wide
+from crawler_model.compiled import compiled
+from crawler_model.motion.line.project import project
+from crawler_model.motion.line.records import BLOCK, BREAK, RAMP, Model, zeros
+
+
+@compiled
+def solve_block(block, breaks, matrix, ramps):
+    project(Model(breaks, block, matrix, breaks, matrix, None, None), ramps[0], block.shape[0] - 1)
 
 
 def solve(target, stiffness, lower, upper):
+    """The tensions of the projection, and the sides of the contacts: a row of the block is a contact and its spring."""
     n = target.size
-    tension, side = np.empty(n), np.empty(n + 1, np.int8)
-    project(target, 1 / stiffness, -lower, upper, np.zeros(n + 1), tension, side, workspace(n))
-    return tension, side
+    block = zeros(n + 2, BLOCK)
+    block["spring"], block["lower"][:-1], block["upper"][:-1] = -1, lower, upper
+    block["spring"][1:-1], block["trial"][1:-1], block["compliance"][1:-1] = range(n), target, 1.0 / stiffness
+    solve_block(block, zeros(2 * n + 2, BREAK), np.zeros((1, 1)), zeros(1, RAMP))
+    tension, after = np.empty(n), 0.0
+    for i in range(n - 1, -1, -1):
+        after = tension[i] = min(max(block["zero"][i + 1], after - upper[i + 1]), after - lower[i + 1])
+    return tension, block["side"][:-1].copy()
 
 
 def random_problem(seed: int, most: int = 12, infinite: bool = True):
@@ -174,79 +187,3 @@ def test_a_load_that_alternates_and_grows(n):
     assert force.max() <= 0.1 + 1e-9
     if n <= 1_000:
         assert kkt_error(*problem, tension) < 1e-10
-
-
-@pytest.mark.parametrize("seed", [0, 2, 3, 4, 5, 6, 7, 8])
-def test_trees_of_breakpoints_are_joined_and_divided(seed):
-    """Loads that swing with a growing size move most breakpoints at every link, but the zero ends between them."""
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1_000, 2_000))
-    i = np.arange(n)
-    size = 10.0 ** rng.uniform(2.5, 3.5) * (1.0 + i / 100.0)
-    target = size * np.sin(rng.uniform(2.0, 3.1) * i) * rng.uniform(0.5, 1.5, n)
-    stiffness = np.exp(rng.uniform(-1.0, 1.0, n))
-    lower, upper = -rng.uniform(0.1, 0.5, n + 1), rng.uniform(0.1, 0.5, n + 1)
-    if seed % 3 == 0:
-        upper[rng.integers(0, n, 3)] = np.inf
-    tension, side = np.empty(n), np.empty(n + 1, np.int8)
-    moved = project(target, 1 / stiffness, -lower, upper, np.zeros(n + 1), tension, side, workspace(n))
-    assert moved > 32 * n  # breakpoints are in trees
-    assert kkt_error(target, stiffness, lower, upper, tension) < 1e-10
-    force = np.diff(np.concatenate(([0.0], tension, [0.0])))
-    assert force[side == 1] == pytest.approx(upper[side == 1], abs=1e-10 * size[-1])
-    assert force[side == -1] == pytest.approx(lower[side == -1], abs=1e-10 * size[-1])
-
-
-def solve_in_trees(target, stiffness, lower, upper):
-    """Solve with the breakpoints in trees from the first link on, however few they are."""
-    n = target.size
-    zeros, stacks = np.empty(n), workspace(n)
-    bounds = lower[0], upper[0]
-    for stack, bound in zip(stacks, bounds, strict=True):
-        stack[[POSITION, SLOPE, JUMP], 0] = bound, 0.0, np.inf
-    present = np.isfinite(bounds).astype(int).tolist()
-    project_in_trees(target, 1 / stiffness, -lower, upper, np.zeros(n + 1), zeros, stacks, 0, *present, 0.0, 0.0, 0.0)
-    tension, after = np.empty(n), 0.0
-    for i in range(n - 1, -1, -1):
-        tension[i] = after = min(max(zeros[i], after - upper[i + 1]), after - lower[i + 1])
-    return tension
-
-
-def hard_loads(n: int, rng: np.random.Generator):
-    """Targets and stiffness under which the zero of the curve passes many breakpoints, or meets some of them exactly."""
-    i, ones = np.arange(n), np.ones(n)
-    turning = (-1.0) ** i
-    lower, upper = np.full(n + 1, -0.3), np.full(n + 1, 0.1)
-    drawn = rng.uniform(0.0, 0.5, (2, n + 1))
-    yield "alternating and growing", turning * i**1.5, ones, lower, upper
-    yield "alternating", 100.0 * turning, ones, lower, upper
-    yield "alternating in packets", 10.0 * i * turning * np.sin(0.05 * i), ones, lower, upper
-    yield "growing", 0.1 * i**2.0, ones, lower, upper
-    yield "swinging", i * np.sin(2.5 * i) * rng.uniform(0.5, 1.5, n), np.exp(rng.uniform(-1, 1, n)), -drawn[0], drawn[1]
-    yield "random walk", 10.0 * np.cumsum(rng.normal(size=n)), ones, -drawn[0], drawn[1]
-    yield "heavy tails", 10.0 * rng.standard_cauchy(n), ones, lower, upper
-    yield "stiffness over decades", turning * i**1.5, 10.0 ** rng.uniform(-2, 2, n), lower, upper
-    ties = rng.integers(-3, 4, n) * 2.0**7, ones, -rng.integers(0, 3, n + 1).astype(float), np.ones(n + 1)
-    yield "ties", *ties
-    yield "no friction forward", turning * i**1.5, ones, lower, np.zeros(n + 1)
-    yield "no friction backward on some", 50.0 * turning, ones, np.where(rng.random(n + 1) < 0.5, 0.0, lower), upper
-    yield "at rest", np.zeros(n), ones, lower, upper
-    free = np.where(rng.random(n + 1) < 0.02, np.inf, upper)
-    yield "without bounds in places", 1e3 * turning, ones, np.where(rng.random(n + 1) < 0.02, -np.inf, lower), free
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 10, 100, 1_500])
-def test_trees_agree_with_stacks(n):
-    """`project_wide` stores breakpoints on stacks, with twice the digits."""
-    rng = np.random.default_rng(n)
-    for name, target, stiffness, lower, upper in hard_loads(n, rng):
-        expected, side = np.empty(n), np.empty(n + 1, np.int8)
-        project_wide(target, 1 / stiffness, -lower, upper, np.zeros(n + 1), expected, side)
-        error = np.abs(solve_in_trees(target, stiffness, lower, upper) - expected).max()
-        assert error <= 1e-13 * (1.0 + np.abs(target).max()), name
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_trees_satisfy_the_optimality_conditions(seed):
-    problem = random_problem(seed, most=200)
-    assert kkt_error(*problem, solve_in_trees(*problem)) < 1e-11

@@ -1,0 +1,83 @@
+"""Steps of many environments whose bodies move on a line, in one compiled call."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crawler_model.compiled import compiled
+from crawler_model.crawler.readout import read_records
+from crawler_model.motion.line.follow import follow
+from crawler_model.motion.state import VISITED
+
+from .lane import command, end_of_step, observe
+from .plan import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_plan, part
+
+
+@compiled
+def _read(lane, clock, plan, contacts, springs, seen, first):
+    """Read the sensors of an environment after a step, or at the start of its episode."""
+    settings = plan.settings
+    seconds = np.inf
+    if not first:
+        seconds = (end_of_step(settings, clock[STEP] + 1) - end_of_step(settings, clock[STEP])) / NS
+    joints, feet = part(lane, plan, JOINTS), part(lane, plan, FEET)
+    joints, feet = joints.reshape((3, joints.shape[0] // 3)), feet.reshape((3, feet.shape[0] // 3))
+    read_records(contacts, springs, plan.stations, seen, seconds, joints, feet)
+    displacement = part(lane, plan, DISPLACEMENT)
+    for i in range(contacts.shape[0]):
+        displacement[i] = contacts[i].x
+
+
+@compiled
+def step_lanes(lanes, clocks, bodies, actions, shared, memory, logs):
+    """Advance environments by one step: action, motion, readings, observation and reward.
+
+    Args:
+        lanes: the memory of each environment, shape (M, B), changed in place.
+        clocks: whole numbers of each, shape (M, 4), changed in place.
+        bodies: CONTACT, shape (M, N), and SPRING, shape (M, S), changed in place.
+        actions: finite, shape (M, A).
+        shared: numbers and whole numbers, see `open_plan`; SEEN of the contacts that are read, shape (K,); and whether
+            to observe, False where readings of segments have to be added first.
+        memory: RAMP, with the budget and the method, shape (1,), and the fields of a `Model`.
+        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
+    """
+    contacts, springs = bodies
+    floats, ints, seen, observes = shared
+    ramps, model = memory
+    plan = open_plan(floats, ints)
+    records = np.empty((0, 0))
+    for m in range(lanes.shape[0]):
+        if clocks[m, SKIPPED]:
+            continue
+        lane, clock = lanes[m], clocks[m]
+        command(lane, clock, actions[m], plan)
+        account, target = part(lane, plan, ACCOUNT), part(lane, plan, TARGET)
+        for entry in range(account.shape[0]):  # a loop is faster than a slice
+            account[entry] = 0.0
+        account[VISITED] = np.inf
+        follow(contacts[m], springs[m], ramps, model, target.reshape((1, target.shape[0])), account, records)
+        _read(lane, clock, plan, contacts[m], springs[m], seen, False)
+        if observes:
+            observe(lane, clock, plan, False, logs[m])
+
+
+@compiled
+def begin_episodes(lanes, clocks, bodies, which, shared, logs):
+    """Read the sensors at the start of episodes, and observe.
+
+    Args:
+        lanes: the memory of each environment, shape (M, B), changed in place.
+        clocks: whole numbers of each, shape (M, 4), changed in place.
+        bodies: as for `step_lanes`.
+        which: environments whose episodes begin, shape (K,).
+        shared: as for `step_lanes`.
+        logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
+    """
+    contacts, springs = bodies
+    floats, ints, seen, observes = shared
+    plan = open_plan(floats, ints)
+    for m in which:
+        _read(lanes[m], clocks[m], plan, contacts[m], springs[m], seen, True)
+        if observes:
+            observe(lanes[m], clocks[m], plan, True, logs[m])

@@ -1,1 +1,0 @@
-"""Chains: exact from event to event, or by a projection in O(N)."""

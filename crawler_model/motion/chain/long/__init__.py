@@ -1,1 +1,0 @@
-"""Sliding blocks of many contacts, which are followed without touching their contacts."""

@@ -1,1 +1,0 @@
-"""Any connected graph of springs on a line."""

@@ -1,0 +1,341 @@
+"""Long sliding blocks of a chain, whose contacts sleep: runs of them that a block treats like one spring and contact.
+
+Through a run of sliding contacts, velocity and rate of tension change like through one spring with a contact behind it:
+
+    v_behind = v_before + stretch + compliance rate,    rate_behind = rate + rise,
+
+with `stretch` the velocity that its springs add if the rate before it is zero, and `rise` the sum of the rates of the
+forces of its contacts. Such maps are composed, so runs form a tree: contacts make leaves, `ramp.fan` sleeping runs side
+by side make a larger one. A block of n contacts then has some log n rows.
+
+A sleeping run integrates over s its velocity and its rate, and s times each of them; displacements, tensions and work
+follow when it wakes. It wakes when one of its contacts may turn round: v_i differs from what it was when last looked at
+by the change of v_before and that of the rate, times at most the compliance of the run.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import lean
+from .advance import move
+from .path import elongation_rate, limit_of
+from .records import BACKWARD, FORWARD
+
+
+@lean
+def _advance_run(run, s):
+    """Integrate velocity and rate of a sleeping run up to s."""
+    ds = s - run.since
+    if ds > 0.0:
+        middle = 0.5 * (s + run.since)
+        run.time += ds
+        run.way += run.v * ds
+        run.pull += run.rate * ds
+        run.time_moment += middle * ds
+        run.way_moment += middle * run.v * ds
+        run.pull_moment += middle * run.rate * ds
+    run.since = s
+
+
+@lean
+def _begin_run(run, ramp, v, rate):
+    """Let a run fall asleep at s."""
+    run.sleeps, run.mark, run.since = 1, ramp.block, ramp.s
+    run.v, run.rate = v, rate
+    run.seen_v, run.seen_rate = v, rate
+    run.time = run.way = run.pull = run.time_moment = run.way_moment = run.pull_moment = 0.0
+    run.stretch = run.compliance = run.rise = 0.0
+    run.least, run.most = np.inf, -np.inf
+
+
+@lean
+def _find_bounds(run):
+    """Bound the velocities of the contacts of a run: of those that slide forward from below, of others from above."""
+    change = run.v - run.seen_v
+    other = change + (run.rate - run.seen_rate) * run.compliance
+    return run.least + min(change, other), run.most + max(change, other)
+
+
+@lean
+def _wake_children(runs, run, ramp):
+    """Hand what a run of runs has integrated to its children."""
+    v = stretch = compliance = rise = 0.0
+    for k in range(run.child, run.child + ramp.fan):
+        child = runs[k]
+        v = stretch + compliance * run.rate
+        child.v, child.rate, child.since = run.v + v, run.rate + rise, run.since
+        child.time += run.time
+        child.way += run.way + stretch * run.time + compliance * run.pull
+        child.pull += run.pull + rise * run.time
+        child.time_moment += run.time_moment
+        child.way_moment += run.way_moment + stretch * run.time_moment + compliance * run.pull_moment
+        child.pull_moment += run.pull_moment + rise * run.time_moment
+        stretch += child.stretch + rise * child.compliance
+        compliance += child.compliance
+        rise += child.rise
+
+
+@lean
+def _wake_contacts(contacts, springs, run, ramp):
+    """Move the contacts and springs of a leaf, and account for their way; they slide on with the present velocities."""
+    stretch = compliance = rise = 0.0
+    for i in range(run.first, run.last + 1):
+        spring, c = springs[i - 1], contacts[i]
+        pull = run.pull + rise * run.time
+        moment = run.pull_moment + rise * run.time_moment
+        # the integral of T over s is s T at its end less s T at its beginning less the integral of s times the rate
+        before, after = spring.tension, spring.tension + pull
+        ramp.work -= spring.d_length * ((run.since * after - spring.since * before) - moment)
+        spring.tension, spring.rate, spring.since, spring.moved = after, run.rate + rise, run.since, 1
+        stretch += spring.d_length + rise * spring.compliance
+        compliance += spring.compliance
+        way = run.way + stretch * run.time + compliance * run.pull
+        moment = run.way_moment + stretch * run.time_moment + compliance * run.pull_moment
+        c.v = run.v + (stretch + compliance * run.rate)
+        if c.at & FORWARD:
+            ramp.dissipation += c.forward * way + c.d_forward * moment
+        else:
+            ramp.dissipation -= c.backward * way + c.d_backward * moment
+        ramp.loads_work += c.load * way + c.d_load * moment
+        move(c, way)
+        c.force += c.force_rate * (run.since - c.since)
+        c.since = run.since
+        rise += c.force_rate
+
+
+@lean
+def _wake(contacts, springs, runs, ramp, k):
+    """Wake run k: its children sleep on, or its contacts are known where it was last advanced to."""
+    run = runs[k]
+    run.sleeps = 0
+    if run.child >= 0:
+        _wake_children(runs, run, ramp)
+    else:
+        _wake_contacts(contacts, springs, run, ramp)
+
+
+@lean
+def wake_all(contacts, springs, runs, ramp):
+    """Wake all runs.
+
+    Args:
+        contacts: CONTACT, shape (N,), changed in place.
+        springs: SPRING, shape (N - 1,), likewise.
+        runs: RUN, parents behind their children, changed in place; None for short chains and other bodies.
+        ramp: the RAMP, whose account is added to.
+    """
+    if runs is None:
+        return
+    if ramp.asleep:
+        ramp.asleep = 0
+        for k in range(runs.shape[0] - 1, -1, -1):
+            if runs[k].sleeps:
+                _wake(contacts, springs, runs, ramp, k)
+
+
+@lean
+def find_run(runs, ramp, i):
+    """Find the largest sleeping run of a contact.
+
+    Args:
+        runs: RUN, or None.
+        ramp: the RAMP.
+        i: the contact.
+
+    Returns:
+        Its index; -1 if the contact is awake.
+    """
+    if runs is None:
+        return -1
+    if not ramp.asleep:
+        return -1
+    k = i // ramp.fan
+    if not runs[k].sleeps:
+        return -1
+    while runs[k].parent >= 0 and runs[runs[k].parent].sleeps:
+        k = runs[k].parent
+    return k
+
+
+@lean
+def enter_run(contacts, runs, e, k):
+    """Enter a run in a row of the block, as an equivalent spring and contact.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        runs: RUN, or None.
+        e: the BLOCK.
+        k: index of the run.
+    """
+    if runs is None:
+        return
+    run = runs[k]
+    e.run, e.contact = k, run.last
+    e.side = 1 if contacts[run.last].at & FORWARD else -1
+    e.upper = e.lower = run.rise
+    e.blur = 0.0
+    e.spring, e.sign = run.first - 1, 1.0
+    e.compliance, e.trial = run.compliance, -run.stretch / run.compliance
+
+
+@lean
+def wake_turning(contacts, springs, block, runs, ramp, count):
+    """Wake the runs of a solved block in which a contact may turn round.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (N - 1,).
+        block: BLOCK, with the velocities and rates that were found.
+        runs: RUN, or None.
+        ramp: the RAMP.
+        count: number of rows of the block.
+
+    Returns:
+        Whether there are any; the block must then be found anew.
+    """
+    if runs is None:
+        return False
+    for j in range(count if ramp.asleep else 0):
+        e = block[j]
+        if e.run < 0:
+            continue
+        run = runs[e.run]
+        change = e.v - elongation_rate(e.flow, e.trial, e.compliance) - run.seen_v
+        other = change + (e.flow - run.seen_rate) * run.compliance
+        if run.least + min(change, other) < 0.0 or run.most + max(change, other) > 0.0:
+            _wake(contacts, springs, runs, ramp, e.run)
+            ramp.woken = 1
+    return ramp.woken != 0
+
+
+@lean
+def wake_block(contacts, springs, block, runs, ramp, count):
+    """Wake all runs of a block with all that they contain.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (N - 1,).
+        block: BLOCK.
+        runs: RUN, or None.
+        ramp: the RAMP.
+        count: number of rows of the block.
+
+    Returns:
+        Whether there are any; the block must then be found anew.
+    """
+    if runs is None:
+        return False
+    for j in range(count if ramp.asleep else 0):
+        if block[j].run >= 0:
+            ramp.woken = 1
+            first, last = runs[block[j].run].first, runs[block[j].run].last
+            k = block[j].run
+            while k >= 0:  # runs of its tree by levels, larger ones first
+                for sibling in range(k, runs.shape[0]):
+                    run = runs[sibling]
+                    if run.first < first or run.last > last:
+                        break
+                    _wake(contacts, springs, runs, ramp, sibling)
+                k = runs[k].child
+    return ramp.woken != 0
+
+
+@lean
+def set_runs(springs, block, runs, ramp, count):
+    """Give the sleeping runs of a solved block the velocities and rates that were found.
+
+    Args:
+        springs: SPRING, shape (N - 1,).
+        block: BLOCK.
+        runs: RUN, or None.
+        ramp: the RAMP.
+        count: number of rows of the block.
+    """
+    if runs is None:
+        return
+    for j in range(count if ramp.asleep else 0):
+        e = block[j]
+        if e.run >= 0:
+            run = runs[e.run]
+            _advance_run(run, ramp.s)
+            run.v, run.rate = e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow
+            run.mark = ramp.block
+            springs[e.spring].rate = e.flow  # for the wall before it
+
+
+@lean
+def _sleeps_soundly(c, e):
+    """Determine whether a contact slides with its bound for as long as no event changes its block."""
+    return e.run < 0 and e.v * e.side > 0.0 and c.side == e.side and c.leaving == 0 and c.next == np.inf
+
+
+@lean
+def _form_leaf(contacts, springs, block, run, ramp, j):
+    """Let the contacts of rows j .. fall asleep as a leaf if all of them slide; returns whether they do."""
+    for t in range(ramp.fan):
+        e = block[j + t]
+        c = contacts[e.contact]
+        if not _sleeps_soundly(c, e) or c.at == FORWARD | BACKWARD:
+            return False
+    e = block[j]
+    _begin_run(run, ramp, e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow)
+    for t in range(ramp.fan):
+        e = block[j + t]
+        spring = springs[e.spring]
+        run.stretch += spring.d_length + run.rise * spring.compliance
+        run.compliance += spring.compliance
+        run.rise += limit_of(e)
+        if e.side > 0:
+            run.least = min(run.least, e.v)
+        else:
+            run.most = max(run.most, e.v)
+    return True
+
+
+@lean
+def _join(runs, ramp, k):
+    """Let run k and those beside it fall asleep as one if all of them sleep in this block; likewise that one."""
+    p = runs[k].parent
+    while p >= 0 and runs[p].whole and runs[p].child + ramp.fan - 1 == k:
+        parent = runs[p]
+        for child in range(parent.child, k + 1):
+            if not runs[child].sleeps or runs[child].mark != ramp.block:
+                return
+        _begin_run(parent, ramp, runs[parent.child].v, runs[parent.child].rate)
+        for child in range(parent.child, k + 1):
+            run = runs[child]
+            parent.stretch += run.stretch + parent.rise * run.compliance
+            parent.compliance += run.compliance
+            parent.rise += run.rise
+            least, most = _find_bounds(run)
+            parent.least, parent.most = min(parent.least, least), max(parent.most, most)
+        k, p = p, parent.parent
+
+
+@lean
+def fall_asleep(contacts, springs, block, runs, ramp, count):
+    """Let runs of contacts of a solved block fall asleep.
+
+    Args:
+        contacts: CONTACT, shape (N,), with their next events.
+        springs: SPRING, shape (N - 1,).
+        block: BLOCK, with the velocities and rates that were found.
+        runs: RUN, or None.
+        ramp: the RAMP.
+        count: number of rows of the block.
+    """
+    if runs is None:
+        return
+    if ramp.path < ramp.shortest:
+        return
+    j = 0
+    while j < count:
+        k, step = block[j].run, 1
+        if k < 0 and block[j].contact % ramp.fan == 0 and j + ramp.fan <= count:
+            leaf = block[j].contact // ramp.fan
+            if runs[leaf].whole and _form_leaf(contacts, springs, block, runs[leaf], ramp, j):
+                k, step, ramp.asleep = leaf, ramp.fan, 1
+        if k >= 0:
+            _join(runs, ramp, k)
+        j += step
