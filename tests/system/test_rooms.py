@@ -38,6 +38,7 @@ ROOMS = {
         "crawler",
         "theory",
         "motion.line",
+        "motion.line.ground",
         "motion.plane",
         "motion.plane.parts",
         "motion",

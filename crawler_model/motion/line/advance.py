@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from ...compiled import lean
+from ...compiled import inlined
 
 _RETURNED = 2.0**-50
 """A gain that is left of a larger one of opposite sign, below this part of it, is rounding."""
 
 
-@lean
+@inlined
 def place_of(record, ramp):
     """Find where on its line a contact or a spring is now.
 
@@ -22,7 +22,7 @@ def place_of(record, ramp):
     return ramp.rests if ramp.falling and record.since >= 0.0 else ramp.s
 
 
-@lean
+@inlined
 def move(c, distance):
     """Move a contact, and keep what rounding leaves out of its displacement.
 
@@ -38,7 +38,7 @@ def move(c, distance):
     c.rest = (before - c.x) + step
 
 
-@lean
+@inlined
 def advance(c, ramp, s):
     """Advance a contact to s, and account for the friction and the load on its way.
 
@@ -66,7 +66,7 @@ def advance(c, ramp, s):
     move(c, distance)
 
 
-@lean
+@inlined
 def advance_spring(spring, ramp, s):
     """Advance the tension of a spring to s, and account for the work of its actuator.
 

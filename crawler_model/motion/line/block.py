@@ -1,35 +1,23 @@
-"""A block of contacts at their bounds: found around a contact, and which of its contacts slide, by principal pivoting.
+"""A block of contacts at their bounds, found around a contact: its rows, for `pivot`.
 
-The rates in a block solve a complementarity problem: a contact at its forward bound either slides forward, its force
-moving along the bound, or rests with a force that rises no faster than the bound. An implicit step is the same problem
-for the whole body with forces instead of rates. The search exchanges all contacts that violate their condition; where
-that does not reduce their number, the last one alone (Murty's rule), which ends for every body that something holds.
+A contact strictly inside its bounds is a wall. Where the springs of a block form a path, its rows are in their order,
+and in a long chain a sleeping run of contacts is one row; in others, rows are in the order of elimination.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from ...rounding import EPS, NOISE
+from ...compiled import inlined, lean
 from .advance import place_of
-from .mesh import solve_mesh
-from .path import limit_of, solve_path
-from .project import project
 from .records import BACKWARD, FORWARD
-from .runs import enter_run, find_run, wake_all, wake_block, wake_turning
+from .runs import enter_run, find_run, first_of, last_of, wake_all
 
-_SOON = 5
-"""Rounds after which a path is solved by `project`, and the search goes on from there; an implicit step begins with it:
-it is far from the velocities before it, while an event changes few of them."""
-_PATIENCE = 10
-"""Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
-spread from both ends of a body by one contact a round."""
-ROUNDING = 32.0 * EPS
-"""A force beyond its limit by less than this part of the terms that it is a sum of is at its limit."""
+BEGINS = 1e-300
+"""Velocity of a contact that begins to slide, until that of its block is known: its sign tells where to."""
 
 
-@lean
+@inlined
 def settle(c, ramp):
     """Mark a contact as inside the bounds that it left before the present place on the ramp.
 
@@ -42,7 +30,7 @@ def settle(c, ramp):
         c.leaving = 0
 
 
-@lean
+@inlined
 def list_contact(contacts, block, i, count):
     """List a contact among those around which rates change, unless it is listed.
 
@@ -62,7 +50,7 @@ def list_contact(contacts, block, i, count):
     return count + 1
 
 
-@lean
+@inlined
 def is_wall(c, ramp):
     """Determine whether a contact is strictly inside its bounds, and so rests whatever its neighbours do.
 
@@ -77,7 +65,7 @@ def is_wall(c, ramp):
     return c.at == 0 and not ramp.stepping
 
 
-@lean
+@inlined
 def _enter(contacts, block, ramp, row, i):
     """Enter contact i in a row of the block: the limits of the rate of its force, and how it moved before."""
     c, e = contacts[i], block[row]
@@ -96,12 +84,13 @@ def _enter(contacts, block, ramp, row, i):
         e.blur = abs(c.forward) + abs(c.backward) if changing else 0.0
     if e.lower > e.upper:  # both bounds are met by rounding just before the interval between them vanishes
         e.upper = e.lower = 0.5 * (e.lower + e.upper)
+    e.v = c.v
     e.side = 1 if c.v > 0.0 else (-1 if c.v < 0.0 else 0)
     if (e.side == 1 and e.upper == np.inf) or (e.side == -1 and e.lower == -np.inf):
         e.side = 0
 
 
-@lean
+@inlined
 def _enter_spring(springs, ends, e, ramp, k):
     """Enter the spring before the contact of a row; k is the end of it at the contact before, -1 if there is none."""
     e.spring = e.run = -1
@@ -171,36 +160,75 @@ def _find_path(contacts, springs, model, ramp, i):
     return count
 
 
-@lean
+@inlined
+def _both_rest(contacts, ramp, i, beyond):
+    """Determine whether contact i and the one beyond it rest at their bounds: only i could set that in motion."""
+    return contacts[i].v == 0.0 and contacts[beyond].v == 0.0 and ramp.begun and not ramp.shifted
+
+
+@inlined
 def _find_stretch(contacts, springs, model, runs, ramp, i):
-    """Find the block around contact i of a long chain, with a row for each sleeping run; returns the number of rows."""
-    if runs is None:
-        return 0
-    n, first, last = contacts.shape[0], i, i
+    """Find the block around contact i of a chain, with a row for each sleeping run; returns the number of rows.
+
+    Where neighbours rest at their bounds, the block ends with one of them, its guard, and `passes_guard` extends it.
+    """
+    n, first, last, left, right = contacts.shape[0], i, i, 0, 0
+    ramp.guards = 0
     while first > 0 and not is_wall(contacts[first - 1], ramp):
+        left += _both_rest(contacts, ramp, first, first - 1)
+        if left > ramp.reach:
+            ramp.guards |= BACKWARD
+            break
         k = find_run(runs, ramp, first - 1)
-        first = runs[k].first if k >= 0 else first - 1
+        first = first_of(runs, k, first - 1)
     while last < n - 1 and not is_wall(contacts[last + 1], ramp):
+        right += _both_rest(contacts, ramp, last, last + 1)
+        if right > ramp.reach:
+            ramp.guards |= FORWARD
+            break
         k = find_run(runs, ramp, last + 1)
-        last = runs[k].last if k >= 0 else last + 1
+        last = last_of(runs, k, last + 1)
     if first == 0 and last == n - 1:  # nothing at rest determines the velocities of runs
         wake_all(contacts, springs, runs, ramp)
-    ramp.before, ramp.behind = first - 1, last + 1 if last < n - 1 else -1
+    ramp.before = -1 if ramp.guards & BACKWARD else first - 1
+    ramp.behind = -1 if ramp.guards & FORWARD or last == n - 1 else last + 1
+    ramp.path = last + 1 - first
     count = 0
     while first <= last:
         e = model.block[count]
         k = find_run(runs, ramp, first)
         if k >= 0:
             enter_run(contacts, runs, e, k)
-            first = runs[k].last + 1
+            first = e.contact + 1
         else:
             _enter_spring(springs, model.ends, e, ramp, contacts[first - 1].first if first > 0 else -1)
             _enter(contacts, model.block, ramp, count, first)
             first += 1
         count += 1
     _enter_spring(springs, model.ends, model.block[count], ramp, contacts[last].first if last < n - 1 else -1)
-    ramp.path = last - ramp.before
     return count
+
+
+@inlined
+def passes_guard(contacts, block, ramp, count):
+    """Determine whether a guard of a solved block slides, so that the block has to be found anew, beyond it.
+
+    Args:
+        contacts: CONTACT, shape (N,); the guard begins to slide.
+        block: BLOCK.
+        ramp: the RAMP, whose reach grows.
+        count: number of rows of the block.
+
+    Returns:
+        Whether one does.
+    """
+    passes = False
+    for bit, j in ((BACKWARD, 0), (FORWARD, count - 1)):
+        if ramp.guards & bit and block[j].side != 0:
+            contacts[block[j].contact].v = BEGINS * block[j].side
+            passes = True
+    ramp.reach *= 4
+    return passes
 
 
 @lean
@@ -251,7 +279,7 @@ def _find_mesh(contacts, model, ramp, i):
     return count
 
 
-@lean
+@inlined
 def find_block(contacts, springs, model, ramp, i):
     """Enter in the block all contacts at their bounds that springs join to contact i without passing a wall.
 
@@ -266,186 +294,11 @@ def find_block(contacts, springs, model, ramp, i):
         The number of contacts.
     """
     ramp.block += 1
-    ramp.path = 0
-    count = _find_stretch(contacts, springs, model, model.runs, ramp, i)
-    if count == 0:
-        count = _find_path(contacts, springs, model, ramp, i)
+    ramp.path = ramp.guards = 0
+    if ramp.chain:
+        return _find_stretch(contacts, springs, model, model.runs, ramp, i)
+    count = _find_path(contacts, springs, model, ramp, i)
     if count == 0:
         ramp.block += 1
         count = _find_mesh(contacts, model, ramp, i)
     return count
-
-
-@lean
-def _count_resting(contacts, block, count):
-    """Count the contacts of the whole body at rest, and find the last of them; 2 if the block is not the whole body."""
-    if count < contacts.shape[0]:
-        return 2, -1
-    resting, last = 0, -1
-    for j in range(count):
-        if block[j].side == 0:
-            resting, last = resting + 1, j
-    return resting, last
-
-
-@lean
-def _balance(block, count, row):
-    """Find the force on the only contact at rest: forces of springs sum to zero, however they are rounded."""
-    force = size = 0.0
-    for j in range(count):
-        if j != row:
-            force -= limit_of(block[j])
-            size += abs(limit_of(block[j])) + block[j].blur
-    block[row].force, block[row].scale = force, size
-
-
-@lean
-def _find_brake(block, count, last_only):
-    """Find the contact that stops where all would slide and nothing would hold the body, and whether friction balances.
-
-    Forces of springs sum to zero. If the limits at which the contacts slide do not, the body would fly off, and one of
-    those that slide the other way stops: the slowest or, by Murty's rule, the last. If they do, the translation is
-    free, and any contact may stand for the reference of the velocities.
-    """
-    excess = size = 0.0
-    for j in range(count):
-        e = block[j]
-        excess -= limit_of(e)
-        size += abs(limit_of(e)) + e.blur
-    balances = abs(excess) <= 64.0 * EPS * size
-    brake, slowest = -1, np.inf
-    for j in range(count):
-        e = block[j]
-        if (balances or e.side * excess < 0.0) and (last_only or abs(e.v) < slowest):
-            brake, slowest = j, abs(e.v)
-    return brake, balances
-
-
-@lean
-def _center(block, count):
-    """Choose a free translation: the one nearest to no net velocity at which all contacts slide as their sides demand.
-
-    If there is none, it is the one without net velocity, the limit of a body that weak springs tie to the ground.
-    """
-    mean = most = 0.0
-    least, highest = -np.inf, np.inf
-    for j in range(count):
-        e = block[j]
-        mean += e.v / count
-        if e.side > 0:
-            least = max(least, -e.v)
-        else:
-            highest = min(highest, -e.v)
-    translation = min(max(-mean, least), highest) if least <= highest else -mean
-    for j in range(count):
-        block[j].v += translation
-        most = max(most, abs(block[j].v))
-    for j in range(count):
-        if abs(block[j].v) <= 10.0 * NOISE * most:
-            block[j].v = 0.0
-
-
-@lean
-def violation_of(e):
-    """Find how a contact violates its condition.
-
-    Args:
-        e: a BLOCK, with the rates that its side leads to.
-
-    Returns:
-        The side that it must have instead: 0 if it slides against its bound, 1 or -1 if it rests with a force beyond
-        the forward or the backward limit; its own if it violates nothing.
-    """
-    if e.run >= 0:  # else it would have woken
-        return e.side
-    if e.side != 0:
-        return 0 if e.v * e.side < 0.0 else e.side
-    close = ROUNDING * (e.scale + e.blur)
-    if e.force > e.upper + close:
-        return 1
-    return -1 if e.force < e.lower - close else 0
-
-
-@lean
-def _exchange(block, count, last_only):
-    """Count the contacts that violate their condition, and change the sides of all of them, or of the last one."""
-    found, last, change = 0, -1, 0
-    for j in range(count):
-        side = violation_of(block[j])
-        if side != block[j].side:
-            found += 1
-            last, change = j, side
-            if not last_only:
-                block[j].side = side
-    if found > 0 and last_only:
-        block[last].side = change
-    return found
-
-
-@lean
-def _solve_sides(contacts, springs, model, ramp, count):
-    """Solve for the rates of a block with given sides."""
-    if ramp.path > 0:
-        solve_path(model.block, count)
-    else:
-        solve_mesh(contacts, springs, model, count)
-
-
-@lean
-def find_sides(contacts, springs, model, ramp, count):
-    """Find which contacts of the block slide, and the rates in it.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`, whose block is changed in place.
-        ramp: the RAMP; `undetermined` is set if the whole body slides and friction balances.
-        count: number of contacts of the block.
-
-    Returns:
-        False if no sides were found, or no equilibrium is left; or if runs woke, and the block has to be found anew.
-    """
-    block = model.block
-    best, waited, last_only = count + 1, 0, False
-    hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
-    patience = _PATIENCE if hurries else _PATIENCE + count
-    for j in range(count):
-        block[j].v = contacts[block[j].contact].v
-    ramp.undetermined = 0
-    for turn in range(50 + 10 * count):
-        ramp.effort += count
-        if turn == (0 if ramp.stepping else _SOON) and ramp.path > 0:
-            if wake_block(contacts, springs, block, model.runs, ramp, count):
-                return False
-            project(model, ramp, count)
-        brake, balances, side = -1, False, 0
-        resting, last = _count_resting(contacts, block, count)
-        if resting == 0:
-            brake, balances = _find_brake(block, count, last_only)
-            if brake < 0:
-                return False
-            side = block[brake].side
-            block[brake].side = 0
-        _solve_sides(contacts, springs, model, ramp, count)
-        if wake_turning(contacts, springs, block, model.runs, ramp, count):
-            return False
-        if resting == 1:
-            _balance(block, count, last)
-        if balances:
-            block[brake].side = side
-            _center(block, count)
-            block[brake].force = limit_of(block[brake])
-        found = _exchange(block, count, last_only)
-        if found == 0:
-            ramp.undetermined = balances
-            return True
-        last_only = False
-        if found < best:
-            best, waited = found, 0
-        elif waited < patience:
-            waited += 1
-        elif hurries:
-            return False
-        else:
-            last_only = True
-    return False

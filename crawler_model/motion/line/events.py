@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from ...rounding import EPS, LATE
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
 from .advance import advance, advance_spring
-from .block import ROUNDING, find_block, find_sides, list_contact, settle
-from .falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
-from .ground import find_meeting, leave_border, reach_border, rest_on_border
+from .block import BEGINS, find_block, list_contact, passes_guard, settle
+from .ground.borders import find_meeting, leave_border, reach_border, rest_on_border
+from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
 from .path import elongation_rate
+from .pivot import ROUNDING, find_sides
 from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, SPENT, UNSOLVED
 from .runs import fall_asleep, set_runs
 from .tournament import begin_tournament, find_earliest, schedule
 from .translation import choose, sample_margin
 
-_BEGINS = 1e-300
-"""Velocity of a contact that reaches a bound, until that of its block is known: its sign tells where to."""
 
-
-@lean
+@inlined
 def find_arrival(c, springs, ends, ramp):
     """Find when a contact reaches a bound that its force is not at.
 
@@ -59,7 +57,7 @@ def find_arrival(c, springs, ends, ramp):
     return when
 
 
-@lean
+@inlined
 def _find_next(c, springs, ends, ground, ramp, i):
     """Find the next event of contact i of a block that has just been solved."""
     when = find_meeting(c, ground, i)
@@ -88,31 +86,31 @@ def _touch_wall(contacts, springs, model, ramp, i):
         schedule(contacts, i, find_arrival(c, springs, model.ends, ramp), ramp.begun)
 
 
-@lean
+@inlined
 def _set_rates(contacts, springs, model, ramp, count):
     """Advance a solved block to s, and give its contacts and springs the rates that were found."""
     block, ends, s = model.block, model.ends, ramp.s
     set_runs(springs, block, model.runs, ramp, count)
-    for j in range(count):
-        if block[j].run >= 0:
+    for j in range(count + 1):
+        e = block[j]
+        if e.run >= 0:
             continue
-        c = contacts[block[j].contact]
-        stops = block[j].v == 0.0 and c.v != 0.0
-        if ramp.falling:
-            draw(contacts, model, model.ground, ramp, block[j].contact)
-        advance(c, ramp, s)
-        c.v = block[j].v
-        if stops:
-            rest_on_border(c, model.ground, ramp, block[j].contact)
+        if j < count:
+            c = contacts[e.contact]
+            stops = e.v == 0.0 and c.v != 0.0
+            if ramp.falling:
+                draw(contacts, model, model.ground, ramp, e.contact)
+            advance(c, ramp, s)
+            c.v = e.v
+            if stops:
+                rest_on_border(c, model.ground, ramp, e.contact)
+        if ramp.path > 0 and e.spring >= 0:
+            spring = springs[e.spring]
+            draw_spring(spring, model.ground, ramp)
+            advance_spring(spring, ramp, s)
+            spring.rate = e.sign * e.flow - (spring.tension if ramp.stepping else 0.0)
+            spring.moved |= elongation_rate(e.flow, e.trial, e.compliance) != 0.0
     if ramp.path > 0:
-        for j in range(count + 1):
-            e = block[j]
-            if e.spring >= 0 and e.run < 0:
-                spring = springs[e.spring]
-                draw_spring(spring, model.ground, ramp)
-                advance_spring(spring, ramp, s)
-                spring.rate = e.sign * e.flow - (spring.tension if ramp.stepping else 0.0)
-                spring.moved |= elongation_rate(e.flow, e.trial, e.compliance) != 0.0
         return
     for j in range(count):
         c = contacts[block[j].contact]
@@ -128,7 +126,7 @@ def _set_rates(contacts, springs, model, ramp, count):
             spring.moved |= stretch != 0.0
 
 
-@lean
+@inlined
 def _hold_sides(contacts, springs, model, ramp, count):
     """Put the contacts of a solved block onto their bounds, or let them leave, and find their next events."""
     block, s = model.block, ramp.s
@@ -179,11 +177,15 @@ def solve_around(contacts, springs, model, ramp, i):
     Returns:
         False if no rates were found.
     """
+    ramp.reach = 1
     count = find_block(contacts, springs, model, ramp, i)
     if find_due(contacts, model.block, model.ground, ramp, count):
         return False
-    while not find_sides(contacts, springs, model, ramp, count):
-        if not ramp.woken:
+    while True:
+        if find_sides(contacts, springs, model, ramp, count):
+            if not passes_guard(contacts, model.block, ramp, count):
+                break
+        elif not ramp.woken:
             return False
         ramp.woken = 0
         count = find_block(contacts, springs, model, ramp, i)
@@ -194,7 +196,7 @@ def solve_around(contacts, springs, model, ramp, i):
     return True
 
 
-@lean
+@inlined
 def _list_blocks(contacts, model, ramp, count):
     """List all contacts at bounds, each advanced to s; returns how many are listed."""
     for i in range(contacts.shape[0]):
@@ -224,7 +226,7 @@ def _stop(contacts, springs, model, ramp, i, count):
     return count
 
 
-@lean
+@inlined
 def _meet(contacts, springs, model, ramp):
     """Let all contacts whose event is due at s reach their bound or border; returns how many are listed."""
     count = 0
@@ -240,7 +242,7 @@ def _meet(contacts, springs, model, ramp):
                 count = _stop(contacts, springs, model, ramp, i, count)
         else:
             c.at |= c.coming
-            c.v = _BEGINS if c.coming == FORWARD else -_BEGINS
+            c.v = BEGINS if c.coming == FORWARD else -BEGINS
         schedule(contacts, i, np.inf, ramp.begun)
         count = list_contact(contacts, model.block, i, count)
         i = find_earliest(contacts)
@@ -249,7 +251,7 @@ def _meet(contacts, springs, model, ramp):
     return count
 
 
-@lean
+@inlined
 def _touch_stopped(contacts, springs, model, ramp, count):
     """Find the next events of the listed contacts that have stopped, and of those at rest beside them."""
     for j in range(count):
@@ -263,7 +265,7 @@ def _touch_stopped(contacts, springs, model, ramp, count):
             _touch_wall(contacts, springs, model, ramp, i)
 
 
-@lean
+@inlined
 def _begin_tournament(contacts, springs, model, ramp):
     """Find the next events of contacts at rest, and the earliest of all."""
     for i in range(contacts.shape[0]):
@@ -274,7 +276,7 @@ def _begin_tournament(contacts, springs, model, ramp):
     ramp.begun = 1
 
 
-@lean
+@inlined
 def _choose(contacts, springs, model, ground, ramp):
     """Choose the translation at s if it is free; borders are then met at other instants."""
     choose(contacts, springs, model, ramp)
@@ -296,7 +298,7 @@ def _give_up(contacts, springs, model, ramp, count):
         contacts[model.block[j].hit].listed = 0
 
 
-@lean
+@inlined
 def _solve_blocks(contacts, springs, model, ramp, count):
     """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
     before = ramp.block
@@ -316,7 +318,7 @@ def _sample_before(contacts, model, ground, ramp):
     sample_margin(contacts, ramp)
 
 
-@lean
+@inlined
 def _note_piece(pieces, contacts, begin, until):
     """Note a piece of the path, if pieces are asked for: its velocities, and the bounds reached at its end."""
     if pieces.shape[0] == 0 or until <= begin:

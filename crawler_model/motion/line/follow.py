@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from ...rounding import EPS
 from .. import state
 from ..pieces import begin_ramp
 from .advance import advance, advance_spring
-from .block import find_block, find_sides, settle
+from .block import find_block, settle
 from .events import follow_events, solve_around
-from .jumps import begin_on_ground, find_runaway, finish_on_ground, place_anew, slide_to_border
+from .ground.jumps import begin_on_ground, find_runaway, finish_on_ground, place_anew, slide_to_border
+from .pivot import find_sides
 from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
 from .runs import wake_all
 from .translation import choose_step, find_margin
@@ -22,7 +23,7 @@ _SMALLEST_PART = 2.0**-20
 """Part of the commands of an implicit step below which the search for its solution is not divided any more."""
 
 
-@lean
+@inlined
 def _begin_bounds(contacts, ground, ramp, target, springs):
     """Begin the ramp of bounds and loads; returns whether they change."""
     if ground is not None:
@@ -41,7 +42,7 @@ def _begin_bounds(contacts, ground, ramp, target, springs):
     return changed
 
 
-@lean
+@inlined
 def _begin_contacts(contacts, model, ramp, target, springs):
     """Begin the ramp of all contacts; returns whether bounds or loads change."""
     changed = _begin_bounds(contacts, model.ground, ramp, target, springs)
@@ -80,38 +81,34 @@ def _begin(contacts, springs, model, ramp, target):
     return changed
 
 
-@lean
+@inlined
+def _finish_bounds(c, ground, ramp, target, i, n):
+    """Set bounds and load of contact i to those at the end of what was followed of the ramp."""
+    if ground is not None:
+        return finish_on_ground(c, ground, ramp, target, i)
+    if ramp.s == 1.0:
+        c.forward, c.backward = target[i], target[n + i]
+        c.load = target[2 * n + i] if target.shape[0] > 2 * n else 0.0
+    else:
+        c.forward += ramp.s * c.d_forward
+        c.backward += ramp.s * c.d_backward
+        c.load += ramp.s * c.d_load
+    c.d_forward = c.d_backward = c.d_load = 0.0
+
+
+@inlined
 def _finish_contacts(contacts, model, ramp, target, springs):
-    """Advance contacts to the end of what was followed of the ramp, and set their bounds to those there."""
-    for i in range(contacts.shape[0]):
+    """Advance contacts to the end of what was followed of the ramp, and set bounds and loads to those there."""
+    n, bounds = contacts.shape[0], target[springs:]
+    for i in range(n):
         c = contacts[i]
         settle(c, ramp)
         advance(c, ramp, ramp.s)
-    _finish_bounds(contacts, model.ground, ramp, target, springs)
-    for i in range(contacts.shape[0]):
-        contacts[i].force = 0.0
+        _finish_bounds(c, model.ground, ramp, bounds, i, n)
+        c.force = 0.0
 
 
-@lean
-def _finish_bounds(contacts, ground, ramp, target, springs):
-    """Set bounds and loads to those at the end of what was followed of the ramp."""
-    n, s = contacts.shape[0], ramp.s
-    loaded = target.shape[0] > springs + 2 * n
-    for i in range(n):
-        c = contacts[i]
-        if ground is not None:
-            finish_on_ground(c, ground, ramp, target[springs:], i)
-        elif s == 1.0:
-            c.forward, c.backward = target[springs + i], target[springs + n + i]
-            c.load = target[springs + 2 * n + i] if loaded else 0.0
-        else:
-            c.forward += s * c.d_forward
-            c.backward += s * c.d_backward
-            c.load += s * c.d_load
-        c.d_forward = c.d_backward = c.d_load = 0.0
-
-
-@lean
+@inlined
 def _finish_spring(contacts, spring, model, ramp, length):
     """Advance a spring to the end of what was followed of the ramp; returns its energy.
 
@@ -144,7 +141,7 @@ def _softest(springs, ends, c):
     return most
 
 
-@lean
+@inlined
 def _certify(contacts, springs, ends, ramp):
     """Update the largest violations of the bounds, and of the rule that what slides is at its bound.
 
@@ -163,7 +160,7 @@ def _certify(contacts, springs, ends, ramp):
     ramp.rounding += rounding
 
 
-@lean
+@inlined
 def _finish(contacts, springs, model, ramp, target):
     """Set the state to the end of what was followed of the ramp and complete its account; returns the energy stored."""
     wake_all(contacts, springs, model.runs, ramp)
@@ -205,7 +202,7 @@ def _approach(contacts, springs, model, ramp):
     return solved == 1.0
 
 
-@lean
+@inlined
 def _take_step(contacts, springs, model, ramp):
     """Take an implicit step from the start to the end of a ramp; returns False if it has no solution."""
     last = contacts.shape[0] - 1
@@ -292,7 +289,7 @@ def _follow_ramp(contacts, springs, model, ramp, target):
             return stored
 
 
-@lean
+@inlined
 def _record(contacts, springs, account, row):
     """Write displacements, their rounding rests and tensions to a row of the records, and what was spent."""
     n, count = contacts.shape[0], springs.shape[0]
@@ -304,7 +301,7 @@ def _record(contacts, springs, account, row):
         state.record_spent(account, row)
 
 
-@lean
+@inlined
 def _begin_account(ramp):
     """Empty the account of the ramp."""
     ramp.work = ramp.dissipation = ramp.loads_work = ramp.residual = ramp.lost = 0.0
@@ -314,7 +311,7 @@ def _begin_account(ramp):
     ramp.events = 0.0 if ramp.exact else 1.0
 
 
-@lean
+@inlined
 def _add_ramp(account, ramp):
     """Add the account of the ramp to the total; what is lost in jumps is not lost to friction."""
     account[state.WORK] += ramp.work

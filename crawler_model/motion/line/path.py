@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ...compiled import lean
+from ...compiled import inlined
 from ...rounding import CRITICAL, EPS, NOISE
 
 
-@lean
+@inlined
 def elongation_rate(flow, trial, compliance):
     """Compute the rate of the elongation of a spring; a difference of rates of tension within rounding is none.
 
@@ -22,7 +22,7 @@ def elongation_rate(flow, trial, compliance):
     return change * compliance if abs(change) > 16.0 * EPS * (abs(flow) + abs(trial)) else 0.0
 
 
-@lean
+@inlined
 def limit_of(e):
     """Return the rate of the force on a sliding contact: that of the bound that it slides at.
 
@@ -35,7 +35,7 @@ def limit_of(e):
     return e.upper if e.side > 0 else e.lower
 
 
-@lean
+@inlined
 def _find_first_flow(block, first, stop, count):
     """Find the rate of the tension before the first contact of a run of sliding contacts, and its scale.
 
@@ -58,35 +58,34 @@ def _find_first_flow(block, first, stop, count):
     return flow, size
 
 
-@lean
-def _slide_run(block, first, stop):
-    """Compute the velocities of a run of sliding contacts from the rates of the elongations."""
-    way = 0.0
-    if block[first].spring >= 0:
-        v = 0.0
-        for j in range(first, stop):
-            e = block[j]
+@inlined
+def _slide_run(block, first, stop, flow):
+    """Compute the rates of tensions and velocities in a run of sliding contacts, from the rate before the first one."""
+    v = way = 0.0
+    for j in range(first, stop + 1):
+        e = block[j]
+        e.flow = flow
+        if j < stop:
+            e.force = limit_of(e)
+            flow += e.force
+        if e.spring >= 0:
             w = elongation_rate(e.flow, e.trial, e.compliance)
-            v += w
             way += abs(w)
-            e.v = v
-    else:
+            v += w
+        e.v = v
+    if block[first].spring < 0:  # the contact at rest is behind it
         v = 0.0
         for j in range(stop, first, -1):
-            e = block[j]
-            w = elongation_rate(e.flow, e.trial, e.compliance)
-            v -= w
-            way += abs(w)
+            v -= elongation_rate(block[j].flow, block[j].trial, block[j].compliance)
             block[j - 1].v = v
     for j in range(first, stop):
         e = block[j]
-        if e.run >= 0:
-            continue
-        if abs(e.v) <= NOISE * way or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * way):
+        small = abs(e.v) <= NOISE * way or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * way)
+        if small and e.run < 0:
             e.v = 0.0
 
 
-@lean
+@inlined
 def solve_path(block, count):
     """Solve for the velocities of the sliding contacts of a path and the rates of the forces on those at rest.
 
@@ -102,15 +101,8 @@ def solve_path(block, count):
         while stop < count and block[stop].side != 0:
             stop += 1
         flow, size = _find_first_flow(block, first, stop, count)
-        for j in range(first, stop + 1):
-            e = block[j]
-            e.flow = flow if e.spring >= 0 else 0.0
-            e.scale = size
-            if j < stop:
-                e.force = limit_of(e)
-                flow += e.force
-        if stop > first:
-            _slide_run(block, first, stop)
+        block[first].scale = block[stop].scale = size
+        _slide_run(block, first, stop, flow)
         first = stop + 1
     for j in range(count):
         e = block[j]

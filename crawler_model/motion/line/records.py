@@ -204,9 +204,12 @@ RAMP = np.dtype(
         ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
         ("block", _INT),  # number of the present block, increasing
+        ("chain", _BYTE),  # whether the body is a chain
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
         ("before", _INT),  # contacts at rest beside the path, -1 where it ends
         ("behind", _INT),
+        ("reach", _INT),  # contacts at rest beside each other that it may contain at an end
+        ("guards", _BYTE),  # ends of the path that neighbours at rest continue: BACKWARD, FORWARD
         ("woken", _BYTE),  # whether runs of the block woke, so that it must be found anew
         ("asleep", _BYTE),  # whether runs may be asleep
         ("fan", _INT),  # number of contacts of a leaf, and of the parts of other runs

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from .advance import move
 from .path import elongation_rate, limit_of
 from .records import BACKWARD, FORWARD
@@ -134,7 +134,7 @@ def wake_all(contacts, springs, runs, ramp):
                 _wake(contacts, springs, runs, ramp, k)
 
 
-@lean
+@inlined
 def find_run(runs, ramp, i):
     """Find the largest sleeping run of a contact.
 
@@ -158,7 +158,41 @@ def find_run(runs, ramp, i):
     return k
 
 
-@lean
+@inlined
+def first_of(runs, k, i):
+    """Return the first contact of run k; contact i itself if k is -1.
+
+    Args:
+        runs: RUN, or None.
+        k: index of a run.
+        i: a contact.
+
+    Returns:
+        The contact.
+    """
+    if runs is None:
+        return i
+    return runs[k].first if k >= 0 else i
+
+
+@inlined
+def last_of(runs, k, i):
+    """Return the last contact of run k; contact i itself if k is -1.
+
+    Args:
+        runs: RUN, or None.
+        k: index of a run.
+        i: a contact.
+
+    Returns:
+        The contact.
+    """
+    if runs is None:
+        return i
+    return runs[k].last if k >= 0 else i
+
+
+@inlined
 def enter_run(contacts, runs, e, k):
     """Enter a run in a row of the block, as an equivalent spring and contact.
 
@@ -179,7 +213,7 @@ def enter_run(contacts, runs, e, k):
     e.compliance, e.trial = run.compliance, -run.stretch / run.compliance
 
 
-@lean
+@inlined
 def wake_turning(contacts, springs, block, runs, ramp, count):
     """Wake the runs of a solved block in which a contact may turn round.
 
@@ -241,7 +275,7 @@ def wake_block(contacts, springs, block, runs, ramp, count):
     return ramp.woken != 0
 
 
-@lean
+@inlined
 def set_runs(springs, block, runs, ramp, count):
     """Give the sleeping runs of a solved block the velocities and rates that were found.
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ...compiled import lean
+from ...compiled import inlined
 
 
-@lean
+@inlined
 def _play(contacts, node):
     """Enter the winner of a node's children in it; returns whether that changes it."""
     n = contacts.shape[0]
@@ -18,7 +18,7 @@ def _play(contacts, node):
     return changed
 
 
-@lean
+@inlined
 def begin_tournament(contacts):
     """Find the winners of all nodes.
 
@@ -29,7 +29,7 @@ def begin_tournament(contacts):
         _play(contacts, node)
 
 
-@lean
+@inlined
 def find_earliest(contacts):
     """Return the contact with the earliest event.
 
@@ -42,7 +42,7 @@ def find_earliest(contacts):
     return contacts[1].winner if contacts.shape[0] > 1 else 0
 
 
-@lean
+@inlined
 def schedule(contacts, i, when, begun):
     """Change the next event of a contact.
 

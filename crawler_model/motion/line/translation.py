@@ -8,8 +8,8 @@ from ...compiled import lean
 from ...rounding import CRITICAL, EPS, NOISE, SHORTEST_STRETCH
 from ..margin import FEW_CONTACTS
 from .advance import advance
-from .block import ROUNDING
-from .falls import draw_all
+from .ground.falls import draw_all
+from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
 from .runs import wake_all
 
@@ -94,19 +94,23 @@ def find_margin(contacts, ramp, when):
     Returns:
         The margin [1]; 0 without friction.
     """
-    near = total = 0.0
+    near = total = balance = 0.0
     free = 0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
-        total += (c.forward + s * c.d_forward) + (c.backward + s * c.d_backward)
-        if c.at == 0 or (c.side == 0 and c.since < s):
+        forward, backward, side = c.forward + s * c.d_forward, c.backward + s * c.d_backward, c.side
+        total += forward + backward
+        if side == 0:
             above, below = _slack(c, ramp, when)
-            near += max(min(above, below), 0.0)
-            free += 1
+            side = 1 if above < below else -1
+            if c.at == 0 or c.since < s:
+                near += max(min(above, below), 0.0)
+                free += 1
+        balance += forward if side > 0 else -backward
     if free < 2:
         near = 0.0  # a single force away from its bound is the imbalance of all bounds
-    return max(near, abs(_imbalance(contacts, ramp, when))) / total if total > 0.0 else 0.0
+    return max(near, abs(balance)) / total if total > 0.0 else 0.0
 
 
 @lean

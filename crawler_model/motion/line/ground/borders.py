@@ -2,7 +2,7 @@
 
 On a border the forward bound is that of the ground ahead, the backward bound that of the ground behind. A contact that
 reaches a border stops where the ground beyond it holds more than the bound in force, and goes on where it holds the
-same. Where it holds less, the bound in force stays, and falls to that of the ground in a jump (`line.jumps`).
+same. Where it holds less, the bound in force stays, and falls to that of the ground in a jump (`falls`).
 
 Contacts fall together if they reach their borders at the same instant. Instants are compared by distances: a contact
 is at a border if it is nearer than the rounding of `span`, one length for all contacts, so that neither the numbering
@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from ...rounding import CRITICAL, EPS
-from .advance import place_of
-from .records import AHEAD, BACKWARD, BEHIND, FORWARD
+from ....compiled import lean
+from ....rounding import CRITICAL, EPS
+from ..advance import place_of
+from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 
 ROUNDING = 64.0 * EPS
 """Part of the span within which a contact is at a border: positions are sums of a few rounded numbers."""

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from .advance import advance, advance_spring, place_of
-from .block import list_contact, settle
-from .ground import ROUNDING, SLIDES, close_jump, compare, gap_of, reach_border, rest_on_border, set_bound, set_bounds
-from .records import AHEAD, BACKWARD, BEHIND, FORWARD
-from .tournament import begin_tournament, schedule
+from ....compiled import lean
+from ..advance import advance, advance_spring, place_of
+from ..block import list_contact, settle
+from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
+from ..tournament import begin_tournament, schedule
+from .borders import ROUNDING, SLIDES, close_jump, compare, gap_of, reach_border, rest_on_border, set_bound, set_bounds
 
 _BEGIN, _END = -1.0, -1e-300
 """The line of a fall. Its end is as good as 0, where the bounds are those of the ground, and still before the ramp."""

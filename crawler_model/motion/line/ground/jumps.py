@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import lean
-from ...rounding import CRITICAL
-from .advance import move
-from .falls import has_fallen
-from .ground import (
+from ....compiled import lean
+from ....rounding import CRITICAL
+from ..advance import move
+from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
+from .borders import (
     border_of,
     close_jump,
     excess_of,
@@ -22,7 +22,7 @@ from .ground import (
     rest_on_border,
     set_bounds,
 )
-from .records import AHEAD, BACKWARD, BEHIND, FORWARD
+from .falls import has_fallen
 
 
 @lean

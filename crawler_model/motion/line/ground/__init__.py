@@ -1,0 +1,1 @@
+"""Patches of ground: borders, and the falls of contacts that come to ground that holds less."""

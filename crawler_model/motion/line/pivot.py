@@ -1,0 +1,200 @@
+"""Which contacts of a block slide, and the rates in it, by principal pivoting.
+
+The rates in a block solve a complementarity problem: a contact at its forward bound either slides forward, its force
+moving along the bound, or rests with a force that rises no faster than the bound. An implicit step is the same problem
+for the whole body with forces instead of rates. The search exchanges all contacts that violate their condition; where
+that does not reduce their number, the last one alone (Murty's rule), which ends for every body that something holds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import inlined, lean
+from ...rounding import EPS, NOISE
+from .mesh import solve_mesh
+from .path import limit_of, solve_path
+from .project import project
+from .runs import wake_block, wake_turning
+
+_SOON = 5
+"""Rounds after which a path is solved by `project`, and the search goes on from there; an implicit step begins with it:
+it is far from the velocities before it, while an event changes few of them."""
+_PATIENCE = 10
+"""Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
+spread from both ends of a body by one contact a round."""
+ROUNDING = 32.0 * EPS
+"""A force beyond its limit by less than this part of the terms that it is a sum of is at its limit."""
+
+
+@inlined
+def _count_resting(contacts, block, count):
+    """Count the contacts of the whole body at rest, and find the last of them; 2 if the block is not the whole body."""
+    if count < contacts.shape[0]:
+        return 2, -1
+    resting, last = 0, -1
+    for j in range(count):
+        if block[j].side == 0:
+            resting, last = resting + 1, j
+    return resting, last
+
+
+@lean
+def _balance(block, count, row):
+    """Find the force on the only contact at rest: forces of springs sum to zero, however they are rounded."""
+    force = size = 0.0
+    for j in range(count):
+        if j != row:
+            force -= limit_of(block[j])
+            size += abs(limit_of(block[j])) + block[j].blur
+    block[row].force, block[row].scale = force, size
+
+
+@lean
+def _find_brake(block, count, last_only):
+    """Find the contact that stops where all would slide and nothing would hold the body, and whether friction balances.
+
+    Forces of springs sum to zero. If the limits at which the contacts slide do not, the body would fly off, and one of
+    those that slide the other way stops: the slowest or, by Murty's rule, the last. If they do, the translation is
+    free, and any contact may stand for the reference of the velocities.
+    """
+    excess = size = 0.0
+    for j in range(count):
+        e = block[j]
+        excess -= limit_of(e)
+        size += abs(limit_of(e)) + e.blur
+    balances = abs(excess) <= 64.0 * EPS * size
+    brake, slowest = -1, np.inf
+    for j in range(count):
+        e = block[j]
+        if (balances or e.side * excess < 0.0) and (last_only or abs(e.v) < slowest):
+            brake, slowest = j, abs(e.v)
+    return brake, balances
+
+
+@lean
+def _center(block, count):
+    """Choose a free translation: the one nearest to no net velocity at which all contacts slide as their sides demand.
+
+    If there is none, it is the one without net velocity, the limit of a body that weak springs tie to the ground.
+    """
+    mean = most = 0.0
+    least, highest = -np.inf, np.inf
+    for j in range(count):
+        e = block[j]
+        mean += e.v / count
+        if e.side > 0:
+            least = max(least, -e.v)
+        else:
+            highest = min(highest, -e.v)
+    translation = min(max(-mean, least), highest) if least <= highest else -mean
+    for j in range(count):
+        block[j].v += translation
+        most = max(most, abs(block[j].v))
+    for j in range(count):
+        if abs(block[j].v) <= 10.0 * NOISE * most:
+            block[j].v = 0.0
+
+
+@inlined
+def violation_of(e):
+    """Find how a contact violates its condition.
+
+    Args:
+        e: a BLOCK, with the rates that its side leads to.
+
+    Returns:
+        The side that it must have instead: 0 if it slides against its bound, 1 or -1 if it rests with a force beyond
+        the forward or the backward limit; its own if it violates nothing.
+    """
+    if e.run >= 0:  # else it would have woken
+        return e.side
+    if e.side != 0:
+        return 0 if e.v * e.side < 0.0 else e.side
+    close = ROUNDING * (e.scale + e.blur)
+    if e.force > e.upper + close:
+        return 1
+    return -1 if e.force < e.lower - close else 0
+
+
+@inlined
+def _exchange(block, count, last_only):
+    """Count the contacts that violate their condition, and change the sides of all of them, or of the last one."""
+    found, last, change = 0, -1, 0
+    for j in range(count):
+        side = violation_of(block[j])
+        if side != block[j].side:
+            found += 1
+            last, change = j, side
+            if not last_only:
+                block[j].side = side
+    if found > 0 and last_only:
+        block[last].side = change
+    return found
+
+
+@inlined
+def _solve_sides(contacts, springs, model, ramp, count):
+    """Solve for the rates of a block with given sides."""
+    if ramp.path > 0:
+        solve_path(model.block, count)
+    else:
+        solve_mesh(contacts, springs, model, count)
+
+
+@inlined
+def find_sides(contacts, springs, model, ramp, count):
+    """Find which contacts of the block slide, and the rates in it.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`, whose block is changed in place.
+        ramp: the RAMP; `undetermined` is set if the whole body slides and friction balances.
+        count: number of contacts of the block.
+
+    Returns:
+        False if no sides were found, or no equilibrium is left; or if runs woke, and the block has to be found anew.
+    """
+    block = model.block
+    best, waited, last_only = count + 1, 0, False
+    hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
+    patience = _PATIENCE if hurries else _PATIENCE + count
+    ramp.undetermined = 0
+    for turn in range(50 + 10 * count):
+        ramp.effort += count
+        if turn == (0 if ramp.stepping else _SOON) and ramp.path > 0:
+            if wake_block(contacts, springs, block, model.runs, ramp, count):
+                return False
+            project(model, ramp, count)
+        brake, balances, side = -1, False, 0
+        resting, last = _count_resting(contacts, block, count)
+        if resting == 0:
+            brake, balances = _find_brake(block, count, last_only)
+            if brake < 0:
+                return False
+            side = block[brake].side
+            block[brake].side = 0
+        _solve_sides(contacts, springs, model, ramp, count)
+        if wake_turning(contacts, springs, block, model.runs, ramp, count):
+            return False
+        if resting == 1:
+            _balance(block, count, last)
+        if balances:
+            block[brake].side = side
+            _center(block, count)
+            block[brake].force = limit_of(block[brake])
+        found = _exchange(block, count, last_only)
+        if found == 0:
+            ramp.undetermined = balances
+            return True
+        last_only = False
+        if found < best:
+            best, waited = found, 0
+        elif waited < patience:
+            waited += 1
+        elif hurries:
+            return False
+        else:
+            last_only = True
+    return False
