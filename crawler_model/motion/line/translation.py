@@ -74,7 +74,7 @@ def _imbalance(contacts, ramp, when):
     for i in range(contacts.shape[0]):
         c = contacts[i]
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
-        side = c.side
+        side = c.side if c.at != 0 else 0
         if side == 0:
             above, below = _slack(c, ramp, when)
             side = 1 if above < below else -1
@@ -99,7 +99,8 @@ def find_margin(contacts, ramp, when):
     for i in range(contacts.shape[0]):
         c = contacts[i]
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
-        forward, backward, side = c.forward + s * c.d_forward, c.backward + s * c.d_backward, c.side
+        forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
+        side = c.side if c.at != 0 else 0
         total += forward + backward
         if side == 0:
             above, below = _slack(c, ramp, when)
@@ -136,15 +137,13 @@ def _is_critical(contacts, springs, model, ramp):
     whole = 2.0 * ramp.friction + ramp.d_friction
     if whole == 0.0:
         return True
-    if not _is_near(contacts, springs, model, ramp, ramp.s, CRITICAL * whole):
-        return False
-    for part in (1.0 / 3.0, 2.0 / 3.0):
+    for part in (2.0 / 3.0, 1.0 / 3.0):  # contacts that leave their bounds are then away from them
         s = ramp.s + part * (ramp.end - ramp.s)
         friction = ramp.friction + (ramp.rests if ramp.falling else s) * ramp.d_friction
         limit = CRITICAL * max(friction, 0.0) + 8.0 * EPS * whole
         if not _is_near(contacts, springs, model, ramp, s, limit):
             return False
-    return True
+    return _is_near(contacts, springs, model, ramp, ramp.s, CRITICAL * whole)
 
 
 @lean
