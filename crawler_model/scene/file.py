@@ -87,10 +87,17 @@ def _check_size(text: str, most: int) -> None:
 def _check_depth(text: str) -> None:
     """Raise an error for nesting that would exhaust the stack; only parser events are read here."""
     depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise SceneError(f"more than {_DEEPEST} nested lists or mappings")
+    try:
+        for event in yaml.parse(text, Loader=_Loader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > _DEEPEST:
+                break
+    except yaml.YAMLError as error:
+        if "nesting depth" not in str(error):  # versions of PyYAML since 6.0.4 have a limit of their own
+            raise
+        depth = _DEEPEST + 1
+    if depth > _DEEPEST:
+        raise SceneError(f"more than {_DEEPEST} nested lists or mappings")
 
 
 def _check_aliases(root: yaml.Node, most: int = _MOST_VALUES) -> None:
