@@ -11,7 +11,7 @@ import numpy as np
 from ...compiled import inlined, lean
 from .advance import place_of
 from .records import BACKWARD, FORWARD
-from .runs import enter_run, find_run, first_of, last_of, wake_all
+from .runs import enter_run, find_run, find_span, wake_all
 
 BEGINS = 1e-300
 """Velocity of a contact that begins to slide, until that of its block is known: its sign tells where to."""
@@ -179,15 +179,13 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
         if left > ramp.reach:
             ramp.guards |= BACKWARD
             break
-        k = find_run(runs, ramp, first - 1)
-        first = first_of(runs, k, first - 1)
+        first = find_span(runs, ramp, first - 1)[0]
     while last < n - 1 and not is_wall(contacts[last + 1], ramp):
         right += _both_rest(contacts, ramp, last, last + 1)
         if right > ramp.reach:
             ramp.guards |= FORWARD
             break
-        k = find_run(runs, ramp, last + 1)
-        last = last_of(runs, k, last + 1)
+        last = find_span(runs, ramp, last + 1)[1]
     if first == 0 and last == n - 1:  # nothing at rest determines the velocities of runs
         wake_all(contacts, springs, runs, ramp)
     ramp.before = -1 if ramp.guards & BACKWARD else first - 1

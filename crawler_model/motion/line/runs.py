@@ -159,37 +159,21 @@ def find_run(runs, ramp, i):
 
 
 @inlined
-def first_of(runs, k, i):
-    """Return the first contact of run k; contact i itself if k is -1.
+def find_span(runs, ramp, i):
+    """Find the first and the last contact of the largest sleeping run of a contact.
 
     Args:
         runs: RUN, or None.
-        k: index of a run.
-        i: a contact.
+        ramp: the RAMP.
+        i: the contact.
 
     Returns:
-        The contact.
+        The two contacts; both are the contact itself if it is awake.
     """
     if runs is None:
-        return i
-    return runs[k].first if k >= 0 else i
-
-
-@inlined
-def last_of(runs, k, i):
-    """Return the last contact of run k; contact i itself if k is -1.
-
-    Args:
-        runs: RUN, or None.
-        k: index of a run.
-        i: a contact.
-
-    Returns:
-        The contact.
-    """
-    if runs is None:
-        return i
-    return runs[k].last if k >= 0 else i
+        return i, i
+    k = find_run(runs, ramp, i)
+    return (runs[k].first, runs[k].last) if k >= 0 else (i, i)
 
 
 @inlined
