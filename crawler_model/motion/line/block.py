@@ -289,7 +289,7 @@ def find_block(contacts, springs, model, ramp, i):
         i: the contact.
 
     Returns:
-        The number of contacts.
+        The number of rows.
     """
     ramp.block += 1
     ramp.path = ramp.guards = 0

@@ -15,7 +15,7 @@ from ...rounding import EPS, NOISE
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
 from .project import project
-from .runs import wake_block, wake_turning
+from .runs import wake_all, wake_turning
 
 _SOON = 5
 """Rounds after which a path is solved by `project`, and the search goes on from there; an implicit step begins with it:
@@ -164,7 +164,8 @@ def find_sides(contacts, springs, model, ramp, count):
     for turn in range(50 + 10 * count):
         ramp.effort += count
         if turn == (0 if ramp.stepping else _SOON) and ramp.path > 0:
-            if wake_block(contacts, springs, block, model.runs, ramp, count):
+            if wake_all(contacts, springs, model.runs, ramp):
+                ramp.woken = 1
                 return False
             project(model, ramp, count)
         brake, balances, side = -1, False, 0

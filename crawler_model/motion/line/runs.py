@@ -60,11 +60,10 @@ def _find_bounds(run):
 @lean
 def _wake_children(runs, run, ramp):
     """Hand what a run of runs has integrated to its children."""
-    v = stretch = compliance = rise = 0.0
+    stretch = compliance = rise = 0.0
     for k in range(run.child, run.child + ramp.fan):
         child = runs[k]
-        v = stretch + compliance * run.rate
-        child.v, child.rate, child.since = run.v + v, run.rate + rise, run.since
+        child.v, child.rate, child.since = run.v + (stretch + compliance * run.rate), run.rate + rise, run.since
         child.time += run.time
         child.way += run.way + stretch * run.time + compliance * run.pull
         child.pull += run.pull + rise * run.time
@@ -124,14 +123,19 @@ def wake_all(contacts, springs, runs, ramp):
         springs: SPRING, shape (N - 1,), likewise.
         runs: RUN, parents behind their children, changed in place; None for short chains and other bodies.
         ramp: the RAMP, whose account is added to.
+
+    Returns:
+        Whether any were asleep; blocks found before must then be found anew.
     """
     if runs is None:
-        return
-    if ramp.asleep:
+        return False
+    asleep = ramp.asleep != 0
+    if asleep:
         ramp.asleep = 0
         for k in range(runs.shape[0] - 1, -1, -1):
             if runs[k].sleeps:
                 _wake(contacts, springs, runs, ramp, k)
+    return asleep
 
 
 @inlined
@@ -224,38 +228,6 @@ def wake_turning(contacts, springs, block, runs, ramp, count):
         if run.least + min(change, other) < 0.0 or run.most + max(change, other) > 0.0:
             _wake(contacts, springs, runs, ramp, e.run)
             ramp.woken = 1
-    return ramp.woken != 0
-
-
-@lean
-def wake_block(contacts, springs, block, runs, ramp, count):
-    """Wake all runs of a block with all that they contain.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (N - 1,).
-        block: BLOCK.
-        runs: RUN, or None.
-        ramp: the RAMP.
-        count: number of rows of the block.
-
-    Returns:
-        Whether there are any; the block must then be found anew.
-    """
-    if runs is None:
-        return False
-    for j in range(count if ramp.asleep else 0):
-        if block[j].run >= 0:
-            ramp.woken = 1
-            first, last = runs[block[j].run].first, runs[block[j].run].last
-            k = block[j].run
-            while k >= 0:  # runs of its tree by levels, larger ones first
-                for sibling in range(k, runs.shape[0]):
-                    run = runs[sibling]
-                    if run.first < first or run.last > last:
-                        break
-                    _wake(contacts, springs, runs, ramp, sibling)
-                k = runs[k].child
     return ramp.woken != 0
 
 
