@@ -230,8 +230,8 @@ class GaitPlayer(QuietNode):
     def _report_progress(self) -> None:
         assert self._start_ns is not None
         assert self.drive.period is not None
-        done = int((self.now_ns - self._start_ns) / (self.drive.period * NS))
-        if self.periods and done > self._reported:
+        done = min(int((self.now_ns - self._start_ns) / (self.drive.period * NS)), self.periods)
+        if done > self._reported:
             self._reported = done
             self.get_logger().info(f"period {done} of {self.periods}")
 

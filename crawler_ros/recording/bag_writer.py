@@ -165,7 +165,7 @@ class BagWriter:
         return ""
 
     def close(self) -> None:
-        """Write the end of the file and metadata.yaml."""
+        """Write the end of the file and metadata.yaml, which appears when it is complete."""
         self._writer.flush()
         information = self._information()
         self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
@@ -174,8 +174,9 @@ class BagWriter:
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
         new = os.O_WRONLY | os.O_CREAT | os.O_EXCL
         try:
-            with os.fdopen(os.open("metadata.yaml", new, 0o666, dir_fd=self._place), "w", encoding="utf-8") as file:
+            with os.fdopen(os.open(".metadata.yaml", new, 0o666, dir_fd=self._place), "w", encoding="utf-8") as file:
                 file.write(text)
+            os.rename(".metadata.yaml", "metadata.yaml", src_dir_fd=self._place, dst_dir_fd=self._place)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.folder / "metadata.yaml")) from None
         finally:

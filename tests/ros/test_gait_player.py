@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from pathlib import Path
 
@@ -62,6 +63,14 @@ def test_friction_by_directions_is_played(ros, scene, tmp_path):
     playing = player(ros, f"scene:={scene}", "periods:=2", "patience:=0.0")
     assert playing.process.wait(200) == 0, playing.said
     assert "period 2 of 2" in playing.said
+
+
+def test_no_more_periods_are_counted_than_were_asked_for(ros):
+    """As fast as it can, simulated time passes by whole periods between two states that the player reads."""
+    ros.simulator("scene:=two_anchor_a", "real_time_factor:=0.0")
+    playing = player(ros, "scene:=two_anchor_a", "periods:=2")
+    assert playing.process.wait(200) == 0, playing.said
+    assert re.findall(r"period (\d+) of 2", playing.said)[-1] == "2"
 
 
 def test_refused_commands_end_it(ros, tmp_path):

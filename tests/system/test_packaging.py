@@ -202,7 +202,7 @@ def test_a_scene_and_every_executable_run_from_there(workspace):
         kill -INT $simulator; wait $simulator && {lib}/replay bags/*"""
         )
     for part in ("period 2 of 2", "period 2: amplitude", "best phase", "complete", "identical to the bit"):
-        assert part in said
+        assert part in said, said
 
 
 def test_a_wrong_scene_ends_a_node_with_one_line(workspace):
