@@ -26,38 +26,10 @@ _SOURCES = ("*.py", "body/**/*.py", "crawler/**/*.py", "derivative/**/*.py", "mo
 """The files of this package that hold kernels, or that files with kernels import; a test keeps the list complete."""
 _COMPILER_BYTES = 512 << 20
 """Address space that compiling takes."""
+_INNER = {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Options of numba for functions that Python does not call."""
 _KEPT = 8
 """Number of source versions whose kernels stay in the cache; older ones are deleted when unused for a day."""
-
-
-def lean(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function that allocates and returns no arrays, like `compiled`, but without counting references.
-
-    A function counts references to each array that is passed to it or sliced in it, with instructions that lock the
-    counter for other threads. In small functions this takes longer than the rest.
-
-    Args:
-        function: the function to compile.
-
-    Returns:
-        The compiled function.
-    """
-    return _compile(function, _nrt=False)
-
-
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function like `lean`, and copy it to where it is called.
-
-    A call copies seven to nine numbers for each array and for each array in each tuple that it passes. In small
-    functions of many arrays, and in those that are called at a single place, this takes longer than the rest.
-
-    Args:
-        function: the function to compile.
-
-    Returns:
-        The compiled function.
-    """
-    return _compile(function, _nrt=False, forceinline=True)
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -74,6 +46,66 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         The compiled function.
     """
     return _compile(function, _nrt=True)
+
+
+def entry(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function that allocates and returns no arrays, like `compiled`, but without counting references.
+
+    A function counts references to each array that is passed to it or sliced in it, with instructions that lock the
+    counter for other threads. In small functions this takes longer than the rest.
+
+    Args:
+        function: the function to compile.
+
+    Returns:
+        The compiled function.
+    """
+    return _compile(function, _nrt=False)
+
+
+def lean(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function like `entry`, to be called by other kernels alone.
+
+    What Python needs to call it would take a third of the time that compiling takes.
+
+    Args:
+        function: the function to compile.
+
+    Returns:
+        The compiled function.
+    """
+    return _compile(function, **_INNER)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function like `lean`, and copy it to where it is called.
+
+    A call copies seven to nine numbers for each array and for each array in each tuple that it passes. In small
+    functions of many arrays, and in those that are called at a single place, this takes longer than the rest.
+
+    Args:
+        function: the function to compile.
+
+    Returns:
+        The compiled function.
+    """
+    return _compile(function, forceinline=True, **_INNER)
+
+
+def merged(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Copy a function into the one that calls it before either is compiled.
+
+    A kernel is optimized together with all that it calls, and again in each kernel that calls it; the last of a chain
+    of calls, which are as long as all below them, are therefore merged. Merging everything would take longer: the
+    inference of types takes more than proportional time. An argument of a merged function is not compared with None.
+
+    Args:
+        function: the function to merge.
+
+    Returns:
+        The function.
+    """
+    return _compile(function, inline="always", **_INNER)
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]

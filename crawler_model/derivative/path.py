@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from ..body.body import Body
 from ..body.drive import NS, Drive
 from ..body.plan import Plan
 from ..crawler.crawler import default_budget
 from ..errors import CommandError
 from ..motion.follow import build_motion
+from ..motion.line.records import zeros
 from ..motion.pieces import HEADER, PIECES_A_RAMP, RAMP, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
 from .elimination import build_band
 from .parameters import Derivatives
+from .records import CONTACT, PARAMETER, PIECE, SPRING, Commands, Course, Derivative, System
 from .tangent import follow_tangent
 
 _MOST_NUMBERS = 4_000_000
@@ -97,6 +100,16 @@ class Stretch:
     speed: np.ndarray
 
 
+def _build_system(body: Body, parameters: int) -> System:
+    """Build the records of a body whose motion has not begun."""
+    contacts, springs = zeros(body.contacts, CONTACT), zeros(body.springs, SPRING)
+    contacts["share"] = body.share
+    springs["a"], springs["b"] = body.ends.T
+    springs["stiffness"] = body.stiffness
+    kinks = np.zeros((_KINKS, 3))
+    return System(contacts, springs, zeros(parameters, PARAMETER), body.element_ends, build_band(body), kinks)
+
+
 class TangentPath:
     """A path in progress, with the derivatives of its state."""
 
@@ -115,32 +128,24 @@ class TangentPath:
         x = plan.start_displacement
         self._state = self._motion.start(x, drive.targets[0])
         self._scratch = self._motion.scratch()
-        order, band = build_band(body)
-        self._arrays = (
-            body.ends,
-            np.array(body.stiffness),  # copies, as kernels take writable arrays
-            derivatives.stiffness,
-            order,
-            band,
-            body.element_ends,
-            np.array(body.share),
-            np.array(drive.targets),
-            derivatives.targets,
-        )
         columns = len(derivatives.names)
-        self._target = drive.targets[0].copy()
-        self._d_target = derivatives.targets[0].copy()
-        self._dx = derivatives.start.copy()
-        self._memory = np.zeros((2, body.contacts))
-        self._event = np.zeros(1 + 4 * columns)
-        self.one_sided = np.zeros(columns, np.bool_)
+        self._system = _build_system(body, columns)
+        self._course = (np.array(drive.targets), derivatives.targets)
+        dx, d_tension = derivatives.start.copy(), np.empty(derivatives.stiffness.shape)
+        memory = np.empty(dx.shape), np.empty(dx.shape)
+        self._derivative = Derivative(derivatives.stiffness, dx, memory[0], memory[1], d_tension)
+        start, d_start = drive.targets[0].copy(), derivatives.targets[0].copy()
+        rows, d_rows = np.empty((2, *start.shape)), np.empty((2, *d_start.shape))
+        self._commands = Commands(start, rows[0], rows[1], d_start, d_rows[0], d_rows[1])
+        self._piece = zeros(1, PIECE)
+        self.one_sided = self._system.parameters["one_sided"]
         self.kinks: list[tuple[int, float, int]] = []
         self._ramps, self._samples = 0, samples
 
     @property
     def dx(self) -> np.ndarray:
         """Derivatives of the displacement, shape (N, P)."""
-        return self._dx.copy()
+        return self._derivative.dx.copy()
 
     @property
     def state(self) -> np.ndarray:
@@ -161,7 +166,7 @@ class TangentPath:
         """
         n = self._plan.body.contacts
         most = max(1, _MOST_NUMBERS // (PIECES_A_RAMP * (HEADER + 2 * n)))
-        most = min(most, max(1, _MOST_NUMBERS // max(self._dx.size, 1)))
+        most = min(most, max(1, _MOST_NUMBERS // max(self._derivative.dx.size, 1)))
         found = [self._follow(vertices, slice(i, i + most)) for i in range(0, vertices.time_ns.size, most)]
         if len(found) == 1:
             return found[0]
@@ -176,32 +181,16 @@ class TangentPath:
         begin_tension = np.array(self._state.tension)
         pieces = self._find_pieces(targets, records)
         tensions = np.vstack((begin_tension[None], records[:-1, 2 * n :]))
-        columns = self._dx.shape[1]
+        columns = self._derivative.dx.shape[1]
         dx, work, d_work = np.empty((count, n, columns)), np.empty(count), np.empty((count, columns))
-        kinks = np.zeros((_KINKS, 3))
+        part = (vertices.before[rows], vertices.after[rows], vertices.part[rows])
+        course = Course(*self._course, *part, np.ascontiguousarray(vertices.d_part[rows]), targets, tensions, pieces)
+        self._system.kinks[0, 0] = 0.0
         follow_tangent(
-            *self._arrays,
-            vertices.before[rows],
-            vertices.after[rows],
-            vertices.part[rows],
-            np.ascontiguousarray(vertices.d_part[rows]),
-            targets,
-            self._target,
-            tensions,
-            pieces,
-            self._dx,
-            self._d_target,
-            self._memory,
-            self._event,
-            dx,
-            work,
-            d_work,
-            kinks,
-            self.one_sided,
-            self._samples,
+            self._system, self._derivative, self._commands, course, self._piece, (dx, work, d_work), self._samples
         )
-        for ramp, place, contact in kinks[1 : 1 + int(kinks[0, 0])]:
-            self.kinks.append((self._ramps + int(ramp), float(place), int(contact)))
+        found = self._system.kinks[1 : 1 + int(self._system.kinks[0, 0])]
+        self.kinks += [(self._ramps + int(ramp), float(place), int(contact)) for ramp, place, contact in found]
         self._ramps += count
         speed = np.zeros((count, n))
         speed[pieces[:, RAMP].astype(np.int64)] = pieces[:, HEADER : HEADER + n]  # the last piece of a ramp remains

@@ -13,322 +13,280 @@ and as x is continuous there, Dx changes by (v before - v after) Ds*. At a verte
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..compiled import compiled
+from ..compiled import entry, lean
 from ..motion.pieces import FROM, HEADER, RAMP, UNTIL
 from .elimination import eliminate_many
-from .kinks import ARRIVED, INSTANT, NO_END, SAME, V_BEFORE, look_at_bounds, mark, pass_end
+from .kinks import INSTANT, SAME, look_at_bounds, mark, pass_end
+from .records import NO_END
 
 _STILL = 1e-12
 """A velocity below this part of the largest one is rounding."""
+_TO_THE_END = 1.0 - 1e-13
+"""A piece that ends later on its ramp ends with it."""
 
 
-@compiled
-def _find_sliding(velocity, target, springs, sliding):
-    """Find which contacts slide on a piece: 1 forward, -1 backward, 0 stuck; without friction 1. Return how many."""
-    n = velocity.shape[0]
-    fastest = np.abs(velocity).max()
+@lean
+def _find_sliding(contacts, commands, springs, middle):
+    """Find which contacts slide on a piece, and clear the velocities of the others; returns how many slide."""
+    n = contacts.shape[0]
+    fastest = 0.0
+    for i in range(n):
+        fastest = max(fastest, abs(contacts[i].v))
     count = 0
     for i in range(n):
-        sliding[i] = 0
-        if abs(velocity[i]) > _STILL * fastest:
-            sliding[i] = 1 if velocity[i] > 0.0 else -1
-        elif target[springs + i] + target[springs + n + i] == 0.0:
-            sliding[i] = 1
-        count += sliding[i] != 0
+        contact = contacts[i]
+        contact.sliding = 0
+        width = 0.0
+        for row in (springs + i, springs + n + i):
+            width += commands.start[row] + middle * commands.change[row]
+        if abs(contact.v) > _STILL * fastest:
+            contact.sliding = 1 if contact.v > 0.0 else -1
+        else:
+            contact.v = 0.0
+            if width == 0.0:
+                contact.sliding = 1
+        count += contact.sliding != 0
     return count
 
 
-@compiled
-def _balance(ends, stiffness, d_stiffness, tension, order, band, sliding, work, ground, d_target, dx, load):
-    """Solve for the derivatives of the sliding contacts at a fixed place; return False if none is stuck."""
-    n, columns = dx.shape
-    springs = ends.shape[0]
+@lean
+def _balance(system, derivative, commands):
+    """Solve for the derivatives of the sliding contacts at a fixed place; returns False if none is stuck."""
+    contacts, springs, load = system.contacts, system.springs, derivative.load
+    n, columns = load.shape
     for i in range(n):
         for c in range(columns):
-            if sliding[i] > 0:
-                load[i, c] = -d_target[springs + i, c]
-            elif sliding[i] < 0:
-                load[i, c] = d_target[springs + n + i, c]
-    for s in range(springs):
-        a, b = ends[s, 0], ends[s, 1]
-        stretch = tension[s] / stiffness[s]
+            if contacts[i].sliding > 0:
+                load[i, c] = -commands.d_target[springs.shape[0] + i, c]
+            elif contacts[i].sliding < 0:
+                load[i, c] = commands.d_target[springs.shape[0] + n + i, c]
+    for s in range(springs.shape[0]):
+        spring = springs[s]
+        stretch = spring.tension / spring.stiffness
         for c in range(columns):
-            pull = d_stiffness[s, c] * stretch - stiffness[s] * d_target[s, c]
-            load[a, c] += pull
-            load[b, c] -= pull
-    return eliminate_many(order, band, sliding, work, ground, load, dx)
+            pull = derivative.stiffness[s, c] * stretch - spring.stiffness * commands.d_target[s, c]
+            load[spring.a, c] += pull
+            load[spring.b, c] -= pull
+    return eliminate_many(contacts, system.band, load, derivative.dx)
 
 
-@compiled
-def _shift_all(velocity, dx, before, elements, share, sliding, d_target, ramp, place, kinks, one_sided):
-    """Choose the translation where all contacts slide, as `choose_translation` does, and find whether it is a kink."""
-    n, columns = dx.shape
-    springs = d_target.shape[0] - 2 * n
-    fastest = np.abs(velocity).max()
-    pair = -1
+@lean
+def _find_pair(contacts, elements):
+    """Find the element of a segment whose ends slide at opposite velocities; -1 without one."""
+    fastest, pair = 0.0, -1
+    for i in range(contacts.shape[0]):
+        fastest = max(fastest, abs(contacts[i].v))
     for j in range(elements.shape[0]):
-        a, b = velocity[elements[j, 0]], velocity[elements[j, 1]]
+        a, b = contacts[elements[j, 0]].v, contacts[elements[j, 1]].v
         if a * b < 0.0 and abs(a + b) <= 1e-9 * fastest:
             pair = j
+    return pair
+
+
+@lean
+def _shift_all(system, derivative, d_target, piece):
+    """Choose the translation where all contacts slide, as `choose_translation` does, and find whether it is a kink."""
+    contacts, elements, dx, earlier = system.contacts, system.elements, derivative.dx, derivative.earlier
+    n, springs = contacts.shape[0], system.springs.shape[0]
+    pair = _find_pair(contacts, elements)
     marked = False
-    for c in range(columns):
+    for c in range(dx.shape[1]):
         shift = 0.0
         if pair >= 0:
-            a, b = elements[pair, 0], elements[pair, 1]
-            shift = 0.5 * ((before[a, c] + before[b, c]) - (dx[a, c] + dx[b, c]))
+            for i in elements[pair]:
+                shift += 0.5 * (earlier[i, c] - dx[i, c])
         else:
             for i in range(n):
-                shift += share[i] * (before[i, c] - dx[i, c])
-        total = 0.0
-        size = 0.0
+                shift += contacts[i].share * (earlier[i, c] - dx[i, c])
+        total = size = 0.0
         for i in range(n):
             dx[i, c] += shift
-            change = d_target[springs + i, c] if sliding[i] > 0 else -d_target[springs + n + i, c]
+            change = d_target[springs + i, c] if contacts[i].sliding > 0 else -d_target[springs + n + i, c]
             total += change
             size += abs(change)
         if pair < 0 or abs(total) > SAME * size:
-            one_sided[c] = True
-            marked = True
+            system.parameters[c].one_sided = marked = True
     if marked:
         for i in range(n):
-            mark(kinks, ramp, place, i)
+            mark(system.kinks, piece.ramp, piece.begin, i)
 
 
-@compiled
-def _tensions(ends, stiffness, d_stiffness, tension, d_target, dx, d_tension):
+@lean
+def _find_tensions(springs, derivative, d_target):
     """Compute the derivatives of the tensions."""
-    for s in range(ends.shape[0]):
-        a, b = ends[s, 0], ends[s, 1]
-        stretch = tension[s] / stiffness[s]
-        for c in range(dx.shape[1]):
-            d_tension[s, c] = stiffness[s] * (dx[b, c] - dx[a, c] - d_target[s, c]) + d_stiffness[s, c] * stretch
+    for s in range(springs.shape[0]):
+        spring = springs[s]
+        stretch = spring.tension / spring.stiffness
+        for c in range(derivative.dx.shape[1]):
+            growth = derivative.dx[spring.b, c] - derivative.dx[spring.a, c] - d_target[s, c]
+            derivative.tension[s, c] = spring.stiffness * growth + derivative.stiffness[s, c] * stretch
 
 
-@compiled
-def _command_derivative(rows, d_rows, before, after, part, d_part, d_target):
-    """Compute the derivative of a target between two rows of the drive."""
-    for f in range(d_target.shape[0]):
-        step = rows[after, f] - rows[before, f]
-        for c in range(d_target.shape[1]):
-            start = d_rows[before, f, c]
-            d_target[f, c] = start + part * (d_rows[after, f, c] - start) + step * d_part[c]
+@lean
+def _place_commands(commands, place):
+    """Find the commands at a place on the ramp, and their derivatives."""
+    for f in range(commands.change.shape[0]):
+        commands.target[f] = commands.start[f] + place * commands.change[f]
+        for c in range(commands.d_start.shape[1]):
+            start = commands.d_start[f, c]
+            commands.d_target[f, c] = start + place * (commands.d_end[f, c] - start)
 
 
-@compiled
-def follow_tangent(
-    ends,
-    stiffness,
-    d_stiffness,
-    order,
-    band,
-    elements,
-    share,
-    rows,
-    d_rows,
-    before,
-    after,
-    part,
-    d_part,
-    targets,
-    start,
-    tensions,
-    pieces,
-    dx,
-    d_start,
-    memory,
-    event,
-    d_records,
-    works,
-    d_works,
-    kinks,
-    one_sided,
-    samples,
-):
+@lean
+def _begin_ramp(system, commands, course, piece, v):
+    """Begin ramp v: what its commands change, their derivatives, and the tensions at its start."""
+    springs, parameters = system.springs, system.parameters
+    before, after, part = course.before[v], course.after[v], course.part[v]
+    for f in range(commands.change.shape[0]):
+        commands.change[f] = course.targets[v, f] - commands.start[f]
+        step = course.rows[after, f] - course.rows[before, f]
+        for c in range(parameters.shape[0]):
+            start = course.d_rows[before, f, c]
+            grown = part * (course.d_rows[after, f, c] - start)
+            commands.d_end[f, c] = start + grown + step * course.d_part[v, c]
+    for s in range(springs.shape[0]):
+        springs[s].tension, springs[s].rate = course.tensions[v, s], 0.0
+    for c in range(parameters.shape[0]):
+        parameters[c].d_work = 0.0
+    piece.ramp, piece.until, piece.work = v, 0.0, 0.0
+
+
+@lean
+def _look_at_start(system, derivative, commands, piece):
+    """Find the kinks at the very start: a contact at its bound is at one unless it stays there."""
+    for i in range(system.contacts.shape[0]):
+        system.contacts[i].sliding = system.contacts[i].arriving = 0
+    for f in range(commands.change.shape[0]):
+        commands.change[f] = 0.0
+    _place_commands(commands, 0.0)
+    _find_tensions(system.springs, derivative, commands.d_target)
+    piece.begin = -1.0  # it has been at rest for long
+    look_at_bounds(system, derivative, commands, piece)
+    piece.ended = NO_END
+
+
+@lean
+def _read_piece(contacts, pieces, piece):
+    """Read the next piece of the ramp that is not an instant; returns False if there is none.
+
+    On a ramp without pieces nothing moves.
+    """
+    n = contacts.shape[0]
+    piece.begin = piece.until
+    found = False
+    while not found and piece.next < pieces.shape[0] and pieces[piece.next, RAMP] == piece.ramp:
+        row = piece.next
+        piece.next += 1
+        piece.begin, piece.until = pieces[row, FROM], pieces[row, UNTIL]
+        if piece.until > _TO_THE_END:
+            piece.until = 1.0
+        found = piece.until == 1.0 or piece.until - piece.begin >= INSTANT
+        for i in range(n):
+            contacts[i].v = pieces[row, HEADER + i]
+            contacts[i].arriving = int(pieces[row, HEADER + n + i])
+    if found:
+        return True
+    if piece.until > 0.0:
+        return False
+    piece.until = 1.0
+    for i in range(n):
+        contacts[i].v = 0.0
+        contacts[i].arriving = 0
+    return True
+
+
+@lean
+def _add_work(springs, parameters, derivative, commands, length):
+    """Add the derivative of the work at one end of a piece, by the trapezoidal rule."""
+    for s in range(springs.shape[0]):
+        for c in range(parameters.shape[0]):
+            parameters[c].d_work -= 0.5 * length * derivative.tension[s, c] * commands.change[s]
+
+
+@lean
+def _advance_springs(system, commands, piece):
+    """Advance the tensions to the end of a piece, with the work of the actuators."""
+    length = piece.until - piece.begin
+    for s in range(system.springs.shape[0]):
+        spring, change = system.springs[s], commands.change[s]
+        spring.rate = spring.stiffness * ((system.contacts[spring.b].v - system.contacts[spring.a].v) - change)
+        mean = spring.tension + 0.5 * length * spring.rate
+        piece.work -= mean * change * length
+        for c in range(system.parameters.shape[0]):
+            system.parameters[c].d_work -= length * mean * (commands.d_end[s, c] - commands.d_start[s, c])
+        spring.tension += length * spring.rate
+
+
+@lean
+def _follow_piece(system, derivative, commands, piece):
+    """Carry the derivatives along a piece."""
+    contacts, springs = system.contacts, system.springs
+    n, length = contacts.shape[0], piece.until - piece.begin
+    sliding = _find_sliding(contacts, commands, springs.shape[0], 0.5 * (piece.begin + piece.until))
+    mixed = pass_end(system, derivative.dx, piece)
+    _place_commands(commands, piece.begin)
+    if mixed and sliding < n:
+        _balance(system, derivative, commands)
+    _find_tensions(springs, derivative, commands.d_target)
+    _add_work(springs, system.parameters, derivative, commands, length)
+    _advance_springs(system, commands, piece)
+    _place_commands(commands, piece.until)
+    if sliding > 0:
+        for i in range(n):
+            for c in range(system.parameters.shape[0]):
+                derivative.earlier[i, c] = derivative.dx[i, c]
+        if not _balance(system, derivative, commands):
+            _shift_all(system, derivative, commands.d_target, piece)
+    _find_tensions(springs, derivative, commands.d_target)
+    _add_work(springs, system.parameters, derivative, commands, length)
+    look_at_bounds(system, derivative, commands, piece)
+
+
+@lean
+def _finish_piece(system, piece, samples):
+    """Keep the velocities for the next piece; the displacement at a ramp's end has a kink where a contact arrives."""
+    for i in range(system.contacts.shape[0]):
+        contact = system.contacts[i]
+        contact.v_before = contact.v
+        if samples and piece.until == 1.0 and contact.arrived > 1:
+            mark(system.kinks, piece.ramp, piece.until, i)
+            for c in range(system.parameters.shape[0]):
+                system.parameters[c].one_sided |= system.parameters[c].moves
+
+
+@entry
+def follow_tangent(system, derivative, commands, course, pieces, output, samples):
     """Carry derivatives along ramps whose pieces are known.
 
     Args:
-        ends: the two contacts of each spring, shape (S, 2).
-        stiffness: k, shape (S,) [N/m].
-        d_stiffness: its derivatives, shape (S, P).
-        order: from `build_band`, like the next one.
-        band: stiffness in the band, shape (N, width).
-        elements: both contacts of each element of a segment, shape (Q, 2).
-        share: weight of each contact in the net translation, shape (N,).
-        rows: targets of the drive's waypoints, shape (W, F).
-        d_rows: their derivatives, shape (W, F, P).
-        before: the waypoint before each ramp's end, shape (V,).
-        after: the waypoint after it, shape (V,).
-        part: place of the ramp's end between them, shape (V,).
-        d_part: its derivatives, shape (V, P).
-        targets: at the end of each ramp, shape (V, F).
-        start: the target in force before, shape (F,), changed in place.
-        tensions: at the start of each ramp, shape (V, S) [N].
-        pieces: from `follow_pieces`, shape (K, 3 + 2 N).
-        dx: derivatives of the displacements, shape (N, P), changed in place.
-        d_start: derivatives of the target in force, shape (F, P), changed in place.
-        memory: rows V_BEFORE and ARRIVED, shape (2, N), changed in place; zero at first.
-        event: how the last piece ended, then Ds*, the size of its terms, 1 for parameters that change the order of
-            several events, and 1 for parameters that any of them depends on, shape (1 + 4 P,), changed in place; zero
-            at first.
-        d_records: output: derivatives of the displacements after each ramp, shape (V, N, P).
-        works: output: work of the actuators in each ramp, shape (V,) [J].
-        d_works: output: its derivatives, shape (V, P).
-        kinks: output: ramp, place and contact, shape (rows, 3); the first row counts.
-        one_sided: output: parameters whose derivative is one-sided, bool, shape (P,).
+        system: a `System`, changed in place.
+        derivative: a `Derivative`, changed in place.
+        commands: `Commands`, at the start of the first ramp; at that of the next one afterwards.
+        course: a `Course`.
+        pieces: PIECE, shape (1,), changed in place.
+        output: derivatives of the displacements after each ramp, shape (V, N, P); work of the actuators in each ramp,
+            shape (V,) [J]; its derivatives, shape (V, P).
         samples: whether the displacement at the end of every ramp is a result: it has a kink where a contact reaches
             its bound just there, even if it slides on.
     """
-    n, columns = dx.shape
-    springs = ends.shape[0]
-    size = start.shape[0]
-    sliding = np.zeros(n, np.int8)
-    velocity = np.zeros(n)
-    arriving = np.zeros(n)
-    work = np.empty(band.shape)
-    ground = np.empty(n)
-    load = np.empty((n, columns))
-    earlier = np.empty((n, columns))
-    forces = np.empty((4, n))
-    tension, rate, change, target = np.empty(springs), np.empty(springs), np.empty(size), np.empty(size)
-    d_end, d_target = np.empty((size, columns)), np.empty((size, columns))
-    d_before, d_after = np.empty((springs, columns)), np.empty((springs, columns))
-    d_slack, d_size = np.empty(columns), np.empty(columns)
-    bounds = springs + 2 * n
-    piece = 0
-    for v in range(targets.shape[0]):
-        _command_derivative(rows, d_rows, before[v], after[v], part[v], d_part[v], d_end)
-        for f in range(bounds):
-            change[f] = targets[v, f] - start[f]
-        for s in range(springs):
-            tension[s] = tensions[v, s]
-        works[v] = 0.0
-        d_works[v] = 0.0
-        place = 0.0
-        if int(event[0]) == NO_END:  # the start: a contact at its bound is at a kink unless it stays there
-            rate[:] = 0.0
-            sliding[:] = 0
-            _tensions(ends, stiffness, d_stiffness, tension, d_start, dx, d_after)
-            look_at_bounds(
-                ends,
-                stiffness,
-                d_stiffness,
-                tension,
-                rate,
-                0.0 * change,
-                start,
-                d_start,
-                place,
-                1.0,
-                v,
-                arriving,
-                sliding,
-                dx,
-                d_after,
-                forces,
-                d_slack,
-                d_size,
-                memory,
-                event,
-                kinks,
-                one_sided,
-            )
-            event[:] = 0.0
-        while True:
-            logged = piece < pieces.shape[0] and int(pieces[piece, RAMP]) == v
-            if not logged and place > 0.0:
-                break
-            until = 1.0
-            velocity[:] = 0.0
-            arriving[:] = 0.0
-            if logged:
-                until = pieces[piece, UNTIL]
-                if until > 1.0 - 1e-13:
-                    until = 1.0
-                for i in range(n):
-                    velocity[i] = pieces[piece, HEADER + i]
-                    arriving[i] = pieces[piece, HEADER + n + i]
-                place = pieces[piece, FROM]
-                piece += 1
-                if until - place < INSTANT and until < 1.0:
-                    place = until
-                    continue
-            middle = 0.5 * (place + until)
-            for f in range(bounds):
-                target[f] = start[f] + middle * change[f]
-            number = _find_sliding(velocity, target, springs, sliding)
-            for i in range(n):
-                if abs(velocity[i]) <= _STILL * np.abs(velocity).max():
-                    velocity[i] = 0.0
-            mixed = pass_end(memory, event, sliding, velocity, v, place, dx, kinks, one_sided)
-            length = until - place
-            for f in range(bounds):
-                target[f] = start[f] + until * change[f]
-                for c in range(columns):
-                    d_target[f, c] = d_start[f, c] + place * (d_end[f, c] - d_start[f, c])
-            if mixed and number < n:
-                _balance(ends, stiffness, d_stiffness, tension, order, band, sliding, work, ground, d_target, dx, load)
-            _tensions(ends, stiffness, d_stiffness, tension, d_target, dx, d_before)
-            for s in range(springs):
-                rate[s] = stiffness[s] * ((velocity[ends[s, 1]] - velocity[ends[s, 0]]) - change[s])
-                works[v] -= (tension[s] + 0.5 * length * rate[s]) * change[s] * length
-                for c in range(columns):
-                    part_of = (tension[s] + 0.5 * length * rate[s]) * (d_end[s, c] - d_start[s, c])
-                    d_works[v, c] -= length * (0.5 * d_before[s, c] * change[s] + part_of)
-                tension[s] += length * rate[s]
-            for f in range(bounds):
-                for c in range(columns):
-                    d_target[f, c] = d_start[f, c] + until * (d_end[f, c] - d_start[f, c])
-            if number > 0:
-                if number == n:
-                    earlier[:] = dx
-                held = _balance(
-                    ends, stiffness, d_stiffness, tension, order, band, sliding, work, ground, d_target, dx, load
-                )
-                if not held:
-                    _shift_all(
-                        velocity, dx, earlier, elements, share, sliding, d_target[:bounds], v, place, kinks, one_sided
-                    )
-            _tensions(ends, stiffness, d_stiffness, tension, d_target, dx, d_after)
-            for s in range(springs):
-                for c in range(columns):
-                    d_works[v, c] -= 0.5 * length * d_after[s, c] * change[s]
-            look_at_bounds(
-                ends,
-                stiffness,
-                d_stiffness,
-                tension,
-                rate,
-                change,
-                target,
-                d_target,
-                until,
-                length,
-                v,
-                arriving,
-                sliding,
-                dx,
-                d_after,
-                forces,
-                d_slack,
-                d_size,
-                memory,
-                event,
-                kinks,
-                one_sided,
-            )
-            for i in range(n):
-                memory[V_BEFORE, i] = velocity[i]
-                if samples and until == 1.0 and memory[ARRIVED, i] > 1.0:
-                    mark(kinks, v, until, i)
-                    for c in range(columns):
-                        one_sided[c] |= event[1 + 3 * columns + c] != 0.0
-            place = until
-            if until == 1.0:
-                break
-        for f in range(size):
-            start[f] = targets[v, f]
+    d_records, works, d_works = output
+    piece = pieces[0]
+    columns = system.parameters.shape[0]
+    piece.next = 0
+    for v in range(course.targets.shape[0]):
+        _begin_ramp(system, commands, course, piece, v)
+        if piece.ended == NO_END:
+            _look_at_start(system, derivative, commands, piece)
+            _begin_ramp(system, commands, course, piece, v)
+        while piece.until < 1.0 and _read_piece(system.contacts, course.pieces, piece):
+            _follow_piece(system, derivative, commands, piece)
+            _finish_piece(system, piece, samples)
+        for f in range(commands.start.shape[0]):
+            commands.start[f] = course.targets[v, f]
             for c in range(columns):
-                d_start[f, c] = d_end[f, c]
-        d_records[v] = dx
+                commands.d_start[f, c] = commands.d_end[f, c]
+        works[v] = piece.work
+        for c in range(columns):
+            d_works[v, c] = system.parameters[c].d_work
+            for i in range(system.contacts.shape[0]):
+                d_records[v, i, c] = derivative.dx[i, c]

@@ -40,6 +40,15 @@ class Driven:
         commanded = max(float(np.abs(actuation).max()) for actuation, _, _ in self.rows)
         return max(float(np.abs(np.ptp(position, axis=0)).max()), commanded)
 
+    def moved(self, by: float) -> Driven:
+        """Return the same body on a line, and the same ground, elsewhere."""
+        body = self.data["body"]
+        segments = [_moved(segment, by) for segment in body["segments"]]
+        data = self.data | {"body": body | {"contacts": [x + by for x in body["contacts"]], "segments": segments}}
+        if "ground" in data:
+            data["ground"] = {"patches": [_moved(patch, by) for patch in data["ground"]["patches"]]}
+        return Driven(data, self.rows)
+
     def run(self, method: str, parts: int = 1) -> tuple[np.ndarray, list[Any]]:
         """Follow every ramp in so many equal parts: the displacement at the end of each, and all steps."""
         crawler = Crawler(self.scene, method)
@@ -51,6 +60,10 @@ class Driven:
                 steps.append(crawler.follow((before + part * (target - before) if part < 1.0 else target)[None]))
             states.append(crawler.displacement)
         return np.array(states), steps
+
+
+def _moved(part: dict[str, Any], by: float) -> dict[str, Any]:
+    return part | {"from": part["from"] + by, "to": part["to"] + by}
 
 
 @dataclass(frozen=True)

@@ -125,6 +125,15 @@ def test_the_mirror_image(body, method):
     assert back == pytest.approx(here, abs=within(body.driven(), 10))
 
 
+@law(*((kind, method) for kind, method in EVERY if kind not in IN_THE_PLANE))
+def test_where_the_body_stands_does_not_matter(body, method):
+    """With the patches below it; by a length that rounds no position."""
+    here, steps = body.driven().run(method)
+    there, others = body.driven().moved(64.0).run(method)
+    assert there == pytest.approx(here, abs=100 * within(body.driven(), 10))
+    assert [step.unique for step in others] == [step.unique for step in steps]
+
+
 SCALES = st.sampled_from([1e-9, 1e-3, 7.0, 1e9])
 
 

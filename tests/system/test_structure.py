@@ -101,20 +101,22 @@ def test_files_have_one_subject_and_are_short():
     assert [str(f.relative_to(ROOT)) for f in sources() if len(f.read_text().splitlines()) >= MOST_LINES] == []
 
 
+KERNELS = {"compiled", "entry", "lean", "inlined", "merged"}
+"""Decorators of kernels."""
+
+
 def test_functions_are_short_but_for_compiled_kernels():
     """Kernels stay in one piece, decision 0022."""
     for file in sources():
         for node in ast.walk(ast.parse(file.read_text())):
-            if not isinstance(node, ast.FunctionDef) or any(
-                ast.unparse(d) in ("compiled", "lean", "inlined") for d in node.decorator_list
-            ):
+            if not isinstance(node, ast.FunctionDef) or any(ast.unparse(d) in KERNELS for d in node.decorator_list):
                 continue
             text = ast.get_docstring(node)
             lines = node.end_lineno - node.lineno + 1 - (len(text.splitlines()) + 2 if text else 0)
             assert lines <= MOST_IN_A_FUNCTION, f"{file.name}: {node.name} has {lines} lines"
 
 
-KERNELS_TO_COME = ("motion/plane/", "derivative/")
+KERNELS_TO_COME = ("motion/plane/",)
 """Rooms whose kernels still take arrays by position, decision 0022."""
 
 
@@ -125,9 +127,7 @@ def test_kernels_take_few_arguments_and_are_short():
         if any(room in file.as_posix() for room in KERNELS_TO_COME):
             continue
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.FunctionDef) and {"compiled", "lean", "inlined"} & {
-                *map(ast.unparse, node.decorator_list)
-            }:
+            if isinstance(node, ast.FunctionDef) and KERNELS & {*map(ast.unparse, node.decorator_list)}:
                 found += 1
                 assert len(node.args.args) <= 7, f"{file.name}: {node.name}"
                 assert node.end_lineno - node.lineno < 100, f"{file.name}: {node.name}"
@@ -365,7 +365,7 @@ def test_the_kernels_cache_covers_all_files_that_kernels_import():
     """Imports that are for types alone leave no trace in a kernel."""
     model = ROOT / "crawler_model"
     covered = {file for pattern in compiled._SOURCES for file in model.glob(pattern)}
-    marks = ("\n@compiled\n", "\n@lean\n", "\n@inlined\n")
+    marks = tuple(f"\n@{mark}\n" for mark in KERNELS)
     waiting = [file for file in model.rglob("*.py") if any(mark in file.read_text(encoding="utf-8") for mark in marks)]
     assert len(waiting) > 20
     reached: set[Path] = set()

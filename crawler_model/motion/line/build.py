@@ -20,6 +20,12 @@ FAN = 8
 """Contacts of a leaf of the tree of runs, and parts of a larger one."""
 SHORTEST_BLOCK = 64
 """Contacts of a block from which they fall asleep."""
+SOON = 5
+"""Rounds after which a path is solved by `project`, and the search for sides goes on from there. An implicit step
+begins with it: it is far from the velocities before it, while an event changes few of them."""
+PATIENCE = 10
+"""Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
+spread from both ends of a body by one contact a round."""
 _MOST_NUMBERS = 50_000_000
 """Largest number of entries of the matrix of a graph."""
 
@@ -93,9 +99,9 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     ends["other"] = body.ends.T[::-1].ravel()[order]
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
-    width = 1 if body.is_chain else max(order_contacts(body)[1], 1)
+    matrix = None if body.is_chain else np.zeros((n, max(order_contacts(body)[1], 1)))
     runs = build_runs(n) if body.is_chain and n >= LONG else None
-    return ends, zeros(n + 1, BLOCK), np.zeros((n, width)), zeros(2 * n, BREAK), NO_PIECES, None, runs
+    return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs
 
 
 def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:

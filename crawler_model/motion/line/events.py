@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import inlined, lean
+from ...compiled import inlined, lean, merged
 from ...rounding import EPS, LATE
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
 from .advance import advance, advance_spring
@@ -97,7 +97,7 @@ def _set_rates(contacts, springs, model, ramp, count):
             continue
         if j < count:
             c = contacts[e.contact]
-            stops = e.v == 0.0 and c.v != 0.0
+            stops = e.v == 0.0 and c.v != 0.0 and not ramp.stepping
             if ramp.falling:
                 draw(contacts, model, model.ground, ramp, e.contact)
             advance(c, ramp, s)
@@ -178,17 +178,16 @@ def solve_around(contacts, springs, model, ramp, i):
         False if no rates were found.
     """
     ramp.reach = 1
-    count = find_block(contacts, springs, model, ramp, i)
-    if find_due(contacts, model.block, model.ground, ramp, count):
-        return False
     while True:
+        ramp.woken = 0
+        count = find_block(contacts, springs, model, ramp, i)
+        if find_due(contacts, model.block, model.ground, ramp, count):
+            return False
         if find_sides(contacts, springs, model, ramp, count):
             if not passes_guard(contacts, model.block, ramp, count):
                 break
         elif not ramp.woken:
             return False
-        ramp.woken = 0
-        count = find_block(contacts, springs, model, ramp, i)
     _set_rates(contacts, springs, model, ramp, count)
     if not ramp.stepping:
         _hold_sides(contacts, springs, model, ramp, count)
@@ -298,7 +297,7 @@ def _give_up(contacts, springs, model, ramp, count):
         contacts[model.block[j].hit].listed = 0
 
 
-@inlined
+@merged
 def _solve_blocks(contacts, springs, model, ramp, count):
     """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
     before = ramp.block
@@ -337,7 +336,7 @@ def _note_piece(pieces, contacts, begin, until):
         pieces[row, HEADER + n + i] = c.coming if c.next <= until else 0.0
 
 
-@lean
+@merged
 def follow_events(contacts, springs, model, ramp):
     """Follow a ramp from event to event.
 

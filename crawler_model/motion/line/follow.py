@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import inlined, lean
+from ...compiled import entry, inlined, lean, merged
 from ...rounding import EPS
 from .. import state
 from ..pieces import begin_ramp
 from .advance import advance, advance_spring
-from .block import find_block, settle
+from .block import settle
 from .events import follow_events, solve_around
 from .ground.jumps import begin_on_ground, find_runaway, finish_on_ground, place_anew, slide_to_border
-from .pivot import find_sides
 from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
 from .runs import wake_all
 from .translation import choose_step, find_margin
@@ -175,44 +174,31 @@ def _finish(contacts, springs, model, ramp, target):
     return stored
 
 
-@lean
-def _approach(contacts, springs, model, ramp):
-    """Find the velocities of an implicit step by steps to parts of its commands, each from the solution before.
+@merged
+def _take_step(contacts, springs, model, ramp):
+    """Take an implicit step from the start to the end of a ramp; returns False if it has no solution.
 
-    A part for which the search makes no progress is halved: from one part to the next, few contacts begin or cease to
-    slide. Returns whether all parts were solved within the budget.
+    It is solved for all commands at once or, failing that, for parts of them, each from the solution before: from one
+    part to the next, few contacts begin or cease to slide. A part for which the search makes no progress is halved; the
+    whole is then solved once more, from its own solution, which takes rounding away.
     """
-    n = contacts.shape[0]
-    for i in range(n):
-        contacts[i].v = 0.0
-    solved, step = 0.0, 0.5
-    while solved < 1.0 and ramp.effort <= ramp.budget:
+    solved, step, divided = 0.0, 1.0, False
+    ramp.stepping = 1
+    while solved < 1.0:
         ramp.part = min(solved + step, 1.0)
         ramp.hurries = step > _SMALLEST_PART
-        count = find_block(contacts, springs, model, ramp, n - 1)
-        if find_sides(contacts, springs, model, ramp, count):
-            for j in range(count):
-                contacts[model.block[j].contact].v = model.block[j].v
-            solved, step = ramp.part, 2.0 * step
-        elif ramp.hurries:
-            step *= 0.5
+        if solve_around(contacts, springs, model, ramp, contacts.shape[0] - 1):
+            if divided and ramp.part == 1.0:
+                divided = False
+            else:
+                solved, step = ramp.part, 2.0 * step
+        elif ramp.hurries and ramp.effort <= ramp.budget:
+            step, divided = 0.5 * step, True
+            if solved == 0.0:
+                for i in range(contacts.shape[0]):
+                    contacts[i].v = 0.0
         else:
-            break
-    ramp.hurries = 0
-    return solved == 1.0
-
-
-@inlined
-def _take_step(contacts, springs, model, ramp):
-    """Take an implicit step from the start to the end of a ramp; returns False if it has no solution."""
-    last = contacts.shape[0] - 1
-    ramp.stepping = ramp.hurries = 1
-    ramp.part = 1.0
-    solved = solve_around(contacts, springs, model, ramp, last)
-    if not solved and _approach(contacts, springs, model, ramp):
-        solved = solve_around(contacts, springs, model, ramp, last)
-    if not solved:
-        return False
+            return False
     for j in range(contacts.shape[0]):
         e = model.block[j]
         c = contacts[e.contact]
@@ -272,7 +258,7 @@ def _continue(contacts, model, ground, ramp, outcome):
     return STEPS
 
 
-@lean
+@merged
 def _follow_ramp(contacts, springs, model, ramp, target):
     """Follow a ramp that has begun, in parts if need be; returns the energy stored at its end."""
     how = FOLLOWS if ramp.exact else STEPS
@@ -338,7 +324,7 @@ def _build_terrain(ground):
     return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5])
 
 
-@lean
+@entry
 def follow(contacts, springs, ramps, memory, targets, account, records):
     """Follow straight ramps to each of the targets in turn.
 

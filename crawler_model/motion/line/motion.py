@@ -181,8 +181,8 @@ class LineMotion:
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
         ramps = zeros(1, RAMP)
-        ramps["chain"] = self.body.is_chain
         ramps["fan"], ramps["shortest"] = build.FAN, build.SHORTEST_BLOCK
+        ramps["soon"], ramps["patience"] = build.SOON, build.PATIENCE
         return ramps, build.build_memory(self.body)
 
     def follow(

@@ -17,12 +17,6 @@ from .path import limit_of, solve_path
 from .project import project
 from .runs import wake_all, wake_turning
 
-_SOON = 5
-"""Rounds after which a path is solved by `project`, and the search goes on from there; an implicit step begins with it:
-it is far from the velocities before it, while an event changes few of them."""
-_PATIENCE = 10
-"""Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
-spread from both ends of a body by one contact a round."""
 ROUNDING = 32.0 * EPS
 """A force beyond its limit by less than this part of the terms that it is a sum of is at its limit."""
 
@@ -134,9 +128,9 @@ def _exchange(block, count, last_only):
 
 
 @inlined
-def _solve_sides(contacts, springs, model, ramp, count):
-    """Solve for the rates of a block with given sides."""
-    if ramp.path > 0:
+def _solve_sides(contacts, springs, model, matrix, ramp, count):
+    """Solve for the rates of a block with given sides; all blocks of a chain, which has no matrix, are paths."""
+    if matrix is None or ramp.path > 0:
         solve_path(model.block, count)
     else:
         solve_mesh(contacts, springs, model, count)
@@ -159,11 +153,11 @@ def find_sides(contacts, springs, model, ramp, count):
     block = model.block
     best, waited, last_only = count + 1, 0, False
     hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
-    patience = _PATIENCE if hurries else _PATIENCE + count
+    patience = ramp.patience if hurries else ramp.patience + count
     ramp.undetermined = 0
     for turn in range(50 + 10 * count):
         ramp.effort += count
-        if turn == (0 if ramp.stepping else _SOON) and ramp.path > 0:
+        if turn == (0 if ramp.stepping else ramp.soon) and ramp.path > 0:
             if wake_all(contacts, springs, model.runs, ramp):
                 ramp.woken = 1
                 return False
@@ -176,7 +170,7 @@ def find_sides(contacts, springs, model, ramp, count):
                 return False
             side = block[brake].side
             block[brake].side = 0
-        _solve_sides(contacts, springs, model, ramp, count)
+        _solve_sides(contacts, springs, model, model.matrix, ramp, count)
         if wake_turning(contacts, springs, block, model.runs, ramp, count):
             return False
         if resting == 1:

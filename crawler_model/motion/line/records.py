@@ -204,7 +204,6 @@ RAMP = np.dtype(
         ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
         ("block", _INT),  # number of the present block, increasing
-        ("chain", _BYTE),  # whether the body is a chain
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
         ("before", _INT),  # contacts at rest beside the path, -1 where it ends
         ("behind", _INT),
@@ -214,6 +213,8 @@ RAMP = np.dtype(
         ("asleep", _BYTE),  # whether runs may be asleep
         ("fan", _INT),  # number of contacts of a leaf, and of the parts of other runs
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
+        ("soon", _INT),  # rounds after which the search for sides goes on from a projection
+        ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
         ("witness", _INT),  # contact at which the search for forces away from their bounds begins
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
         ("left", _INT),  # breakpoints of `project`: the first of them for v < 0, the last of them for v > 0
@@ -295,8 +296,9 @@ class Model(NamedTuple):
     """END, two of each spring, those of a contact together, shape (2 S,)."""
     block: np.ndarray
     """BLOCK, memory, shape (N + 1,)."""
-    matrix: np.ndarray
-    """Conductances between sliding contacts, memory, a row for each, shape (N, width)."""
+    matrix: Any
+    """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, for which no
+    meshes are compiled."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray

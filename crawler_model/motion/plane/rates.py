@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import compiled, entry, lean
 from ...rounding import CRITICAL, EPS
 from .friction import resistance
 from .springs import diagonal, solve_band_in_place
@@ -234,7 +234,7 @@ def find_rates(springs, spring, push, friction, growth, directions, band, veloci
     return first
 
 
-@lean
+@entry
 def missed(moved, spring, friction, directions, corners, band, compliance):
     """Bound the error of an implicit step, taken as a straight path.
 

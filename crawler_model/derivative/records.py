@@ -1,0 +1,155 @@
+"""The records of a path with derivatives: what is known of a contact, a spring, a parameter, a piece of the path.
+
+Kernels take them whole, as those of `motion.line.records`. Derivatives with respect to P parameters are arrays with a
+column for each.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+_FLOAT, _INT, _BYTE = np.float64, np.int64, np.int8
+
+NO_END, CORNER, EVENT, TIE = range(4)
+"""How the last piece ended: there was none; at a vertex of the commands; at an event; at events whose order depends on
+the parameters."""
+
+CONTACT = np.dtype(
+    [
+        ("share", _FLOAT),  # weight in the net translation
+        ("v", _FLOAT),  # velocity on the piece [m per ramp]
+        ("v_before", _FLOAT),  # velocity on the piece before
+        ("sliding", _BYTE),  # direction on the piece: 1, -1; 0 if it is stuck, 1 without friction
+        ("arriving", _BYTE),  # bounds that it reaches at the end of the piece, as bits FORWARD and BACKWARD
+        ("arrived", _BYTE),  # 1 if it reached a bound there, 2 if that instant depends on the parameters
+        ("force", _FLOAT),  # of the springs, at the end of the piece [N]
+        ("force_rate", _FLOAT),
+        ("size", _FLOAT),  # sum of the absolute tensions around it [N]
+        ("rate_size", _FLOAT),
+        ("ground", _FLOAT),  # stiffness of its springs to what is stuck, in the elimination [N/m]
+    ],
+    align=True,
+)
+
+SPRING = np.dtype(
+    [
+        ("a", _INT),  # its two contacts
+        ("b", _INT),
+        ("stiffness", _FLOAT),  # k [N/m]
+        ("tension", _FLOAT),  # T, at the start or the end of the piece [N]
+        ("rate", _FLOAT),  # of the tension along the ramp [N]
+    ],
+    align=True,
+)
+
+PARAMETER = np.dtype(
+    [
+        ("d_place", _FLOAT),  # derivative of the place of the last event on its ramp
+        ("place_size", _FLOAT),  # size of the terms whose difference it is
+        ("swaps", np.bool_),  # whether the parameter changes the order of events there
+        ("moves", np.bool_),  # whether an event there depends on it
+        ("one_sided", np.bool_),  # output: whether the derivative is one-sided
+        ("d_slack", _FLOAT),  # memory: derivative of the distance of a force from its bound [N]
+        ("d_size", _FLOAT),  # size of the terms whose difference it is
+        ("d_work", _FLOAT),  # derivative of the work of the actuators in the ramp [J]
+    ],
+    align=True,
+)
+
+PIECE = np.dtype(
+    [
+        ("ramp", _INT),  # number of the ramp
+        ("next", _INT),  # row of the next piece
+        ("begin", _FLOAT),  # the part of the ramp that the piece spans
+        ("until", _FLOAT),
+        ("ended", _INT),  # how the last piece ended
+        ("sliding", _INT),  # how many contacts slide
+        ("work", _FLOAT),  # work of the actuators in the ramp [J]
+    ],
+    align=True,
+)
+
+
+class Band(NamedTuple):
+    """The springs as a band of conductances; a chain is a band of width 1 in its own order."""
+
+    order: np.ndarray
+    """The contact at each position of the band, shape (N,)."""
+    stiffness: np.ndarray
+    """Stiffness between the contacts at positions p and p + 1 + d, shape (N, width) [N/m]."""
+    memory: np.ndarray
+    """Shape (N, width)."""
+
+
+class System(NamedTuple):
+    """A body, what is known of its motion on the piece, and the parameters."""
+
+    contacts: np.ndarray
+    """CONTACT, shape (N,)."""
+    springs: np.ndarray
+    """SPRING, shape (S,)."""
+    parameters: np.ndarray
+    """PARAMETER, shape (P,)."""
+    elements: np.ndarray
+    """Both contacts of each element of a segment, shape (Q, 2)."""
+    band: Band
+    """The springs in the order of elimination."""
+    kinks: np.ndarray
+    """Output: ramp, place and contact, shape (rows, 3); the first row counts."""
+
+
+class Derivative(NamedTuple):
+    """Derivatives of the state."""
+
+    stiffness: np.ndarray
+    """Of the stiffness, shape (S, P)."""
+    dx: np.ndarray
+    """Of the displacements, shape (N, P)."""
+    earlier: np.ndarray
+    """Of the displacements at the start of the piece, memory, shape (N, P)."""
+    load: np.ndarray
+    """Of the loads on the balance, memory, shape (N, P)."""
+    tension: np.ndarray
+    """Of the tensions, shape (S, P)."""
+
+
+class Commands(NamedTuple):
+    """Commands on the ramp, as rows of actuation, forward and backward bounds."""
+
+    start: np.ndarray
+    """In force at its start, shape (F,)."""
+    change: np.ndarray
+    """Their change along it, shape (F,)."""
+    target: np.ndarray
+    """At the place that is looked at, shape (F,)."""
+    d_start: np.ndarray
+    """Derivatives of those at its start, shape (F, P)."""
+    d_end: np.ndarray
+    """Derivatives of those at its end, shape (F, P)."""
+    d_target: np.ndarray
+    """Derivatives of those at the place that is looked at, shape (F, P)."""
+
+
+class Course(NamedTuple):
+    """Ramps to be followed, whose pieces are known."""
+
+    rows: np.ndarray
+    """Targets of the drive's waypoints, shape (W, F)."""
+    d_rows: np.ndarray
+    """Their derivatives, shape (W, F, P)."""
+    before: np.ndarray
+    """The waypoint before each ramp's end, shape (V,)."""
+    after: np.ndarray
+    """The waypoint after it, shape (V,)."""
+    part: np.ndarray
+    """Place of the ramp's end between them, shape (V,)."""
+    d_part: np.ndarray
+    """Its derivatives, shape (V, P)."""
+    targets: np.ndarray
+    """At the end of each ramp, shape (V, F)."""
+    tensions: np.ndarray
+    """At the start of each ramp, shape (V, S) [N]."""
+    pieces: np.ndarray
+    """From `motion.pieces.follow_pieces`, shape (K, 3 + 2 N)."""
