@@ -9,7 +9,6 @@ import numpy as np
 from ..arrays import frozen
 from ..body.directions import check_directions
 from ..errors import SceneError
-from ..run.simulate import simulate
 from .assemble_body import assemble_body, assemble_columns, reuse_body, reuse_columns
 from .assemble_drive import assemble_drive
 from .assemble_friction import assemble_friction, assemble_ground, planar_friction
@@ -18,7 +17,7 @@ from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
 from .friction_parts import FrictionRowsPart
 from .parts import LEAST_TOLERANCE, SceneParts
-from .standing import find_standing
+from .standing import find_standing, measure_gains
 
 _OTHERS = 31
 """Number of elements of the other segments while one segment is refined."""
@@ -151,11 +150,7 @@ def _count(parts: SceneParts, place: int) -> int:
     def gains(n: int) -> np.ndarray:
         trial = with_elements(n)
         check_start(trial)
-        period = trial.drive.period
-        if period is None:
-            duration = float(trial.drive.times[-1])
-            return simulate(trial, rate=1.0 / duration).waypoint_net_translation
-        return simulate(trial, duration=3.0 * period, rate=max(1.0 / period, 1e-9)).per_period[1:]
+        return measure_gains(trial)
 
     scale = _largest_change(with_elements(1))
     if parts.drive is None or scale == 0.0:

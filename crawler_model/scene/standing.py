@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..body.drive import Drive
 from ..crawler.crawler import Crawler
 from .assembly import Assembly
 
@@ -64,6 +65,31 @@ class Standing:
         return np.asarray(np.abs(errors).max(axis=1, initial=0.0))
 
 
+def _choose_rows(drive: Drive) -> np.ndarray:
+    """List the rows of a drive along three of its periods, or along all of it."""
+    if drive.period is None:
+        return np.arange(drive.times.size)
+    return np.append(np.tile(np.flatnonzero(drive.times < drive.period), 3), 0)
+
+
+def measure_gains(assembly: Assembly) -> np.ndarray:
+    """Run the drive of a scene.
+
+    Args:
+        assembly: assembly of a scene with a drive.
+
+    Returns:
+        The net translation gained in each of two periods after the first; without a period, that at each waypoint [m].
+    """
+    body, drive = assembly.body, assembly.drive
+    targets = drive.targets[_choose_rows(drive)[1:]]
+    records = np.empty((targets.shape[0], 2 * body.contacts + body.springs))
+    Crawler(assembly).follow(targets, records)
+    x = records[:, : body.contacts] + records[:, body.contacts : 2 * body.contacts]
+    at = np.vstack((assembly.start_displacement, x)) @ body.share
+    return at if drive.period is None else np.diff(at[:: targets.shape[0] // 3])[1:]
+
+
 def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]:
     """Run the drive of a scene and find the points at which a segment is at rest.
 
@@ -78,9 +104,7 @@ def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]
         the points at rest, which is accurate to second order; and these points.
     """
     body, drive = assembly.body, assembly.drive
-    rows = np.arange(drive.times.size)
-    if drive.period is not None:
-        rows = np.append(np.tile(np.flatnonzero(drive.times < drive.period), 3), 0)
+    rows = _choose_rows(drive)
     ramps = rows.size - 1
     parts = max(1, -(-_TICKS // ramps))
     count = body.contacts

@@ -20,9 +20,9 @@ FAN = 8
 """Contacts of a leaf of the tree of runs, and parts of a larger one."""
 SHORTEST_BLOCK = 64
 """Contacts of a block from which they fall asleep."""
-SOON = 5
-"""Rounds after which a path is solved by `project`, and the search for sides goes on from there. An implicit step
-begins with it: it is far from the velocities before it, while an event changes few of them."""
+SOON = 2
+"""Visits of a row, for each contact of a path, after which it is solved by `project`, whence the search for sides goes
+on. An implicit step begins with it: it is far from the velocities before it, while an event changes few of them."""
 PATIENCE = 10
 """Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
 spread from both ends of a body by one contact a round."""

@@ -15,7 +15,7 @@ from ...rounding import EPS, NOISE
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
 from .project import project
-from .runs import wake_all, wake_turning
+from .runs import wake_block, wake_turning
 
 ROUNDING = 32.0 * EPS
 """A force beyond its limit by less than this part of the terms that it is a sum of is at its limit."""
@@ -155,11 +155,13 @@ def find_sides(contacts, springs, model, ramp, count):
     hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
     patience = ramp.patience if hurries else ramp.patience + count
     ramp.undetermined = 0
+    visits = 0 if ramp.stepping else ramp.soon * ramp.path
+    projects = ramp.path > 0
     for turn in range(50 + 10 * count):
         ramp.effort += count
-        if turn == (0 if ramp.stepping else ramp.soon) and ramp.path > 0:
-            if wake_all(contacts, springs, model.runs, ramp):
-                ramp.woken = 1
+        if projects and turn * count >= visits:
+            projects = False
+            if wake_block(contacts, springs, block, model.runs, ramp, count):
                 return False
             project(model, ramp, count)
         brake, balances, side = -1, False, 0

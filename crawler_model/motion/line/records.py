@@ -213,7 +213,7 @@ RAMP = np.dtype(
         ("asleep", _BYTE),  # whether runs may be asleep
         ("fan", _INT),  # number of contacts of a leaf, and of the parts of other runs
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
-        ("soon", _INT),  # rounds after which the search for sides goes on from a projection
+        ("soon", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
         ("witness", _INT),  # contact at which the search for forces away from their bounds begins
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation

@@ -139,6 +139,36 @@ def wake_all(contacts, springs, runs, ramp):
 
 
 @inlined
+def wake_block(contacts, springs, block, runs, ramp, count):
+    """Wake the runs of a block, which must then be found anew.
+
+    Args:
+        contacts: CONTACT, shape (N,), changed in place.
+        springs: SPRING, shape (N - 1,), likewise.
+        block: BLOCK.
+        runs: RUN, or None.
+        ramp: the RAMP; `woken` is set if there are any.
+        count: number of rows of the block.
+
+    Returns:
+        Whether any were asleep.
+    """
+    if runs is None:
+        return False
+    found = False
+    for j in range(count if ramp.asleep else 0):
+        found |= block[j].run >= 0
+    if not found:
+        return False
+    last = block[count - 1].contact
+    for k in range(runs.shape[0] - 1, -1, -1):
+        if runs[k].sleeps and last - ramp.path < runs[k].first and runs[k].last <= last:
+            _wake(contacts, springs, runs, ramp, k)
+    ramp.woken = 1
+    return True
+
+
+@inlined
 def find_run(runs, ramp, i):
     """Find the largest sleeping run of a contact.
 
@@ -257,7 +287,7 @@ def set_runs(springs, block, runs, ramp, count):
 @lean
 def _sleeps_soundly(c, e):
     """Determine whether a contact slides with its bound for as long as no event changes its block."""
-    return e.run < 0 and e.v * e.side > 0.0 and c.side == e.side and c.leaving == 0 and c.next == np.inf
+    return e.run < 0 and e.v * e.side > 0.0 and c.side == e.side and c.leaving == 0 and c.next > 1.0
 
 
 @lean
