@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import Scene, load_scene, simulate
+from crawler_bench.cases import CASES
+from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.motion.line.build import FAN
 
 from ..long_chains import NEVER, Row, assert_same, chain, follow
@@ -126,6 +127,16 @@ def test_runs_take_fewer_visits_than_contacts(monkeypatch):
     row = np.random.default_rng(n).uniform(0.4, 0.6, n - 1) / n
     assert follow(scene, [row], NEVER, monkeypatch, budget=100 * n)[0][2].overspent == 1
     assert follow(scene, [row], 128, monkeypatch, budget=100 * n)[0][2].overspent == 0
+
+
+def test_a_search_wakes_no_run_of_another_block():
+    """The budget would be spent if it did, by five waves over a thousand contacts."""
+    case = CASES["long_wave_1000"]()
+    rows = np.concatenate(case.quarters(64, True))
+    crawler = Crawler(case.scene)
+    crawler.follow(rows)
+    crawler.budget = 11_000
+    assert crawler.follow(rows).overspent == 0
 
 
 def test_a_contact_at_its_bound_that_does_not_move_has_no_displacement():
