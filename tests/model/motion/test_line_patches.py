@@ -271,3 +271,20 @@ def test_jumps_beyond_the_room_for_them_are_found_in_a_second_run() -> None:
     assert len(body.jumps) == 40 > scene.body.contacts + 16
     assert abs(body.account[RESIDUAL]) < 1e-12
     assert x == pytest.approx(np.array([[0.0, 20.6]]), abs=1e-12)
+
+
+def test_a_contact_that_reaches_harder_ground_as_a_ramp_ends_has_stopped() -> None:
+    """A contact at 0 m is drawn to a patch at 1/4 m, on whose border the ground holds it: nothing is amiss there."""
+    crawler = Crawler(
+        Scene.model_validate(
+            {
+                "name": "stops",
+                "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}},
+                "friction": {"forward": [0.25, 10.0], "backward": [0.25, 10.0]},
+                "ground": {"patches": [{"from": 0.25, "to": 0.5, "forward": 4.0, "backward": 4.0}]},
+            }
+        )
+    )
+    step = crawler.advance([-0.5])
+    assert crawler.displacement.tolist() == [0.25, 0.0]
+    assert step.certificate.complementarity == 0.0
