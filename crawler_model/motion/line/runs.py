@@ -115,6 +115,14 @@ def _wake(contacts, springs, runs, ramp, k):
 
 
 @lean
+def _wake_within(contacts, springs, runs, ramp, first, last):
+    """Wake the runs that lie within contacts first .. last, parents before their children."""
+    for k in range(runs.shape[0] - 1, -1, -1):
+        if runs[k].sleeps and first <= runs[k].first and runs[k].last <= last:
+            _wake(contacts, springs, runs, ramp, k)
+
+
+@lean
 def wake_all(contacts, springs, runs, ramp):
     """Wake all runs.
 
@@ -132,9 +140,7 @@ def wake_all(contacts, springs, runs, ramp):
     asleep = ramp.asleep != 0
     if asleep:
         ramp.asleep = 0
-        for k in range(runs.shape[0] - 1, -1, -1):
-            if runs[k].sleeps:
-                _wake(contacts, springs, runs, ramp, k)
+        _wake_within(contacts, springs, runs, ramp, 0, contacts.shape[0] - 1)
     return asleep
 
 
@@ -161,9 +167,7 @@ def wake_block(contacts, springs, block, runs, ramp, count):
     if not found:
         return False
     last = block[count - 1].contact
-    for k in range(runs.shape[0] - 1, -1, -1):
-        if runs[k].sleeps and last - ramp.path < runs[k].first and runs[k].last <= last:
-            _wake(contacts, springs, runs, ramp, k)
+    _wake_within(contacts, springs, runs, ramp, last + 1 - ramp.path, last)
     ramp.woken = 1
     return True
 
