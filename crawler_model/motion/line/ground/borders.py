@@ -347,5 +347,5 @@ def rest_on_border(c, ground, ramp, i):
     set_load(c, foot, ground, ramp)
     if order > 0:
         c.at &= ~side
-        if c.v > 0.0 if side == FORWARD else c.v < 0.0:
+        if (c.v > 0.0) == (coming == AHEAD):
             c.v = 0.0  # it stops there as the ramp ends
