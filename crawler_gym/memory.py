@@ -91,9 +91,9 @@ def has_kernel(scene: Scene) -> bool:
         scene: the scene.
 
     Returns:
-        True for bodies on a line, on ground that is the same everywhere.
+        True for bodies on a line with linear springs, on ground that is the same everywhere.
     """
-    return scene.dimension == 1 and scene.ground.track is None
+    return scene.dimension == 1 and scene.ground.track is None and not scene.body.bends
 
 
 def place_weights(scene: Scene) -> np.ndarray:

@@ -143,7 +143,8 @@ def scenes() -> str:
     parts = root["$defs"]
     places: dict[str, list[str]] = {}
     _find_parts(root, "", parts, places)
-    headings = {name: "Tables along a segment" if name == "TablePart" else ", ".join(at) for name, at in places.items()}
+    named = {"TablePart": "Tables along a segment", "LinkPart": "Entries of body.links"}
+    headings = {name: named.get(name, ", ".join(at)) for name, at in places.items()}
     anchors = {name: re.sub(r"[^\w-]", "", text.lower().replace(" ", "-")) for name, text in headings.items()}
     text = _SCENES + "## The file\n\n" + _keys(root, anchors)
     for name, heading in headings.items():
@@ -182,13 +183,16 @@ def _depths(value: dict[str, Any]) -> set[int]:
 def _kinds(value: dict[str, Any], anchors: dict[str, str]) -> list[str]:
     """List the types of value that a key accepts."""
     found = [_DEPTHS[depth] for depth in sorted(_depths(value))]
-    for other in value.get("anyOf", [value]):
+    choices = [one for other in value.get("anyOf", [value]) for one in other.get("oneOf", [other])]
+    for other in choices:
         if _depths(other) or other.get("type") == "null":
             continue
         if "$ref" in other:
             found.append(f"[mapping](#{anchors[other['$ref'].split('/')[-1]]})")
         elif "enum" in other or "const" in other:
             found += [code(choice) for choice in other.get("enum", [other.get("const")])]
+        elif "prefixItems" in other:
+            found.append("pair")
         elif other["type"] == "array":
             inner = other["items"]
             found.append("list of pairs" if "prefixItems" in inner else f"list of {_kinds(inner, anchors)[0]}s")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import join
+from .curves import Bend
 
 
 @dataclass(frozen=True)
@@ -65,13 +66,14 @@ class Body:
     Attributes:
         position: reference positions xi, shape (N,), increasing; shape (N, 2) in the plane [m].
         ends: the two contacts of each spring, shape (S, 2); on a line the first lies before the second.
-        stiffness: k, shape (S,) [N/m]; (M, S) for M variations of a body.
+        stiffness: k, shape (S,) [N/m]; (M, S) for M variations of a body. Of a bent spring, its largest stiffness.
         share: weight of each contact in the net translation, shape (N,), summing to 1. Every isolated contact and
             every segment has the same weight; a segment contributes the mean over its length.
         ground: length of ground that each contact represents, 1 for an isolated contact, shape (N,) [m].
         isolated: indices of the isolated contacts, in the order of the scene, shape (I,).
         link_springs: index of the spring of each link, in the order of the scene, shape (links,).
         segments: positions of the segments in these arrays.
+        bends: the springs that are not linear, in the order of their indices.
     """
 
     position: np.ndarray
@@ -82,6 +84,7 @@ class Body:
     isolated: np.ndarray
     link_springs: np.ndarray
     segments: tuple[Segment, ...]
+    bends: tuple[Bend, ...] = ()
 
     @property
     def contacts(self) -> int:
@@ -136,6 +139,47 @@ class Body:
         """
         axis = -1 if self.dimension == 1 else -2
         return np.take(x, self.ends[:, 1], axis=axis) - np.take(x, self.ends[:, 0], axis=axis)
+
+    def tension(self, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
+        """Compute the tension of each spring.
+
+        Args:
+            elongation: z, shape (..., S), in the plane (..., S, 2) [m].
+            actuation: L, likewise.
+
+        Returns:
+            T, same shape [N].
+        """
+        stiffness = self.stiffness if self.dimension == 1 else self.stiffness[:, None]
+        tension = np.asarray(stiffness * (elongation - actuation))
+        for bend in self.bends:
+            j = bend.spring
+            tension[..., j] = bend.tension(elongation[..., j], actuation[..., j])
+        return tension
+
+    def energy(self, tension: np.ndarray, x: np.ndarray, actuation: np.ndarray | None) -> np.ndarray:
+        """Compute the energy of all springs; that of a linear one follows from its tension, which is more precise.
+
+        Args:
+            tension: T, shape (..., S); for M variations (M, T, S), in the plane (..., S, 2) [N].
+            x: displacement, shape (..., N), in the plane (..., N, 2) [m].
+            actuation: L, shape (..., S); None if no spring is bent [m].
+
+        Returns:
+            Shape (...) [J].
+        """
+        if self.dimension == 2:
+            energy = 0.5 * tension**2 / self.stiffness[:, None]
+            return np.asarray(energy.reshape(*energy.shape[:-2], -1).sum(axis=-1))
+        stiffness = self.stiffness[:, None, :] if self.stiffness.ndim == 2 else self.stiffness
+        energy = 0.5 * tension**2 / stiffness
+        if self.bends:
+            assert actuation is not None
+            elongation = self.elongation(x)
+            for bend in self.bends:
+                j = bend.spring
+                energy[..., j] = bend.energy(elongation[..., j], actuation[..., j])
+        return np.asarray(energy.sum(axis=-1))
 
     def spring_force(self, tension: ArrayLike) -> np.ndarray:
         """Compute the force of the springs on each contact.
@@ -252,12 +296,18 @@ class Body:
     def relaxed(self, actuation: np.ndarray) -> np.ndarray:
         """Compute displacements at which no spring exerts a force; the first contact is not displaced.
 
+        A bent spring may always exert one; then it is the least. In a graph with bent springs it is an estimate.
+
         Args:
             actuation: L, shape (..., S), in the plane (2 S,), x and y of each in turn [m].
 
         Returns:
             x, shape (..., N), in the plane (N, 2) [m].
         """
+        if self.bends:
+            actuation = np.array(actuation, dtype=np.float64)
+            for bend in self.bends:
+                actuation[bend.spring] = bend.rest(float(actuation[bend.spring]))
         if self.is_chain:
             return join((0.0, np.cumsum(actuation, axis=-1)))
         if self.stiffness.ndim == 2 or (self.dimension == 1 and actuation.ndim == 2):

@@ -47,7 +47,7 @@ class Interval:
 End: TypeAlias = int | tuple[str, Literal["from", "to"]]
 """An end of a link: a contact by its number, or an end of a segment by the segment's name."""
 
-_MOST_SPAN = 1e13
+MOST_SPAN = 1e13
 """Largest ratio of two stiffnesses of a body."""
 
 
@@ -93,9 +93,9 @@ def build_body(
         a = place[segment.name] + np.arange(segment.stiffness.size)
         ends += list(zip(a.tolist(), (a + 1).tolist(), strict=True))
         k = np.concatenate((k, segment.stiffness))
-    if isolated.ndim == 1 and k.size and k.max() > _MOST_SPAN * k.min():
+    if isolated.ndim == 1 and k.size and k.max() > MOST_SPAN * k.min():
         raise SceneError(
-            f"body.links.stiffness: {k.min():g} to {k.max():g} N/m; the largest may be at most {_MOST_SPAN:.0e} times "
+            f"body.links.stiffness: {k.min():g} to {k.max():g} N/m; the largest may be at most {MOST_SPAN:.0e} times "
             "the smallest, or rounding would decide how the softest moves"
         )
     pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)

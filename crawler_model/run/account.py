@@ -33,7 +33,7 @@ class Energy:
         dissipation: energy lost to friction [J].
         stored: change of the energy stored in the springs from start to end [J].
         residual: error of the balance [J].
-        peak: largest energy stored during the run [J].
+        peak: largest amount of energy stored during the run; that of a bent spring may be negative [J].
         loads_work: work of the loads [J].
         jump_loss: energy lost in jumps on patches of ground, beside that lost to friction [J].
     """
@@ -135,22 +135,6 @@ class Total:
         self.events = self.events + account[..., EVENTS]
         self.overspent = self.overspent + account[..., OVERSPENT]
         self.unsolved = self.unsolved + account[..., UNSOLVED]
-
-
-def stored_energy(body: Body, tension: np.ndarray) -> np.ndarray:
-    """Compute the energy of the springs.
-
-    Args:
-        body: the body; its stiffness has shape (S,), or (M, S) for M variations.
-        tension: tensions of its springs, shape (..., T, S), for variations (M, T, S), in the plane (..., T, S, 2) [N].
-
-    Returns:
-        Shape (..., T) [J].
-    """
-    if body.dimension == 2:
-        energy = 0.5 * tension**2 / body.stiffness[:, None]
-        return energy.reshape(*energy.shape[:-2], -1).sum(axis=-1)
-    return np.asarray((0.5 * tension**2 / body.stiffness[..., None, :]).sum(axis=-1))
 
 
 def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:

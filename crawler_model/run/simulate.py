@@ -17,7 +17,7 @@ from ..errors import CommandError
 from ..motion.state import SPENT
 from ..notebook import write_html
 from ..theory.uniqueness import commanded_margin
-from .account import Energy, TickEnergies, Total, average_displacement, stored_energy
+from .account import Energy, TickEnergies, Total, average_displacement
 from .arrow import Tabular, load_library
 from .table import TrajectoryColumns
 from .ticks import check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
@@ -280,10 +280,17 @@ class _Run:
         self.waypoint_rest: list[np.ndarray] = [np.zeros(body.position.shape)]
         self.last = (crawler.displacement, np.zeros(body.position.shape))
         self.total = Total(crawler.visited_margin)
-        self.peak = float(stored_energy(body, self.tension[:1])[0])
+        self.stored = np.zeros(ticks + 1)
+        self.stored[0] = self.energy_of(crawler)
+        self.peak = abs(self.stored[0])
         self.jumps: list[TimedJump] = []
         self.spent = np.zeros((ticks + 1, SPENT))
         self.jump_loss = np.zeros(ticks + 1)
+
+    @staticmethod
+    def energy_of(crawler: Crawler) -> float:
+        """Compute the energy stored in the springs of a crawler [J]."""
+        return float(crawler.body.energy(crawler.tension, crawler.displacement, crawler.actuation))
 
     def follow(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`; the first one, number `first`, starts at `after_ns`."""
@@ -299,11 +306,12 @@ class _Run:
             when = (begin + jump.part * (int(vertex_ns[jump.ramp]) - begin)) / NS
             self.jumps.append(TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss))
         tension = records[:, 2 * width : -SPENT].reshape(-1, *self.tension.shape[1:])
-        self.peak = max(self.peak, float(stored_energy(self.crawler.body, tension).max()))
-
         place = (vertex_ns.size, *self.x.shape[1:])
         x, rest = records[:, :width].reshape(place), records[:, width : 2 * width].reshape(place)
+        stored = self.crawler.body.energy(tension, x, targets[:, : tension.shape[1]])
+        self.peak = max(self.peak, float(np.abs(stored).max()))
         rows = slice(first + 1, first + 1 + tick_ns.size)
+        self.stored[rows] = stored[ends]
         self.time_ns[rows] = tick_ns
         self.x[rows] = x[ends]
         self.tension[rows] = tension[ends]
@@ -333,7 +341,7 @@ class _Run:
         if drive.holds and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
-        start, end = stored_energy(body, np.array([self.start.tension, self.crawler.tension]))
+        start, end = self.energy_of(self.start), self.energy_of(self.crawler)
         total = self.total
         work, dissipation, loads_work = self.spent.T.copy()
         arrays = (
@@ -363,7 +371,7 @@ class _Run:
                 float(total.loads_work),
                 total.jump_loss,
             ),
-            energies=TickEnergies(work, dissipation, loads_work, self.jump_loss, stored_energy(body, self.tension)),
+            energies=TickEnergies(work, dissipation, loads_work, self.jump_loss, self.stored),
             jumps=tuple(self.jumps),
             violation=float(total.violation),
             unique=bool(total.unique),

@@ -106,6 +106,11 @@ def _check_parts(parts: SceneParts) -> None:
 
 
 def _check_planar(parts: SceneParts) -> None:
+    if parts.body.is_bent:
+        raise SceneError(
+            "body.links: `curve`, `tension` and `passive` are for bodies on a line, which are followed from knot to "
+            "knot; in the plane paths are followed in steps, which would pass over knots: give `stiffness` alone"
+        )
     if parts.body.segments:
         raise SceneError("body.segments: segments lie on a line; a planar scene cannot have any")
     for i, contact in enumerate(parts.body.contacts):
@@ -161,6 +166,8 @@ def _count(parts: SceneParts, place: int) -> int:
         if count > MOST_WAVES_MEASURED:
             return count_elements_of_waves(count, asked)
         return count_elements(gains, gains(_FINE), lambda n: np.zeros(n.size), scale, asked, count)
+    if parts.body.is_bent:  # a point at rest need not be one of uniform strain
+        return count_elements(gains, gains(_FINE), lambda n: np.zeros(n.size), scale, asked)
     exact, standing = find_standing(with_elements(_FINE_STANDING), place)
     return count_elements(gains, exact, standing.error, scale, asked)
 

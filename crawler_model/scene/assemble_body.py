@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +15,16 @@ from ..body.columns import Columns, build_columns, build_planar_columns
 from ..body.directions import unit_directions
 from ..body.ground import Ground
 from ..errors import SceneError
+from .assemble_links import assemble_bends, list_links
 from .friction_parts import TablePart, average, breaks_of, check_field, field_of
+from .link_parts import LinkPart, LinksPart
 from .parts import SceneParts, SegmentPart, angles_of
 
 
 def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
     field = f"body.segments.{place}"
-    check_field(part.stiffness, f"{field}.stiffness", "N", "> 0")
+    if part.stiffness is not None:
+        check_field(part.stiffness, f"{field}.stiffness", "N", "> 0")
     for side, value in zip(("forward", "backward"), part.friction.sides, strict=True):
         check_field(value, f"{field}.friction.{side}", "N/m", ">= 0")
     for name, value in (("stiffness", part.stiffness), *zip(("forward", "backward"), part.friction.sides, strict=True)):
@@ -34,8 +38,13 @@ def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
 
 
 def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
-    """Compute the stiffness of the elements of a segment between nodes, shape (..., elements) [N/m]."""
+    """Compute the stiffness of the elements of a segment between nodes, shape (..., elements) [N/m].
+
+    It is 1 if the segment has another curve of tension, see `assemble_bends`.
+    """
     elements = nodes.size - 1
+    if part.stiffness is None:
+        return np.ones(elements)
     if isinstance(part.stiffness, TablePart):
         modulus = field_of(part.stiffness)
         compliance = average(lambda x: 1.0 / modulus(x), nodes, breaks_of(part.stiffness))
@@ -75,14 +84,21 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
                 f"body.contacts: contact {i} is {list(contact)}; on a line it is a number (or dimension: 2)"
             )
     segments = [_interval(s, i, n) for i, (s, n) in enumerate(zip(given.segments, elements, strict=True))]
-    links = given.links
-    between = None
-    if links is not None and links.between is not None:
-        between = [(_end(a, i), _end(b, i)) for i, (a, b) in enumerate(links.between)]
+    links = list_links(given)
+    pairs = tuple(link.between for link in links if link.between) if isinstance(links, tuple) else None
+    pairs = links.between if isinstance(links, LinksPart) else pairs or None
+    between = None if pairs is None else [(_end(a, i), _end(b, i)) for i, (a, b) in enumerate(pairs)]
     contacts = np.array(given.contacts, dtype=np.float64)
     if parts.dimension == 2:
         contacts = contacts.reshape(-1, 2)
-    return build_body(contacts, 1.0 if links is None else links.stiffness, between, segments)
+    return assemble_bends(given, build_body(contacts, _link_stiffness(links), between, segments))
+
+
+def _link_stiffness(links: LinksPart | tuple[LinkPart, ...] | None) -> Any:
+    """Return the stiffness of each link, or of all; 1 where there is none, see `assemble_bends` [N/m]."""
+    if isinstance(links, tuple):
+        return tuple(1.0 if link.stiffness is None else link.stiffness for link in links)
+    return 1.0 if links is None or links.stiffness is None else links.stiffness
 
 
 def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) -> Body:
@@ -101,9 +117,9 @@ def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) 
     """
     links, segments = parts.body.links, zip(parts.body.segments, like.segments, strict=True)
     for place, part in enumerate(parts.body.segments):
-        if not isinstance(part.stiffness, np.ndarray):
+        if part.stiffness is not None and not isinstance(part.stiffness, np.ndarray):
             check_field(part.stiffness, f"body.segments.{place}.stiffness", "N", "> 0")
-    given = spread(1.0 if links is None else links.stiffness, like.link_springs.size, "body.links.stiffness", "link")
+    given = spread(_link_stiffness(links), like.link_springs.size, "body.links.stiffness", "link")
     together = join((given, *(_element_stiffness(part, like.position[s.contacts]) for part, s in segments)))
     stiffness = np.empty(together.shape)
     first = like.link_springs.size
@@ -112,6 +128,8 @@ def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) 
         stiffness[..., segment.springs] = together[..., first : first + segment.elements]
         first += segment.elements
     refuse(~(stiffness > 0.0), 1, lambda i: f"body: spring {i} has {stiffness[i]:g} N/m; it must be > 0", doubts)
+    if parts.body.is_bent:
+        return assemble_bends(parts.body, dataclasses.replace(like, stiffness=stiffness, bends=()))
     return like if np.array_equal(stiffness, like.stiffness) else dataclasses.replace(like, stiffness=frozen(stiffness))
 
 

@@ -74,8 +74,15 @@ def relax_loaded(assembly: Assembly) -> Assembly:
         The assembly with that start, or itself if no contact needs springs, or in the plane. Of variations, those that
         need it get another start.
     """
-    drive = assembly.drive
-    if assembly.parts.start != "relaxed" or not assembly.columns.loads or assembly.body.dimension == 2:
+    drive, body = assembly.drive, assembly.body
+    if assembly.parts.start != "relaxed" or body.dimension == 2:
+        return assembly
+    if body.bends and not body.is_chain:
+        free = drive.targets[0].copy()
+        free[body.springs :] = 0.0
+        x = _step_to(assembly, drive.targets[0], free)
+        assembly = dataclasses.replace(assembly, start_displacement=frozen(x - x[0]))
+    if not assembly.columns.loads:
         return assembly
     held = ((drive.forward[..., 0, :] < 0.0) | (drive.backward[..., 0, :] < 0.0)).any(axis=-1)
     if not held.any():
@@ -87,9 +94,14 @@ def relax_loaded(assembly: Assembly) -> Assembly:
         return dataclasses.replace(assembly, start_displacement=frozen(start))
     load = drive.loads[0]
     free = np.concatenate((drive.actuation[0], drive.forward[0] + load, drive.backward[0] - load, 0.0 * load))
-    crawler = Crawler(assembly, "catch_up").placed(assembly.start_displacement, free)
-    crawler.follow(drive.targets[:1])
-    return dataclasses.replace(assembly, start_displacement=frozen(crawler.displacement))
+    return dataclasses.replace(assembly, start_displacement=frozen(_step_to(assembly, free, drive.targets[0])))
+
+
+def _step_to(assembly: Assembly, before: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Compute where a body ends in one catch-up step from its start, shape (N,) [m]."""
+    crawler = Crawler(assembly, "catch_up").placed(assembly.start_displacement, before)
+    crawler.follow(target[None])
+    return crawler.displacement
 
 
 def check_start(assembly: Assembly) -> None:
@@ -150,7 +162,7 @@ def starts_beyond(assembly: Assembly) -> np.ndarray:
 def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute the spring forces at the start, their distances from the bounds, and these less rounding, (..., N)."""
     body, x = assembly.body, assembly.start_displacement
-    tension = body.stiffness * (body.elongation(x) - assembly.drive.actuation[..., 0, :])
+    tension = body.tension(body.elongation(x), assembly.drive.actuation[..., 0, :])
     force = body.spring_force(tension)
     forward, backward = _bounds_at_start(assembly)
     margins = bound_distances(force, forward, backward)

@@ -20,31 +20,24 @@ from .friction_parts import (
     explain_friction,
     key,
 )
+from .link_parts import Bendable, CurveKey, Links, LinksPart, PassiveKey, TensionKey
 
 LEAST_TOLERANCE = 1e-7
 """Least tolerance of a body in the plane [1]: the errors of smaller ones were found to exceed them."""
 
 
-class LinksPart(Part):
-    """The springs between contacts and ends of segments."""
-
-    stiffness: Annotated[Numbers, key("One number, or one per link.", "N/m", exclusiveMinimum=0)]
-    between: Annotated[
-        tuple[tuple[int | str, int | str], ...] | None,
-        key(
-            "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
-            "Default: the chain of neighbours."
-        ),
-    ] = None
-
-
-class SegmentPart(Part):
+class SegmentPart(Bendable):
     """An interval of the body that touches the ground along its whole length."""
 
     name: Annotated[str, key("A unique word; commands and joints use it.")]
     start: Annotated[Number, key("Start in the reference shape.", "m")] = Field(alias="from")
     stop: Annotated[Number, key("End in the reference shape, beyond `from`.", "m")] = Field(alias="to")
-    stiffness: Annotated[Number | TablePart, key("The modulus along the segment.", "N", exclusiveMinimum=0)]
+    stiffness: Annotated[Number | TablePart | None, key("The modulus along the segment.", "N", exclusiveMinimum=0)] = (
+        None
+    )
+    curve: CurveKey = None
+    tension: TensionKey = None
+    passive: PassiveKey = None
     friction: Annotated[SegmentFrictionPart, BeforeValidator(explain_friction), key("Friction per length of ground.")]
     accuracy: Annotated[
         Number | None,
@@ -100,10 +93,28 @@ class BodyPart(Part):
             minimum=0,
         ),
     ] = None
-    links: Annotated[
-        LinksPart | None,
-        key("Springs that join contacts and ends of segments; required for two or more parts."),
+    radius: Annotated[
+        Numbers | None,
+        key(
+            "Radius of the isolated contacts: one number for all, or one each. `shortest: contact` needs it.",
+            "m",
+            exclusiveMinimum=0,
+        ),
     ] = None
+    links: Annotated[
+        Links | None,
+        key(
+            "Springs that join contacts and ends of segments, as a mapping for all or a list with one entry each; "
+            "required for two or more parts."
+        ),
+    ] = None
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether a spring is anything but linear."""
+        links = () if self.links is None else (self.links,) if isinstance(self.links, LinksPart) else self.links
+        parts: tuple[Bendable, ...] = (*links, *self.segments)
+        return any(part.is_bent for part in parts)
 
 
 class StartPart(Part):

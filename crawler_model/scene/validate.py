@@ -12,7 +12,8 @@ from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
 from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart
-from .parts import BodyPart, DrivePart, GroundPart, LinksPart, PatchPart, SceneParts, SegmentPart, StartPart, WavePart
+from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, StopsPart, TensionPart
+from .parts import BodyPart, DrivePart, GroundPart, PatchPart, SceneParts, SegmentPart, StartPart, WavePart
 
 _LONGEST = 500  # length of an error message, in characters
 _MOST_LISTED = 20  # keys listed in an error message
@@ -92,6 +93,10 @@ def known_keys(path: list[str]) -> Iterable[str]:
     parts: dict[str, type[BaseModel]] = {
         "body": BodyPart,
         "links": LinksPart,
+        "curve": CurvePart,
+        "tension": TensionPart,
+        "passive": PassivePart,
+        "stops": StopsPart,
         "segments": SegmentPart,
         "friction": FrictionRowsPart if "drive" in path else FrictionPart,
         "start": StartPart,
@@ -102,6 +107,8 @@ def known_keys(path: list[str]) -> Iterable[str]:
         "wave": WavePart,
         "friction_wave": WavePart,
     }
+    if path[-2:-1] == ["links"] and path[-1].isdigit():
+        return list(LinkPart.model_fields)
     path = [p for p in path if not p.isdigit()]
     if path:
         model = parts.get(path[-1], SceneParts)

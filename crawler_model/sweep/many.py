@@ -26,7 +26,7 @@ from .batch import run_stack
 from .course import exact_blocks, most_ramps, waypoints_of
 from .results import ManyRuns, gather
 from .rows import INVALID, ROW, Ledger, find_legs
-from .stack import fingerprint, shares_mesh, stack, stack_scenes
+from .stack import can_be_stacked, fingerprint, shares_mesh, stack, stack_scenes
 from .vary import Variations
 from .workers import Chunk, available_cores, run_chunks
 
@@ -168,7 +168,7 @@ def _run_each(
             return
         try:
             scene = scenes[i]
-            exact = settings.method != "catch_up" and scene.dimension == 1 and scene.ground.track is None
+            exact = settings.method != "catch_up" and can_be_stacked(scene)
             if not exact or fingerprint(scene) != common:
                 run_together()
             if not exact:
@@ -193,7 +193,8 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
     """Run one scene and return its row, or None if it was stopped."""
     crawler = Crawler(scene, settings.method)
     x, tension = crawler.displacement, crawler.tension
-    ledger = Ledger(scene.body, x[None], tension[None], np.array([crawler.visited_margin]))
+    margin, lengths = np.array([crawler.visited_margin]), crawler.actuation[None]
+    ledger = Ledger(scene.body, x[None], tension[None], margin, lengths)
     kernel_s = 0.0
     for targets, ends in _ramps(crawler, settings):
         if stop is not None and stop():
@@ -207,7 +208,8 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
             jump_loss += step.jump_loss
         assert step is not None
         kernel_s += time.perf_counter() - began
-        ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss)
+        lengths = targets[None, :, : scene.body.springs]
+        ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths)
     row: np.ndarray = ledger.rows(scene, np.array([length_of(scene.body)]), kernel_s)[0]
     return row
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.body import Body
 from ..body.plan import Plan
-from ..run.account import Energy, Total, average_displacement, stored_energy
+from ..run.account import Energy, Total, average_displacement
 from ..run.transport import body_lengths, cost_of_transport, supporting_force
 
 NOT_RUN, DONE, INVALID = 0, 1, 2
@@ -42,7 +42,9 @@ def find_legs(ends: np.ndarray, ramps: int) -> np.ndarray:
 class Ledger:
     """The accounts of M runs in progress, whose ramps end periods at the same times."""
 
-    def __init__(self, body: Body, x: np.ndarray, tension: np.ndarray, visited: np.ndarray) -> None:
+    def __init__(
+        self, body: Body, x: np.ndarray, tension: np.ndarray, visited: np.ndarray, actuation: np.ndarray | None = None
+    ) -> None:
         """Begin the accounts.
 
         Args:
@@ -50,12 +52,15 @@ class Ledger:
             x: displacement at the start, shape (M, N), in the plane (M, N, 2) [m].
             tension: tension at the start, shape (M, S), in the plane (M, S, 2) [N].
             visited: visited margin at the start, shape (M,).
+            actuation: L at the start, shape (M, S); bent springs need it [m].
         """
         self._body, self._x, self._tension = body, x, tension
         flat = x.reshape(x.shape[0], -1)
         self._marks = np.concatenate((flat, np.zeros(flat.shape)), axis=1)[:, None]
         self._last = self._marks[:, 0]
-        self._start = self._stored = self._peak = stored_energy(body, tension[:, None])[:, 0]
+        lengths = None if actuation is None else actuation[:, None]
+        self._start = self._stored = body.energy(tension[:, None], x[:, None], lengths)[:, 0]
+        self._peak = np.abs(self._start)
         self._total = Total(visited)
         self._spent = np.zeros((2, x.shape[0], 2))
         self._periods = 0
@@ -67,6 +72,7 @@ class Ledger:
         records: np.ndarray,
         ends: np.ndarray,
         jump_loss: float = 0.0,
+        actuation: np.ndarray | None = None,
     ) -> None:
         """Add ramps.
 
@@ -76,6 +82,7 @@ class Ledger:
             records: displacement, its rest and tension after each ramp, shape (M, V, R).
             ends: ramps that end a period, shape (E,).
             jump_loss: energy lost in jumps [J].
+            actuation: L after each ramp, shape (M, V, S); bent springs need it [m].
         """
         before = np.stack((self._total.work, self._total.dissipation), axis=-1)
         for leg, until in enumerate(find_legs(ends, records.shape[1])[1:]):
@@ -84,8 +91,9 @@ class Ledger:
         self._total.add(accounts, jump_loss)
         width = self._last.shape[1]
         tension = records[:, :, width:].reshape(*records.shape[:2], *self._tension.shape[1:])
-        energy = stored_energy(self._body, tension)
-        self._stored, self._peak = energy[:, -1], np.maximum(self._peak, energy.max(axis=1))
+        x = records[:, :, : width // 2].reshape(*records.shape[:2], *self._x.shape[1:])
+        energy = self._body.energy(tension, x, actuation)
+        self._stored, self._peak = energy[:, -1], np.maximum(self._peak, np.abs(energy).max(axis=1))
         self._last = records[:, -1, :width].copy()
         self._periods += ends.size
         if ends.size:

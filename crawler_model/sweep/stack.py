@@ -171,6 +171,18 @@ def stack_scenes(scenes: Sequence[Assembly]) -> Stack:
     return Stack(_with_arrays(scenes[0], arrays), length, {})
 
 
+def can_be_stacked(scene: Assembly) -> bool:
+    """Determine whether a scene can be run with others: on a line, without patches of ground or bent springs.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        Whether it can.
+    """
+    return scene.dimension == 1 and scene.ground.track is None and not scene.body.bends
+
+
 def fingerprint(scene: Assembly) -> tuple[Any, ...]:
     """Compute what scenes must have in common to be stacked.
 
@@ -180,7 +192,7 @@ def fingerprint(scene: Assembly) -> tuple[Any, ...]:
     Returns:
         A key; that of a scene that cannot be stacked equals no other.
     """
-    if scene.dimension == 2 or scene.ground.track is not None:
+    if not can_be_stacked(scene):
         return (id(scene),)
     body, columns, drive = scene.body, scene.columns, scene.drive
     arrays = (body.ends, body.share, columns.index, columns.factor)
@@ -195,7 +207,7 @@ def fingerprint(scene: Assembly) -> tuple[Any, ...]:
 
 
 def shares_mesh(variations: Variations) -> bool:
-    """Determine whether variations can be assembled together: on a line, with one mesh and one layout of commands.
+    """Determine whether variations can be assembled together: on a line, with linear springs, one mesh and one layout.
 
     Args:
         variations: the variations.
@@ -204,7 +216,7 @@ def shares_mesh(variations: Variations) -> bool:
         False if some of their keys change more than numbers of the arrays.
     """
     parts = variations.base.parts
-    if parts.dimension == 2 or (parts.ground is not None and parts.ground.patches):
+    if parts.dimension == 2 or (parts.ground is not None and parts.ground.patches) or parts.body.is_bent:
         return False
     return all(keeps_mesh(path) and _is_plain(path) for path in variations.paths)
 

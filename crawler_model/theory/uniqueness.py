@@ -85,9 +85,10 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
 
     Returns:
         The minimum over the waypoints, in [0, 1/2]; None if one of them is undecided, for more than 64 different rows
-        of more than 16 blocks, if a bound of a part of a segment is not positive, and in the plane.
+        of more than 16 blocks, if a bound of a part of a segment is not positive, in the plane, and if a spring has
+        flat pieces, which may leave a part of the body to itself.
     """
-    if body.dimension == 2:
+    if body.dimension == 2 or any(bend.is_flat_somewhere for bend in body.bends):
         return None
     for segment in body.segments:
         if min(drive.forward[:, segment.contacts].min(), drive.backward[:, segment.contacts].min()) <= 0.0:

@@ -144,9 +144,7 @@ class RampRows:
         # a contact that reaches its bound as a ramp ends may move by rounding: that is not a slip
         noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(body.position, axis=0).max()))
         gained = np.where(np.abs(gained) > noise, gained, 0.0)
-        stiffness = body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
         forward, backward = self._parts.slid(gained)
-        rows = x.shape[0]
         return Piece(
             run=np.array(self.run, np.int64),
             start_ns=np.array(self.start_ns, np.int64),
@@ -168,7 +166,7 @@ class RampRows:
             loads_work=account[:, LOADS_WORK],
             dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
             jump_loss=np.array(self._losses),
-            stored=(0.5 * tension**2 / stiffness).reshape(rows, -1).sum(axis=1),
+            stored=body.energy(tension, x, target[:, : body.springs * body.dimension]),
             margin=margins.min(axis=1),
             nearest=margins.argmin(axis=1),
             visited=account[:, VISITED],

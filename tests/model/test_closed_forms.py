@@ -106,6 +106,8 @@ GALLERY = {
     "slope_climber": 0.1 - 2.0 * (0.2 * math.cos(math.radians(10.0)) + math.sin(math.radians(10.0))) / 20.0,
     "payload_climber": 0.1 - 3.0 * (0.2 * math.cos(math.radians(5.0)) + math.sin(math.radians(5.0))) / 20.0,
     "tow_puller": 0.075,
+    "tendon_worm": 0.5,
+    "stalling_inchworm": 0.5 - 1.0 / 9.0,
 }
 
 

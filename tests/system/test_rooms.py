@@ -39,6 +39,8 @@ ROOMS = {
         "theory",
         "motion.line",
         "motion.line.ground",
+        "motion.line.critical",
+        "motion.line.springs",
         "motion.plane",
         "motion.plane.parts",
         "motion",

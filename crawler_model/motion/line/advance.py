@@ -67,11 +67,24 @@ def advance(c, ramp, s):
 
 
 @inlined
-def advance_spring(spring, ramp, s):
+def _work_on(spring, curves, s, change, ds):
+    """Compute the work of the actuator while the tension changes up to s; in a bent spring, its own tension counts."""
+    if curves is None:
+        return (spring.tension + 0.5 * change) * spring.d_length * ds
+    if spring.bend < 0:
+        return (spring.tension + 0.5 * change) * spring.d_length * ds
+    bend = curves.bends[spring.bend]
+    length = spring.length + (s - 0.5 * ds) * bend.command
+    return (bend.share * (spring.tension + 0.5 * change) + bend.back * length + bend.offset) * bend.command * ds
+
+
+@inlined
+def advance_spring(spring, curves, ramp, s):
     """Advance the tension of a spring to s, and account for the work of its actuator.
 
     Args:
         spring: a SPRING.
+        curves: a `Curves`, or None.
         ramp: the RAMP, whose account is added to.
         s: place on the ramp.
     """
@@ -80,5 +93,5 @@ def advance_spring(spring, ramp, s):
     if ds > 0.0:
         change = spring.rate * ds
         if s > 0.0:  # in a fall, commands rest
-            ramp.work -= (spring.tension + 0.5 * change) * spring.d_length * ds
+            ramp.work -= _work_on(spring, curves, s, change, ds)
         spring.tension += change

@@ -10,8 +10,10 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from .advance import place_of
+from .critical.parts import find_pull
 from .records import BACKWARD, FORWARD
 from .runs import enter_run, find_run, find_span, wake_all
+from .springs.bends import is_flat
 
 BEGINS = 1e-300
 """Velocity of a contact that begins to slide, until that of its block is known: its sign tells where to."""
@@ -66,15 +68,20 @@ def is_wall(c, ramp):
 
 
 @inlined
-def _enter(contacts, block, ramp, row, i):
-    """Enter contact i in a row of the block: the limits of the rate of its force, and how it moved before."""
-    c, e = contacts[i], block[row]
+def _enter(contacts, springs, model, ramp, row, i):
+    """Enter contact i in a row of the block: the limits of the rate of its force, and how it moved before.
+
+    In an implicit step they are limits of the force; what flat springs pull is left out of all.
+    """
+    c, e = contacts[i], model.block[row]
     c.mark, c.row = ramp.block, row
     e.contact, e.run = i, -1
     e.load = 0.0 if ramp.falling else c.pull
     if ramp.stepping:
-        e.load = c.force + ramp.part * c.pull
-        e.upper, e.lower = c.forward + ramp.part * c.d_forward, -(c.backward + ramp.part * c.d_backward)
+        pull = find_pull(contacts, springs, model, model.curves, i)
+        e.load = (c.force - pull) + ramp.part * c.pull
+        e.upper = (c.forward + ramp.part * c.d_forward) - pull
+        e.lower = -(c.backward + ramp.part * c.d_backward) - pull
         e.blur = 0.0
     else:
         moves = not ramp.falling or c.since < 0.0  # else it has yet to be drawn into the fall
@@ -106,10 +113,11 @@ def _enter_spring(springs, ends, e, ramp, k):
 
 
 @lean
-def _leave_by(c, ends, came):
-    """Find the end of a contact of at most two springs that is not that of the spring `came`; -1 if there is none."""
+def _leave_by(c, springs, model, came):
+    """Find the end of a contact of at most two springs that is not that of the spring `came`; -1 if none leads on."""
     for k in range(c.first, c.last):
-        if ends[k].spring != came:
+        spring = model.ends[k].spring
+        if spring != came and not is_flat(springs[spring], model.curves):
             return k
     return -1
 
@@ -123,7 +131,7 @@ def _find_path(contacts, springs, model, ramp, i):
         return 0
     ramp.before = ramp.behind = -1
     here, came = i, ends[start.first].spring if start.last - start.first == 2 else -1
-    k = _leave_by(start, ends, came)
+    k = _leave_by(start, springs, model, came)
     while k >= 0:  # to one end of the path
         o = contacts[ends[k].other]
         came = ends[k].spring
@@ -133,7 +141,7 @@ def _find_path(contacts, springs, model, ramp, i):
         if o.last - o.first > 2 or ends[k].other == i:
             return 0
         here = ends[k].other
-        k = _leave_by(o, ends, came)
+        k = _leave_by(o, springs, model, came)
     if k < 0:
         came = -1
     count = 0
@@ -142,9 +150,9 @@ def _find_path(contacts, springs, model, ramp, i):
         before = _end_at(contacts[ends[k].other], ends, came)
     while True:
         _enter_spring(springs, ends, model.block[count], ramp, before)
-        _enter(contacts, model.block, ramp, count, here)
+        _enter(contacts, springs, model, ramp, count, here)
         count += 1
-        before = _leave_by(contacts[here], ends, came)
+        before = _leave_by(contacts[here], springs, model, came)
         if before < 0:
             break
         came = ends[before].spring
@@ -157,6 +165,7 @@ def _find_path(contacts, springs, model, ramp, i):
         here = ends[before].other
     _enter_spring(springs, ends, model.block[count], ramp, before)
     ramp.path = count
+    ramp.anchored = ramp.before >= 0 or ramp.behind >= 0
     return count
 
 
@@ -173,14 +182,15 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
     Where neighbours rest at their bounds, the block ends with one of them, its guard, and `passes_guard` extends it.
     """
     n, first, last, left, right = contacts.shape[0], i, i, 0, 0
+    curves = model.curves
     ramp.guards = 0
-    while first > 0 and not is_wall(contacts[first - 1], ramp):
+    while first > 0 and not is_flat(springs[first - 1], curves) and not is_wall(contacts[first - 1], ramp):
         left += _both_rest(contacts, ramp, first, first - 1)
         if left > ramp.reach:
             ramp.guards |= BACKWARD
             break
         first = find_span(runs, ramp, first - 1)[0]
-    while last < n - 1 and not is_wall(contacts[last + 1], ramp):
+    while last < n - 1 and not is_flat(springs[last], curves) and not is_wall(contacts[last + 1], ramp):
         right += _both_rest(contacts, ramp, last, last + 1)
         if right > ramp.reach:
             ramp.guards |= FORWARD
@@ -188,8 +198,11 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
         last = find_span(runs, ramp, last + 1)[1]
     if first == 0 and last == n - 1:  # nothing at rest determines the velocities of runs
         wake_all(contacts, springs, runs, ramp)
-    ramp.before = -1 if ramp.guards & BACKWARD else first - 1
-    ramp.behind = -1 if ramp.guards & FORWARD or last == n - 1 else last + 1
+    joined_before = first > 0 and not is_flat(springs[first - 1], curves)
+    joined_behind = last < n - 1 and not is_flat(springs[last], curves)
+    ramp.anchored = joined_before or joined_behind
+    ramp.before = first - 1 if joined_before and not ramp.guards & BACKWARD else -1
+    ramp.behind = last + 1 if joined_behind and not ramp.guards & FORWARD else -1
     ramp.path = last + 1 - first
     count = 0
     while first <= last:
@@ -199,11 +212,11 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
             enter_run(contacts, runs, e, k)
             first = e.contact + 1
         else:
-            _enter_spring(springs, model.ends, e, ramp, contacts[first - 1].first if first > 0 else -1)
-            _enter(contacts, model.block, ramp, count, first)
+            _enter_spring(springs, model.ends, e, ramp, contacts[first - 1].first if count > 0 or joined_before else -1)
+            _enter(contacts, springs, model, ramp, count, first)
             first += 1
         count += 1
-    _enter_spring(springs, model.ends, model.block[count], ramp, contacts[last].first if last < n - 1 else -1)
+    _enter_spring(springs, model.ends, model.block[count], ramp, contacts[last].first if joined_behind else -1)
     return count
 
 
@@ -256,24 +269,29 @@ def _sort_rows(contacts, block, count):
 
 
 @lean
-def _find_mesh(contacts, model, ramp, i):
+def _find_mesh(contacts, springs, model, ramp, i):
     """Find the block around contact i of a graph; returns the number of its contacts."""
     block, ends = model.block, model.ends
     contacts[i].mark = ramp.block
     block[0].contact = i
     count, read = 1, 0
+    ramp.anchored = 0
     while read < count:
         c = contacts[block[read].contact]
         read += 1
         for k in range(c.first, c.last):
             o = contacts[ends[k].other]
-            if o.mark != ramp.block and not is_wall(o, ramp):
+            if o.mark == ramp.block or is_flat(springs[ends[k].spring], model.curves):
+                continue
+            if is_wall(o, ramp):
+                ramp.anchored = 1
+            else:
                 o.mark = ramp.block
                 block[count].contact = ends[k].other
                 count += 1
     _sort_rows(contacts, block, count)
     for row in range(count):
-        _enter(contacts, block, ramp, row, block[row].contact)
+        _enter(contacts, springs, model, ramp, row, block[row].contact)
     return count
 
 
@@ -285,7 +303,7 @@ def _find_rows(contacts, springs, model, matrix, ramp, i):
     count = _find_path(contacts, springs, model, ramp, i)
     if count == 0:
         ramp.block += 1
-        count = _find_mesh(contacts, model, ramp, i)
+        count = _find_mesh(contacts, springs, model, ramp, i)
     return count
 
 

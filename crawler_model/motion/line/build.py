@@ -12,7 +12,7 @@ from ...body.ground import Track
 from ...errors import SceneError
 from ...rounding import EPS
 from ..pieces import NO_PIECES
-from .records import BACKWARD, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, RUN, SPRING, zeros
+from .records import BACKWARD, BEND, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, PIECE, RUN, SPRING, zeros
 
 LONG = 256
 """Contacts of a chain that may have sleeping runs of contacts (`runs`)."""
@@ -100,8 +100,25 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
     matrix = None if body.is_chain else np.zeros((n, max(order_contacts(body)[1], 1)))
-    runs = build_runs(n) if body.is_chain and n >= LONG else None
-    return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs
+    runs = build_runs(n) if body.is_chain and n >= LONG and not body.bends else None
+    return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, _build_curves(body)
+
+
+def _build_curves(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
+    """Build the curves of bent springs: the fields of `Curves`; None without any."""
+    if not body.bends:
+        return None
+    bends, tables = zeros(len(body.bends), BEND), []
+    count = 0
+    for k, bend in enumerate(body.bends):
+        for name, curve in (("actuator", bend.actuator), ("passive", bend.passive)):
+            tables.append(curve.pieces)
+            bends[name][k] = count
+            count += len(tables[-1])
+    pieces = zeros(count, PIECE)
+    for name, column in zip(("begin", "end", "slope", "at", "value", "energy"), np.concatenate(tables).T, strict=True):
+        pieces[name] = column
+    return bends, pieces
 
 
 def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -122,7 +139,10 @@ def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     for segment in body.segments:
         springs["element"][..., segment.springs] = 1
     springs["elongation"] = body.elongation(x)
-    springs["tension"] = body.stiffness * (springs["elongation"] - lengths)
+    springs["tension"] = body.tension(springs["elongation"], lengths)
+    springs["bend"] = -1
+    for k, bend in enumerate(body.bends):
+        springs["bend"][..., bend.spring] = k
     springs["still_tension"] = springs["tension"]
     return springs
 

@@ -9,65 +9,20 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import inlined, lean, merged
-from ...rounding import EPS, LATE
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
-from .ground.borders import find_meeting, leave_border, reach_border, rest_on_border
+from .critical.margin import sample_margin
+from .critical.translation import choose, note_interval
+from .ground.borders import leave_border, reach_border, rest_on_border
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
-from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, SPENT, UNSOLVED
+from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED
 from .runs import fall_asleep, set_runs
+from .springs.knots import pass_knots, passes_singly, time_knots
+from .timing import find_next, find_next_of_wall
 from .tournament import begin_tournament, find_earliest, schedule
-from .translation import choose, sample_margin
-
-
-@inlined
-def find_arrival(c, springs, ends, ramp):
-    """Find when a contact reaches a bound that its force is not at.
-
-    Args:
-        c: a CONTACT at s; `coming` is written.
-        springs: SPRING, shape (S,).
-        ends: END, shape (2 S,).
-        ramp: the RAMP.
-
-    Returns:
-        The place on the ramp; infinite if it reaches none.
-    """
-    s, when, closing = ramp.s, np.inf, 0.0
-    above = c.force_rate - c.d_forward
-    below = -c.force_rate - c.d_backward
-    if above > 0.0 and not c.at & FORWARD:
-        when, closing = s + max(c.forward + s * c.d_forward - c.force, 0.0) / above, above
-        c.coming = FORWARD
-    if below > 0.0 and not c.at & BACKWARD:
-        other = s + max(c.backward + s * c.d_backward + c.force, 0.0) / below
-        if other < when:
-            when, closing = other, below
-            c.coming = BACKWARD
-    if ramp.end - (1.0 - LATE) < when < ramp.end:  # an arrival within rounding of the end of the ramp is one at its end
-        size = abs(c.forward) + abs(c.backward) + abs(c.d_forward) + abs(c.d_backward)
-        for k in range(c.first, c.last):
-            spring = springs[ends[k].spring]
-            size += abs(spring.tension) + abs(spring.rate)
-        if closing * (ramp.end - when) <= 8.0 * EPS * size:
-            return ramp.end
-    return when
-
-
-@inlined
-def _find_next(c, springs, ends, ground, ramp, i):
-    """Find the next event of contact i of a block that has just been solved."""
-    when = find_meeting(c, ground, i)
-    if c.side == 0 or c.d_forward + c.d_backward < 0.0:
-        border = c.coming
-        other = find_arrival(c, springs, ends, ramp)
-        if other < when:
-            return other
-        c.coming = border
-    return when
 
 
 @lean
@@ -83,7 +38,7 @@ def _touch_wall(contacts, springs, model, ramp, i):
         if not ramp.falling or springs[end.spring].since < 0.0:
             c.force_rate += end.sign * springs[end.spring].rate
     if ramp.begun:
-        schedule(contacts, i, find_arrival(c, springs, model.ends, ramp), ramp.begun)
+        schedule(contacts, i, find_next_of_wall(contacts, springs, model, ramp, i), ramp.begun)
 
 
 @inlined
@@ -106,8 +61,8 @@ def _set_rates(contacts, springs, model, ramp, count):
                 rest_on_border(c, model.ground, ramp, e.contact)
         if ramp.path > 0 and e.spring >= 0:
             spring = springs[e.spring]
-            draw_spring(spring, model.ground, ramp)
-            advance_spring(spring, ramp, s)
+            draw_spring(spring, model.curves, model.ground, ramp)
+            advance_spring(spring, model.curves, ramp, s)
             spring.rate = e.sign * e.flow - (spring.tension if ramp.stepping else 0.0)
             spring.moved |= elongation_rate(e.flow, e.trial, e.compliance) != 0.0
     if ramp.path > 0:
@@ -119,8 +74,8 @@ def _set_rates(contacts, springs, model, ramp, count):
             if o.mark == c.mark and ends[k].sign < 0.0:
                 continue  # its other end is in the block, too
             spring = springs[ends[k].spring]
-            draw_spring(spring, model.ground, ramp)
-            advance_spring(spring, ramp, s)
+            draw_spring(spring, model.curves, model.ground, ramp)
+            advance_spring(spring, model.curves, ramp, s)
             stretch = ends[k].sign * ((o.v if o.mark == c.mark else 0.0) - c.v)
             spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
             spring.moved |= stretch != 0.0
@@ -151,7 +106,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
                 held = FORWARD | BACKWARD
         c.leaving = c.at & ~held
         leave_border(c, model.ground, ramp, e.contact)
-        schedule(contacts, e.contact, _find_next(c, springs, model.ends, model.ground, ramp, e.contact), ramp.begun)
+        schedule(contacts, e.contact, find_next(contacts, springs, model, ramp, e.contact), ramp.begun)
         if ramp.path == 0:
             for k in range(c.first, c.last):
                 if contacts[model.ends[k].other].mark != ramp.block:
@@ -188,9 +143,11 @@ def solve_around(contacts, springs, model, ramp, i):
                 break
         elif not ramp.woken:
             return False
+    ramp.rows = count
     _set_rates(contacts, springs, model, ramp, count)
     if not ramp.stepping:
         _hold_sides(contacts, springs, model, ramp, count)
+        time_knots(contacts, springs, model, model.curves, ramp, count)
         fall_asleep(contacts, springs, model.block, model.runs, ramp, count)
     return True
 
@@ -200,8 +157,8 @@ def _list_blocks(contacts, model, ramp, count):
     """List all contacts at bounds, each advanced to s; returns how many are listed."""
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        advance(c, ramp, ramp.s)
         settle(c, ramp)
+        advance(c, ramp, ramp.s)
         if c.at == 0:
             c.v = 0.0
         else:
@@ -220,7 +177,7 @@ def _stop(contacts, springs, model, ramp, i, count):
             count = list_contact(contacts, model.block, model.ends[k].other, count)
         else:
             spring = springs[model.ends[k].spring]
-            advance_spring(spring, ramp, ramp.s)
+            advance_spring(spring, model.curves, ramp, ramp.s)
             spring.rate = 0.0 if ramp.falling else -spring.stiffness * spring.d_length
     return count
 
@@ -239,12 +196,16 @@ def _meet(contacts, springs, model, ramp):
         elif c.coming == AHEAD or c.coming == BEHIND:
             if reach_border(c, model.ground, ramp, i) > 0:
                 count = _stop(contacts, springs, model, ramp, i, count)
+        elif c.coming == KNOT:
+            count = pass_knots(contacts, springs, model, model.curves, ramp, i, count)
         else:
             c.at |= c.coming
             c.v = BEGINS if c.coming == FORWARD else -BEGINS
         schedule(contacts, i, np.inf, ramp.begun)
         count = list_contact(contacts, model.block, i, count)
         i = find_earliest(contacts)
+        if passes_singly(model.curves, ramp):
+            break
     if ramp.shifted:
         count = _list_blocks(contacts, model, ramp, count)
     return count
@@ -270,22 +231,26 @@ def _begin_tournament(contacts, springs, model, ramp):
     for i in range(contacts.shape[0]):
         c = contacts[i]
         if c.at == 0:
-            c.next = find_arrival(c, springs, model.ends, ramp)
+            c.next = find_next_of_wall(contacts, springs, model, ramp, i)
     begin_tournament(contacts)
     ramp.begun = 1
 
 
 @inlined
-def _choose(contacts, springs, model, ground, ramp):
-    """Choose the translation at s if it is free; borders are then met at other instants."""
-    choose(contacts, springs, model, ramp)
-    if ground is None:
+def _choose(contacts, springs, model, ground, curves, ramp):
+    """Choose the translation at s if it is free; borders and knots are then met at other instants."""
+    choose(contacts, springs, model, curves, ramp)
+    if not ramp.shifted:
         return
-    if ramp.shifted:
+    if ground is not None or curves is not None:
         for i in range(contacts.shape[0]):
-            c = contacts[i]
-            leave_border(c, ground, ramp, i)
-            schedule(contacts, i, _find_next(c, springs, model.ends, ground, ramp, i), ramp.begun)
+            leave_border(contacts[i], ground, ramp, i)
+            if contacts[i].at == 0:
+                when = find_next_of_wall(contacts, springs, model, ramp, i)
+            else:
+                when = find_next(contacts, springs, model, ramp, i)
+            schedule(contacts, i, when, ramp.begun)
+    note_interval(ramp, ramp.s, min(contacts[find_earliest(contacts)].next, ramp.end))
 
 
 @lean
@@ -301,6 +266,7 @@ def _give_up(contacts, springs, model, ramp, count):
 def _solve_blocks(contacts, springs, model, ramp, count):
     """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
     before = ramp.block
+    ramp.undetermined = ramp.loose = 0
     for j in range(count):
         i = model.block[j].hit
         if contacts[i].at != 0 and contacts[i].mark <= before and not solve_around(contacts, springs, model, ramp, i):
@@ -310,11 +276,11 @@ def _solve_blocks(contacts, springs, model, ramp, count):
 
 
 @lean
-def _sample_before(contacts, model, ground, ramp):
+def _sample_before(contacts, springs, model, ground, ramp):
     """Update the visited margin before contacts cross borders, which changes their bounds at once."""
     if ground is None:
         return
-    sample_margin(contacts, ramp)
+    sample_margin(contacts, springs, model, model.curves, ramp)
 
 
 @inlined
@@ -364,7 +330,7 @@ def follow_events(contacts, springs, model, ramp):
         count = 0
         if not ramp.begun:
             _begin_tournament(contacts, springs, model, ramp)
-        _choose(contacts, springs, model, ground, ramp)
+        _choose(contacts, springs, model, ground, model.curves, ramp)
         s = contacts[find_earliest(contacts)].next
         _note_piece(model.pieces, contacts, ramp.s, min(s, 1.0))
         if not s < ramp.end:
@@ -378,7 +344,9 @@ def follow_events(contacts, springs, model, ramp):
         if ramp.effort > ramp.budget:
             _give_up(contacts, springs, model, ramp, count)
             return SPENT
-        ramp.events += s > ramp.s
+        if s > ramp.s:
+            ramp.events += 1.0
+            ramp.passed = 0
         ramp.s = s
-        _sample_before(contacts, model, ground, ramp)
+        _sample_before(contacts, springs, model, ground, ramp)
         count = _meet(contacts, springs, model, ramp)

@@ -5,21 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import entry, inlined, lean, merged
-from ...rounding import EPS
 from .. import state
 from ..pieces import begin_ramp
 from .advance import advance, advance_spring
 from .block import settle
-from .events import follow_events, solve_around
+from .critical.margin import find_margin
+from .events import follow_events
 from .ground.jumps import begin_on_ground, find_runaway, finish_on_ground, place_anew, slide_to_border
-from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
+from .records import DONE, SPENT, UNSOLVED, Curves, Model, Terrain
 from .runs import wake_all
-from .translation import choose_step, find_margin
+from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
+from .springs.knots import slide_to_knot
+from .step import take_step
 
 ENDS, FOLLOWS, STEPS = range(3)
 """How a ramp goes on after a part of it: not at all; from event to event; by one implicit step to its end."""
-_SMALLEST_PART = 2.0**-20
-"""Part of the commands of an implicit step below which the search for its solution is not divided any more."""
+MOST_SLIDES = 1000
+"""Slides to knots in one ramp, before it is completed by an implicit step."""
 
 
 @inlined
@@ -60,18 +62,20 @@ def _begin_contacts(contacts, model, ramp, target, springs):
 def _begin(contacts, springs, model, ramp, target):
     """Begin a ramp: what its commands change, and the rates if no contact moves; returns whether anything changes."""
     ramp.s, ramp.end, ramp.witness = 0.0, 1.0, 0
-    ramp.begun = ramp.stepping = ramp.hurries = ramp.shifted = ramp.undetermined = ramp.falling = ramp.due = 0
+    ramp.begun = ramp.stepping = ramp.hurries = ramp.shifted = ramp.falling = ramp.due = ramp.parted = 0
+    ramp.undetermined = ramp.loose = ramp.passed = 0
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
     for j in range(springs.shape[0]):
         spring = springs[j]
         spring.d_length = target[j] - spring.length
         changed = changed or spring.d_length != 0.0
+        ramp.span = max(ramp.span, abs(spring.length) + abs(spring.d_length))
+        begin_bend(spring, model.curves)
         spring.rate = -spring.stiffness * spring.d_length
         spring.since = 0.0
         spring.moved = 0
         contacts[spring.a].pull += spring.rate
         contacts[spring.b].pull -= spring.rate
-        ramp.span = max(ramp.span, abs(spring.length) + abs(spring.d_length))
     for i in range(contacts.shape[0]):
         c = contacts[i]
         if c.at == 0:
@@ -114,21 +118,22 @@ def _finish_spring(contacts, spring, model, ramp, length):
     Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows; that
     of a stiff spring beside soft ones is a difference of large numbers.
     """
-    advance_spring(spring, ramp, ramp.s)
     a, b = contacts[spring.a], contacts[spring.b]
-    spring.length = length if ramp.s == 1.0 else spring.length + ramp.s * spring.d_length
-    if spring.moved:
-        z = (b.x - a.x) + (b.rest - a.rest)
-        tension = spring.stiffness * (z - spring.length)
-        leash = 32.0 * EPS * spring.stiffness * (abs(a.x) + abs(b.x) + ramp.span)
-        spring.tension = min(max(spring.tension, tension - leash), tension + leash)
-        spring.elongation = z
-        spring.still_tension, spring.still_length = spring.tension, spring.length
-    else:
-        spring.tension = spring.still_tension - spring.stiffness * (spring.length - spring.still_length)
+    if not finish_bend(contacts, spring, model.curves, ramp, length):
+        advance_spring(spring, model.curves, ramp, ramp.s)
+        spring.length = length if ramp.s == 1.0 else spring.length + ramp.s * spring.d_length
+        if spring.moved:
+            z = (b.x - a.x) + (b.rest - a.rest)
+            tension = spring.stiffness * (z - spring.length)
+            leash = leash_of(contacts, spring, ramp)
+            spring.tension = min(max(spring.tension, tension - leash), tension + leash)
+            spring.elongation = z
+            spring.still_tension, spring.still_length = spring.tension, spring.length
+        else:
+            spring.tension = spring.still_tension - spring.stiffness * (spring.length - spring.still_length)
     a.force += spring.tension
     b.force -= spring.tension
-    return 0.5 * spring.tension * spring.tension * spring.compliance
+    return energy_of(spring, model.curves)
 
 
 @lean
@@ -169,54 +174,17 @@ def _finish(contacts, springs, model, ramp, target):
         stored += _finish_spring(contacts, springs[j], model, ramp, target[j])
     _certify(contacts, springs, model.ends, ramp)
     if ramp.s == 1.0:
-        ramp.visited = min(ramp.visited, find_margin(contacts, ramp, 1.0))
+        ramp.visited = min(ramp.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
     ramp.residual = (stored - ramp.stored) + ramp.dissipation - ramp.work
     return stored
 
 
-@merged
-def _take_step(contacts, springs, model, ramp):
-    """Take an implicit step from the start to the end of a ramp; returns False if it has no solution.
-
-    It is solved for all commands at once or, failing that, for parts of them, each from the solution before: from one
-    part to the next, few contacts begin or cease to slide. A part for which the search makes no progress is halved; the
-    whole is then solved once more, from its own solution, which takes rounding away.
-    """
-    solved, step, divided = 0.0, 1.0, False
-    ramp.stepping = 1
-    while solved < 1.0:
-        ramp.part = min(solved + step, 1.0)
-        ramp.hurries = step > _SMALLEST_PART
-        if solve_around(contacts, springs, model, ramp, contacts.shape[0] - 1):
-            if divided and ramp.part == 1.0:
-                divided = False
-            else:
-                solved, step = ramp.part, 2.0 * step
-        elif ramp.hurries and ramp.effort <= ramp.budget:
-            step, divided = 0.5 * step, True
-            if solved == 0.0:
-                for i in range(contacts.shape[0]):
-                    contacts[i].v = 0.0
-        else:
-            return False
-    for j in range(contacts.shape[0]):
-        e = model.block[j]
-        c = contacts[e.contact]
-        c.side = e.side
-        c.force_rate = e.force - c.force
-        c.at = FORWARD if e.side > 0 else (BACKWARD if e.side < 0 else 0)
-        if e.side != 0 and e.upper == e.lower:
-            c.at = FORWARD | BACKWARD
-    choose_step(contacts, springs, model, ramp)
-    ramp.s = 1.0
-    return True
-
-
 @lean
-def _slide(contacts, model, ground, ramp):
-    """Slide a body that nothing holds to the next border, if there is one; returns whether it has moved."""
+def _slide(contacts, springs, model, ground, ramp):
+    """Slide what nothing holds to the next knot or border, if there is one; returns whether it has moved."""
     if ground is None:
-        return False
+        ramp.slides += 1
+        return ramp.slides < MOST_SLIDES and slide_to_knot(contacts, springs, model, model.curves, ramp)
     direction = find_runaway(contacts)
     if direction == 0:
         return False
@@ -227,7 +195,7 @@ def _slide(contacts, model, ground, ramp):
 
 
 @lean
-def _continue(contacts, model, ground, ramp, outcome):
+def _continue(contacts, springs, model, ground, ramp, outcome):
     """Decide how a ramp goes on after a part of it.
 
     A part that spends the budget, or finds no rates, is completed by an implicit step; contacts that have passed
@@ -247,7 +215,7 @@ def _continue(contacts, model, ground, ramp, outcome):
     ramp.done += ramp.s * (1.0 - ramp.done)
     ramp.s = 0.0
     ramp.effort += contacts.shape[0]
-    if outcome == UNSOLVED and _slide(contacts, model, ground, ramp):
+    if outcome == UNSOLVED and _slide(contacts, springs, model, ground, ramp):
         return FOLLOWS
     if ramp.runaway != 0:
         return ENDS
@@ -267,10 +235,10 @@ def _follow_ramp(contacts, springs, model, ramp, target):
             outcome = follow_events(contacts, springs, model, ramp)
         else:
             outcome = DONE
-            if not _take_step(contacts, springs, model, ramp):
+            if not take_step(contacts, springs, model, ramp):
                 ramp.unsolved = 1.0
         stored = _finish(contacts, springs, model, ramp, target)
-        how = _continue(contacts, model, model.ground, ramp, outcome)
+        how = _continue(contacts, springs, model, model.ground, ramp, outcome)
         if how == ENDS or not _begin(contacts, springs, model, ramp, target):
             return stored
 
@@ -324,6 +292,14 @@ def _build_terrain(ground):
     return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5])
 
 
+@lean
+def _build_curves(curves):
+    """Name the parts of the curves; None without bent springs."""
+    if curves is None:
+        return None
+    return Curves(curves[0], curves[1])
+
+
 @entry
 def follow(contacts, springs, ramps, memory, targets, account, records):
     """Follow straight ramps to each of the targets in turn.
@@ -340,7 +316,8 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     Returns:
         0, or the direction in which nothing holds the body on the ground that it has come to, 1 or -1.
     """
-    model = Model(memory[0], memory[1], memory[2], memory[3], memory[4], _build_terrain(memory[5]), memory[6])
+    ground, curves = _build_terrain(memory[5]), _build_curves(memory[7])
+    model = Model(memory[0], memory[1], memory[2], memory[3], memory[4], ground, memory[6], curves)
     ramp = ramps[0]
     ramp.stored = 0.0
     ramp.jumps = ramp.runaway = ramp.block = 0
@@ -348,12 +325,12 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
         contacts[i].gained = 0.0
         contacts[i].mark = 0
     for j in range(springs.shape[0]):
-        ramp.stored += 0.5 * springs[j].tension * springs[j].tension * springs[j].compliance
+        ramp.stored += energy_of(springs[j], model.curves)
     for v in range(targets.shape[0]):
         target = targets[v]
         if _begin(contacts, springs, model, ramp, target):
             begin_ramp(model.pieces, v)
-            ramp.effort, ramp.number, ramp.done = 0, v, 0.0
+            ramp.effort, ramp.number, ramp.done, ramp.slides = 0, v, 0.0, 0
             _begin_account(ramp)
             ramp.stored = _follow_ramp(contacts, springs, model, ramp, target)
             if ramp.runaway != 0:
@@ -362,5 +339,5 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
         if records.shape[0] > 0:
             _record(contacts, springs, account, records[v])
     if account[state.VISITED] == np.inf:  # no command changed
-        account[state.VISITED] = find_margin(contacts, ramp, contacts[0].since)
+        account[state.VISITED] = find_margin(contacts, springs, model, model.curves, ramp, contacts[0].since)
     return 0

@@ -202,7 +202,7 @@ class LineMotion:
         if self.track is not None:
             return self._follow_on_ground(state, scratch, targets, account, records)
         if pieces is not NO_PIECES:
-            memory = (*memory[:4], pieces, None, None)
+            memory = (*memory[:4], pieces, None, None, memory[7])
         follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
         return ()
 
@@ -252,7 +252,7 @@ class LineMotion:
         try:
             while True:
                 jumps = zeros(room, JUMP)
-                memory = (*parts[:5], (state.feet, jumps, *self.track.stretches[:4]), None)
+                memory = (*parts[:5], (state.feet, jumps, *self.track.stretches[:4]), None, parts[7])
                 runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
                 if runaway:
                     raise CommandError(self._describe_runaway(state, int(runaway)))

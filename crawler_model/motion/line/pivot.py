@@ -22,9 +22,9 @@ ROUNDING = 32.0 * EPS
 
 
 @inlined
-def _count_resting(contacts, block, count):
-    """Count the contacts of the whole body at rest, and find the last of them; 2 if the block is not the whole body."""
-    if count < contacts.shape[0]:
+def _count_resting(ramp, block, count):
+    """Count the contacts at rest of a block that no others hold, and find the last of them; 2 if some do."""
+    if ramp.anchored:
         return 2, -1
     resting, last = 0, -1
     for j in range(count):
@@ -45,7 +45,7 @@ def _balance(block, count, row):
 
 
 @lean
-def _find_brake(block, count, last_only):
+def _find_brake(ramp, block, count, last_only):
     """Find the contact that stops where all would slide and nothing would hold the body, and whether friction balances.
 
     Forces of springs sum to zero. If the limits at which the contacts slide do not, the body would fly off, and one of
@@ -63,6 +63,8 @@ def _find_brake(block, count, last_only):
         e = block[j]
         if (balances or e.side * excess < 0.0) and (last_only or abs(e.v) < slowest):
             brake, slowest = j, abs(e.v)
+    if brake < 0:
+        ramp.loose = (1 + block[0].contact) * (1 if excess > 0.0 else -1)
     return brake, balances
 
 
@@ -127,6 +129,27 @@ def _exchange(block, count, last_only):
     return found
 
 
+@lean
+def _is_loose(ramp, block, count):
+    """Determine whether nothing holds a block, and its limits do not either: `loose` is then set."""
+    if ramp.anchored:
+        return False
+    most = least = size = 0.0
+    for j in range(count):
+        e = block[j]
+        if e.upper < np.inf:
+            size += abs(e.upper) + e.blur
+        if e.lower > -np.inf:
+            size += abs(e.lower) + e.blur
+        most += e.upper
+        least += e.lower
+    near = 64.0 * EPS * size
+    if most >= -near and least <= near:
+        return False
+    ramp.loose = (1 + block[0].contact) * (1 if most < -near else -1)
+    return True
+
+
 @inlined
 def _solve_sides(contacts, springs, model, matrix, ramp, count):
     """Solve for the rates of a block with given sides; all blocks of a chain, which has no matrix, are paths."""
@@ -144,7 +167,7 @@ def find_sides(contacts, springs, model, ramp, count):
         contacts: CONTACT, shape (N,).
         springs: SPRING, shape (S,).
         model: a `Model`, whose block is changed in place.
-        ramp: the RAMP; `undetermined` is set if the whole body slides and friction balances.
+        ramp: the RAMP; `undetermined` is set if all slide, nothing holds them and friction balances.
         count: number of contacts of the block.
 
     Returns:
@@ -154,20 +177,21 @@ def find_sides(contacts, springs, model, ramp, count):
     best, waited, last_only = count + 1, 0, False
     hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
     patience = ramp.patience if hurries else ramp.patience + count
-    ramp.undetermined = 0
     visits = 0 if ramp.stepping else ramp.soon * ramp.path
     projects = ramp.path > 0
     for turn in range(50 + 10 * count):
         ramp.effort += count
         if projects and turn * count >= visits:
             projects = False
+            if _is_loose(ramp, block, count):
+                return False
             if wake_block(contacts, springs, block, model.runs, ramp, count):
                 return False
             project(model, ramp, count)
         brake, balances, side = -1, False, 0
-        resting, last = _count_resting(contacts, block, count)
+        resting, last = _count_resting(ramp, block, count)
         if resting == 0:
-            brake, balances = _find_brake(block, count, last_only)
+            brake, balances = _find_brake(ramp, block, count, last_only)
             if brake < 0:
                 return False
             side = block[brake].side
@@ -183,7 +207,7 @@ def find_sides(contacts, springs, model, ramp, count):
             block[brake].force = limit_of(block[brake])
         found = _exchange(block, count, last_only)
         if found == 0:
-            ramp.undetermined = balances
+            ramp.undetermined |= balances
             return True
         last_only = False
         if found < best:

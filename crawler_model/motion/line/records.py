@@ -16,8 +16,9 @@ _FLOAT, _INT, _BYTE = np.float64, np.int64, np.int8
 FORWARD, BACKWARD = 1, 2
 """Bits of a contact's status: the spring force is at the forward bound, or at the backward bound; both if the interval
 between them is a point."""
-AHEAD, BEHIND = 4, 8
-"""What a contact comes to at its next event, beside a bound: the border ahead or the border behind."""
+AHEAD, BEHIND, KNOT = 4, 8, 16
+"""What a contact comes to at its next event, beside a bound: the border ahead or the border behind, or a spring that
+begins at it a knot."""
 
 CONTACT_STATE = [
     ("x", _FLOAT),  # displacement, where it was last advanced [m]
@@ -70,6 +71,7 @@ SPRING = np.dtype(
         ("compliance", _FLOAT),  # 1 / k [m/N]
         ("a", _INT),  # its two contacts
         ("b", _INT),
+        ("bend", _INT),  # -1 if it is linear
         ("d_length", _FLOAT),  # change of L along the ramp [m]
         ("rate", _FLOAT),  # of the tension [N]
         ("since", _FLOAT),  # place on the ramp where the tension was last advanced; in a fall, on that, < 0
@@ -78,6 +80,35 @@ SPRING = np.dtype(
     ],
     align=True,
 )
+
+PIECE = np.dtype(
+    [
+        ("begin", _FLOAT),  # from where to where it reaches [m]
+        ("end", _FLOAT),
+        ("slope", _FLOAT),  # [N/m]
+        ("at", _FLOAT),  # a point on it [m]
+        ("value", _FLOAT),  # tension there [N]
+        ("energy", _FLOAT),  # and energy [J]
+    ],
+    align=True,
+)
+"""A piece of the curve of a bent spring; those of a curve follow each other."""
+
+BEND = np.dtype(
+    [
+        ("actuator", _INT),  # present piece of the curve of the actuator, over u = z - L
+        ("passive", _INT),  # likewise of the passive spring, over z
+        ("command", _FLOAT),  # change of L along the ramp [m]
+        ("share", _FLOAT),  # on these pieces, the tension of the actuator alone is share T + back L + offset [1]
+        ("back", _FLOAT),  # [N/m]
+        ("offset", _FLOAT),  # [N]
+        ("next", _FLOAT),  # place on the ramp of its next knot
+        ("coming", _BYTE),  # which one: 1 the end, -1 the beginning of the piece of the actuator, 2 and -2 of the other
+        ("excess", _FLOAT),  # in an implicit step: tension at its start on the lines of these pieces, less T [N]
+    ],
+    align=True,
+)
+"""What is known of a bent spring beside SPRING."""
 
 SPRING_STATE = ("length", "elongation", "tension", "still_tension", "still_length")
 """Fields of a spring that last from ramp to ramp."""
@@ -149,6 +180,8 @@ BLOCK = np.dtype(
         ("pull", _FLOAT),  # force that the sliding contact adds [N]
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
         # memory
+        ("member", _INT),  # contacts, those of each part together, see `parts`
+        ("part", _INT),  # of contact i: place of the first contact of its part in that list
         ("hit", _INT),  # contacts around which rates change
         ("drawn", _INT),  # contacts that take part in the present fall
         ("held", _FLOAT),  # sum of the bounds of such a contact before it [N]
@@ -204,6 +237,12 @@ RAMP = np.dtype(
         ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
         ("block", _INT),  # number of the present block, increasing
+        ("rows", _INT),  # number of its rows
+        ("anchored", _BYTE),  # whether contacts at rest beside the present block hold it
+        ("parted", _BYTE),  # whether the parts of the body are known
+        ("slides", _INT),  # how often contacts that nothing holds slid to knots
+        ("passed", _INT),  # knots passed at s
+        ("loose", _INT),  # 1 + a contact of a block that nothing holds; < 0 if that slides backward, 0 if there is none
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
         ("before", _INT),  # contacts at rest beside the path, -1 where it ends
         ("behind", _INT),
@@ -215,6 +254,11 @@ RAMP = np.dtype(
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
         ("soon", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
+        ("first", _INT),  # present part of the body: its places in the list of parts are first .. last - 1
+        ("last", _INT),
+        ("slower", _FLOAT),  # what other translations of the present stretch would change the net velocity by [m]
+        ("faster", _FLOAT),
+        ("until", _FLOAT),  # place on the ramp where the present stretch ends, while its translation is chosen
         ("witness", _INT),  # contact at which the search for forces away from their bounds begins
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
         ("left", _INT),  # breakpoints of `project`: the first of them for v < 0, the last of them for v > 0
@@ -289,6 +333,15 @@ class Terrain(NamedTuple):
     rise: np.ndarray
 
 
+class Curves(NamedTuple):
+    """The bent springs of a body."""
+
+    bends: np.ndarray
+    """BEND, shape (B,)."""
+    pieces: np.ndarray
+    """PIECE, of all curves, shape (P,)."""
+
+
 class Model(NamedTuple):
     """What kernels need beside contacts, springs and the ramp; Python passes it as a plain tuple, which is faster."""
 
@@ -307,3 +360,5 @@ class Model(NamedTuple):
     """The `Terrain`; None without patches, where nothing of it is compiled."""
     runs: Any
     """RUN, leaves first, shape (R,); None for short chains and other bodies, likewise."""
+    curves: Any
+    """The `Curves`; None if all springs are linear, likewise."""

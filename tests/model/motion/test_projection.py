@@ -18,7 +18,7 @@ from crawler_model.motion.line.records import BLOCK, BREAK, RAMP, Model, zeros
 
 @compiled
 def solve_block(block, breaks, matrix, ramps):
-    project(Model(breaks, block, matrix, breaks, matrix, None, None), ramps[0], block.shape[0] - 1)
+    project(Model(breaks, block, matrix, breaks, matrix, None, None, None), ramps[0], block.shape[0] - 1)
 
 
 def solve(target, stiffness, lower, upper):

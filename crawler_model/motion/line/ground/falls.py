@@ -173,18 +173,19 @@ def draw_all(contacts, model, ground, ramp):
 
 
 @lean
-def draw_spring(spring, ground, ramp):
+def draw_spring(spring, curves, ground, ramp):
     """Draw a spring whose rate changes into the present fall, if there is one.
 
     Args:
         spring: a SPRING.
+        curves: a `Curves`, or None.
         ground: a `Terrain`, or None.
         ramp: the RAMP.
     """
     if ground is None:
         return
     if ramp.falling and spring.since >= 0.0:
-        advance_spring(spring, ramp, ramp.rests)
+        advance_spring(spring, curves, ramp, ramp.rests)
         spring.since, spring.rate = ramp.s, 0.0
 
 
@@ -248,7 +249,7 @@ def _rewind(contacts, springs, model, ramp):
         for k in range(c.first, c.last):
             spring = springs[model.ends[k].spring]
             if spring.since < 0.0:
-                advance_spring(spring, ramp, ramp.s)
+                advance_spring(spring, model.curves, ramp, ramp.s)
                 spring.since, spring.rate = _BEGIN, 0.0
         c.forward += ramp.s * c.d_forward
         c.backward += ramp.s * c.d_backward
@@ -335,7 +336,7 @@ def end_fall(contacts, springs, model, ground, ramp, count):
         for k in range(c.first, c.last):
             spring = springs[model.ends[k].spring]
             if spring.since < 0.0:
-                advance_spring(spring, ramp, s)
+                advance_spring(spring, model.curves, ramp, s)
                 spring.since = ramp.rests
                 spring.rate = -spring.stiffness * spring.d_length
         c.leaving = c.side = 0

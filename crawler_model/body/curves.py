@@ -1,0 +1,254 @@
+"""Tensions of springs that are not linear: continuous, piecewise linear and non-decreasing.
+
+A bent spring has two of them in parallel, that of its actuator over u = z - L and that of a passive spring over z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+BEGIN, END, SLOPE, AT, VALUE, ENERGY = range(6)
+"""Columns of the pieces of a curve: from where to where a piece reaches [m], its slope [N/m]; a point on it [m], the
+tension [N] and the energy [J] there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A tension as a function of a length; beyond the first and the last knot, straight lines go on.
+
+    Attributes:
+        at: the knots, increasing, shape (K,), K > 0 [m].
+        value: tensions at the knots, non-decreasing, shape (K,) [N].
+        first: slope before the first knot, at least 0 [N/m].
+        last: slope behind the last knot, likewise [N/m].
+    """
+
+    at: np.ndarray
+    value: np.ndarray
+    first: float
+    last: float
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """Slopes before, between and behind the knots, shape (K + 1,) [N/m]."""
+        return np.concatenate(([self.first], np.diff(self.value) / np.diff(self.at), [self.last]))
+
+    def __call__(self, length: ArrayLike) -> np.ndarray:
+        """Compute the tension.
+
+        Args:
+            length: any shape [m].
+
+        Returns:
+            Same shape [N].
+        """
+        given = np.asarray(length, dtype=np.float64)
+        inner = np.interp(given, self.at, self.value)
+        below, above = np.minimum(given - self.at[0], 0.0), np.maximum(given - self.at[-1], 0.0)
+        return np.asarray(inner + self.first * below + self.last * above)
+
+    def clamped(self, least: float, most: float) -> Curve:
+        """Limit the tension.
+
+        Args:
+            least: least tension, may be -inf [N].
+            most: largest tension, at least `least`, may be inf [N].
+
+        Returns:
+            The curve of min(max(T, least), most).
+        """
+        cuts = [at for tension in (least, most) for at in self.reach(tension)]
+        at = np.union1d(self.at, cuts)
+        before, behind = self([at[0] - 1.0, at[-1] + 1.0])  # where no knots are left
+        first = self.first if least <= before <= most else 0.0
+        last = self.last if least <= behind <= most else 0.0
+        return Curve(at, np.clip(self(at), least, most), first, last).simplified()
+
+    def reach(self, tension: float) -> list[float]:
+        """Find where the curve passes a tension.
+
+        Args:
+            tension: the tension [N].
+
+        Returns:
+            The lengths, between knots where it rises [m]; none or one.
+        """
+        if not np.isfinite(tension):
+            return []
+        found = []
+        for k, slope in enumerate(self.slopes):
+            if slope > 0.0:
+                knot = max(k - 1, 0)
+                at = self.at[knot] + (tension - self.value[knot]) / slope
+                begin = self.at[k - 1] if k > 0 else -np.inf
+                end = self.at[k] if k < self.at.size else np.inf
+                if begin < at < end:
+                    found.append(float(at))
+        return found
+
+    def __add__(self, other: Curve) -> Curve:
+        """Add the tension of a curve in parallel."""
+        at = np.union1d(self.at, other.at)
+        return Curve(at, self(at) + other(at), self.first + other.first, self.last + other.last).simplified()
+
+    def stretched(self, length: float) -> Curve:
+        """Convert a curve over strain to one over the elongation of an element.
+
+        Args:
+            length: of the element [m].
+
+        Returns:
+            The curve.
+        """
+        return Curve(self.at * length, self.value, self.first / length, self.last / length)
+
+    def simplified(self) -> Curve:
+        """Remove the knots at which the slope does not change, except for one.
+
+        Returns:
+            The same function.
+        """
+        slopes = self.slopes
+        kept = np.abs(np.diff(slopes)) > 1e-14 * np.maximum(slopes[1:], slopes[:-1])
+        if not kept.any():
+            zero = self.first > 0.0 and self.value[0] == self.first * self.at[0]
+            return Curve(np.zeros(1), np.zeros(1), self.first, self.first) if zero else self._only(slice(0, 1))
+        return self._only(kept)
+
+    def _only(self, kept: np.ndarray | slice) -> Curve:
+        return Curve(self.at[kept], self.value[kept], self.first, self.last)
+
+    @property
+    def pieces(self) -> np.ndarray:
+        """Its straight pieces in order, columns as BEGIN .. ENERGY, shape (P, 6); the energy is 0 at length 0."""
+        knots = self.at.size
+        pieces = np.empty((knots + 1, 6))
+        pieces[:, SLOPE] = self.slopes
+        pieces[:, BEGIN], pieces[:, END] = np.append(-np.inf, self.at), np.append(self.at, np.inf)
+        near = np.maximum(np.arange(knots + 1) - 1, 0)
+        pieces[:, AT], pieces[:, VALUE] = self.at[near], self.value[near]
+        gained = 0.5 * (self.value[1:] + self.value[:-1]) * np.diff(self.at)
+        pieces[:, ENERGY] = np.append(0.0, np.cumsum(gained))[near]
+        if self.first == self.last and knots == 1:
+            pieces = pieces[:1]
+            pieces[0, END] = np.inf
+        here = pieces[np.searchsorted(pieces[:, END], 0.0)]
+        pieces[:, ENERGY] -= energy_on(here, 0.0)
+        return pieces
+
+
+def energy_on(piece: np.ndarray, length: ArrayLike) -> np.ndarray:
+    """Compute the energy of a curve on one of its pieces.
+
+    Args:
+        piece: columns as BEGIN .. ENERGY on the last axis, shape (..., 6).
+        length: shape (...) [m].
+
+    Returns:
+        Shape (...) [J].
+    """
+    way = np.asarray(length) - piece[..., AT]
+    return np.asarray(piece[..., ENERGY] + (piece[..., VALUE] + 0.5 * piece[..., SLOPE] * way) * way)
+
+
+def line(stiffness: float) -> Curve:
+    """Build the curve of a linear spring.
+
+    Args:
+        stiffness: k, 0 for none [N/m].
+
+    Returns:
+        The curve.
+    """
+    return Curve(np.zeros(1), np.zeros(1), stiffness, stiffness)
+
+
+def through(at: Sequence[float], value: Sequence[float]) -> Curve:
+    """Build a curve from knots, with the slopes of both ends beyond them.
+
+    Args:
+        at: the knots, at least two, increasing, shape (K,) [m].
+        value: tensions at the knots, non-decreasing, shape (K,) [N].
+
+    Returns:
+        The curve.
+    """
+    knots, tension = np.array(at, dtype=np.float64), np.array(value, dtype=np.float64)
+    slopes = np.diff(tension) / np.diff(knots)
+    return Curve(knots, tension, float(slopes[0]), float(slopes[-1])).simplified()
+
+
+@dataclass(frozen=True, eq=False)
+class Bend:
+    """A spring of a body that is not linear.
+
+    Attributes:
+        spring: its index.
+        actuator: tension over u = z - L.
+        passive: tension over z.
+    """
+
+    spring: int
+    actuator: Curve
+    passive: Curve
+
+    @property
+    def stiffness(self) -> float:
+        """Largest stiffness of both together, for scales [N/m]."""
+        total = self.actuator.slopes.max() + self.passive.slopes.max()
+        return float(total)
+
+    @property
+    def is_flat_somewhere(self) -> bool:
+        """Whether the tension can be constant while the spring changes its length."""
+        return bool(self.actuator.slopes.min() + self.passive.slopes.min() == 0.0)
+
+    def rest(self, actuation: float) -> float:
+        """Find the elongation of the least tension or pressure; of several, the one nearest to 0.
+
+        Args:
+            actuation: L [m].
+
+        Returns:
+            z [m].
+        """
+        shifted = Curve(self.actuator.at + actuation, self.actuator.value, self.actuator.first, self.actuator.last)
+        curve = shifted + self.passive
+        places = np.array([0.0, *curve.at, *curve.reach(0.0)])
+        size = np.abs(curve(places))
+        size[size.size - len(curve.reach(0.0)) :] = 0.0
+        least = places[size <= size.min()]
+        return float(least[np.argmin(np.abs(least))])
+
+    def tension(self, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
+        """Compute the tension of both together.
+
+        Args:
+            elongation: z, any shape [m].
+            actuation: L, likewise.
+
+        Returns:
+            Same shape [N].
+        """
+        return self.actuator(elongation - actuation) + self.passive(elongation)
+
+    def energy(self, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
+        """Compute the energy of both together, 0 if z and L are.
+
+        Args:
+            elongation: z, any shape [m].
+            actuation: L, likewise.
+
+        Returns:
+            Same shape [J].
+        """
+        return _energy(self.actuator, elongation - actuation) + _energy(self.passive, elongation)
+
+
+def _energy(curve: Curve, length: np.ndarray) -> np.ndarray:
+    pieces = curve.pieces
+    return energy_on(pieces[np.searchsorted(pieces[:-1, END], length)], length)

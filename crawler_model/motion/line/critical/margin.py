@@ -1,0 +1,205 @@
+"""How close a part of the body is to a critical state, in which all its contacts are at their bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import inlined, lean
+from ....rounding import CRITICAL, EPS
+from ...margin import FEW_CONTACTS
+from ..pivot import ROUNDING
+from ..records import BACKWARD, FORWARD
+from .parts import begin_parts, find_last, find_pull, member
+
+
+@lean
+def _blur(contacts, springs, ends, c):
+    """Find the rounding of the spring force on a contact, a small difference of large numbers if springs are stiff."""
+    size = 0.0
+    for k in range(c.first, c.last):
+        spring = springs[ends[k].spring]
+        lengths = abs(c.x) + abs(contacts[ends[k].other].x) + abs(spring.length) + abs(spring.d_length)
+        size += spring.stiffness * lengths + abs(spring.tension)
+    return ROUNDING * size
+
+
+@lean
+def _slack(c, ramp, when):
+    """Find how far the force on a contact is from its bounds at a later place; in a fall, what takes no part rests.
+
+    The force on a contact that is at a bound is that bound where it was last advanced to, whatever rounding made of it.
+    """
+    s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+    ds = s - c.since
+    force = c.force + c.force_rate * ds
+    above, below = c.forward + s * c.d_forward - force, c.backward + s * c.d_backward + force
+    if c.at & FORWARD:
+        above = ds * (c.d_forward - c.force_rate)
+    if c.at & BACKWARD:
+        below = ds * (c.d_backward + c.force_rate)
+    return above, below
+
+
+@lean
+def is_near(contacts, springs, model, curves, ramp, when, limit):
+    """Determine whether all contacts of the present part are at their bounds at a later place, within a limit.
+
+    The limit is beside the rounding of forces. The forces of a spring on its two contacts are opposite. So bounds at
+    which all contacts slide sum to the force of flat springs, which is known however stiff the others are. The search
+    begins with the contact that ended the one before: mostly, that one is still far from its bounds.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP, whose witness is updated.
+        when: the place on the ramp.
+        limit: sum of the distances from the bounds up to which they count as zero [N].
+
+    Returns:
+        Whether all are.
+    """
+    first, last, near = ramp.first, ramp.last, 0.0
+    for j in range(last - first):
+        r = ramp.witness + j
+        r = r if r < last else r - (last - first)
+        c = contacts[member(model.block, curves, r)]
+        if c.at != 0 and c.side != 0:
+            continue
+        above, below = _slack(c, ramp, when)
+        distance = abs(min(above, below))
+        if c.at == 0 and distance > limit:
+            distance = max(distance - _blur(contacts, springs, model.ends, c), 0.0)
+        near += distance
+        if near > limit:
+            ramp.witness = r
+            return False
+    return abs(_imbalance(contacts, springs, model, curves, ramp, when)) <= limit
+
+
+@lean
+def _imbalance(contacts, springs, model, curves, ramp, when):
+    """Sum the bounds that the contacts of the present part are at, or nearest to, less the force of flat springs."""
+    balance = 0.0
+    for r in range(ramp.first, ramp.last):
+        i = member(model.block, curves, r)
+        c = contacts[i]
+        s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+        side = c.side if c.at != 0 else 0
+        if side == 0:
+            above, below = _slack(c, ramp, when)
+            side = 1 if above < below else -1
+        balance += c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
+        balance -= find_pull(contacts, springs, model, curves, i)
+    return balance
+
+
+@lean
+def _margin_of_part(contacts, springs, model, curves, ramp, when):
+    """Compute how close the contacts of the present part are to sliding at once, and the sum of their bounds [N]."""
+    near = total = balance = 0.0
+    free = 0
+    for r in range(ramp.first, ramp.last):
+        i = member(model.block, curves, r)
+        c = contacts[i]
+        s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+        forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
+        side = c.side if c.at != 0 else 0
+        total += forward + backward
+        if side == 0:
+            above, below = _slack(c, ramp, when)
+            side = 1 if above < below else -1
+            if c.at == 0 or c.since < s:
+                near += max(min(above, below), 0.0)
+                free += 1
+        balance += forward if side > 0 else -backward
+        balance -= find_pull(contacts, springs, model, curves, i)
+    if free < 2:
+        near = 0.0  # a single force away from its bound is the imbalance of all bounds
+    return max(near, abs(balance)), total
+
+
+@lean
+def find_margin(contacts, springs, model, curves, ramp, when):
+    """Compute how close all contacts of a part are to sliding at once, not less than its bounds are from a balance.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP.
+        when: place on the ramp, at or behind that where contacts were last advanced to.
+
+    Returns:
+        The margin of the part that is closest, relative to the friction of the part [1]; 0 without friction.
+    """
+    begin_parts(contacts, springs, model, curves, ramp)
+    n, margin = contacts.shape[0], np.inf
+    ramp.last = 0
+    while ramp.last < n:
+        begin_part(model.block, curves, ramp, n)
+        near, total = _margin_of_part(contacts, springs, model, curves, ramp, when)
+        margin = min(margin, near / total if total > 0.0 else 0.0)
+    return margin
+
+
+@inlined
+def begin_part(block, curves, ramp, n):
+    """Go on to the next part of the body.
+
+    Args:
+        block: BLOCK, with the list of parts.
+        curves: a `Curves`, or None.
+        ramp: the RAMP; its `first` and `last` become those of the part behind.
+        n: number of contacts N.
+    """
+    ramp.first = ramp.last
+    ramp.last = find_last(block, curves, ramp.first, n)
+    if not ramp.first <= ramp.witness < ramp.last:
+        ramp.witness = ramp.first
+
+
+@lean
+def sample_margin(contacts, springs, model, curves, ramp):
+    """Update the visited margin of a small body by the forces and bounds at s, unless it jumps.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP, whose margin is updated.
+    """
+    if contacts.shape[0] <= FEW_CONTACTS and not ramp.falling:
+        ramp.visited = min(ramp.visited, find_margin(contacts, springs, model, curves, ramp, ramp.s))
+
+
+@lean
+def is_critical(contacts, springs, model, curves, ramp):
+    """Determine whether all contacts of the present part stay at their bounds up to the ramp's end.
+
+    A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
+    vanishes from here on. The ends of the ramp are not used, as friction may vanish there.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP.
+
+    Returns:
+        Whether they do.
+    """
+    whole = 2.0 * ramp.friction + ramp.d_friction
+    if whole == 0.0:
+        return True
+    for part in (2.0 / 3.0, 1.0 / 3.0):  # contacts that leave their bounds are then away from them
+        s = ramp.s + part * (ramp.end - ramp.s)
+        friction = ramp.friction + (ramp.rests if ramp.falling else s) * ramp.d_friction
+        limit = CRITICAL * max(friction, 0.0) + 8.0 * EPS * whole
+        if not is_near(contacts, springs, model, curves, ramp, s, limit):
+            return False
+    return is_near(contacts, springs, model, curves, ramp, ramp.s, CRITICAL * whole)

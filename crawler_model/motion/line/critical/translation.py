@@ -1,0 +1,264 @@
+"""Critical states: all contacts of a part of the body at their bounds for a stretch, and the choice of its translation.
+
+Without bent springs the body is one part; flat springs divide it, see `parts`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import inlined, lean
+from ....rounding import CRITICAL, EPS, NOISE, SHORTEST_STRETCH
+from ..advance import advance
+from ..block import settle
+from ..ground.falls import draw_all
+from ..records import KNOT
+from ..runs import wake_all
+from ..springs.bends import find_lengths
+from .margin import begin_part, is_critical, is_near, sample_margin
+from .parts import begin_parts, find_pull, member
+
+
+@lean
+def _all_slide(contacts, block, curves, ramp):
+    """Determine whether all contacts of the present part slide, which leaves its translation to nothing."""
+    for r in range(ramp.first, ramp.last):
+        c = contacts[member(block, curves, r)]
+        if c.at == 0 or c.side == 0:
+            return False
+    return True
+
+
+@lean
+def _slope(contacts, block, curves, ramp, middle, translation):
+    """Compute the slope of the dissipation just above a translation, with the friction at `middle` [N]."""
+    slope = 0.0
+    for r in range(ramp.first, ramp.last):
+        c = contacts[member(block, curves, r)]
+        if -c.v <= translation:
+            slope += c.forward + middle * c.d_forward
+        else:
+            slope -= c.backward + middle * c.d_backward
+    return slope
+
+
+@lean
+def _find_quantile(contacts, block, curves, ramp, middle, level):
+    """Find the least translation above which the slope of the dissipation is above a level.
+
+    Candidates are the translations that bring one contact to rest; each trial removes those on one side of it.
+    """
+    low, high = -np.inf, np.inf
+    slope = _slope(contacts, block, curves, ramp, middle, -np.inf)
+    if slope > level:
+        return -np.inf
+    while True:
+        inside = 0
+        for r in range(ramp.first, ramp.last):
+            inside += low < -contacts[member(block, curves, r)].v < high
+        if inside == 0:
+            return high
+        rank, trial = inside // 2, 0.0
+        for r in range(ramp.first, ramp.last):
+            v = contacts[member(block, curves, r)].v
+            if low < -v < high:
+                trial = -v
+                rank -= 1
+                if rank < 0:
+                    break
+        slope = _slope(contacts, block, curves, ramp, middle, trial)
+        if slope > level:
+            high = trial
+        else:
+            low = trial
+
+
+@lean
+def _is_held_inside(contacts, springs, block, curves, ramp, middle, translation):
+    """Determine whether an element of a segment has friction, and ends that slide in opposite directions."""
+    for j in range(springs.shape[0]):
+        if not springs[j].element or not _is_within(springs[j], block, curves, ramp):
+            continue
+        a, b = contacts[springs[j].a], contacts[springs[j].b]
+        held = min(a.forward + middle * a.d_forward, a.backward + middle * a.d_backward) > 0.0
+        held = held and min(b.forward + middle * b.d_forward, b.backward + middle * b.d_backward) > 0.0
+        if held and (a.v + translation) * (b.v + translation) < 0.0:
+            return True
+    return False
+
+
+@inlined
+def _is_within(spring, block, curves, ramp):
+    """Determine whether both ends of a spring are in the present part."""
+    if curves is None:
+        return True
+    return block[spring.a].part == ramp.first and block[spring.b].part == ramp.first
+
+
+@lean
+def _limit(contacts, springs, block, curves, ramp, ds):
+    """Find the translations of the present part at which the flat springs at its ends stay flat for a while.
+
+    If `ds` is 0, those that are at knots must not pass them; others do not count.
+    """
+    least, most = -np.inf, np.inf
+    if curves is None:
+        return least, most
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        if spring.stiffness > 0.0 or (block[spring.a].part == ramp.first) == (block[spring.b].part == ramp.first):
+            continue
+        bend = curves.bends[spring.bend]
+        z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
+        near = 64.0 * EPS * (abs(z) + abs(length))
+        below, above = _stay_on(curves.pieces[bend.actuator], z - length, stretch - change, ds, near)
+        low, high = _stay_on(curves.pieces[bend.passive], z, stretch, ds, near)
+        below, above = max(below, low), min(above, high)
+        grows = block[spring.b].part == ramp.first
+        least, most = max(least, below if grows else -above), min(most, above if grows else -below)
+    return least, most
+
+
+@inlined
+def _stay_on(piece, length, rate, ds, near):
+    """Find what may be added to the rate of a length that is to stay on a piece for a while, from where to where."""
+    if ds > 0.0:
+        return (piece.begin - length) / ds - rate, (piece.end - length) / ds - rate
+    return -rate if length - piece.begin <= near else -np.inf, -rate if piece.end - length <= near else np.inf
+
+
+@lean
+def shift(contacts, springs, model, curves, ramp, s, until):
+    """Add to the velocities of the present part the admissible translation that is nearest to no net translation.
+
+    Its interval is kept for `note_interval`. Where contacts represent lengths of ground, an interval may be an artefact
+    of the mesh: if at its middle the two ends of an element with friction slide in opposite directions, a point at rest
+    between them determines the translation. The middle is then chosen, and the translation counts as unique.
+
+    Args:
+        contacts: CONTACT, shape (N,), at s; their velocities are changed.
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP, whose account is added to.
+        s: where the stretch begins.
+        until: where it ends; the friction in its middle counts, as it may vanish at an end.
+    """
+    net = size = total = pull = weight = 0.0
+    block = model.block
+    middle = 1.0 if ramp.stepping and curves is not None else 0.5 * (s + until)  # flat springs balance it at the end
+    for r in range(ramp.first, ramp.last):
+        i = member(block, curves, r)
+        c = contacts[i]
+        net += c.share * c.v
+        weight += c.share
+        size = max(size, abs(c.v))
+        total += (c.forward + middle * c.d_forward) + (c.backward + middle * c.d_backward)
+        pull += find_pull(contacts, springs, model, curves, i)
+    below = np.nextafter(pull - CRITICAL * total, -np.inf)
+    least = _find_quantile(contacts, block, curves, ramp, middle, below)
+    most = _find_quantile(contacts, block, curves, ramp, middle, pull + CRITICAL * total)
+    if not ramp.stepping:
+        low, high = _limit(contacts, springs, block, curves, ramp, 0.0)
+        least, most = min(max(least, low), most), max(min(most, high), least)
+    if until > s:
+        low, high = _limit(contacts, springs, block, curves, ramp, until - s)
+        least, most = min(max(least, low), most), max(min(most, high), least)
+    chosen = min(max(-net / weight if curves is not None else -net, least), most)
+    center = 0.5 * (least + most)
+    several = least < most and abs(center) < np.inf
+    if several and _is_held_inside(contacts, springs, block, curves, ramp, middle, center):
+        chosen = least = most = center
+    most_v = 0.0
+    for r in range(ramp.first, ramp.last):
+        c = contacts[member(block, curves, r)]
+        c.v += chosen
+        if abs(c.v) <= NOISE * size:
+            c.v = 0.0
+        most_v = max(most_v, abs(c.v))
+    if most - least > CRITICAL * most_v and most > least:
+        part = weight if curves is not None else 1.0
+        ramp.slower += part * (least - chosen)
+        ramp.faster += part * (most - chosen)
+
+
+@lean
+def note_interval(ramp, s, until):
+    """Add the interval of the translations that were chosen to the account, unless they last an instant.
+
+    Args:
+        ramp: the RAMP, whose account is added to.
+        s: where the stretch begins.
+        until: where it ends.
+    """
+    lasts = (until - s) * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.falling
+    if lasts and ramp.faster > ramp.slower:
+        ramp.ambiguous = 1.0
+        ramp.gain_least += ramp.slower * (until - s)
+        ramp.gain_most += ramp.faster * (until - s)
+
+
+@lean
+def choose(contacts, springs, model, curves, ramp):
+    """Choose the translation of each part that is free at s: `shifted` is then set.
+
+    All blocks are then solved at the next event.
+
+    Args:
+        contacts: CONTACT, shape (N,), with their next events.
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP.
+    """
+    n = contacts.shape[0]
+    ramp.shifted = 0
+    ramp.slower = ramp.faster = 0.0
+    begin_parts(contacts, springs, model, curves, ramp)
+    sample_margin(contacts, springs, model, curves, ramp)
+    ramp.last = 0
+    while ramp.last < n:
+        begin_part(model.block, curves, ramp, n)
+        free = ramp.undetermined and (curves is None or _all_slide(contacts, model.block, curves, ramp))
+        if not is_critical(contacts, springs, model, curves, ramp) and not free:
+            continue
+        if not ramp.shifted:
+            _begin_shift(contacts, springs, model, ramp)
+        shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
+
+
+@lean
+def _begin_shift(contacts, springs, model, ramp):
+    """Advance the body to s, and find the next event; knots of flat springs limit the translation instead."""
+    ramp.shifted = 1
+    ramp.until = ramp.end
+    wake_all(contacts, springs, model.runs, ramp)
+    draw_all(contacts, model, model.ground, ramp)
+    for i in range(contacts.shape[0]):
+        settle(contacts[i], ramp)
+        advance(contacts[i], ramp, ramp.s)
+        if contacts[i].coming != KNOT:
+            ramp.until = min(ramp.until, contacts[i].next)
+
+
+@lean
+def choose_step(contacts, springs, model, curves, ramp):
+    """Choose the translation of each part in an implicit step, if all its forces at its end are at their bounds.
+
+    Args:
+        contacts: CONTACT, shape (N,), with the rates of their forces.
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP.
+    """
+    n, end = contacts.shape[0], ramp.friction + ramp.d_friction
+    ramp.slower = ramp.faster = 0.0
+    begin_parts(contacts, springs, model, curves, ramp)
+    ramp.last = 0
+    while ramp.last < n:
+        begin_part(model.block, curves, ramp, n)
+        free = ramp.undetermined and (curves is None or _all_slide(contacts, model.block, curves, ramp))
+        if free or is_near(contacts, springs, model, curves, ramp, 1.0, CRITICAL * end):
+            shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
+    note_interval(ramp, 0.0, 1.0)

@@ -1,0 +1,311 @@
+"""Bent springs: curves of tension with knots, where the stiffness changes.
+
+A bent spring has an actuator, whose tension is a function of u = z - L, and beside it a passive spring, a function of
+z. Between knots it is linear with the stiffness in force, and all else knows it as such: `spring.stiffness` is the sum
+of both slopes, `spring.d_length` the change of a rest length that changes the tension as the command does. Where both
+are flat, the tension is constant: the spring is a load on both contacts, which ends blocks and joins nothing.
+
+At a knot the slope depends on the direction in which the spring goes on, and that on the rates of its block. A spring
+whose rate leads out of its present piece passes the knot at once, and the block is solved anew. The direction is the
+same with either slope, as tensions do not decrease, so this ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import inlined, lean
+from ....rounding import EPS, NOISE
+from ..advance import advance_spring
+
+
+@inlined
+def _tension_on(piece, length):
+    """Compute the tension at a length on the line of a piece."""
+    return piece.value + piece.slope * (length - piece.at)
+
+
+@inlined
+def _energy_on(piece, length):
+    """Compute the energy at a length on a piece."""
+    way = length - piece.at
+    return piece.energy + (piece.value + 0.5 * piece.slope * way) * way
+
+
+@inlined
+def _find_piece(pieces, p, length, direction):
+    """Find the piece at a length from another one of its curve; at a knot, the piece that the direction leads to."""
+    while length < pieces[p].begin or (length == pieces[p].begin and direction < 0.0):
+        p -= 1
+    while length > pieces[p].end or (length == pieces[p].end and direction > 0.0):
+        p += 1
+    return p
+
+
+@inlined
+def find_pieces(bend, pieces, u, z, direction):
+    """Find the present pieces of both curves of a bent spring.
+
+    Args:
+        bend: a BEND; its pieces are written.
+        pieces: PIECE, of all curves.
+        u: z - L [m].
+        z: elongation [m].
+        direction: in which u goes on from a knot, opposite to that of z; 0 if either piece will do.
+    """
+    bend.actuator = _find_piece(pieces, bend.actuator, u, direction)
+    bend.passive = _find_piece(pieces, bend.passive, z, -direction)
+
+
+@lean
+def set_stiffness(spring, bend, pieces):
+    """Make a spring linear, as it is on its present pieces.
+
+    Args:
+        spring: a SPRING.
+        bend: its BEND.
+        pieces: PIECE, of all curves.
+    """
+    actuator, passive = pieces[bend.actuator], pieces[bend.passive]
+    slope = actuator.slope
+    stiffness = slope + passive.slope
+    spring.stiffness, spring.compliance, spring.d_length, bend.share = stiffness, 0.0, 0.0, 0.0
+    if stiffness > 0.0:
+        spring.compliance = 1.0 / stiffness
+        bend.share = slope / stiffness
+        spring.d_length = bend.share * bend.command
+    other = passive.value - passive.slope * passive.at
+    bend.back = -slope * (1.0 - bend.share)
+    bend.offset = (actuator.value - slope * actuator.at) * (1.0 - bend.share) - bend.share * other
+    if slope == 0.0:
+        bend.back, bend.offset = 0.0, actuator.value
+
+
+@lean
+def begin_bend(spring, curves):
+    """Begin the ramp of a spring: its stiffness, and how its tension changes with the command.
+
+    Args:
+        spring: a SPRING; `d_length` is the change of its command.
+        curves: a `Curves`, or None.
+    """
+    if curves is None:
+        return
+    if spring.bend < 0:
+        return
+    bend = curves.bends[spring.bend]
+    bend.command, bend.excess, bend.next = spring.d_length, 0.0, np.inf
+    find_pieces(bend, curves.pieces, spring.elongation - spring.length, spring.elongation, -bend.command)
+    set_stiffness(spring, bend, curves.pieces)
+
+
+@inlined
+def energy_of(spring, curves):
+    """Compute the energy of a spring at the end of a ramp.
+
+    Args:
+        spring: a SPRING, with its tension, elongation and length.
+        curves: a `Curves`, or None.
+
+    Returns:
+        The energy [J].
+    """
+    if curves is None:
+        return 0.5 * spring.tension * spring.tension * spring.compliance
+    if spring.bend < 0:
+        return 0.5 * spring.tension * spring.tension * spring.compliance
+    bend = curves.bends[spring.bend]
+    u = spring.elongation - spring.length
+    find_pieces(bend, curves.pieces, u, spring.elongation, 0.0)
+    return _energy_on(curves.pieces[bend.actuator], u) + _energy_on(curves.pieces[bend.passive], spring.elongation)
+
+
+@lean
+def _tension_of(bend, pieces, u, z):
+    """Compute the tension of a bent spring from its lengths."""
+    find_pieces(bend, pieces, u, z, 0.0)
+    return _tension_on(pieces[bend.actuator], u) + _tension_on(pieces[bend.passive], z)
+
+
+@inlined
+def leash_of(contacts, spring, ramp):
+    """Compute by how much a tension may differ from that of its elongation, for the rounding of displacements.
+
+    Args:
+        contacts: CONTACT, shape (N,), advanced.
+        spring: a SPRING.
+        ramp: the RAMP.
+
+    Returns:
+        The difference [N].
+    """
+    return 32.0 * EPS * spring.stiffness * (abs(contacts[spring.a].x) + abs(contacts[spring.b].x) + ramp.span)
+
+
+@lean
+def finish_bend(contacts, spring, curves, ramp, length):
+    """Advance a spring to the end of what was followed of a ramp, if it is bent.
+
+    Args:
+        contacts: CONTACT, shape (N,), advanced to there.
+        spring: a SPRING; its tension is kept as near to that of its lengths as rounding allows.
+        curves: a `Curves`, or None.
+        ramp: the RAMP, whose account is added to.
+        length: L at the end of the ramp [m].
+
+    Returns:
+        Whether the spring is bent.
+    """
+    if curves is None:
+        return False
+    if spring.bend < 0:
+        return False
+    bend, pieces = curves.bends[spring.bend], curves.pieces
+    a, b = contacts[spring.a], contacts[spring.b]
+    z = (b.x - a.x) + (b.rest - a.rest)
+    before = spring.elongation - spring.length
+    if not ramp.stepping:
+        advance_spring(spring, curves, ramp, ramp.s)
+    spring.length = length if ramp.s == 1.0 else spring.length + ramp.s * bend.command
+    if ramp.stepping:
+        _account_step(spring, bend, pieces, ramp, before, z)
+    u, leash = z - spring.length, leash_of(contacts, spring, ramp)
+    if z == spring.elongation:
+        change = _tension_of(bend, pieces, u, z) - _tension_of(bend, pieces, z - spring.still_length, z)
+        spring.tension = spring.still_tension + change
+    else:
+        tension = _tension_of(bend, pieces, u, z)
+        spring.tension = min(max(spring.tension, tension - leash), tension + leash)
+        if ramp.stepping:
+            spring.tension = tension
+        spring.elongation = z
+        spring.still_tension, spring.still_length = spring.tension, spring.length
+    return True
+
+
+@lean
+def _account_step(spring, bend, pieces, ramp, before, z):
+    """Account for the work of an actuator in an implicit step, in which u goes straight from `before` to its end."""
+    find_pieces(bend, pieces, before, spring.elongation, 0.0)
+    energy, tension = _energy_on(pieces[bend.actuator], before), _tension_on(pieces[bend.actuator], before)
+    u = z - spring.length
+    if u != before:
+        find_pieces(bend, pieces, u, z, 0.0)
+        tension = (_energy_on(pieces[bend.actuator], u) - energy) / (u - before)
+    ramp.work -= tension * bend.command
+
+
+@inlined
+def is_flat(spring, curves):
+    """Determine whether the tension of a spring is constant, so that it joins nothing.
+
+    Args:
+        spring: a SPRING.
+        curves: a `Curves`, or None.
+
+    Returns:
+        Whether it is.
+    """
+    if curves is None:
+        return False
+    return spring.stiffness == 0.0
+
+
+@inlined
+def _gained(c, ramp):
+    """Find what a contact has gained since it was last advanced, and its present velocity."""
+    if ramp.falling and c.since >= 0.0:
+        return c.v * (ramp.rests - c.since), 0.0
+    return c.v * (ramp.s - c.since), c.v
+
+
+@inlined
+def find_lengths(contacts, spring, bend, ramp):
+    """Find the elongations of a bent spring at s and their rates.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        spring: a SPRING.
+        bend: its BEND.
+        ramp: the RAMP.
+
+    Returns:
+        z [m], L [m], and their rates [m].
+    """
+    a, b = contacts[spring.a], contacts[spring.b]
+    way_a, v_a = _gained(a, ramp)
+    way_b, v_b = _gained(b, ramp)
+    z = (b.x - a.x) + ((b.rest + way_b) - (a.rest + way_a))
+    length = spring.length + (ramp.rests if ramp.falling else ramp.s) * bend.command
+    change = 0.0 if ramp.falling else bend.command
+    stretch = v_b - v_a
+    if abs(stretch) <= NOISE * (abs(v_a) + abs(v_b)):
+        stretch = 0.0
+    return z, length, stretch, change
+
+
+@inlined
+def _reach(piece, length, rate):
+    """Compute how long a length takes to the end of its piece that its rate leads to; infinite if it does not move."""
+    if rate == 0.0:
+        return np.inf
+    return max(((piece.end if rate > 0.0 else piece.begin) - length) / rate, 0.0)
+
+
+@inlined
+def _find_flat(pieces, p, length, rate, near):
+    """Find at which end of its piece a curve rests, if it is flat behind it: 1, -1 or 0."""
+    if rate != 0.0 or pieces[p].slope == 0.0:
+        return 0
+    if pieces[p].end - length <= near and pieces[p + 1].slope == 0.0:
+        return 1
+    return -1 if length - pieces[p].begin <= near and pieces[p - 1].slope == 0.0 else 0
+
+
+@lean
+def _find_yielding(bend, pieces, z, length, rate, stretch):
+    """Find whether a spring rests at knots behind which it is flat: what moves may then move with it or without it.
+
+    The flat side knows both.
+
+    Returns:
+        The knot to pass, as `coming`; 0 if there is none.
+    """
+    near = 64.0 * EPS * (abs(z) + abs(length))
+    first = _find_flat(pieces, bend.actuator, z - length, rate, near)
+    other = _find_flat(pieces, bend.passive, z, stretch, near)
+    if (first == 0 and pieces[bend.actuator].slope > 0.0) or (other == 0 and pieces[bend.passive].slope > 0.0):
+        return 0
+    return first if first != 0 else 2 * other
+
+
+@lean
+def find_knot(contacts, spring, curves, ramp):
+    """Find when a bent spring comes to its next knot.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        spring: a SPRING that is bent.
+        curves: a `Curves`.
+        ramp: the RAMP.
+
+    Returns:
+        The place on the ramp; infinite if it comes to none.
+    """
+    bend = curves.bends[spring.bend]
+    z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
+    rate = stretch - change
+    if abs(rate) <= NOISE * (abs(stretch) + abs(change)):
+        rate = 0.0
+    first = _reach(curves.pieces[bend.actuator], z - length, rate)
+    other = _reach(curves.pieces[bend.passive], z, stretch)
+    bend.coming = 1 if rate > 0.0 else -1
+    if other < first:
+        first = other
+        bend.coming = 2 if stretch > 0.0 else -2
+    if first > 0.0 and spring.stiffness > 0.0 and (change != 0.0 or stretch != 0.0):
+        way = _find_yielding(bend, curves.pieces, z, length, rate, stretch)
+        if way != 0:
+            first, bend.coming = 0.0, way
+    bend.next = ramp.s + first
+    return bend.next

@@ -1,0 +1,310 @@
+"""Bent springs that pass knots, and contacts that only flat pieces of them hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import inlined, lean
+from ....rounding import EPS
+from ..advance import advance, advance_spring, move
+from ..block import list_contact, settle
+from ..critical.parts import begin_parts, find_last, member
+from ..ground.falls import draw, draw_spring
+from ..timing import find_next
+from ..tournament import schedule
+from .bends import find_lengths, find_pieces, is_flat, set_stiffness
+
+_MOST_TOGETHER = 20
+"""Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""
+
+
+@lean
+def _pass_knot(contacts, spring, ground, curves, ramp):
+    """Let a spring that is at a knot go on on its next piece."""
+    bend = curves.bends[spring.bend]
+    draw_spring(spring, curves, ground, ramp)
+    advance_spring(spring, curves, ramp, ramp.s)
+    stiffness, before = spring.stiffness, spring.stiffness * spring.d_length
+    if abs(bend.coming) == 1:
+        bend.actuator += bend.coming
+    else:
+        bend.passive += bend.coming // 2
+    bend.next = np.inf
+    set_stiffness(spring, bend, curves.pieces)
+    change = before - spring.stiffness * spring.d_length
+    contacts[spring.a].pull += change
+    contacts[spring.b].pull -= change
+    _, _, stretch, _ = find_lengths(contacts, spring, bend, ramp)
+    spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
+    if stiffness == 0.0 or spring.stiffness == 0.0:
+        ramp.parted = 0
+
+
+@lean
+def pass_knots(contacts, springs, model, curves, ramp, i, count):
+    """Let the springs that begin at a contact pass the knots that they are at; the contacts of both ends are listed.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP.
+        i: the contact.
+        count: how many contacts are listed.
+
+    Returns:
+        How many are listed now.
+    """
+    if curves is None:
+        return count
+    for k in range(contacts[i].first, contacts[i].last):
+        spring = springs[model.ends[k].spring]
+        if model.ends[k].sign > 0.0 and spring.bend >= 0 and curves.bends[spring.bend].next <= ramp.s:
+            ramp.passed += 1
+            _pass_knot(contacts, spring, model.ground, curves, ramp)
+            settle(contacts[spring.b], ramp)
+            count = list_contact(contacts, model.block, spring.b, count)
+            if passes_singly(curves, ramp):
+                break
+    return count
+
+
+@inlined
+def passes_singly(curves, ramp):
+    """Determine whether knots at one place on the ramp are passed one after another: together they have led to no end.
+
+    Args:
+        curves: a `Curves`, or None.
+        ramp: the RAMP.
+
+    Returns:
+        Whether they are.
+    """
+    if curves is None:
+        return False
+    return ramp.passed > _MOST_TOGETHER
+
+
+@lean
+def time_knots(contacts, springs, model, curves, ramp, count):
+    """Find anew when springs between a solved block and other contacts, at which they begin, come to knots.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP.
+        count: number of rows of the block.
+    """
+    if curves is None:
+        return
+    for j in range(count):
+        c = contacts[model.block[j].contact]
+        for k in range(c.first, c.last):
+            end = model.ends[k]
+            o = contacts[end.other]
+            if end.sign < 0.0 and o.mark != c.mark and springs[end.spring].bend >= 0:
+                time_contact(contacts, springs, model, ramp, end.other)
+
+
+@lean
+def time_contact(contacts, springs, model, ramp, i):
+    """Advance a contact to s, and find its next event anew.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        ramp: the RAMP.
+        i: the contact.
+    """
+    if ramp.falling:
+        draw(contacts, model, model.ground, ramp, i)
+    settle(contacts[i], ramp)
+    advance(contacts[i], ramp, ramp.s)
+    schedule(contacts, i, find_next(contacts, springs, model, ramp, i), ramp.begun)
+
+
+@lean
+def _find_slack(spring, bend, pieces, direction):
+    """Find how far the elongation of a flat spring can grow (or shrink) until it is at a knot, and just beyond [m]."""
+    z, u = spring.elongation, spring.elongation - spring.length
+    actuator, passive = pieces[bend.actuator], pieces[bend.passive]
+    way = min(actuator.end - u, passive.end - z) if direction > 0.0 else min(u - actuator.begin, z - passive.begin)
+    return max(way, 0.0) + 4.0 * EPS * (abs(z) + abs(spring.length) + max(way, 0.0))
+
+
+@lean
+def slide_to_knot(contacts, springs, model, curves, ramp):
+    """Slide contacts that only flat springs hold, and these no longer, to the next knot of one of them.
+
+    The commands rest, and all forces: the springs pay what friction takes.
+
+    Args:
+        contacts: CONTACT, shape (N,), at the end of what was followed of the ramp.
+        springs: SPRING, shape (S,), likewise.
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP; `loose` is one of the contacts.
+
+    Returns:
+        Whether there is such a knot.
+    """
+    if curves is None or ramp.loose == 0:
+        return False
+    direction, loose = (1.0 if ramp.loose > 0 else -1.0), abs(ramp.loose) - 1
+    begin_parts(contacts, springs, model, curves, ramp)
+    block, first = model.block, model.block[loose].part
+    last = find_last(model.block, curves, first, contacts.shape[0])
+    distance = np.inf
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        if block[spring.a].part != block[spring.b].part and first in (block[spring.a].part, block[spring.b].part):
+            side = direction if block[spring.b].part == first else -direction
+            distance = min(distance, _find_slack(spring, curves.bends[spring.bend], curves.pieces, side))
+    if distance == np.inf:
+        return False
+    for r in range(first, last):
+        c = contacts[member(block, curves, r)]
+        ramp.dissipation += (c.forward if direction > 0.0 else c.backward) * distance
+        ramp.loads_work += c.load * direction * distance
+        move(c, direction * distance)
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        if is_flat(spring, curves):
+            a, b = contacts[spring.a], contacts[spring.b]
+            spring.elongation = (b.x - a.x) + (b.rest - a.rest)
+            spring.still_tension, spring.still_length = spring.tension, spring.length
+    return True
+
+
+@lean
+def _set_step(contacts, spring, bend, curves, ramp):
+    """Let the tension at the start of an implicit step be that on the lines of the present pieces."""
+    pieces, u, stiffness = curves.pieces, spring.elongation - spring.length, spring.stiffness
+    actuator, passive = pieces[bend.actuator], pieces[bend.passive]
+    held = actuator.value + actuator.slope * (u - actuator.at)
+    held += passive.value + passive.slope * (spring.elongation - passive.at)
+    change = held - spring.tension
+    before = spring.stiffness * spring.d_length
+    set_stiffness(spring, bend, pieces)
+    pull = before - spring.stiffness * spring.d_length
+    if stiffness == 0.0 or spring.stiffness == 0.0:
+        ramp.parted = 0
+    bend.excess += change
+    spring.tension += change
+    spring.rate = 0.0
+    contacts[spring.a].force += change
+    contacts[spring.b].force -= change
+    contacts[spring.a].pull += pull
+    contacts[spring.b].pull -= pull
+
+
+@inlined
+def _is_on(piece, length, near):
+    """Determine whether a length is on a piece, within rounding."""
+    return piece.begin - near <= length <= piece.end + near
+
+
+@lean
+def change_pieces(contacts, springs, curves, ramp, one_only):
+    """Find the pieces on which bent springs are at the end of an implicit step that has been solved.
+
+    Args:
+        contacts: CONTACT, shape (N,), with their displacements as velocities.
+        springs: SPRING, shape (S,).
+        curves: a `Curves`.
+        ramp: the RAMP.
+        one_only: whether only the last spring changes that has to, by Murty's rule.
+
+    Returns:
+        Whether some have changed, so that the step has to be solved anew.
+    """
+    changed = False
+    for j in range(springs.shape[0] - 1, -1, -1):
+        spring = springs[j]
+        if spring.bend < 0 or (changed and one_only):
+            continue
+        bend = curves.bends[spring.bend]
+        z = spring.elongation + (contacts[spring.b].v - contacts[spring.a].v)
+        u = z - (spring.length + ramp.part * bend.command)
+        actuator, passive = bend.actuator, bend.passive
+        near = 64.0 * EPS * (abs(contacts[spring.a].x) + abs(contacts[spring.b].x) + abs(z) + abs(u))
+        if _is_on(curves.pieces[actuator], u, near) and _is_on(curves.pieces[passive], z, near):
+            continue
+        find_pieces(bend, curves.pieces, u, z, 0.0)
+        if one_only:
+            bend.actuator = actuator + min(max(bend.actuator - actuator, -1), 1)
+            bend.passive = passive + min(max(bend.passive - passive, -1), 1)
+        if bend.actuator != actuator or bend.passive != passive:
+            changed = True
+            _set_step(contacts, spring, bend, curves, ramp)
+    return changed
+
+
+@lean
+def tighten(contacts, springs, model, curves, ramp):
+    """Let the flat spring of a part that has no solution in an implicit step go on to its next piece.
+
+    The part slides as far as it needs to, so the spring that is the first to come to a knot is not flat at the end.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`.
+        ramp: the RAMP; `loose` is a contact of the part.
+
+    Returns:
+        Whether there is such a spring.
+    """
+    if ramp.loose == 0:
+        return False
+    begin_parts(contacts, springs, model, curves, ramp)
+    block, pieces = model.block, curves.pieces
+    first, nearest, found, coming = block[abs(ramp.loose) - 1].part, np.inf, -1, 0
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        if (block[spring.a].part == first) == (block[spring.b].part == first):
+            continue
+        bend = curves.bends[spring.bend]
+        z, u = spring.elongation, spring.elongation - (spring.length + ramp.part * bend.command)
+        grows = (block[spring.b].part == first) == (ramp.loose > 0)
+        actuator, passive = pieces[bend.actuator], pieces[bend.passive]
+        way = actuator.end - u if grows else u - actuator.begin
+        other = passive.end - z if grows else z - passive.begin
+        if min(way, other) < nearest:
+            nearest, found, coming = min(way, other), j, (1 if grows else -1) * (1 if way <= other else 2)
+    if found < 0:
+        return False
+    bend = curves.bends[springs[found].bend]
+    if abs(coming) == 1:
+        bend.actuator += coming
+    else:
+        bend.passive += coming // 2
+    _set_step(contacts, springs[found], bend, curves, ramp)
+    return True
+
+
+@lean
+def end_step(contacts, springs, curves):
+    """Return the tensions and forces at the start of an implicit step to what they are, with rates to those at its end.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        curves: a `Curves`, or None.
+    """
+    if curves is None:
+        return
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        if spring.bend >= 0:
+            excess = curves.bends[spring.bend].excess
+            spring.tension -= excess
+            spring.rate += excess
+            contacts[spring.a].force -= excess
+            contacts[spring.b].force += excess
+            curves.bends[spring.bend].excess = 0.0

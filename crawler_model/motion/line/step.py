@@ -1,0 +1,109 @@
+"""A ramp in one implicit step."""
+
+from __future__ import annotations
+
+from ...compiled import lean, merged
+from .critical.parts import begin_parts, find_last, find_pull
+from .critical.translation import choose_step
+from .events import solve_around
+from .records import BACKWARD, FORWARD
+from .springs.knots import change_pieces, end_step, tighten
+
+MOST_TURNS = 30
+"""Solutions of an implicit step with pieces of curves that lead to others, before they are changed one by one."""
+_SMALLEST_PART = 2.0**-20
+"""Part of the commands of an implicit step below which the search for its solution is not divided any more."""
+
+
+@lean
+def _keep_step(contacts, springs, model, count):
+    """Note which contacts of a solved block slide in an implicit step, and the forces at its end."""
+    for j in range(count):
+        e = model.block[j]
+        c = contacts[e.contact]
+        c.side = e.side
+        c.force_rate = e.force + find_pull(contacts, springs, model, model.curves, e.contact)
+        c.at = FORWARD if e.side > 0 else (BACKWARD if e.side < 0 else 0)
+        if e.side != 0 and e.upper == e.lower:
+            c.at = FORWARD | BACKWARD
+
+
+@lean
+def _solve_step(contacts, springs, model, curves, ramp):
+    """Solve for the part of an implicit step that `ramp.part` tells; returns False if no solution was found.
+
+    Flat springs divide the body, and each part is solved alone. Where the solution leads bent springs beyond knots, it
+    is solved anew with their pieces there (Newton's method for a piecewise linear function).
+    """
+    n = contacts.shape[0]
+    ramp.undetermined = 0
+    if curves is None:
+        if not solve_around(contacts, springs, model, ramp, n - 1):
+            return False
+        _keep_step(contacts, springs, model, n)
+        return True
+    for turn in range(MOST_TURNS + 10 * springs.shape[0]):
+        if not _solve_parts(contacts, springs, model, curves, ramp):
+            if not tighten(contacts, springs, model, curves, ramp):
+                return False
+        elif not change_pieces(contacts, springs, curves, ramp, turn >= MOST_TURNS):
+            return True
+    return False
+
+
+@lean
+def _solve_parts(contacts, springs, model, curves, ramp):
+    """Solve an implicit step for each part of the body in turn; returns False if one has no solution."""
+    n, block, r = contacts.shape[0], model.block, 0
+    begin_parts(contacts, springs, model, curves, ramp)
+    ramp.loose = ramp.undetermined = 0
+    while r < n:
+        i = block[r].member
+        r = find_last(block, curves, r, n)
+        if not solve_around(contacts, springs, model, ramp, i):
+            return False
+        _keep_step(contacts, springs, model, ramp.rows)
+    return True
+
+
+@merged
+def take_step(contacts, springs, model, ramp):
+    """Take an implicit step from the start to the end of a ramp.
+
+    It is solved for all commands at once or, failing that, for parts of them, each from the solution before: from one
+    part to the next, few contacts begin or cease to slide. A part for which the search makes no progress is halved; the
+    whole is then solved once more, from its own solution, which takes rounding away.
+
+    Args:
+        contacts: CONTACT, shape (N,), changed in place.
+        springs: SPRING, shape (S,), likewise.
+        model: a `Model`.
+        ramp: the RAMP; at the end `s` is 1, to which contacts and springs have yet to advance.
+
+    Returns:
+        Whether it has a solution.
+    """
+    solved, step, divided = 0.0, 1.0, False
+    ramp.stepping = 1
+    while solved < 1.0:
+        ramp.part = min(solved + step, 1.0)
+        ramp.hurries = step > _SMALLEST_PART
+        if _solve_step(contacts, springs, model, model.curves, ramp):
+            if divided and ramp.part == 1.0:
+                divided = False
+            else:
+                solved, step = ramp.part, 2.0 * step
+        elif ramp.hurries and ramp.effort <= ramp.budget:
+            step, divided = 0.5 * step, True
+            if solved == 0.0:
+                for i in range(contacts.shape[0]):
+                    contacts[i].v = 0.0
+        else:
+            end_step(contacts, springs, model.curves)
+            return False
+    for i in range(contacts.shape[0]):
+        contacts[i].force_rate -= contacts[i].force
+    choose_step(contacts, springs, model, model.curves, ramp)
+    end_step(contacts, springs, model.curves)
+    ramp.s = 1.0
+    return True

@@ -1,0 +1,104 @@
+"""The next event of a contact: its force reaches a bound, it reaches a border, or a spring that begins at it a knot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiled import inlined
+from ...rounding import EPS, LATE
+from .ground.borders import find_meeting
+from .records import BACKWARD, FORWARD, KNOT
+from .springs.bends import find_knot
+
+
+@inlined
+def find_arrival(c, springs, ends, ramp):
+    """Find when a contact reaches a bound that its force is not at.
+
+    Args:
+        c: a CONTACT at s; `coming` is written.
+        springs: SPRING, shape (S,).
+        ends: END, shape (2 S,).
+        ramp: the RAMP.
+
+    Returns:
+        The place on the ramp; infinite if it reaches none.
+    """
+    s, when, closing = ramp.s, np.inf, 0.0
+    above = c.force_rate - c.d_forward
+    below = -c.force_rate - c.d_backward
+    if above > 0.0 and not c.at & FORWARD:
+        when, closing = s + max(c.forward + s * c.d_forward - c.force, 0.0) / above, above
+        c.coming = FORWARD
+    if below > 0.0 and not c.at & BACKWARD:
+        other = s + max(c.backward + s * c.d_backward + c.force, 0.0) / below
+        if other < when:
+            when, closing = other, below
+            c.coming = BACKWARD
+    if ramp.end - (1.0 - LATE) < when < ramp.end:  # an arrival within rounding of the end of the ramp is one at its end
+        size = abs(c.forward) + abs(c.backward) + abs(c.d_forward) + abs(c.d_backward)
+        for k in range(c.first, c.last):
+            spring = springs[ends[k].spring]
+            size += abs(spring.tension) + abs(spring.rate)
+        if closing * (ramp.end - when) <= 8.0 * EPS * size:
+            return ramp.end
+    return when
+
+
+@inlined
+def _find_knots(contacts, c, springs, ends, curves, ramp, when):
+    """Find when a spring that begins at contact c comes to a knot, if that is before another event at `when`."""
+    if curves is None:
+        return when
+    for k in range(c.first, c.last):
+        spring = springs[ends[k].spring]
+        if ends[k].sign > 0.0 and spring.bend >= 0:
+            knot = find_knot(contacts, spring, curves, ramp)
+            if knot < when:
+                when = knot
+                c.coming = KNOT
+    return when
+
+
+@inlined
+def find_next(contacts, springs, model, ramp, i):
+    """Find the next event of a contact whose rates are known.
+
+    Args:
+        contacts: CONTACT, shape (N,); `coming` of contact i, which is at s, is written.
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        ramp: the RAMP.
+        i: the contact.
+
+    Returns:
+        The place on the ramp; infinite if there is none.
+    """
+    c = contacts[i]
+    when = find_meeting(c, model.ground, i)
+    if c.side == 0 or c.d_forward + c.d_backward < 0.0:
+        border = c.coming
+        other = find_arrival(c, springs, model.ends, ramp)
+        if other < when:
+            when = other
+        else:
+            c.coming = border
+    return _find_knots(contacts, c, springs, model.ends, model.curves, ramp, when)
+
+
+@inlined
+def find_next_of_wall(contacts, springs, model, ramp, i):
+    """Find the next event of a contact at rest inside its bounds, as `find_next` does.
+
+    Args:
+        contacts: CONTACT, shape (N,); `coming` of contact i, which is at s, is written.
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        ramp: the RAMP.
+        i: the contact.
+
+    Returns:
+        The place on the ramp; infinite if there is none.
+    """
+    when = find_arrival(contacts[i], springs, model.ends, ramp)
+    return _find_knots(contacts, contacts[i], springs, model.ends, model.curves, ramp, when)

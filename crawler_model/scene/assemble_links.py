@@ -1,0 +1,163 @@
+"""Assemble what links and segments have beside a stiffness: curves, limits of tension, passive springs and stops."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ..arrays import frozen, spread
+from ..body.body import Body
+from ..body.build import MOST_SPAN
+from ..body.curves import Bend, Curve, line, through
+from ..errors import SceneError
+from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, TensionPart
+from .parts import BodyPart, SegmentPart
+
+
+def list_links(parts: BodyPart) -> tuple[LinkPart, ...] | LinksPart | None:
+    """Check that either all entries of a list of links name their ends, or none does.
+
+    Args:
+        parts: the body.
+
+    Returns:
+        Its links.
+
+    Raises:
+        SceneError: if some do and some do not, or there are too few or too many for the chain of neighbours.
+    """
+    if isinstance(parts.links, tuple):
+        joined = [link.between is not None for link in parts.links]
+        if any(joined) and not all(joined):
+            raise SceneError(
+                f"body.links.{joined.index(False)}.between: missing; give it for every link, or for none for the chain "
+                "of neighbours"
+            )
+        count = len(parts.contacts) + len(parts.segments) - 1
+        if not any(joined) and len(joined) != count:
+            raise SceneError(f"body.links: {len(joined)} entries; the chain of neighbours has {count} link(s)")
+    return parts.links
+
+
+def assemble_bends(parts: BodyPart, body: Body) -> Body:
+    """Bend the springs of a body as its parts demand.
+
+    Args:
+        parts: the parts of the body.
+        body: the body on a line with linear springs.
+
+    Returns:
+        The body; the same one if all its springs are linear.
+
+    Raises:
+        SceneError: if a spring has no stiffness at any length, or stops do not fit; the message names it.
+    """
+    if not parts.is_bent:
+        return body
+    bends = _bend_links(parts, body)
+    for place, part in enumerate(parts.segments):
+        bends += _bend_segment(part, body, place)
+    bends.sort(key=lambda bend: bend.spring)
+    stiffness = np.array(body.stiffness)
+    for bend in bends:
+        stiffness[bend.spring] = bend.stiffness
+    slopes = np.concatenate([stiffness, *(curve.slopes for bend in bends for curve in (bend.actuator, bend.passive))])
+    rising = slopes[slopes > 0.0]
+    if rising.max() > MOST_SPAN * rising.min():
+        raise SceneError(
+            f"body.links: slopes of {rising.min():g} to {rising.max():g} N/m; the largest may be at most "
+            f"{MOST_SPAN:.0e} times the smallest, or rounding would decide how the softest moves"
+        )
+    return dataclasses.replace(body, stiffness=frozen(stiffness), bends=tuple(bends))
+
+
+def _bend_segment(part: SegmentPart, body: Body, place: int) -> list[Bend]:
+    """Bend the elements of a segment, whose curves are over the strain."""
+    if not part.is_bent:
+        return []
+    where, segment = f"body.segments.{place}", body.segments[place]
+    passive = _passive(part.passive, where, None).stretched(segment.element)
+    bends = []
+    for spring in range(segment.springs.start, segment.springs.stop):
+        if part.curve is not None:
+            curve = _curve(part.curve).stretched(segment.element)
+        else:
+            curve = line(0.0 if part.stiffness is None else float(body.stiffness[spring]))
+        bends.append(_bend(spring, _actuator(curve, part.tension), passive, where))
+    return bends
+
+
+def _bend_links(parts: BodyPart, body: Body) -> list[Bend]:
+    links, count = parts.links, body.link_springs.size
+    if links is None:
+        return []
+    alike = isinstance(links, LinksPart)
+    each: tuple[LinksPart | LinkPart, ...] = (links,) * count if isinstance(links, LinksPart) else links
+    bends = []
+    for i, (link, spring) in enumerate(zip(each, body.link_springs.tolist(), strict=True)):
+        if link.is_bent:
+            where = "body.links" if alike else f"body.links.{i}"
+            stiffness = 0.0 if link.stiffness is None else float(body.stiffness[spring])
+            curve = line(stiffness) if link.curve is None else _curve(link.curve)
+            actuator = _actuator(curve, link.tension)
+            passive = _passive(link.passive, where, _touching(parts, body, spring))
+            bends.append(_bend(spring, actuator, passive, where))
+    return bends
+
+
+def _bend(spring: int, actuator: Curve, passive: Curve, where: str) -> Bend:
+    bend = Bend(spring, actuator, passive)
+    if not bend.stiffness > 0.0:
+        raise SceneError(f"{where}: its tension is the same at all lengths; a spring needs a stiffness > 0 somewhere")
+    return bend
+
+
+def _curve(part: CurvePart) -> Curve:
+    return through(part.elongation, part.tension)
+
+
+def _actuator(curve: Curve, limits: TensionPart | None) -> Curve:
+    if limits is None:
+        return curve
+    least = -np.inf if limits.least is None else limits.least
+    return curve.clamped(least, np.inf if limits.most is None else limits.most)
+
+
+def _passive(part: PassivePart | None, where: str, touching: float | str | None) -> Curve:
+    """Build the curve of a passive spring and its stops; `touching` is where two contacts touch, or why they do not."""
+    if part is None:
+        return line(0.0)
+    curve = line(part.stiffness or 0.0) if part.curve is None else _curve(part.curve)
+    stops = part.stops
+    if stops is None:
+        return curve
+    shortest = stops.shortest
+    if shortest == "contact":
+        if not isinstance(touching, float):
+            raise SceneError(f"{where}.passive.stops.shortest: contact; {touching or 'only two contacts can touch'}")
+        if stops.longest is not None and touching > stops.longest:
+            raise SceneError(
+                f"{where}.passive.stops.longest: {stops.longest:g} m; the contacts touch at {touching:g} m already"
+            )
+        shortest = touching
+    for at, first, last in ((shortest, stops.stiffness, 0.0), (stops.longest, 0.0, stops.stiffness)):
+        if at is not None:
+            curve = curve + Curve(np.array([float(at)]), np.zeros(1), first, last)
+    return curve
+
+
+def _touching(parts: BodyPart, body: Body, spring: int) -> float | str:
+    """Compute the elongation at which the two contacts of a spring touch [m], or the reason why there is none."""
+    place = {int(contact): i for i, contact in enumerate(body.isolated)}
+    a, b = (int(contact) for contact in body.ends[spring])
+    if a not in place or b not in place:
+        return "the link ends at a segment, which has no radius; give a number"
+    if parts.radius is None:
+        return "give `body.radius`, the radius of the contacts"
+    radius = spread(parts.radius, len(parts.contacts), "body.radius", "contact")
+    distance = float(body.position[b] - body.position[a])
+    reach = float(radius[place[a]] + radius[place[b]])
+    if reach > distance:
+        return f"contacts {place[a]} and {place[b]}, {distance:g} m apart, overlap: their radii sum to {reach:g} m"
+    return reach - distance

@@ -1,0 +1,175 @@
+"""The parts of a scene that hold springs and actuators: links, and what segments share with them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Tag, model_validator
+
+from .friction_parts import Number, Numbers, Part, key
+
+
+class CurvePart(Part):
+    """A tension that was measured: straight between the knots, and on beyond them with the slopes of both ends."""
+
+    elongation: Annotated[
+        tuple[Number, ...],
+        key("The knots, at least two, strictly increasing; along segments strains.", "m, 1"),
+    ]
+    tension: Annotated[tuple[Number, ...], key("The tension at each knot; it must not decrease.", "N")]
+
+    @model_validator(mode="after")
+    def _rises(self) -> CurvePart:
+        at, value = self.elongation, self.tension
+        if len(at) != len(value) or len(at) < 2:
+            raise ValueError(
+                f"elongation: {len(at)} knot(s) for {len(value)} value(s) of `tension`; give one each, at least two"
+            )
+        for i in range(1, len(at)):
+            if at[i] == at[i - 1]:
+                raise ValueError(
+                    f"elongation: {at[i]:g} twice, with tensions of {value[i - 1]:g} N and {value[i]:g} N; "
+                    "knots must be strictly increasing"
+                )
+            if at[i] < at[i - 1]:
+                raise ValueError(
+                    f"elongation: {at[i]:g} follows {at[i - 1]:g}; knots must be sorted, strictly increasing"
+                )
+            if value[i] < value[i - 1]:
+                raise ValueError(
+                    f"tension: it falls from {value[i - 1]:g} N at {at[i - 1]:g} to {value[i]:g} N at {at[i]:g}; "
+                    "a tension must not decrease with elongation"
+                )
+        return self
+
+
+class TensionPart(Part):
+    """The range of tensions that an actuator reaches: below and above it yields."""
+
+    least: Annotated[Number | None, key("Least tension: 0 for a tendon, which goes slack. Default: none.", "N")] = None
+    most: Annotated[Number | None, key("Largest tension, at which a motor stalls. Default: none.", "N")] = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> TensionPart:
+        if self.least is not None and self.most is not None and self.least > self.most:
+            raise ValueError(f"least: {self.least:g} N; it must not be above `most`, {self.most:g} N")
+        return self
+
+
+class StopsPart(Part):
+    """Mechanical stops: no force between them, a stiff spring beyond."""
+
+    shortest: Annotated[
+        Number | Literal["contact"] | None,
+        key(
+            "Least elongation that is free, of segments a strain; `contact`: where the two contacts of a link touch, "
+            "which needs `body.radius`. Default: none.",
+            "m, 1",
+        ),
+    ] = None
+    longest: Annotated[Number | None, key("Largest elongation that is free. Default: none.", "m, 1")] = None
+    stiffness: Annotated[Number, key("Stiffness of the stops, of segments a modulus.", "N/m, N", exclusiveMinimum=0)]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> StopsPart:
+        if self.shortest is None and self.longest is None:
+            raise ValueError("give `shortest`, `longest` or both")
+        if not self.stiffness > 0.0:
+            raise ValueError(f"stiffness: {self.stiffness:g}; it must be > 0")
+        if isinstance(self.shortest, float) and self.longest is not None and self.shortest > self.longest:
+            raise ValueError(f"shortest: {self.shortest:g}; it must not be above `longest`, {self.longest:g}")
+        return self
+
+
+class PassivePart(Part):
+    """A passive spring beside the actuator, over the elongation z itself."""
+
+    stiffness: Annotated[
+        Number | None, key("Stiffness, of segments a modulus; or give a `curve`.", "N/m, N", minimum=0)
+    ] = None
+    curve: Annotated[CurvePart | None, key("Tension over the elongation, instead of `stiffness`.")] = None
+    stops: Annotated[StopsPart | None, key("Mechanical stops, beside a spring or alone.")] = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> PassivePart:
+        if self.stiffness is not None and self.curve is not None:
+            raise ValueError("give `stiffness` or `curve`, not both")
+        if self.stiffness is None and self.curve is None and self.stops is None:
+            raise ValueError("give `stiffness`, `curve` or `stops`")
+        if self.stiffness is not None and not self.stiffness >= 0.0:
+            raise ValueError(f"stiffness: {self.stiffness:g}; it must be >= 0")
+        return self
+
+
+CurveKey = Annotated[
+    CurvePart | None, key("Tension over z - L, instead of `stiffness`; along segments over the strain.")
+]
+TensionKey = Annotated[TensionPart | None, key("Tensions that the actuator reaches. Default: it reaches all.")]
+PassiveKey = Annotated[
+    PassivePart | None, key("Passive spring or stops beside the actuator, over the elongation z. Default: none.")
+]
+
+
+class Bendable(Part):
+    """Base of links and segments, which have `stiffness`, `curve`, `tension` and `passive`."""
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the tension is anything but a stiffness times z - L."""
+        part: Any = self
+        return part.curve is not None or part.tension is not None or part.passive is not None
+
+    @model_validator(mode="after")
+    def _has_one_tension(self) -> Bendable:
+        part: Any = self
+        if part.stiffness is not None and part.curve is not None:
+            raise ValueError("give `stiffness` or `curve`, not both")
+        if part.stiffness is None and part.curve is None:
+            if part.passive is None:
+                raise ValueError("stiffness: missing; or give a `curve`, or a `passive` spring alone")
+            if part.tension is not None:
+                raise ValueError("tension: it limits an actuator; give its `stiffness` or `curve`, too")
+        return self
+
+
+class LinksPart(Bendable):
+    """The springs between contacts and ends of segments, alike but for their stiffness."""
+
+    stiffness: Annotated[Numbers | None, key("One number, or one per link.", "N/m", exclusiveMinimum=0)] = None
+    curve: CurveKey = None
+    tension: TensionKey = None
+    passive: PassiveKey = None
+    between: Annotated[
+        tuple[tuple[int | str, int | str], ...] | None,
+        key(
+            "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
+            "Default: the chain of neighbours."
+        ),
+    ] = None
+
+
+class LinkPart(Bendable):
+    """One link of a list."""
+
+    stiffness: Annotated[Number | None, key("Stiffness of its actuator.", "N/m", exclusiveMinimum=0)] = None
+    curve: CurveKey = None
+    tension: TensionKey = None
+    passive: PassiveKey = None
+    between: Annotated[
+        tuple[int | str, int | str] | None,
+        key(
+            "The two ends that it joins, as in `between` of a mapping; given for all links or for none. Default: the "
+            "chain of neighbours."
+        ),
+    ] = None
+
+
+def _kind_of_links(value: Any) -> str:
+    return "LinkPart" if isinstance(value, (list, tuple)) else "LinksPart"
+
+
+Links = Annotated[
+    Annotated[LinksPart, Tag("LinksPart")] | Annotated[tuple[LinkPart, ...], Tag("LinkPart")],
+    Discriminator(_kind_of_links),
+]
+"""Links that are alike, or one entry each."""

@@ -1,0 +1,279 @@
+"""Springs with curves, limits of tension, passive springs and stops: closed forms, rational numbers, OSQP, messages."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import osqp
+import pytest
+import scipy.sparse as sp
+
+from crawler_model.crawler.crawler import Crawler
+from crawler_model.errors import CommandError, SceneError
+from crawler_model.run.simulate import simulate
+from crawler_model.scene.file import parse_scene
+from crawler_model.scene.scene import Scene
+
+from .bent_bodies import draw_body
+from .rational_bends import NotUniqueError
+
+
+def scene_of(document: dict[str, Any]) -> Scene:
+    """A scene from plain data."""
+    return parse_scene(json.dumps(document))
+
+
+def two_contacts(link: dict[str, Any], stroke: float, friction: float = 0.5, **body: Any) -> Scene:
+    """Two contacts that a link pulls, and that only slide forward."""
+    return scene_of(
+        {
+            "name": "two",
+            "body": {"contacts": [0.0, 1.0], "links": [link], **body},
+            "friction": {"forward": friction, "backward": 100.0},
+            "drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0], [stroke], [0]]},
+        }
+    )
+
+
+@pytest.mark.parametrize("method", ["exact", "catch_up"])
+class TestClosedForms:
+    """Displacement per period, after the first ([theory] section 14)."""
+
+    def gain(self, link, stroke, method):
+        run = simulate(two_contacts(link, stroke), method=method, duration=8.0)
+        assert run.unique
+        np.testing.assert_allclose(run.per_period[1:], run.per_period[1], rtol=1e-12, atol=1e-15)
+        return run.per_period[1]
+
+    def test_a_tendon_beside_a_return_spring(self, method):
+        for tendon, spring, stroke in ((8.0, 2.0, 1.0), (3.0, 0.5, 2.0)):
+            link = {"stiffness": tendon, "tension": {"least": 0.0}, "passive": {"stiffness": spring}}
+            gain = (tendon * stroke - 0.5) / (spring + tendon) - 0.5 / spring
+            assert self.gain(link, -stroke, method) == pytest.approx(max(gain, 0.0), abs=1e-14)
+
+    @pytest.mark.parametrize(("most", "moves"), [(2.0, True), (0.51, True), (0.49, False), (0.1, False)])
+    def test_a_motor_that_stalls(self, method, most, moves):
+        link = {"stiffness": 8.0, "tension": {"least": -most, "most": most}}
+        assert self.gain(link, 1.0, method) == pytest.approx((1.0 - 2.0 * 0.5 / 8.0) * moves, abs=1e-14)
+
+    def test_stops(self, method):
+        stops = {"shortest": -0.25, "longest": 0.1, "stiffness": 100.0}
+        assert self.gain({"stiffness": 8.0, "passive": {"stops": stops}}, -1.0, method) == pytest.approx(103 / 432)
+
+    def test_contacts_that_touch(self, method):
+        stops = {"shortest": "contact", "stiffness": 100.0}
+        link = {"stiffness": 8.0, "passive": {"stops": stops}}
+        scene = two_contacts(link, -1.0, radius=[0.3, 0.45])  # they touch at z = -1/4
+        run = simulate(scene, method=method, duration=8.0)
+        assert run.per_period[1] == pytest.approx((8.0 + 25.0 - 0.5) / 108.0 - 0.5 / 8.0)
+
+
+def test_a_motor_that_is_as_strong_as_friction_may_move_or_not():
+    link = {"stiffness": 8.0, "tension": {"least": -0.5, "most": 0.5}}
+    crawler = Crawler(two_contacts(link, 1.0))
+    step = crawler.advance([1.0])
+    assert not step.unique
+    least, most = step.translation_interval
+    assert least == pytest.approx(0.0, abs=1e-12)
+    assert most == pytest.approx((1.0 - 0.5 / 8.0) / 2.0)
+
+
+def test_friction_that_a_stalled_motor_overcomes_lets_the_body_jump_to_the_knot():
+    """The motor pulls with its 1 N while L changes by 1 m; at last friction falls to what it holds."""
+    document = {
+        "name": "falls",
+        "body": {"contacts": [0.0, 1.0], "links": [{"stiffness": 4.0, "tension": {"most": 1.0}}]},
+        "friction": {"forward": 2.0, "backward": 100.0},
+        "drive": {"times": [0, 1, 2], "actuation": [[0], [-1], [-1]], "friction": {"forward": 2.0, "backward": 100.0}},
+    }
+    document["drive"]["friction"]["forward"] = [[2.0, 2.0], [2.0, 2.0], [0.5, 2.0]]
+    crawler = Crawler(scene_of(document))
+    stuck = crawler.follow(crawler.scene.drive.targets[1:2].copy())
+    assert not stuck.velocity.any()
+    assert crawler.tension[0] == 1.0
+    step = crawler.follow(crawler.scene.drive.targets[2:3].copy())
+    assert crawler.displacement == pytest.approx([1.0 - 0.5 / 4.0, 0.0])  # past the knot at u = 1/4
+    assert step.unsolved == 0
+    assert abs(step.certificate.energy_residual) < 1e-14
+    assert step.certificate.violation < 1e-14
+
+
+@pytest.mark.parametrize(("extra", "first"), [(0, 0), (0, 1), (1, 0), (2, 1)])
+def test_agrees_with_rational_numbers(extra, first):
+    """Chains of 2 to 4 contacts, and graphs, with every kind of link mixed."""
+    right = 0
+    for seed in range(1000 * first, 1000 * first + 60):
+        rng = np.random.default_rng([seed, extra])
+        document, body, rows = draw_body(rng, int(rng.integers(2, 5)), extra)
+        scene, links = scene_of(document), len(body.links)
+        crawler = Crawler(scene)
+        for row, target in zip(rows[1:], scene.drive.targets[1:], strict=True):
+            step = crawler.follow(target[None].copy())
+            assert step.unsolved == step.overspent == 0
+            assert abs(step.certificate.energy_residual) < 1e-12
+            assert step.certificate.violation < 1e-12
+            try:
+                body.follow(row[:links], row[links : links + body.n], row[links + body.n :])
+            except NotUniqueError:
+                break
+            assert step.unique
+            np.testing.assert_allclose(crawler.displacement, [float(x) for x in body.x], rtol=0, atol=1e-12)
+            np.testing.assert_allclose(crawler.tension, [float(t) for t in body.tensions()], rtol=0, atol=1e-12)
+        else:
+            right += 1
+    assert right > 40
+
+
+def minimise(scene: Scene, x: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """The step as a quadratic program: a knot that stiffens is an excess length, one that softens one that is saved."""
+    body = scene.body
+    n, count = body.contacts, body.springs
+    forward, backward = target[count : count + n], target[count + n :]
+    rows, low, high = [], [], []
+    quadratic, linear, width = [], [], n + 2 * n
+    quadratic += [0.0] * width
+    linear += [0.0] * n + forward.tolist() + backward.tolist()
+    for i in range(n):  # v = ahead - behind
+        rows.append({i: 1.0, n + i: -1.0, 2 * n + i: 1.0})
+        low.append(x[i])
+        high.append(x[i])
+    for part in (n, 2 * n):
+        for i in range(n):
+            rows.append({part + i: 1.0})
+            low.append(0.0)
+            high.append(np.inf)
+    bends = {bend.spring: bend for bend in body.bends}
+    for j, (a, b) in enumerate(body.ends):
+        length = target[j]
+        curves = [(bends[j].actuator, length), (bends[j].passive, 0.0)] if j in bends else [(None, length)]
+        for curve, rest in curves:
+            pieces = np.array([[-np.inf, np.inf, body.stiffness[j], 0, 0, 0]]) if curve is None else curve.pieces
+            # u = sum of the lengths on all pieces, each within its piece: convex, so the optimum fills them in order
+            first = int(np.searchsorted(pieces[:, 1], 0.0))
+            parts = {}
+            for k, (begin, end, slope, at, value, _) in enumerate(pieces):
+                near = 0.0 if k == first else (begin if k > first else end)
+                parts[len(quadratic)] = 1.0
+                quadratic.append(slope)
+                linear.append(value + slope * (near - at))
+                rows.append({len(quadratic) - 1: 1.0})
+                low.append(min(begin - near, 0.0) if k <= first else 0.0)
+                high.append(max(end - near, 0.0) if k >= first else 0.0)
+            rows.append({b: 1.0, a: -1.0} | dict.fromkeys(parts, -1.0))
+            low.append(rest)
+            high.append(rest)
+    matrix = sp.lil_matrix((len(rows), len(quadratic)))
+    for r, row in enumerate(rows):
+        for column, factor in row.items():
+            matrix[r, column] += factor
+    solver = osqp.OSQP()
+    solver.setup(
+        sp.diags(quadratic).tocsc(), np.array(linear), matrix.tocsc(), np.array(low), np.array(high),
+        eps_abs=1e-12, eps_rel=1e-12, max_iter=400_000, verbose=False, polishing=True,
+    )  # fmt: skip
+    return np.asarray(solver.solve().x[:n])
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_a_step_agrees_with_osqp(seed):
+    """Graphs of ten contacts: energies are compared, and the tensions, which are unique."""
+    rng = np.random.default_rng(seed)
+    document, _, _ = draw_body(rng, 10, extra=4)
+    scene = scene_of(document)
+    crawler = Crawler(scene, "catch_up")
+    for target in scene.drive.targets[1:3]:
+        x = minimise(scene, crawler.displacement, target)
+        step = crawler.follow(target[None].copy())
+        assert step.unsolved == 0
+        expected = scene.body.tension(scene.body.elongation(x), target[: scene.body.springs])
+        np.testing.assert_allclose(crawler.tension, expected, rtol=0, atol=1e-7)
+        assert _cost(scene, crawler.displacement, x, target, crawler, step) < 1e-9
+
+
+def _cost(scene, found, other, target, crawler, step) -> float:
+    """How much more the step costs than another one."""
+    body, n = scene.body, scene.body.contacts
+    forward, backward = target[body.springs : body.springs + n], target[body.springs + n :]
+    before = found - step.velocity
+    costs = []
+    for x in (found, other):
+        energy = body.energy(body.tension(body.elongation(x), target[: body.springs]), x, target[: body.springs])
+        moved = x - before
+        costs.append(float(energy) + float(np.where(moved > 0, forward * moved, -backward * moved).sum()))
+    return costs[0] - costs[1]
+
+
+LINK = {"stiffness": 1.0}
+BAD = [
+    ({"curve": {"elongation": [0, 1, 2], "tension": [0, 2, 1]}}, "links.0.curve: tension: it falls from 2 N at 1 to 1 N at 2"),
+    ({"curve": {"elongation": [0, 2, 1], "tension": [0, 1, 2]}}, "links.0.curve: elongation: 1 follows 2; knots must be sorted"),
+    ({"curve": {"elongation": [0, 0, 1], "tension": [0, 1, 2]}}, "links.0.curve: elongation: 0 twice, with tensions of 0 N and 1 N"),
+    ({"curve": {"elongation": [0, float("inf")], "tension": [0, 1]}}, "links.0.curve.elongation.1: inf is not finite"),
+    ({"curve": {"elongation": [0, 1], "tension": [0, float("inf")]}}, "links.0.curve.tension.1: inf is not finite"),
+    ({"curve": {"elongation": [0], "tension": [0]}}, "at least two"),
+    ({"curve": {"elongation": [0, 1], "tension": [1, 1]}}, "links.0: its tension is the same at all lengths"),
+    (LINK | {"tension": {"least": 2, "most": 1}}, "links.0.tension: least: 2 N; it must not be above `most`, 1 N"),
+    (LINK | {"tension": {"most": float("inf")}}, "links.0.tension.most: inf is not finite"),
+    (LINK | {"tension": {"lest": 0}}, "links.0.tension.lest: unknown key; the nearest known key is 'least'"),
+    (LINK | {"curve": {"elongation": [0, 1], "tension": [0, 1]}}, "links.0: give `stiffness` or `curve`, not both"),
+    ({"tension": {"most": 1}}, "links.0: stiffness: missing"),
+    (LINK | {"passive": {"stops": {"stiffness": 1}}}, "links.0.passive.stops: give `shortest`, `longest` or both"),
+    (LINK | {"passive": {"stops": {"shortest": 0.2, "longest": 0.1, "stiffness": 1}}}, "shortest: 0.2; it must not be above"),
+    (LINK | {"passive": {"stops": {"shortest": "contact", "stiffness": 1}}}, "give `body.radius`"),
+    (LINK | {"between": [0, 1], "passive": {"stiffness": -1}}, "links.0.passive: stiffness: -1; it must be >= 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("link", "message"), BAD)
+def test_a_bad_link_is_one_line_that_names_it(link, message):
+    document = {
+        "name": "bad",
+        "body": {"contacts": [0.0, 1.0], "links": [link]},
+        "friction": {"forward": 1.0, "backward": 1.0},
+    }
+    with pytest.raises(SceneError) as caught:
+        scene_of(document)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_plane_refuses_bent_springs_with_the_reason():
+    document = {
+        "name": "plane",
+        "dimension": 2,
+        "body": {"contacts": [[0, 0], [1, 1]], "links": {"stiffness": 1.0, "tension": {"most": 1.0}}},
+        "friction": {"isotropic": 1.0},
+    }
+    with pytest.raises(SceneError, match="for bodies on a line"):
+        scene_of(document)
+
+
+def test_a_list_of_links_is_the_same_as_a_mapping():
+    like = {
+        "name": "same",
+        "body": {"contacts": [0.0, 1.0, 2.5], "links": {"stiffness": [1.0, 2.0], "between": [[0, 1], [0, 2]]}},
+        "friction": {"forward": 1.0, "backward": 2.0},
+        "drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0, 0], [3, 2], [0, 0]]},
+    }
+    listed = json.loads(json.dumps(like))
+    listed["body"]["links"] = [{"stiffness": 1.0, "between": [0, 1]}, {"stiffness": 2.0, "between": [0, 2]}]
+    runs = [simulate(scene_of(document)) for document in (like, listed)]
+    assert np.array_equal(runs[0].displacement, runs[1].displacement)
+
+
+def test_keys_that_bend_nothing_change_nothing():
+    """Limits that are never reached, and a passive spring of no stiffness."""
+    link = {"stiffness": 2.0}
+    bent = link | {"tension": {"least": -1e6, "most": 1e6}, "passive": {"stiffness": 0.0}}
+    runs = [simulate(two_contacts(each, 3.0)) for each in (link, bent)]
+    np.testing.assert_allclose(runs[0].displacement, runs[1].displacement, rtol=0, atol=1e-14)
+    assert runs[0].energy.work == pytest.approx(runs[1].energy.work, rel=1e-13)
+
+
+def test_sensitivities_refuse_them_with_the_reason():
+    from crawler_model import sensitivities
+
+    with pytest.raises((SceneError, CommandError), match="bent springs"):
+        sensitivities(two_contacts(LINK | {"tension": {"most": 1.0}}, 1.0), ["friction.forward"])
