@@ -18,6 +18,7 @@ from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import write_length
 
 from .loads_report import print_holding, print_limits
+from .springs_report import print_limits_of_tension
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
@@ -45,6 +46,8 @@ def print_report(run: Trajectory, screen: Console) -> None:
         screen.print("no drive: the crawler waits for commands")
     else:
         _print_motion(run, screen)
+        if body.bends:
+            print_limits_of_tension(run, screen)
         print_limits(scene, screen)
 
 
@@ -129,7 +132,8 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
         screen.print("uniqueness margin: not decided in the plane; see below whether the run was unique")
     elif margin is None:
         screen.print(
-            "uniqueness margin: not decided (too many unequal contacts, or a segment with a bound that is not positive)"
+            "uniqueness margin: not decided (too many unequal contacts, a segment with a bound that is not positive, "
+            "or a link that can go slack or stall)"
         )
     elif margin == 0.0:
         screen.print(

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..rounding import EPS
+
 BEGIN, END, SLOPE, AT, VALUE, ENERGY = range(6)
 """Columns of the pieces of a curve: from where to where a piece reaches [m], its slope [N/m]; a point on it [m], the
 tension [N] and the energy [J] there."""
@@ -107,38 +109,44 @@ class Curve:
         return Curve(self.at * length, self.value, self.first / length, self.last / length)
 
     def simplified(self) -> Curve:
-        """Remove the knots at which the slope does not change, except for one.
+        """Remove the knots at which the slope does not change, but for the one nearest to 0: it keeps tensions precise.
 
         Returns:
             The same function.
         """
         slopes = self.slopes
-        kept = np.abs(np.diff(slopes)) > 1e-14 * np.maximum(slopes[1:], slopes[:-1])
-        if not kept.any():
-            zero = self.first > 0.0 and self.value[0] == self.first * self.at[0]
-            return Curve(np.zeros(1), np.zeros(1), self.first, self.first) if zero else self._only(slice(0, 1))
-        return self._only(kept)
-
-    def _only(self, kept: np.ndarray | slice) -> Curve:
+        kept = ~_equal(slopes[1:], slopes[:-1])
+        nearest = int(np.argmin(np.abs(self.at)))
+        kept[nearest] |= slopes[nearest] > 0.0 or not kept.any()
         return Curve(self.at[kept], self.value[kept], self.first, self.last)
 
     @property
     def pieces(self) -> np.ndarray:
         """Its straight pieces in order, columns as BEGIN .. ENERGY, shape (P, 6); the energy is 0 at length 0."""
-        knots = self.at.size
-        pieces = np.empty((knots + 1, 6))
+        count = self.at.size + 1
+        pieces = np.empty((count, 6))
         pieces[:, SLOPE] = self.slopes
         pieces[:, BEGIN], pieces[:, END] = np.append(-np.inf, self.at), np.append(self.at, np.inf)
-        near = np.maximum(np.arange(knots + 1) - 1, 0)
+        near = np.maximum(np.arange(count) - 1, 0)
         pieces[:, AT], pieces[:, VALUE] = self.at[near], self.value[near]
         gained = 0.5 * (self.value[1:] + self.value[:-1]) * np.diff(self.at)
         pieces[:, ENERGY] = np.append(0.0, np.cumsum(gained))[near]
-        if self.first == self.last and knots == 1:
-            pieces = pieces[:1]
-            pieces[0, END] = np.inf
-        here = pieces[np.searchsorted(pieces[:, END], 0.0)]
-        pieces[:, ENERGY] -= energy_on(here, 0.0)
-        return pieces
+        merged = pieces[:1]
+        for piece in pieces[1:]:
+            if not _equal(piece[SLOPE], merged[-1, SLOPE]):
+                merged = np.vstack((merged, piece))
+                continue
+            if abs(piece[AT]) < abs(merged[-1, AT]):
+                merged[-1, AT:] = piece[AT:]
+            merged[-1, END] = piece[END]
+        here = merged[np.searchsorted(merged[:, END], 0.0)]
+        merged[:, ENERGY] -= energy_on(here, 0.0)
+        return merged
+
+
+def _equal(slope: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Determine which slopes are equal within rounding."""
+    return np.asarray(np.abs(slope - other) <= 1e-14 * np.maximum(slope, other))
 
 
 def energy_on(piece: np.ndarray, length: ArrayLike) -> np.ndarray:
@@ -206,6 +214,31 @@ class Bend:
     def is_flat_somewhere(self) -> bool:
         """Whether the tension can be constant while the spring changes its length."""
         return bool(self.actuator.slopes.min() + self.passive.slopes.min() == 0.0)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and largest tension that the actuator reaches; infinite without a limit [N]."""
+        curve = self.actuator
+        least = -np.inf if curve.first > 0.0 else float(curve.value[0])
+        return least, np.inf if curve.last > 0.0 else float(curve.value[-1])
+
+    def yields(self, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
+        """Determine whether the actuator is beyond a limit, where its command has no effect.
+
+        Args:
+            elongation: z, any shape [m].
+            actuation: L, likewise.
+
+        Returns:
+            -1 slack, 1 stalled (at a limit other than 0), 0 neither; int8, same shape.
+        """
+        u, curve = np.asarray(elongation - actuation), self.actuator
+        state = np.zeros(u.shape, np.int8)
+        if curve.slopes.max() > 0.0:
+            near = 64.0 * EPS * (np.abs(elongation) + np.abs(actuation))
+            for beyond, limit in zip((u < curve.at[0] - near, u > curve.at[-1] + near), self.limits, strict=True):
+                state[beyond & np.isfinite(limit)] = -1 if limit == 0.0 else 1
+        return state
 
     def rest(self, actuation: float) -> float:
         """Find the elongation of the least tension or pressure; of several, the one nearest to 0.

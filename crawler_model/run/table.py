@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from ..body.curves import Bend
 from ..body.drive import NS
 from ..body.names import name_every_contact, name_every_spring
 from ..body.plan import Plan
@@ -77,6 +78,9 @@ class _Group(NamedTuple):
     values: str
     names: tuple[str, ...]
     units: tuple[str, ...]
+
+
+_YIELDS = ("slack", "stalled")
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +152,7 @@ class TrajectoryColumns:
             group("friction", friction, "N"),
             group("load", each(contacts, "load") if self._loaded else [], "N"),
             group("tension", each(springs, "tension"), "N"),
+            group("yields", [f"{springs[b.spring]}/{word}" for b in self._limited for word in _YIELDS], "1"),
             group("net_translation", [f"net_translation{axis}" for axis in axes], "m"),
             group("energies", list(_ENERGIES), "J"),
         )
@@ -181,7 +186,7 @@ class TrajectoryColumns:
         """
         pa = load_library("pyarrow", "to_table")
         fields = [
-            pa.field(name, pa.int8() if group.values == "state" else pa.float64(), metadata={"unit": unit})
+            pa.field(name, pa.int8() if group.values in ("state", "yields") else pa.float64(), metadata={"unit": unit})
             for group in self._groups
             for name, unit in zip(group.names, group.units, strict=True)
         ]
@@ -239,9 +244,23 @@ class TrajectoryColumns:
             "friction": friction,
             "load": load if self._loaded else np.zeros((len(x), 0)),
             "tension": tension,
+            "yields": self._read_limits(commands, x),
             "net_translation": run.net_translation[rows],
             "energies": np.column_stack(energies),
         }
+
+    @property
+    def _limited(self) -> tuple[Bend, ...]:
+        """The springs whose actuators have limits."""
+        return tuple(bend for bend in self.scene.body.bends if np.isfinite(bend.limits).any())
+
+    def _read_limits(self, commands: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Determine which actuators are slack and which are stalled, int8, shape (R, B, 2)."""
+        if not self._limited:
+            return np.zeros((len(x), 0), np.int8)
+        lengths, z = self.scene.columns.target(commands), self.scene.body.elongation(x)
+        state = np.stack([bend.yields(z[:, bend.spring], lengths[:, bend.spring]) for bend in self._limited], axis=1)
+        return np.stack((state < 0, state > 0), axis=2).astype(np.int8)
 
     def _read_ground(self, commands: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute friction and loads of the ground under each contact, shapes (R, F) and (R, N) or (R, N, 2) [N]."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
 from typing import Any
 
 import numpy as np
 import osqp
 import pytest
 import scipy.sparse as sp
+from rich.console import Console
 
+from crawler_command.check import print_report
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError, SceneError
 from crawler_model.run.simulate import simulate
@@ -277,3 +281,45 @@ def test_sensitivities_refuse_them_with_the_reason():
 
     with pytest.raises((SceneError, CommandError), match="bent springs"):
         sensitivities(two_contacts(LINK | {"tension": {"most": 1.0}}, 1.0), ["friction.forward"])
+
+
+MOTOR = {"stiffness": 8.0, "tension": {"least": -1.5, "most": 1.5}, "passive": {"stiffness": 1.0}}
+
+
+def test_tables_tell_when_actuators_are_slack_or_stalled():
+    tendon = {"stiffness": 8.0, "tension": {"least": 0.0, "most": 7.5}, "passive": {"stiffness": 2.0}}
+    for link, stroke, word, other in ((tendon, -1.0, "slack", "stalled"), (MOTOR, 2.0, "stalled", "slack")):
+        run = simulate(two_contacts(link, stroke), duration=4.0)
+        table = run.to_table()
+        state = {name: np.asarray(table[f"link_0/{name}"]) for name in ("slack", "stalled")}
+        z = np.asarray(table["contact_1"]) - np.asarray(table["contact_0"]) - 1.0
+        actuator = np.asarray(table["link_0/tension"]) - link["passive"]["stiffness"] * z
+        assert not state[other].any()
+        assert 0.1 < state[word].mean() < 0.9
+        np.testing.assert_allclose(actuator[state[word] == 1], 0.0 if word == "slack" else -1.5, atol=1e-12)
+        assert (actuator[state[word] == 0] > (1e-12 if word == "slack" else -1.5)).mean() > 0.9
+
+
+def report_of(scene: Scene) -> str:
+    """What `crawler check` prints."""
+    screen = Console(file=io.StringIO(), width=300)
+    print_report(simulate(scene), screen)
+    return screen.file.getvalue()
+
+
+def test_check_reports_stalls_and_commands_that_avoid_them():
+    text = report_of(two_contacts(MOTOR, 2.0))
+    assert "link_0 stalls during" in text
+    span = re.search(r"lengths between (\S+) .. (\S+) m would move it as far", text)
+    gain = simulate(two_contacts(MOTOR, 2.0)).per_period[-1]
+    assert simulate(two_contacts(MOTOR, float(span[2]))).per_period[-1] == pytest.approx(gain, rel=1e-6)
+    assert simulate(two_contacts(MOTOR, 0.9 * float(span[2]))).per_period[-1] < gain
+    assert "stays within its limits of tension, -1.5 N to 1.5 N" in report_of(two_contacts(MOTOR, 0.1))
+
+
+def test_check_reports_friction_that_a_motor_never_overcomes():
+    weak = {"stiffness": 8.0, "tension": {"least": -0.4, "most": 0.4}}
+    text = report_of(two_contacts(weak, 2.0))
+    assert (
+        "contact 1 never slides: it takes 0.5 N forward or 100 N backward, and its links reach 0.4 N and 0.4 N" in text
+    )

@@ -1,0 +1,75 @@
+"""What `check` reports of actuators with limits: where tendons go slack, motors stall, and what would avoid it."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Console
+
+from crawler_model import Trajectory
+from crawler_model.body.body import Body
+from crawler_model.body.curves import Bend
+from crawler_model.body.drive import NS
+from crawler_model.body.names import name_every_spring
+from crawler_pictures.numbers import write_length
+
+_MOST_LINES = 8
+
+
+def print_limits_of_tension(run: Trajectory, screen: Console) -> None:
+    """Print which actuators reach a limit along the drive, commands that avoid it, and friction that none overcomes.
+
+    Args:
+        run: the run of the scene along its drive.
+        screen: the console to print to.
+    """
+    body, names = run.scene.body, name_every_spring(run.scene.body)
+    rows = run.scene.drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
+    lengths, z = run.scene.columns.target(rows), body.elongation(run.displacement)
+    lines = []
+    for bend in body.bends:
+        if np.isfinite(bend.limits).any():
+            lines += _describe(bend, names[bend.spring], z[:, bend.spring], lengths[:, bend.spring])
+    lines += _find_weak(body, run)
+    for line in lines[:_MOST_LINES]:
+        screen.print(line)
+    if len(lines) > _MOST_LINES:
+        screen.print(f"({len(lines) - _MOST_LINES} more lines on limits of tension)")
+
+
+def _describe(bend: Bend, name: str, z: np.ndarray, length: np.ndarray) -> list[str]:
+    """Describe when an actuator is beyond its limits; commands cut off there move the body in the same way."""
+    state = bend.yields(z, length)
+    words = [
+        (word, (state == sign).mean()) for sign, word in ((-1, "goes slack"), (1, "stalls")) if (state == sign).any()
+    ]
+    if not words:
+        least, most = (f"{limit:g} N" for limit in bend.limits)
+        return [f"{name} stays within its limits of tension, {least} to {most}"]
+    curve, size = bend.actuator, float(np.abs(length).max())
+    low = z - (curve.at[-1] if np.isfinite(bend.limits[1]) else np.inf)
+    high = z - (curve.at[0] if np.isfinite(bend.limits[0]) else -np.inf)
+    followed = np.clip(length, low, high)
+    span = f"{write_length(float(followed.min()), size)} .. {write_length(float(followed.max()), size)} m"
+    return [
+        f"{name} {' and '.join(f'{word} during {part:.0%} of the drive' for word, part in words)}; lengths between "
+        f"{span} would move it as far"
+    ]
+
+
+def _find_weak(body: Body, run: Trajectory) -> list[str]:
+    """Find contacts at rest whose friction all their links together never overcome."""
+    most, least = np.full(body.springs, np.inf), np.full(body.springs, -np.inf)
+    for bend in body.bends:
+        if bend.passive.slopes.max() == 0.0:
+            least[bend.spring], most[bend.spring] = bend.limits
+    lines = []
+    for i in np.flatnonzero((run.contact_state == 0).all(axis=0)):
+        ahead = most[body.ends[:, 0] == i].sum() - least[body.ends[:, 1] == i].sum()
+        behind = most[body.ends[:, 1] == i].sum() - least[body.ends[:, 0] == i].sum()
+        needed = (run.scene.drive.forward[:, i].min(), run.scene.drive.backward[:, i].min())
+        if ahead < needed[0] and behind < needed[1]:
+            lines.append(
+                f"{body.name_of(int(i))} never slides: it takes {needed[0]:g} N forward or {needed[1]:g} N backward, "
+                f"and its links reach {ahead:g} N and {behind:g} N"
+            )
+    return lines
