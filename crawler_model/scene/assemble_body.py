@@ -17,8 +17,8 @@ from ..body.ground import Ground
 from ..errors import SceneError
 from .assemble_links import assemble_bends, list_links
 from .friction_parts import TablePart, average, breaks_of, check_field, field_of
-from .link_parts import LinkPart, LinksPart
-from .parts import SceneParts, SegmentPart, angles_of
+from .link_parts import LinkPart, LinksPart, SegmentPart
+from .parts import SceneParts, angles_of
 
 
 def _interval(part: SegmentPart, place: int, elements: int) -> Interval:

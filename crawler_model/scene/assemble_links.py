@@ -11,8 +11,8 @@ from ..body.body import Body
 from ..body.build import MOST_SPAN
 from ..body.curves import Bend, Curve, line, through
 from ..errors import SceneError
-from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, TensionPart
-from .parts import BodyPart, SegmentPart
+from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, SegmentPart, TensionPart
+from .parts import BodyPart
 
 
 def list_links(parts: BodyPart) -> tuple[LinkPart, ...] | LinksPart | None:

@@ -1,12 +1,13 @@
-"""The parts of a scene that hold springs and actuators: links, and what segments share with them."""
+"""The parts of a scene that hold springs and actuators: links and segments."""
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from .friction_parts import Number, Numbers, Part, key
+from .friction_parts import Number, Numbers, Part, SegmentFrictionPart, TablePart, explain_friction, key
 
 
 class CurvePart(Part):
@@ -173,3 +174,51 @@ Links = Annotated[
     Discriminator(_kind_of_links),
 ]
 """Links that are alike, or one entry each."""
+
+
+class SegmentPart(Bendable):
+    """An interval of the body that touches the ground along its whole length."""
+
+    name: Annotated[str, key("A unique word; commands and joints use it.")]
+    start: Annotated[Number, key("Start in the reference shape.", "m")] = Field(alias="from")
+    stop: Annotated[Number, key("End in the reference shape, beyond `from`.", "m")] = Field(alias="to")
+    stiffness: Annotated[Number | TablePart | None, key("The modulus along the segment.", "N", exclusiveMinimum=0)] = (
+        None
+    )
+    curve: CurveKey = None
+    tension: TensionKey = None
+    passive: PassiveKey = None
+    friction: Annotated[SegmentFrictionPart, BeforeValidator(explain_friction), key("Friction per length of ground.")]
+    accuracy: Annotated[
+        Number | None,
+        key(
+            "Largest error of the net translation per period, relative to the largest commanded change of length; "
+            "it determines the number of elements. Give this or `elements`.",
+            minimum=1e-6,
+            maximum=0.5,
+        ),
+    ] = None
+    elements: Annotated[
+        int | None,
+        key("Number of springs that represent the segment; overrides `accuracy`.", minimum=1, maximum=1_000_000),
+    ] = None
+    shown: Annotated[
+        int | None,
+        key("Number of its contacts in `contact_states`, including both ends. Default: all.", minimum=2),
+    ] = None
+
+    @model_validator(mode="after")
+    def _sane(self) -> SegmentPart:
+        if not re.fullmatch(r"[A-Za-z_]\w*", self.name) or re.fullmatch(r"(contact|link)(_\d+)?|world", self.name):
+            raise ValueError(f"name: {self.name!r}; it must be a single word that is not the name of a contact or link")
+        if not self.stop > self.start:
+            raise ValueError(f"to: {self.stop:g} m; it must be greater than `from`, {self.start:g} m")
+        if self.accuracy is None and self.elements is None:
+            raise ValueError("give `accuracy` (of the net translation per period, relative) or `elements`")
+        if self.accuracy is not None and not 1e-6 <= self.accuracy <= 0.5:
+            raise ValueError(f"accuracy: {self.accuracy:g}; it must be between 1e-6 and 0.5")
+        if self.elements is not None and not 1 <= self.elements <= 1_000_000:
+            raise ValueError(f"elements: {self.elements}; it must be between 1 and 1000000")
+        if self.shown is not None and not self.shown >= 2:
+            raise ValueError(f"shown: {self.shown}; it must be at least 2, as both ends are shown")
+        return self

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
@@ -14,64 +13,14 @@ from .friction_parts import (
     Number,
     Numbers,
     Part,
-    SegmentFrictionPart,
     Table,
-    TablePart,
     explain_friction,
     key,
 )
-from .link_parts import Bendable, CurveKey, Links, LinksPart, PassiveKey, TensionKey
+from .link_parts import Bendable, Links, LinksPart, SegmentPart
 
 LEAST_TOLERANCE = 1e-7
 """Least tolerance of a body in the plane [1]: the errors of smaller ones were found to exceed them."""
-
-
-class SegmentPart(Bendable):
-    """An interval of the body that touches the ground along its whole length."""
-
-    name: Annotated[str, key("A unique word; commands and joints use it.")]
-    start: Annotated[Number, key("Start in the reference shape.", "m")] = Field(alias="from")
-    stop: Annotated[Number, key("End in the reference shape, beyond `from`.", "m")] = Field(alias="to")
-    stiffness: Annotated[Number | TablePart | None, key("The modulus along the segment.", "N", exclusiveMinimum=0)] = (
-        None
-    )
-    curve: CurveKey = None
-    tension: TensionKey = None
-    passive: PassiveKey = None
-    friction: Annotated[SegmentFrictionPart, BeforeValidator(explain_friction), key("Friction per length of ground.")]
-    accuracy: Annotated[
-        Number | None,
-        key(
-            "Largest error of the net translation per period, relative to the largest commanded change of length; "
-            "it determines the number of elements. Give this or `elements`.",
-            minimum=1e-6,
-            maximum=0.5,
-        ),
-    ] = None
-    elements: Annotated[
-        int | None,
-        key("Number of springs that represent the segment; overrides `accuracy`.", minimum=1, maximum=1_000_000),
-    ] = None
-    shown: Annotated[
-        int | None,
-        key("Number of its contacts in `contact_states`, including both ends. Default: all.", minimum=2),
-    ] = None
-
-    @model_validator(mode="after")
-    def _sane(self) -> SegmentPart:
-        if not re.fullmatch(r"[A-Za-z_]\w*", self.name) or re.fullmatch(r"(contact|link)(_\d+)?|world", self.name):
-            raise ValueError(f"name: {self.name!r}; it must be a single word that is not the name of a contact or link")
-        if not self.stop > self.start:
-            raise ValueError(f"to: {self.stop:g} m; it must be greater than `from`, {self.start:g} m")
-        if self.accuracy is None and self.elements is None:
-            raise ValueError("give `accuracy` (of the net translation per period, relative) or `elements`")
-        if self.accuracy is not None and not 1e-6 <= self.accuracy <= 0.5:
-            raise ValueError(f"accuracy: {self.accuracy:g}; it must be between 1e-6 and 0.5")
-        if self.elements is not None and not 1 <= self.elements <= 1_000_000:
-            raise ValueError(f"elements: {self.elements}; it must be between 1 and 1000000")
-        if self.shown is not None and not self.shown >= 2:
-            raise ValueError(f"shown: {self.shown}; it must be at least 2, as both ends are shown")
-        return self
 
 
 class BodyPart(Part):
@@ -108,6 +57,13 @@ class BodyPart(Part):
             "required for two or more parts."
         ),
     ] = None
+
+    @model_validator(mode="after")
+    def _solid(self) -> BodyPart:
+        for radius in self.radius if isinstance(self.radius, tuple) else (self.radius,):
+            if radius is not None and not radius > 0.0:
+                raise ValueError(f"radius: {radius:g} m; it must be > 0")
+        return self
 
     @property
     def is_bent(self) -> bool:

@@ -12,8 +12,8 @@ from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
 from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart
-from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, StopsPart, TensionPart
-from .parts import BodyPart, DrivePart, GroundPart, PatchPart, SceneParts, SegmentPart, StartPart, WavePart
+from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, SegmentPart, StopsPart, TensionPart
+from .parts import BodyPart, DrivePart, GroundPart, PatchPart, SceneParts, StartPart, WavePart
 
 _LONGEST = 500  # length of an error message, in characters
 _MOST_LISTED = 20  # keys listed in an error message

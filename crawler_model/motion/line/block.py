@@ -10,10 +10,10 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from .advance import place_of
-from .critical.parts import find_pull
 from .records import BACKWARD, FORWARD
 from .runs import enter_run, find_run, find_span, wake_all
 from .springs.bends import is_flat
+from .springs.parts import find_pull
 
 BEGINS = 1e-300
 """Velocity of a contact that begins to slide, until that of its block is known: its sign tells where to."""

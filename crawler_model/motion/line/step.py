@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ...compiled import lean, merged
-from .critical.parts import begin_parts, find_last, find_pull
 from .critical.translation import choose_step
 from .events import solve_around
 from .records import BACKWARD, FORWARD
 from .springs.knots import change_pieces, end_step, tighten
+from .springs.parts import begin_parts, find_last, find_pull
 
 MOST_TURNS = 30
 """Solutions of an implicit step with pieces of curves that lead to others, before they are changed one by one."""

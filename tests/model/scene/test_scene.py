@@ -74,7 +74,7 @@ WRONG = [
     ("friction", None, "friction: missing"),
     ("friction", 0.3, "friction: write {isotropic: 0.3}, or give `forward` and `backward`"),
     ("body/links", None, "body.links: missing; give the springs between contacts and segments"),
-    ("body/links", 3, "body.links: 3; it must be a mapping with stiffness, between"),
+    ("body/links", 3, "body.links: 3; it must be a mapping with stiffness, curve, tension, passive, between"),
     ("body/links/between", [], "body.links.between: no links lead from contact 0 to contact 1"),
     ("body/links/stiffness", 10**400, "too large; at most 1e+100"),
     ("body/links/stiffness", 1e200, "too large; at most 1e+100"),
@@ -282,6 +282,11 @@ PLANE = {"name": "x", "dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "li
 WEIGHED = {"name": "x", "body": {**LINE["body"], "weights": 1}}
 COEFFICIENTS = {**WEIGHED, "friction": {"coefficient": {"forward": 1, "backward": 1}}}
 PATCHED = {**LINE, "body": WEIGHED["body"], "ground": {"patches": [{"from": 2, "to": 3, "slope": 0}]}}
+STOPS = {"shortest": -1, "longest": 1, "stiffness": 10}
+BENT = {
+    **LINE,
+    "body": {**LINE["body"], "links": [{"stiffness": 1, "passive": {"stiffness": 1, "stops": STOPS}}]},
+}
 BOUNDED = {
     ("BodyPart", "weights"): ({**LINE, "body": WEIGHED["body"]}, "body/weights"),
     ("CoefficientPart", "forward"): (COEFFICIENTS, "friction/coefficient/forward"),
@@ -297,7 +302,11 @@ BOUNDED = {
     ),
     ("GroundPart", "direction"): ({**PLANE, "friction": {"isotropic": 1}, "ground": {"slope": 0}}, "ground/direction"),
     ("GroundPart", "slope"): ({**LINE, "body": WEIGHED["body"], "ground": {"slope": 0}}, "ground/slope"),
+    ("BodyPart", "radius"): ({**LINE, "body": {**LINE["body"], "radius": 1}}, "body/radius"),
     ("LinksPart", "stiffness"): (LINE, "body/links/stiffness"),
+    ("LinkPart", "stiffness"): (BENT, "body/links/0/stiffness"),
+    ("PassivePart", "stiffness"): (BENT, "body/links/0/passive/stiffness"),
+    ("StopsPart", "stiffness"): (BENT, "body/links/0/passive/stops/stiffness"),
     ("SegmentPart", "stiffness"): (SEGMENT, "body/segments/0/stiffness"),
     ("SegmentPart", "accuracy"): (SEGMENT, "body/segments/0/accuracy"),
     ("SegmentPart", "elements"): (SEGMENT, "body/segments/0/elements"),

@@ -12,8 +12,8 @@ from crawler_model.scene.assemble import assemble_together
 from crawler_model.sweep import stack as stacks
 from crawler_model.sweep.stack import Stack, stack
 
-PATCHED = ("friction_step", "hill_top", "ice")  # scenes on patches run one by one
-LINES = [name for name in gallery() if not name.startswith("planar") and name not in PATCHED]
+ALONE = ("friction_step", "hill_top", "ice", "stalling_inchworm", "tendon_worm")  # on patches, or with bent springs
+LINES = [name for name in gallery() if not name.startswith("planar") and name not in ALONE]
 KEYS = (
     "body.links.stiffness",
     "body.links.stiffness[0]",

@@ -1,1 +1,1 @@
-"""The translation of what nothing holds: critical states of the body, or of parts that flat springs separate."""
+"""Critical states of the body, or of a part of it: nothing determines the translation, and one is chosen."""

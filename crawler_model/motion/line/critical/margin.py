@@ -9,7 +9,7 @@ from ....rounding import CRITICAL, EPS
 from ...margin import FEW_CONTACTS
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
-from .parts import begin_parts, find_last, find_pull, member
+from ..springs.parts import begin_parts, find_last, find_pull, member
 
 
 @lean

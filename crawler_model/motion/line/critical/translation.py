@@ -15,8 +15,8 @@ from ..ground.falls import draw_all
 from ..records import KNOT
 from ..runs import wake_all
 from ..springs.bends import find_lengths
+from ..springs.parts import begin_parts, find_pull, member
 from .margin import begin_part, is_critical, is_near, sample_margin
-from .parts import begin_parts, find_pull, member
 
 
 @lean

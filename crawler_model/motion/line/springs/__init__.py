@@ -1,1 +1,1 @@
-"""Springs that are not linear: their pieces, and the events at their knots."""
+"""Springs that are not linear: their pieces, the events at their knots, the parts of a body that flat ones separate."""

@@ -8,11 +8,11 @@ from ....compiled import inlined, lean
 from ....rounding import EPS
 from ..advance import advance, advance_spring, move
 from ..block import list_contact, settle
-from ..critical.parts import begin_parts, find_last, member
 from ..ground.falls import draw, draw_spring
 from ..timing import find_next
 from ..tournament import schedule
 from .bends import find_lengths, find_pieces, is_flat, set_stiffness
+from .parts import begin_parts, find_last, member
 
 _MOST_TOGETHER = 20
 """Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""

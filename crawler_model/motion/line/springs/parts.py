@@ -6,7 +6,7 @@ Without bent springs the whole body is one part, and contacts are visited in the
 from __future__ import annotations
 
 from ....compiled import inlined, lean
-from ..springs.bends import is_flat
+from .bends import is_flat
 
 
 @lean
