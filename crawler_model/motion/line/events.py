@@ -245,7 +245,7 @@ def _choose(contacts, springs, model, ground, curves, ramp):
     if ground is not None or curves is not None:
         for i in range(contacts.shape[0]):
             leave_border(contacts[i], ground, ramp, i)
-            if contacts[i].at == 0:
+            if contacts[i].at == 0 and curves is not None:
                 when = find_next_of_wall(contacts, springs, model, ramp, i)
             else:
                 when = find_next(contacts, springs, model, ramp, i)

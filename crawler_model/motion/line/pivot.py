@@ -130,8 +130,10 @@ def _exchange(block, count, last_only):
 
 
 @lean
-def _is_loose(ramp, block, count):
+def _is_loose(ramp, block, curves, count):
     """Determine whether nothing holds a block, and its limits do not either: `loose` is then set."""
+    if curves is None:
+        return False
     if ramp.anchored:
         return False
     most = least = size = 0.0
@@ -183,7 +185,7 @@ def find_sides(contacts, springs, model, ramp, count):
         ramp.effort += count
         if projects and turn * count >= visits:
             projects = False
-            if _is_loose(ramp, block, count):
+            if _is_loose(ramp, block, model.curves, count):
                 return False
             if wake_block(contacts, springs, block, model.runs, ramp, count):
                 return False
