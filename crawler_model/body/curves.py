@@ -5,6 +5,7 @@ A bent spring has two of them in parallel, that of its actuator over u = z - L a
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -120,7 +121,7 @@ class Curve:
         kept[nearest] |= slopes[nearest] > 0.0 or not kept.any()
         return Curve(self.at[kept], self.value[kept], self.first, self.last)
 
-    @property
+    @functools.cached_property
     def pieces(self) -> np.ndarray:
         """Its straight pieces in order, columns as BEGIN .. ENERGY, shape (P, 6); the energy is 0 at length 0."""
         count = self.at.size + 1
@@ -251,9 +252,9 @@ class Bend:
         """
         shifted = Curve(self.actuator.at + actuation, self.actuator.value, self.actuator.first, self.actuator.last)
         curve = shifted + self.passive
-        places = np.array([0.0, *curve.at, *curve.reach(0.0)])
-        size = np.abs(curve(places))
-        size[size.size - len(curve.reach(0.0)) :] = 0.0
+        relaxed = curve.reach(0.0)
+        places = np.array([0.0, *curve.at, *relaxed])
+        size = np.concatenate((np.abs(curve(places[: 1 + curve.at.size])), np.zeros(len(relaxed))))
         least = places[size <= size.min()]
         return float(least[np.argmin(np.abs(least))])
 

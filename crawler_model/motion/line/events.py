@@ -21,7 +21,7 @@ from .pivot import ROUNDING, find_sides
 from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED
 from .runs import fall_asleep, set_runs
 from .springs.knots import pass_knots, passes_singly, time_knots
-from .timing import find_next, find_next_of_wall
+from .timing import find_next
 from .tournament import begin_tournament, find_earliest, schedule
 
 
@@ -38,7 +38,7 @@ def _touch_wall(contacts, springs, model, ramp, i):
         if not ramp.falling or springs[end.spring].since < 0.0:
             c.force_rate += end.sign * springs[end.spring].rate
     if ramp.begun:
-        schedule(contacts, i, find_next_of_wall(contacts, springs, model, ramp, i), ramp.begun)
+        schedule(contacts, i, find_next(contacts, springs, model, ramp, i), ramp.begun)
 
 
 @inlined
@@ -231,7 +231,7 @@ def _begin_tournament(contacts, springs, model, ramp):
     for i in range(contacts.shape[0]):
         c = contacts[i]
         if c.at == 0:
-            c.next = find_next_of_wall(contacts, springs, model, ramp, i)
+            c.next = find_next(contacts, springs, model, ramp, i)
     begin_tournament(contacts)
     ramp.begun = 1
 
@@ -245,11 +245,7 @@ def _choose(contacts, springs, model, ground, curves, ramp):
     if ground is not None or curves is not None:
         for i in range(contacts.shape[0]):
             leave_border(contacts[i], ground, ramp, i)
-            if contacts[i].at == 0 and curves is not None:
-                when = find_next_of_wall(contacts, springs, model, ramp, i)
-            else:
-                when = find_next(contacts, springs, model, ramp, i)
-            schedule(contacts, i, when, ramp.begun)
+            schedule(contacts, i, find_next(contacts, springs, model, ramp, i), ramp.begun)
     note_interval(ramp, ramp.s, min(contacts[find_earliest(contacts)].next, ramp.end))
 
 

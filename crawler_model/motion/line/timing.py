@@ -76,7 +76,8 @@ def find_next(contacts, springs, model, ramp, i):
     """
     c = contacts[i]
     when = find_meeting(c, model.ground, i)
-    if c.side == 0 or c.d_forward + c.d_backward < 0.0:
+    rests = c.at == 0 and c.v == 0.0  # a chosen translation moves contacts that are at their bounds but for rounding
+    if rests or c.side == 0 or c.d_forward + c.d_backward < 0.0:
         border = c.coming
         other = find_arrival(c, springs, model.ends, ramp)
         if other < when:
@@ -84,21 +85,3 @@ def find_next(contacts, springs, model, ramp, i):
         else:
             c.coming = border
     return _find_knots(contacts, c, springs, model.ends, model.curves, ramp, when)
-
-
-@inlined
-def find_next_of_wall(contacts, springs, model, ramp, i):
-    """Find the next event of a contact at rest inside its bounds, as `find_next` does.
-
-    Args:
-        contacts: CONTACT, shape (N,); `coming` of contact i, which is at s, is written.
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        ramp: the RAMP.
-        i: the contact.
-
-    Returns:
-        The place on the ramp; infinite if there is none.
-    """
-    when = find_arrival(contacts[i], springs, model.ends, ramp)
-    return _find_knots(contacts, contacts[i], springs, model.ends, model.curves, ramp, when)

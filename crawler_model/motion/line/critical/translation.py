@@ -15,13 +15,17 @@ from ..ground.falls import draw_all
 from ..records import KNOT
 from ..runs import wake_all
 from ..springs.bends import find_lengths
-from ..springs.parts import begin_parts, find_pull, member
+from ..springs.parts import begin_parts, find_pull, member, side_of
 from .margin import begin_part, is_critical, is_near, sample_margin
 
 
 @lean
-def _all_slide(contacts, block, curves, ramp):
-    """Determine whether all contacts of the present part slide, which leaves its translation to nothing."""
+def _is_free(contacts, block, curves, ramp):
+    """Determine whether all contacts of the present part slide, and nothing was found to determine its translation."""
+    if not ramp.undetermined:
+        return False
+    if curves is None:  # the part is the body
+        return True
     for r in range(ramp.first, ramp.last):
         c = contacts[member(block, curves, r)]
         if c.at == 0 or c.side == 0:
@@ -106,7 +110,8 @@ def _limit(contacts, springs, block, curves, ramp, ds):
         return least, most
     for j in range(springs.shape[0]):
         spring = springs[j]
-        if spring.stiffness > 0.0 or (block[spring.a].part == ramp.first) == (block[spring.b].part == ramp.first):
+        side = side_of(spring, block, ramp.first)
+        if side == 0:
             continue
         bend = curves.bends[spring.bend]
         z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
@@ -114,8 +119,7 @@ def _limit(contacts, springs, block, curves, ramp, ds):
         below, above = _stay_on(curves.pieces[bend.actuator], z - length, stretch - change, ds, near)
         low, high = _stay_on(curves.pieces[bend.passive], z, stretch, ds, near)
         below, above = max(below, low), min(above, high)
-        grows = block[spring.b].part == ramp.first
-        least, most = max(least, below if grows else -above), min(most, above if grows else -below)
+        least, most = max(least, below if side > 0 else -above), min(most, above if side > 0 else -below)
     return least, most
 
 
@@ -219,8 +223,9 @@ def choose(contacts, springs, model, curves, ramp):
     ramp.last = 0
     while ramp.last < n:
         begin_part(model.block, curves, ramp, n)
-        free = ramp.undetermined and (curves is None or _all_slide(contacts, model.block, curves, ramp))
-        if not is_critical(contacts, springs, model, curves, ramp) and not free:
+        if not is_critical(contacts, springs, model, curves, ramp) and not _is_free(
+            contacts, model.block, curves, ramp
+        ):
             continue
         if not ramp.shifted:
             _begin_shift(contacts, springs, model, ramp)
@@ -258,7 +263,8 @@ def choose_step(contacts, springs, model, curves, ramp):
     ramp.last = 0
     while ramp.last < n:
         begin_part(model.block, curves, ramp, n)
-        free = ramp.undetermined and (curves is None or _all_slide(contacts, model.block, curves, ramp))
-        if free or is_near(contacts, springs, model, curves, ramp, 1.0, CRITICAL * end):
+        if _is_free(contacts, model.block, curves, ramp) or is_near(
+            contacts, springs, model, curves, ramp, 1.0, CRITICAL * end
+        ):
             shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
     note_interval(ramp, 0.0, 1.0)

@@ -20,8 +20,16 @@ from ..advance import advance_spring
 
 
 @inlined
-def _tension_on(piece, length):
-    """Compute the tension at a length on the line of a piece."""
+def tension_on(piece, length):
+    """Compute the tension at a length on the line of a piece, which may reach beyond the piece.
+
+    Args:
+        piece: a PIECE.
+        length: the length [m].
+
+    Returns:
+        The tension [N].
+    """
     return piece.value + piece.slope * (length - piece.at)
 
 
@@ -81,6 +89,53 @@ def set_stiffness(spring, bend, pieces):
         bend.back, bend.offset = 0.0, actuator.value
 
 
+@inlined
+def find_way(bend, pieces, z, u, direction):
+    """Find how far a spring can grow or shrink until it is at a knot.
+
+    Args:
+        bend: its BEND.
+        pieces: PIECE, of all curves.
+        z: elongation [m].
+        u: z - L [m].
+        direction: > 0 if it grows, < 0 if it shrinks.
+
+    Returns:
+        The way, < 0 if it is beyond the knot [m]; the knot, as `coming` of a BEND.
+    """
+    actuator, passive = pieces[bend.actuator], pieces[bend.passive]
+    if direction > 0.0:
+        way, other = actuator.end - u, passive.end - z
+        return (way, 1) if way <= other else (other, 2)
+    way, other = u - actuator.begin, z - passive.begin
+    return (way, -1) if way <= other else (other, -2)
+
+
+@inlined
+def change_piece(contacts, spring, bend, pieces, ramp, coming):
+    """Let a spring go on on the piece behind a knot, with what its command pulls on its contacts there.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        spring: a SPRING.
+        bend: its BEND.
+        pieces: PIECE, of all curves.
+        ramp: the RAMP; the parts of the body are unknown afterwards if the spring was or is flat.
+        coming: the knot, as `coming` of a BEND; 0 if the pieces are set already.
+    """
+    flat, pull = spring.stiffness == 0.0, spring.stiffness * spring.d_length
+    if abs(coming) == 1:
+        bend.actuator += coming
+    else:
+        bend.passive += coming // 2
+    set_stiffness(spring, bend, pieces)
+    change = pull - spring.stiffness * spring.d_length
+    contacts[spring.a].pull += change
+    contacts[spring.b].pull -= change
+    if flat or spring.stiffness == 0.0:
+        ramp.parted = 0
+
+
 @lean
 def begin_bend(spring, curves):
     """Begin the ramp of a spring: its stiffness, and how its tension changes with the command.
@@ -124,7 +179,7 @@ def energy_of(spring, curves):
 def _tension_of(bend, pieces, u, z):
     """Compute the tension of a bent spring from its lengths."""
     find_pieces(bend, pieces, u, z, 0.0)
-    return _tension_on(pieces[bend.actuator], u) + _tension_on(pieces[bend.passive], z)
+    return tension_on(pieces[bend.actuator], u) + tension_on(pieces[bend.passive], z)
 
 
 @inlined
@@ -187,7 +242,7 @@ def finish_bend(contacts, spring, curves, ramp, length):
 def _account_step(spring, bend, pieces, ramp, before, z):
     """Account for the work of an actuator in an implicit step, in which u goes straight from `before` to its end."""
     find_pieces(bend, pieces, before, spring.elongation, 0.0)
-    energy, tension = _energy_on(pieces[bend.actuator], before), _tension_on(pieces[bend.actuator], before)
+    energy, tension = _energy_on(pieces[bend.actuator], before), tension_on(pieces[bend.actuator], before)
     u = z - spring.length
     if u != before:
         find_pieces(bend, pieces, u, z, 0.0)

@@ -11,8 +11,8 @@ from ..block import list_contact, settle
 from ..ground.falls import draw, draw_spring
 from ..timing import find_next
 from ..tournament import schedule
-from .bends import find_lengths, find_pieces, is_flat, set_stiffness
-from .parts import begin_parts, find_last, member
+from .bends import change_piece, find_lengths, find_pieces, find_way, is_flat, tension_on
+from .parts import begin_parts, find_last, member, side_of
 
 _MOST_TOGETHER = 20
 """Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""
@@ -24,20 +24,10 @@ def _pass_knot(contacts, spring, ground, curves, ramp):
     bend = curves.bends[spring.bend]
     draw_spring(spring, curves, ground, ramp)
     advance_spring(spring, curves, ramp, ramp.s)
-    stiffness, before = spring.stiffness, spring.stiffness * spring.d_length
-    if abs(bend.coming) == 1:
-        bend.actuator += bend.coming
-    else:
-        bend.passive += bend.coming // 2
+    change_piece(contacts, spring, bend, curves.pieces, ramp, bend.coming)
     bend.next = np.inf
-    set_stiffness(spring, bend, curves.pieces)
-    change = before - spring.stiffness * spring.d_length
-    contacts[spring.a].pull += change
-    contacts[spring.b].pull -= change
     _, _, stretch, _ = find_lengths(contacts, spring, bend, ramp)
     spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
-    if stiffness == 0.0 or spring.stiffness == 0.0:
-        ramp.parted = 0
 
 
 @lean
@@ -128,15 +118,6 @@ def time_contact(contacts, springs, model, ramp, i):
 
 
 @lean
-def _find_slack(spring, bend, pieces, direction):
-    """Find how far the elongation of a flat spring can grow (or shrink) until it is at a knot, and just beyond [m]."""
-    z, u = spring.elongation, spring.elongation - spring.length
-    actuator, passive = pieces[bend.actuator], pieces[bend.passive]
-    way = min(actuator.end - u, passive.end - z) if direction > 0.0 else min(u - actuator.begin, z - passive.begin)
-    return max(way, 0.0) + 4.0 * EPS * (abs(z) + abs(spring.length) + max(way, 0.0))
-
-
-@lean
 def slide_to_knot(contacts, springs, model, curves, ramp):
     """Slide contacts that only flat springs hold, and these no longer, to the next knot of one of them.
 
@@ -161,9 +142,12 @@ def slide_to_knot(contacts, springs, model, curves, ramp):
     distance = np.inf
     for j in range(springs.shape[0]):
         spring = springs[j]
-        if block[spring.a].part != block[spring.b].part and first in (block[spring.a].part, block[spring.b].part):
-            side = direction if block[spring.b].part == first else -direction
-            distance = min(distance, _find_slack(spring, curves.bends[spring.bend], curves.pieces, side))
+        side = side_of(spring, block, first)
+        if side != 0:
+            z, u = spring.elongation, spring.elongation - spring.length
+            way, _ = find_way(curves.bends[spring.bend], curves.pieces, z, u, side * direction)
+            way = max(way, 0.0)
+            distance = min(distance, way + 4.0 * EPS * (abs(z) + abs(spring.length) + way))  # just beyond the knot
     if distance == np.inf:
         return False
     for r in range(first, last):
@@ -181,25 +165,17 @@ def slide_to_knot(contacts, springs, model, curves, ramp):
 
 
 @lean
-def _set_step(contacts, spring, bend, curves, ramp):
-    """Let the tension at the start of an implicit step be that on the lines of the present pieces."""
-    pieces, u, stiffness = curves.pieces, spring.elongation - spring.length, spring.stiffness
-    actuator, passive = pieces[bend.actuator], pieces[bend.passive]
-    held = actuator.value + actuator.slope * (u - actuator.at)
-    held += passive.value + passive.slope * (spring.elongation - passive.at)
-    change = held - spring.tension
-    before = spring.stiffness * spring.d_length
-    set_stiffness(spring, bend, pieces)
-    pull = before - spring.stiffness * spring.d_length
-    if stiffness == 0.0 or spring.stiffness == 0.0:
-        ramp.parted = 0
+def _change_step(contacts, spring, bend, curves, ramp, coming):
+    """Let a spring go on behind a knot, and its tension at the start of an implicit step be that on the lines there."""
+    change_piece(contacts, spring, bend, curves.pieces, ramp, coming)
+    actuator, passive = curves.pieces[bend.actuator], curves.pieces[bend.passive]
+    z, u = spring.elongation, spring.elongation - spring.length
+    change = (tension_on(actuator, u) + tension_on(passive, z)) - spring.tension
     bend.excess += change
     spring.tension += change
     spring.rate = 0.0
     contacts[spring.a].force += change
     contacts[spring.b].force -= change
-    contacts[spring.a].pull += pull
-    contacts[spring.b].pull -= pull
 
 
 @inlined
@@ -240,7 +216,7 @@ def change_pieces(contacts, springs, curves, ramp, one_only):
             bend.passive = passive + min(max(bend.passive - passive, -1), 1)
         if bend.actuator != actuator or bend.passive != passive:
             changed = True
-            _set_step(contacts, spring, bend, curves, ramp)
+            _change_step(contacts, spring, bend, curves, ramp, 0)
     return changed
 
 
@@ -267,24 +243,18 @@ def tighten(contacts, springs, model, curves, ramp):
     first, nearest, found, coming = block[abs(ramp.loose) - 1].part, np.inf, -1, 0
     for j in range(springs.shape[0]):
         spring = springs[j]
-        if (block[spring.a].part == first) == (block[spring.b].part == first):
+        side = side_of(spring, block, first)
+        if side == 0:
             continue
         bend = curves.bends[spring.bend]
         z, u = spring.elongation, spring.elongation - (spring.length + ramp.part * bend.command)
-        grows = (block[spring.b].part == first) == (ramp.loose > 0)
-        actuator, passive = pieces[bend.actuator], pieces[bend.passive]
-        way = actuator.end - u if grows else u - actuator.begin
-        other = passive.end - z if grows else z - passive.begin
-        if min(way, other) < nearest:
-            nearest, found, coming = min(way, other), j, (1 if grows else -1) * (1 if way <= other else 2)
+        way, knot = find_way(bend, pieces, z, u, side if ramp.loose > 0 else -side)
+        if way < nearest:
+            nearest, found, coming = way, j, knot
     if found < 0:
         return False
-    bend = curves.bends[springs[found].bend]
-    if abs(coming) == 1:
-        bend.actuator += coming
-    else:
-        bend.passive += coming // 2
-    _set_step(contacts, springs[found], bend, curves, ramp)
+    spring = springs[found]
+    _change_step(contacts, spring, curves.bends[spring.bend], curves, ramp, coming)
     return True
 
 

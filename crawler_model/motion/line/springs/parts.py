@@ -104,3 +104,18 @@ def find_pull(contacts, springs, model, curves, i):
         if is_flat(spring, curves):
             pull += model.ends[k].sign * spring.tension
     return pull
+
+
+@inlined
+def side_of(spring, block, first):
+    """Find which end of a spring is in a part, if one is and the other is not.
+
+    Args:
+        spring: a SPRING.
+        block: BLOCK, with the list of parts.
+        first: place of the first contact of the part.
+
+    Returns:
+        1 if it is the end at b, so that the spring grows as the part slides forward; -1 if that at a; else 0.
+    """
+    return int(block[spring.b].part == first) - int(block[spring.a].part == first)
