@@ -12,7 +12,7 @@ from ...compiled import inlined, lean, merged
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
-from .critical.margin import sample_margin
+from .critical.margin import begin_part, sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import leave_border, reach_border, rest_on_border
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
@@ -21,6 +21,7 @@ from .pivot import ROUNDING, find_sides
 from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED
 from .runs import fall_asleep, set_runs
 from .springs.knots import pass_knots, passes_singly, time_knots
+from .springs.parts import begin_parts
 from .timing import find_next
 from .tournament import begin_tournament, find_earliest, schedule
 
@@ -276,7 +277,12 @@ def _sample_before(contacts, springs, model, ground, ramp):
     """Update the visited margin before contacts cross borders, which changes their bounds at once."""
     if ground is None:
         return
-    sample_margin(contacts, springs, model, model.curves, ramp)
+    begin_parts(contacts, springs, model, model.curves, ramp)
+    n = contacts.shape[0]
+    ramp.last = 0
+    while ramp.last < n:
+        begin_part(model.block, model.curves, ramp, n)
+        sample_margin(contacts, springs, model, model.curves, ramp)
 
 
 @inlined

@@ -78,7 +78,7 @@ def is_near(contacts, springs, model, curves, ramp, when, limit):
     return abs(_imbalance(contacts, springs, model, curves, ramp, when)) <= limit
 
 
-@lean
+@inlined
 def _imbalance(contacts, springs, model, curves, ramp, when):
     """Sum the bounds that the contacts of the present part are at, or nearest to, less the force of flat springs."""
     balance = 0.0
@@ -95,9 +95,9 @@ def _imbalance(contacts, springs, model, curves, ramp, when):
     return balance
 
 
-@lean
+@inlined
 def _margin_of_part(contacts, springs, model, curves, ramp, when):
-    """Compute how close the contacts of the present part are to sliding at once, and the sum of their bounds [N]."""
+    """Compute how close the contacts of the present part are to sliding at once, as `find_margin` does for all."""
     near = total = balance = 0.0
     free = 0
     for r in range(ramp.first, ramp.last):
@@ -117,7 +117,7 @@ def _margin_of_part(contacts, springs, model, curves, ramp, when):
         balance -= find_pull(contacts, springs, model, curves, i)
     if free < 2:
         near = 0.0  # a single force away from its bound is the imbalance of all bounds
-    return max(near, abs(balance)), total
+    return max(near, abs(balance)) / total if total > 0.0 else 0.0
 
 
 @lean
@@ -140,8 +140,7 @@ def find_margin(contacts, springs, model, curves, ramp, when):
     ramp.last = 0
     while ramp.last < n:
         begin_part(model.block, curves, ramp, n)
-        near, total = _margin_of_part(contacts, springs, model, curves, ramp, when)
-        margin = min(margin, near / total if total > 0.0 else 0.0)
+        margin = min(margin, _margin_of_part(contacts, springs, model, curves, ramp, when))
     return margin
 
 
@@ -161,9 +160,9 @@ def begin_part(block, curves, ramp, n):
         ramp.witness = ramp.first
 
 
-@lean
+@inlined
 def sample_margin(contacts, springs, model, curves, ramp):
-    """Update the visited margin of a small body by the forces and bounds at s, unless it jumps.
+    """Update the visited margin of a small body by the present part at s, unless it jumps.
 
     Args:
         contacts: CONTACT, shape (N,).
@@ -173,10 +172,10 @@ def sample_margin(contacts, springs, model, curves, ramp):
         ramp: the RAMP, whose margin is updated.
     """
     if contacts.shape[0] <= FEW_CONTACTS and not ramp.falling:
-        ramp.visited = min(ramp.visited, find_margin(contacts, springs, model, curves, ramp, ramp.s))
+        ramp.visited = min(ramp.visited, _margin_of_part(contacts, springs, model, curves, ramp, ramp.s))
 
 
-@lean
+@inlined
 def is_critical(contacts, springs, model, curves, ramp):
     """Determine whether all contacts of the present part stay at their bounds up to the ramp's end.
 

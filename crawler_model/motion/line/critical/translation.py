@@ -19,7 +19,7 @@ from ..springs.parts import begin_parts, find_pull, member, side_of
 from .margin import begin_part, is_critical, is_near, sample_margin
 
 
-@lean
+@inlined
 def _is_free(contacts, block, curves, ramp):
     """Determine whether all contacts of the present part slide, and nothing was found to determine its translation."""
     if not ramp.undetermined:
@@ -217,25 +217,23 @@ def choose(contacts, springs, model, curves, ramp):
     """
     n = contacts.shape[0]
     ramp.shifted = 0
-    ramp.slower = ramp.faster = 0.0
     begin_parts(contacts, springs, model, curves, ramp)
-    sample_margin(contacts, springs, model, curves, ramp)
     ramp.last = 0
     while ramp.last < n:
         begin_part(model.block, curves, ramp, n)
-        if not is_critical(contacts, springs, model, curves, ramp) and not _is_free(
-            contacts, model.block, curves, ramp
-        ):
-            continue
-        if not ramp.shifted:
-            _begin_shift(contacts, springs, model, ramp)
-        shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
+        sample_margin(contacts, springs, model, curves, ramp)
+        critical = is_critical(contacts, springs, model, curves, ramp)
+        if critical or _is_free(contacts, model.block, curves, ramp):
+            if not ramp.shifted:
+                _begin_shift(contacts, springs, model, ramp)
+            shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
 
 
 @lean
 def _begin_shift(contacts, springs, model, ramp):
     """Advance the body to s, and find the next event; knots of flat springs limit the translation instead."""
     ramp.shifted = 1
+    ramp.slower = ramp.faster = 0.0
     ramp.until = ramp.end
     wake_all(contacts, springs, model.runs, ramp)
     draw_all(contacts, model, model.ground, ramp)

@@ -136,7 +136,7 @@ def change_piece(contacts, spring, bend, pieces, ramp, coming):
         ramp.parted = 0
 
 
-@lean
+@inlined
 def begin_bend(spring, curves):
     """Begin the ramp of a spring: its stiffness, and how its tension changes with the command.
 
@@ -197,7 +197,7 @@ def leash_of(contacts, spring, ramp):
     return 32.0 * EPS * spring.stiffness * (abs(contacts[spring.a].x) + abs(contacts[spring.b].x) + ramp.span)
 
 
-@lean
+@inlined
 def finish_bend(contacts, spring, curves, ramp, length):
     """Advance a spring to the end of what was followed of a ramp, if it is bent.
 

@@ -76,7 +76,7 @@ def passes_singly(curves, ramp):
     return ramp.passed > _MOST_TOGETHER
 
 
-@lean
+@inlined
 def time_knots(contacts, springs, model, curves, ramp, count):
     """Find anew when springs between a solved block and other contacts, at which they begin, come to knots.
 

@@ -82,7 +82,7 @@ def find_last(block, curves, first, n):
     return last
 
 
-@lean
+@inlined
 def find_pull(contacts, springs, model, curves, i):
     """Find the force of the flat springs on a contact; those within a part cancel in its sum.
 
