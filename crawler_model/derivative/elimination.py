@@ -13,24 +13,25 @@ from ..compiled import lean
 from .records import Band
 
 
-def build_band(body: Body) -> Band:
+def build_band(body: Body, springs: np.ndarray) -> Band:
     """Order the contacts of a body so that its stiffness matrix is a narrow band.
 
     Args:
         body: any body on a line.
+        springs: SPRING, shape (S,); their places in the band are written.
 
     Returns:
         The band, with memory.
     """
-    if body.is_chain:
-        band = np.append(body.stiffness, 0.0)[:, None]
-        return Band(np.arange(body.contacts), band, np.empty(band.shape))
-    from ..motion.line.build import order_contacts
+    place, width = np.arange(body.contacts), 1
+    if not body.is_chain:
+        from ..motion.line.build import order_contacts
 
-    place, width = order_contacts(body)
+        place, width = order_contacts(body)
     ends = np.sort(place[body.ends], axis=1)
+    springs["row"], springs["column"] = ends[:, 0], ends[:, 1] - ends[:, 0] - 1
     band = np.zeros((body.contacts, width))
-    np.add.at(band, (ends[:, 0], ends[:, 1] - ends[:, 0] - 1), body.stiffness)
+    np.add.at(band, (springs["row"], springs["column"]), springs["stiffness"])
     return Band(np.argsort(place), band, np.empty(band.shape))
 
 
@@ -111,7 +112,8 @@ def eliminate_many(contacts, band, load, solution):
         solution: by contact, shape (N, P); read for stuck contacts, output for sliding ones.
 
     Returns:
-        False if no contact is stuck. The last one in the order then keeps its solution, and the others are balanced.
+        False if no contact is stuck. The last one in the order then keeps its solution, and the others are balanced; so
+        do the last ones of parts of a body that no spring joins to stuck contacts, which are marked as loose.
     """
     n, width = band.memory.shape
     held = False
@@ -130,6 +132,7 @@ def eliminate_many(contacts, band, load, solution):
                 for c in range(load.shape[1]):
                     load[a, c] += k * solution[band.order[p + 1 + d], c]
         pivot = _find_pivot(contacts, band, pinned, p)
+        contacts[a].loose = pivot == 0.0
         if pivot > 0.0:
             for c in range(load.shape[1]):
                 solution[a, c] = load[a, c] / pivot

@@ -9,10 +9,12 @@ from __future__ import annotations
 from ..compiled import lean
 from .records import CORNER, EVENT, TIE
 
-_AT_BOUND = 1e-10
+AT_BOUND = 1e-10
 """A force closer to its bound than this, relative to the forces around the contact, is at its bound."""
 SAME = 1e-8
 """Derivatives closer than this, relative to the terms whose difference they are, are equal."""
+_ROUNDING = 1e-11
+"""Derivatives smaller than this part of the largest terms met are rounding, that of their parameters included."""
 _SHORTEST = 1e-8
 """On a shorter part of a ramp a contact that has just left its bound is still close to it."""
 INSTANT = 1e-11
@@ -47,11 +49,14 @@ def pass_end(system, dx, piece):
         piece: the next PIECE.
 
     Returns:
-        Whether contacts begin to slide there at places that depend on the parameters in different ways.
+        Whether contacts begin to slide, or springs are at knots, there at places that depend on the parameters in
+        different ways.
     """
     contacts, parameters = system.contacts, system.parameters
     kind = piece.ended
     stopped = arrived = False
+    for s in range(system.springs.shape[0]):
+        arrived |= system.springs[s].arrived > 1
     for i in range(contacts.shape[0]):
         stopped |= contacts[i].v_before != 0.0 and contacts[i].sliding == 0
         arrived |= contacts[i].arrived > 1
@@ -99,23 +104,43 @@ def _find_slack(system, derivative, d_target, i, ahead):
         if spring.a != i and spring.b != i:
             continue
         sign = 1.0 if (spring.a == i) == ahead else -1.0
-        stretch = spring.tension / spring.stiffness
         for c in range(parameters.shape[0]):
             terms = abs(derivative.dx[spring.a, c]) + abs(derivative.dx[spring.b, c]) + abs(d_target[s, c])
             parameters[c].d_slack -= sign * derivative.tension[s, c]
-            parameters[c].d_size += spring.stiffness * terms + abs(derivative.stiffness[s, c] * stretch)
-    depends = False
-    for c in range(parameters.shape[0]):
-        parameter = parameters[c]
-        if abs(parameter.d_slack) > SAME * parameter.d_size:
-            parameter.moves = depends = True
-    return depends
+            parameters[c].d_size += spring.stiffness * terms + abs(derivative.own[s, c])
+    return find_moves(parameters)
 
 
 @lean
-def _note_arrival(parameters, piece, closing, fastest):
-    """Note the derivative of the place where a contact arrives, or that its order with that of another one depends."""
-    if fastest > 0.0:  # another contact arrives at the same place
+def find_moves(parameters):
+    """Determine whether any parameter changes a slack, and note which do.
+
+    Args:
+        parameters: PARAMETER, shape (P,), with the derivatives of the slack.
+
+    Returns:
+        Whether any does.
+    """
+    found = False
+    for c in range(parameters.shape[0]):
+        parameter = parameters[c]
+        parameter.scale = max(parameter.scale, parameter.d_size)
+        if abs(parameter.d_slack) > SAME * parameter.d_size + _ROUNDING * parameter.scale:
+            parameter.moves = found = True
+    return found
+
+
+@lean
+def note_arrival(parameters, piece, closing, fastest):
+    """Note the derivative of the place of an event, or that its order with that of another one depends on parameters.
+
+    Args:
+        parameters: PARAMETER, shape (P,), with the derivatives of the slack.
+        piece: the PIECE that ends there.
+        closing: how fast the slack shrinks [N per ramp].
+        fastest: how fast the fastest one of earlier events at the same place does; 0 without one [N per ramp].
+    """
+    if fastest > 0.0:  # another event is at the same place
         for c in range(parameters.shape[0]):
             parameter = parameters[c]
             terms = parameter.d_size / closing + parameter.place_size
@@ -130,12 +155,18 @@ def _note_arrival(parameters, piece, closing, fastest):
 
 
 @lean
-def _note_kink(system, piece, i):
-    """Note that contact i is at its bound, where parameters would lift it off or push it over."""
+def note_kink(system, piece, i):
+    """Note a kink at the end of a piece: a slack is zero there, and parameters would change that.
+
+    Args:
+        system: a `System`; its parameters hold the derivatives of the slack.
+        piece: the PIECE.
+        i: the contact.
+    """
     mark(system.kinks, piece.ramp, piece.until, i)
     for c in range(system.parameters.shape[0]):
         parameter = system.parameters[c]
-        parameter.one_sided |= abs(parameter.d_slack) > SAME * parameter.d_size
+        parameter.one_sided |= abs(parameter.d_slack) > SAME * parameter.d_size + _ROUNDING * parameter.scale
 
 
 @lean
@@ -147,6 +178,9 @@ def look_at_bounds(system, derivative, commands, piece):
         derivative: a `Derivative`, at the end.
         commands: a `Commands`, at the end.
         piece: the PIECE; how it ended is written.
+
+    Returns:
+        How fast the arriving contact that does so fastest approaches its bound; 0 if none arrives [N per ramp].
     """
     contacts, parameters = system.contacts, system.parameters
     n, springs = contacts.shape[0], system.springs.shape[0]
@@ -164,22 +198,23 @@ def look_at_bounds(system, derivative, commands, piece):
         if contact.sliding != 0 or forward + backward == 0.0:
             continue
         above, below = forward - contact.force, backward + contact.force
-        near = _AT_BOUND * (contact.size + abs(forward) + abs(backward))
+        near = AT_BOUND * (contact.size + abs(forward) + abs(backward))
         arrives = contact.arriving != 0
         ahead = contact.arriving == 1 if arrives else above < below
         bound_rate = commands.change[springs + i] if ahead else commands.change[springs + n + i]
         closing = (contact.force_rate if ahead else -contact.force_rate) - bound_rate
         slack = above if ahead else below
-        if closing > _AT_BOUND * (contact.rate_size + abs(bound_rate)):
+        if closing > AT_BOUND * (contact.rate_size + abs(bound_rate)):
             arrives |= slack <= closing * INSTANT + 1e-4 * near
         if not arrives and (slack > near or piece.until - piece.begin < _SHORTEST):
             continue
         depends = _find_slack(system, derivative, commands.d_target, i, ahead)
         if not arrives:
             if depends:
-                _note_kink(system, piece, i)
+                note_kink(system, piece, i)
             continue
         contact.arrived = 2 if depends else 1
         if piece.until < 1.0:
-            _note_arrival(parameters, piece, closing, fastest)
+            note_arrival(parameters, piece, closing, fastest)
             fastest = max(fastest, closing)
+    return fastest

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.body import Body
 from ..errors import SceneError
 from ..scene.scene import Scene
 from ..sweep.stack import Stack, shares_mesh, stack
@@ -16,6 +17,8 @@ from ..sweep.vary import Variations, key_steps, vary
 
 _STEP = 2.0**-7
 """Step of the differences of assembled arrays, relative to the value of the parameter."""
+_STEP_OF_CURVES = 2.0**-10
+"""Likewise in scenes with curves, whose knots may be close together."""
 _SMALLEST = 0.125
 """Values are taken to be of this size at least."""
 _CENTRAL, _ONE_SIDED = (-3, -2, -1, 0, 1, 2, 3), (0, 1, 2, 3, 4, 5, 6)
@@ -23,6 +26,8 @@ _CENTRAL, _ONE_SIDED = (-3, -2, -1, 0, 1, 2, 3), (0, 1, 2, 3, 4, 5, 6)
 _TRIES = 5
 _TOGETHER = 256
 """Parameters whose arrays are assembled in one call."""
+_SAME = 1e-14
+"""Numbers that change by a smaller part of their size change by rounding alone."""
 _LINEAR = 1e-13
 """Arrays whose second difference is below this part of their size depend on the parameter linearly."""
 
@@ -35,6 +40,8 @@ class Derivatives:
         names: names of the parameters.
         values: their values in the scene, shape (P,).
         stiffness: of k, shape (S, P).
+        pieces: of the pieces of the curves of bent springs, actuator and passive spring of each in turn, columns as in
+            `body.curves`, shape (R, 6, P); zero where they are infinite.
         targets: of the targets at the waypoints, shape (W, F, P).
         start: of x at the start, shape (N, P).
         times: of the times of the waypoints, shape (W, P) [s per unit of the parameter].
@@ -44,6 +51,7 @@ class Derivatives:
     names: tuple[str, ...]
     values: np.ndarray
     stiffness: np.ndarray
+    pieces: np.ndarray
     targets: np.ndarray
     start: np.ndarray
     times: np.ndarray
@@ -134,8 +142,8 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
         parts.append(np.ascontiguousarray(stacked[first : first + size].reshape(*shape, len(names))))
         first += size
     values = np.array(list(origin.values()))
-    stiffness, targets, start, times, period = parts
-    return Derivatives(names, values, stiffness, targets, start, times, period[0])
+    stiffness, pieces, targets, start, times, period = parts
+    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0])
 
 
 def _differentiate_together(
@@ -180,10 +188,12 @@ def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[
     def at(step: float) -> np.ndarray:
         arrays = _flat(Variations(scene, dict.fromkeys(changing, np.array([value + step])), (1,))[0])
         if arrays.size != base.size:
-            raise SceneError(f"{caller}: {name} changes the number of waypoints or contacts; it has no derivative")
+            raise SceneError(
+                f"{caller}: {name} changes the number of waypoints, contacts or knots; it has no derivative"
+            )
         return arrays
 
-    step = _STEP * max(abs(value), _SMALLEST)
+    step = (_STEP_OF_CURVES if scene.body.bends else _STEP) * max(abs(value), _SMALLEST)
     error: SceneError | None = None
     for _ in range(_TRIES):
         for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
@@ -203,9 +213,10 @@ def _difference(at: Callable[[float], np.ndarray], base: np.ndarray, places: Seq
     middle = at(0.5 * (places[0] + places[-1]) * step) if places[0] == 0 else base
     size = np.maximum(np.maximum(np.abs(first), np.abs(last)), np.abs(middle))
     if (np.abs((first + last) - 2.0 * middle) <= _LINEAR * size).all():
-        return (last - first) / width
-    rows = [at(place * step) if place else base for place in places]
-    return np.asarray(_weights(places) @ (np.array(rows) - base) / step)
+        return np.where(np.abs(last - first) <= _SAME * size, 0.0, (last - first) / width)
+    rows = np.array([at(place * step) if place else base for place in places])
+    changes = np.ptp(rows, axis=0) > _SAME * size
+    return np.where(changes, _weights(places) @ (rows - base) / step, 0.0)
 
 
 @functools.cache
@@ -221,7 +232,29 @@ def _arrays(scene: Scene) -> tuple[Any, ...]:
     """Collect all arrays of a scene that a run depends on."""
     drive = scene.drive
     period = 0.0 if drive.period is None else drive.period
-    return scene.body.stiffness, drive.targets, scene.start_displacement, drive.times, [period]
+    return (
+        scene.body.stiffness,
+        collect_pieces(scene.body),
+        drive.targets,
+        scene.start_displacement,
+        drive.times,
+        [period],
+    )
+
+
+def collect_pieces(body: Body) -> np.ndarray:
+    """Collect the pieces of the curves of bent springs.
+
+    Args:
+        body: the body.
+
+    Returns:
+        Those of the actuator and the passive spring of each in turn, columns as in `body.curves`, with 0 for infinity,
+        shape (R, 6).
+    """
+    curves = [curve.pieces for bend in body.bends for curve in (bend.actuator, bend.passive)]
+    pieces = np.concatenate([np.zeros((0, 6)), *curves])
+    return np.where(np.isfinite(pieces), pieces, 0.0)
 
 
 def _flat(scene: Scene) -> np.ndarray:
@@ -232,7 +265,7 @@ def _arrays_of_stack(many: Stack) -> np.ndarray:
     """Collect the same arrays of stacked scenes, shape (M, size)."""
     count = len(many)
     period = np.zeros(count) if many.period is None else many.period
-    parts = (many.stiffness, many.targets, many.start, many.times, period)
+    parts = (many.stiffness, np.zeros((count, 0)), many.targets, many.start, many.times, period)
     return np.hstack([np.reshape(part, (count, -1)) for part in parts])
 
 

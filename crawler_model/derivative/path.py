@@ -14,15 +14,19 @@ from ..body.plan import Plan
 from ..crawler.crawler import default_budget
 from ..errors import CommandError
 from ..motion.follow import build_motion
-from ..motion.line.records import zeros
-from ..motion.pieces import HEADER, PIECES_A_RAMP, RAMP, follow_pieces
+from ..motion.line.build import build_curves
+from ..motion.line.records import Curves, zeros
+from ..motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
+from ..run.repeats import determining_tension
 from .elimination import build_band
 from .parameters import Derivatives
 from .records import CONTACT, PARAMETER, PIECE, SPRING, Commands, Course, Derivative, System
 from .tangent import follow_tangent
 
 _MOST_NUMBERS = 4_000_000
+_SLIDE = 1e-9
+"""A larger part of the size of displacements that no piece of the path contains is a slide at once."""
 _KINKS = 4096
 """Kinks that are listed for one call; more are counted only."""
 
@@ -105,9 +109,19 @@ def _build_system(body: Body, parameters: int) -> System:
     contacts, springs = zeros(body.contacts, CONTACT), zeros(body.springs, SPRING)
     contacts["share"] = body.share
     springs["a"], springs["b"] = body.ends.T
-    springs["stiffness"] = body.stiffness
-    kinks = np.zeros((_KINKS, 3))
-    return System(contacts, springs, zeros(parameters, PARAMETER), body.element_ends, build_band(body), kinks)
+    springs["stiffness"] = springs["command"] = springs["scale"] = body.stiffness
+    springs["bend"] = -1
+    springs["bend"][[bend.spring for bend in body.bends]] = np.arange(len(body.bends))
+    curves = build_curves(body)
+    return System(
+        contacts,
+        springs,
+        zeros(parameters, PARAMETER),
+        body.element_ends,
+        build_band(body, springs),
+        np.zeros((_KINKS, 3)),
+        Curves(*curves) if curves else None,
+    )
 
 
 class TangentPath:
@@ -131,9 +145,13 @@ class TangentPath:
         columns = len(derivatives.names)
         self._system = _build_system(body, columns)
         self._course = (np.array(drive.targets), derivatives.targets)
-        dx, d_tension = derivatives.start.copy(), np.empty(derivatives.stiffness.shape)
+        dx, shape = derivatives.start.copy(), derivatives.stiffness.shape
         memory = np.empty(dx.shape), np.empty(dx.shape)
-        self._derivative = Derivative(derivatives.stiffness, dx, memory[0], memory[1], d_tension)
+        d_tension = np.empty(shape)
+        d_pull = np.empty(shape) if body.bends else d_tension
+        self._derivative = Derivative(
+            derivatives.stiffness, derivatives.pieces, dx, *memory, d_tension, np.empty(shape), d_pull
+        )
         start, d_start = drive.targets[0].copy(), derivatives.targets[0].copy()
         rows, d_rows = np.empty((2, *start.shape)), np.empty((2, *d_start.shape))
         self._commands = Commands(start, rows[0], rows[1], d_start, d_rows[0], d_rows[1])
@@ -149,8 +167,8 @@ class TangentPath:
 
     @property
     def state(self) -> np.ndarray:
-        """Tensions, from which the motion under given commands follows, shape (S,) [N]."""
-        return np.array(self._state.tension)
+        """Tensions from which the motion under given commands follows, see `run.repeats`, shape (S,) [N]."""
+        return determining_tension(self._plan.body, self._state)
 
     def follow(self, vertices: Vertices) -> Stretch:
         """Follow ramps to each vertex in turn.
@@ -162,7 +180,7 @@ class TangentPath:
             Displacements and work at the vertices, with their derivatives.
 
         Raises:
-            CommandError: if a ramp has too many events to be followed.
+            CommandError: if a ramp has too many events to be followed, or contacts slide at once.
         """
         n = self._plan.body.contacts
         most = max(1, _MOST_NUMBERS // (PIECES_A_RAMP * (HEADER + 2 * n)))
@@ -178,13 +196,16 @@ class TangentPath:
         targets = vertices.targets[rows]
         count = targets.shape[0]
         records = np.empty((count, 2 * n + springs))
-        begin_tension = np.array(self._state.tension)
+        contacts, begin_tension = self._state.contacts, np.array(self._state.tension)
+        begin_x = contacts["x"] + contacts["rest"]
         pieces = self._find_pieces(targets, records)
         tensions = np.vstack((begin_tension[None], records[:-1, 2 * n :]))
+        elongations = self._find_elongations(np.vstack((begin_x[None], records[:, :n] + records[:, n : 2 * n])), pieces)
         columns = self._derivative.dx.shape[1]
         dx, work, d_work = np.empty((count, n, columns)), np.empty(count), np.empty((count, columns))
         part = (vertices.before[rows], vertices.after[rows], vertices.part[rows])
-        course = Course(*self._course, *part, np.ascontiguousarray(vertices.d_part[rows]), targets, tensions, pieces)
+        d_part = np.ascontiguousarray(vertices.d_part[rows])
+        course = Course(*self._course, *part, d_part, targets, tensions, elongations, pieces)
         self._system.kinks[0, 0] = 0.0
         follow_tangent(
             self._system, self._derivative, self._commands, course, self._piece, (dx, work, d_work), self._samples
@@ -195,6 +216,29 @@ class TangentPath:
         speed = np.zeros((count, n))
         speed[pieces[:, RAMP].astype(np.int64)] = pieces[:, HEADER : HEADER + n]  # the last piece of a ramp remains
         return Stretch(records[:, :n], records[:, n : 2 * n], work, dx, d_work, speed)
+
+    def _find_elongations(self, x: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+        """Find the elongations of bent springs at the start of each ramp, shape (V, B) [m].
+
+        Raises:
+            CommandError: if contacts slid to a knot at once, so that positions are not continuous.
+        """
+        body = self._plan.body
+        bent = [bend.spring for bend in body.bends]
+        if bent:
+            n = body.contacts
+            way = np.zeros((x.shape[0] - 1, n))
+            length = (pieces[:, UNTIL] - pieces[:, FROM])[:, None]
+            np.add.at(way, pieces[:, RAMP].astype(np.int64), pieces[:, HEADER : HEADER + n] * length)
+            missed = np.abs(np.diff(x, axis=0) - way).max(axis=1)
+            slid = np.flatnonzero(missed > _SLIDE * (np.abs(x).max() + np.abs(way).max()))
+            if slid.size:
+                raise CommandError(
+                    f"in ramp {self._ramps + int(slid[0])} contacts that no spring holds slide at once, by "
+                    f"{missed[slid[0]]:.3g} m, until a spring pulls; no derivative exists"
+                )
+        ends = body.ends[bent]
+        return np.ascontiguousarray(x[:-1, ends[:, 1]] - x[:-1, ends[:, 0]])
 
     def _find_pieces(self, targets: np.ndarray, records: np.ndarray) -> np.ndarray:
         """Follow ramps and note their pieces."""

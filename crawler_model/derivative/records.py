@@ -6,7 +6,7 @@ column for each.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,7 @@ CONTACT = np.dtype(
         ("size", _FLOAT),  # sum of the absolute tensions around it [N]
         ("rate_size", _FLOAT),
         ("ground", _FLOAT),  # stiffness of its springs to what is stuck, in the elimination [N/m]
+        ("loose", _BYTE),  # whether it slides and no spring joins it, or the contacts that it stands for, to others
     ],
     align=True,
 )
@@ -37,7 +38,14 @@ SPRING = np.dtype(
     [
         ("a", _INT),  # its two contacts
         ("b", _INT),
-        ("stiffness", _FLOAT),  # k [N/m]
+        ("bend", _INT),  # -1 if it is linear
+        ("row", _INT),  # its place in the band
+        ("column", _INT),
+        ("stiffness", _FLOAT),  # k, on the piece [N/m]
+        ("scale", _FLOAT),  # a stiffness of it that never changes [N/m]
+        ("command", _FLOAT),  # stiffness of its actuator alone, on the piece [N/m]
+        ("elongation", _FLOAT),  # z of a bent spring, at the start or the end of the piece [m]
+        ("arrived", _BYTE),  # 1 if it is at a knot at the end of the piece, 2 if that instant depends on the parameters
         ("tension", _FLOAT),  # T, at the start or the end of the piece [N]
         ("rate", _FLOAT),  # of the tension along the ramp [N]
     ],
@@ -53,6 +61,7 @@ PARAMETER = np.dtype(
         ("one_sided", np.bool_),  # output: whether the derivative is one-sided
         ("d_slack", _FLOAT),  # memory: derivative of the distance of a force from its bound [N]
         ("d_size", _FLOAT),  # size of the terms whose difference it is
+        ("scale", _FLOAT),  # largest size met so far [N]
         ("d_work", _FLOAT),  # derivative of the work of the actuators in the ramp [J]
     ],
     align=True,
@@ -98,13 +107,17 @@ class System(NamedTuple):
     """The springs in the order of elimination."""
     kinks: np.ndarray
     """Output: ramp, place and contact, shape (rows, 3); the first row counts."""
+    curves: Any
+    """The `motion.line.records.Curves` of bent springs; None without any, where nothing of them is compiled."""
 
 
 class Derivative(NamedTuple):
     """Derivatives of the state."""
 
     stiffness: np.ndarray
-    """Of the stiffness, shape (S, P)."""
+    """Of the stiffness of linear springs, shape (S, P)."""
+    pieces: np.ndarray
+    """Of the pieces of the curves, columns as in `body.curves`, shape (R, 6, P)."""
     dx: np.ndarray
     """Of the displacements, shape (N, P)."""
     earlier: np.ndarray
@@ -113,6 +126,10 @@ class Derivative(NamedTuple):
     """Of the loads on the balance, memory, shape (N, P)."""
     tension: np.ndarray
     """Of the tensions, shape (S, P)."""
+    own: np.ndarray
+    """The part of those that a spring has at fixed displacements and commands, shape (S, P)."""
+    pull: np.ndarray
+    """Of the tensions of the actuators; without bent springs the same array as `tension`, shape (S, P)."""
 
 
 class Commands(NamedTuple):
@@ -151,5 +168,7 @@ class Course(NamedTuple):
     """At the end of each ramp, shape (V, F)."""
     tensions: np.ndarray
     """At the start of each ramp, shape (V, S) [N]."""
+    elongations: np.ndarray
+    """Of the bent springs at the start of each ramp, shape (V, B) [m]."""
     pieces: np.ndarray
     """From `motion.pieces.follow_pieces`, shape (K, 3 + 2 N)."""

@@ -205,7 +205,7 @@ def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None
         plane: whether differences of runs in the plane will do.
 
     Raises:
-        SceneError: if it has no drive, is in the plane, or has patches of ground or bent springs.
+        SceneError: if it has no drive, is in the plane, or has patches of ground.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
@@ -213,11 +213,6 @@ def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None
         raise SceneError(f"{caller}: {scene.name} is in the plane; derivatives are for bodies on a line")
     if scene.ground.track is not None:
         raise SceneError(f"{caller}: {scene.name} has ground.patches; derivatives across jumps are not implemented")
-    if scene.body.bends:
-        raise SceneError(
-            f"{caller}: {scene.name} has bent springs (curve, tension or passive); derivatives of them are not "
-            "implemented"
-        )
 
 
 def _at_fixed_times(path: TangentPath, vertices: Vertices, stretch: Stretch, at: np.ndarray) -> np.ndarray:

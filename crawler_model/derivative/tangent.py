@@ -4,7 +4,8 @@ At a fixed place on the ramp the sliding contacts follow from the stuck ones, as
 
     K_SS Dx_S = (D of the pull of the actuators)_S - (DK x)_S - K_SM Dx_M - (D of the bounds)_S,
 
-so only contacts that stop remember. At an event, where a free contact reaches its bound at the place s*,
+so only contacts that stop remember. At an event, where a free contact reaches its bound or a bent spring a knot at the
+place s*,
 
     Ds* = - D slack / (d slack / ds),
 
@@ -15,6 +16,15 @@ from __future__ import annotations
 
 from ..compiled import entry, lean
 from ..motion.pieces import FROM, HEADER, RAMP, UNTIL
+from .curves import (
+    find_mean_pull,
+    find_own_of_bends,
+    find_pulls_of_bends,
+    look_at_knots,
+    look_at_loose,
+    mark_spring,
+    place_bends,
+)
 from .elimination import eliminate_many
 from .kinks import INSTANT, SAME, look_at_bounds, mark, pass_end
 from .records import NO_END
@@ -53,6 +63,7 @@ def _find_sliding(contacts, commands, springs, middle):
 def _balance(system, derivative, commands):
     """Solve for the derivatives of the sliding contacts at a fixed place; returns False if none is stuck."""
     contacts, springs, load = system.contacts, system.springs, derivative.load
+    _find_own(system, derivative, commands)
     n, columns = load.shape
     for i in range(n):
         for c in range(columns):
@@ -62,9 +73,8 @@ def _balance(system, derivative, commands):
                 load[i, c] = commands.d_target[springs.shape[0] + n + i, c]
     for s in range(springs.shape[0]):
         spring = springs[s]
-        stretch = spring.tension / spring.stiffness
         for c in range(columns):
-            pull = derivative.stiffness[s, c] * stretch - spring.stiffness * commands.d_target[s, c]
+            pull = derivative.own[s, c] - spring.command * commands.d_target[s, c]
             load[spring.a, c] += pull
             load[spring.b, c] -= pull
     return eliminate_many(contacts, system.band, load, derivative.dx)
@@ -112,14 +122,29 @@ def _shift_all(system, derivative, d_target, piece):
 
 
 @lean
-def _find_tensions(springs, derivative, d_target):
-    """Compute the derivatives of the tensions."""
+def _find_own(system, derivative, commands):
+    """Compute the derivatives of the tensions at fixed displacements and commands."""
+    springs = system.springs
     for s in range(springs.shape[0]):
         spring = springs[s]
-        stretch = spring.tension / spring.stiffness
-        for c in range(derivative.dx.shape[1]):
-            growth = derivative.dx[spring.b, c] - derivative.dx[spring.a, c] - d_target[s, c]
-            derivative.tension[s, c] = spring.stiffness * growth + derivative.stiffness[s, c] * stretch
+        if spring.bend < 0:
+            stretch = spring.tension / spring.stiffness
+            for c in range(derivative.own.shape[1]):
+                derivative.own[s, c] = derivative.stiffness[s, c] * stretch
+    find_own_of_bends(system, system.curves, derivative, commands)
+
+
+@lean
+def _find_tensions(system, derivative, commands):
+    """Compute the derivatives of the tensions."""
+    _find_own(system, derivative, commands)
+    springs, dx, d_target = system.springs, derivative.dx, commands.d_target
+    for s in range(springs.shape[0]):
+        spring = springs[s]
+        for c in range(dx.shape[1]):
+            growth = spring.stiffness * (dx[spring.b, c] - dx[spring.a, c]) - spring.command * d_target[s, c]
+            derivative.tension[s, c] = growth + derivative.own[s, c]
+    find_pulls_of_bends(system, system.curves, derivative, d_target)
 
 
 @lean
@@ -145,10 +170,15 @@ def _begin_ramp(system, commands, course, piece, v):
             grown = part * (course.d_rows[after, f, c] - start)
             commands.d_end[f, c] = start + grown + step * course.d_part[v, c]
     for s in range(springs.shape[0]):
-        springs[s].tension, springs[s].rate = course.tensions[v, s], 0.0
+        spring = springs[s]
+        spring.tension, spring.rate = course.tensions[v, s], 0.0
+        if spring.bend >= 0:
+            spring.elongation = course.elongations[v, spring.bend]
     for c in range(parameters.shape[0]):
         parameters[c].d_work = 0.0
     piece.ramp, piece.until, piece.work = v, 0.0, 0.0
+    while piece.next < course.pieces.shape[0] and course.pieces[piece.next, RAMP] < v:
+        piece.next += 1  # an instant at the end of the ramp before
 
 
 @lean
@@ -158,10 +188,13 @@ def _look_at_start(system, derivative, commands, piece):
         system.contacts[i].sliding = system.contacts[i].arriving = 0
     for f in range(commands.change.shape[0]):
         commands.change[f] = 0.0
+    place_bends(system, system.curves, commands, piece)
     _place_commands(commands, 0.0)
-    _find_tensions(system.springs, derivative, commands.d_target)
+    _find_tensions(system, derivative, commands)
     piece.begin = -1.0  # it has been at rest for long
-    look_at_bounds(system, derivative, commands, piece)
+    look_at_knots(
+        system, system.curves, derivative, commands, piece, look_at_bounds(system, derivative, commands, piece)
+    )
     piece.ended = NO_END
 
 
@@ -200,7 +233,7 @@ def _add_work(springs, parameters, derivative, commands, length):
     """Add the derivative of the work at one end of a piece, by the trapezoidal rule."""
     for s in range(springs.shape[0]):
         for c in range(parameters.shape[0]):
-            parameters[c].d_work -= 0.5 * length * derivative.tension[s, c] * commands.change[s]
+            parameters[c].d_work -= 0.5 * length * derivative.pull[s, c] * commands.change[s]
 
 
 @lean
@@ -209,8 +242,15 @@ def _advance_springs(system, commands, piece):
     length = piece.until - piece.begin
     for s in range(system.springs.shape[0]):
         spring, change = system.springs[s], commands.change[s]
-        spring.rate = spring.stiffness * ((system.contacts[spring.b].v - system.contacts[spring.a].v) - change)
+        growth = system.contacts[spring.b].v - system.contacts[spring.a].v
+        spring.rate = spring.stiffness * (growth - change)
         mean = spring.tension + 0.5 * length * spring.rate
+        if spring.bend >= 0:
+            spring.rate = spring.stiffness * growth - spring.command * change
+            mean = find_mean_pull(
+                system, system.curves, commands, s, 0.5 * (piece.begin + piece.until), 0.5 * length * growth
+            )
+            spring.elongation += length * growth
         piece.work -= mean * change * length
         for c in range(system.parameters.shape[0]):
             system.parameters[c].d_work -= length * mean * (commands.d_end[s, c] - commands.d_start[s, c])
@@ -224,10 +264,11 @@ def _follow_piece(system, derivative, commands, piece):
     n, length = contacts.shape[0], piece.until - piece.begin
     sliding = _find_sliding(contacts, commands, springs.shape[0], 0.5 * (piece.begin + piece.until))
     mixed = pass_end(system, derivative.dx, piece)
+    place_bends(system, system.curves, commands, piece)
     _place_commands(commands, piece.begin)
     if mixed and sliding < n:
         _balance(system, derivative, commands)
-    _find_tensions(springs, derivative, commands.d_target)
+    _find_tensions(system, derivative, commands)
     _add_work(springs, system.parameters, derivative, commands, length)
     _advance_springs(system, commands, piece)
     _place_commands(commands, piece.until)
@@ -237,21 +278,32 @@ def _follow_piece(system, derivative, commands, piece):
                 derivative.earlier[i, c] = derivative.dx[i, c]
         if not _balance(system, derivative, commands):
             _shift_all(system, derivative, commands.d_target, piece)
-    _find_tensions(springs, derivative, commands.d_target)
+        look_at_loose(system, system.curves, piece)
+    _find_tensions(system, derivative, commands)
     _add_work(springs, system.parameters, derivative, commands, length)
-    look_at_bounds(system, derivative, commands, piece)
+    look_at_knots(
+        system, system.curves, derivative, commands, piece, look_at_bounds(system, derivative, commands, piece)
+    )
 
 
 @lean
 def _finish_piece(system, piece, samples):
     """Keep the velocities for the next piece; the displacement at a ramp's end has a kink where a contact arrives."""
     for i in range(system.contacts.shape[0]):
-        contact = system.contacts[i]
-        contact.v_before = contact.v
-        if samples and piece.until == 1.0 and contact.arrived > 1:
+        system.contacts[i].v_before = system.contacts[i].v
+    if not samples or piece.until < 1.0:
+        return
+    late = False
+    for i in range(system.contacts.shape[0]):
+        if system.contacts[i].arrived > 1:
             mark(system.kinks, piece.ramp, piece.until, i)
-            for c in range(system.parameters.shape[0]):
-                system.parameters[c].one_sided |= system.parameters[c].moves
+            late = True
+    for s in range(system.springs.shape[0]):
+        if system.springs[s].arrived > 1:
+            mark_spring(system, piece, s)
+            late = True
+    for c in range(system.parameters.shape[0]):
+        system.parameters[c].one_sided |= late and system.parameters[c].moves
 
 
 @entry

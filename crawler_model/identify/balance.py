@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .knots import find_limits
 from .replica import Replica
 from .unknowns import Space
 
@@ -22,6 +23,8 @@ _SLIDES = 0.2
 _LOOSE = 1e-4
 _MORE = 1.5
 """Factor for bounds at which no contact slides, as the balance only tells what they held."""
+_INSIDE = 0.2
+"""Part of the largest tension or elongation by which a limit is moved to where it is reached."""
 _TOWARDS_ORIGIN = 1e-3
 """Weight that fixes the scale where only ratios follow from the balance."""
 
@@ -71,13 +74,14 @@ def see(replica: Replica, rows: np.ndarray) -> Seen | None:
     return Seen(replica, replica.measured.time[rows][1:-1][keep], x[1:-1][keep], sliding[keep])
 
 
-def estimate(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray | None:
+def estimate(seen: list[Seen], space: Space, start: np.ndarray, limited: bool) -> np.ndarray | None:
     """Estimate the parameters from the balance of forces.
 
     Args:
         seen: the recordings.
         space: the parameters.
         start: their first values, shape (P,).
+        limited: whether limits that no spring reaches are moved to where one does.
 
     Returns:
         Their values, shape (P,); None if the arrays of the scene are not valid at the start.
@@ -85,6 +89,7 @@ def estimate(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray | 
     from scipy.optimize import least_squares  # loads in 0.2 s
 
     origin = space.to_coordinates(space.origin)
+    start = _reach_limits(seen, space, start) if limited else start
 
     def errors(coordinates: np.ndarray) -> np.ndarray:
         values = space.to_values(coordinates)
@@ -106,6 +111,21 @@ def estimate(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray | 
     slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(origin.size, np.bool_)])
     loose = space.logarithmic & (np.abs(found.jac[slides]).max(axis=0) <= _LOOSE * np.abs(found.jac[slides]).max())
     return space.to_values(np.minimum(np.where(loose, found.x + np.log(_MORE), found.x), high))
+
+
+def _reach_limits(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray:
+    """Move limits and knots that no spring passes to where one does: beyond, they have no effect on the balance."""
+    values = start.copy()
+    for one in seen:
+        found = one.replica.ways(start, one.time, one.x)
+        if found is None:
+            return start
+        limits = find_limits(start, *found)
+        for (p, at_least), limit in limits.items():
+            if (p, not at_least) not in limits and np.isfinite(limit.value):
+                inside = limit.value - _INSIDE * abs(limit.value) * (1.0 if at_least else -1.0)
+                values[p] = min(inside, values[p]) if at_least else max(inside, values[p])
+    return np.clip(values, space.low, space.high)
 
 
 def _errors(seen: Seen, values: np.ndarray) -> np.ndarray | None:

@@ -1,4 +1,4 @@
-"""One-sided bounds of parameters without effect on the motion, from the forces that friction held."""
+"""One-sided bounds of parameters without effect on the motion: friction that held, limits that were not reached."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .fit import Fit, cost_of
+from .knots import find_limits
 from .unknowns import Problem
 
 _BEYOND = (1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.3)
 """Factors by which a parameter is moved beyond its bound to confirm it."""
 _CHI_SQUARE = 3.84
 """95 % quantile of chi-square with one degree of freedom."""
+_RELEASE = 0.25
+"""Part of its value by which a limit is moved to see whether it is passed at all."""
 _ROUNDING = 1e-11
 _MUCH = np.log(10.0)
 
@@ -26,18 +29,18 @@ class Held:
         at_least: whether it is a lower bound.
         recording: name of the recording.
         time: when it is reached, on the clock of its commands [s].
-        contact: name of the contact.
+        event: what did not happen then, for example "contact 2 did not slide".
     """
 
     value: float
     at_least: bool
     recording: str
     time: float
-    contact: str
+    event: str
 
 
 def find_bounds(problem: Problem, fit: Fit, unseen: set[int], deviation: float) -> dict[int, tuple[Held, ...]]:
-    """Find what the forces that friction held require of parameters without effect on the motion.
+    """Find least and largest values of parameters without effect on the motion, as friction held and springs moved.
 
     A bound counts only as far as the residuals grow by more than noise beyond it, whatever the other parameters
     without effect are.
@@ -58,22 +61,11 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int], deviation: float) 
         slack = replica.slack(values)
         if slack is None:
             continue
-        n = slack.distance.shape[1] // 2
-        for p in sorted(unseen):
-            slope = slack.derivative[:, :, p]
-            for at_least in (True, False):
-                which = slope > 0.0 if at_least else slope < 0.0
-                if not which.any():
-                    continue
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    limit = np.where(which, values[p] - slack.distance / slope, -np.inf if at_least else np.inf)
-                row, side = np.unravel_index(int(limit.argmax() if at_least else limit.argmin()), limit.shape)
-                name = replica.contact_name(int(side) % n)
-                bound = Held(float(limit[row, side]), at_least, replica.measured.name, float(slack.time[row]), name)
-                known = found.get((p, at_least))
-                better = known is None or (bound.value > known.value) == at_least
-                if better:
-                    found[p, at_least] = bound
+        for (p, at_least), limit in find_limits(values, slack.distance, slack.derivative).items():
+            known = found.get((p, at_least))
+            if p in unseen and (known is None or (limit.value > known.value) == at_least):
+                time, event = float(slack.time[limit.row]), slack.events[limit.column]
+                found[p, at_least] = Held(limit.value, at_least, replica.measured.name, time, event)
     raised = _raise_others(problem, fit, unseen)
     result: dict[int, tuple[Held, ...]] = {}
     for (p, _), bound in found.items():
@@ -82,6 +74,36 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int], deviation: float) 
             if confirmed is not None:
                 result[p] = (*result.get(p, ()), confirmed)
     return result
+
+
+def release_limits(problem: Problem, fit: Fit) -> Fit:
+    """Move limits of springs that the fit has reached to where none is reached, if the measurements fit as well.
+
+    A fit that began with a limit within reach ends where the limit is just passed, although the measurements may show
+    no more than that it is not passed.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+
+    Returns:
+        The fit.
+    """
+    deviation = float(np.sqrt(fit.cost / fit.residuals.fitted.size))
+    for p in sorted({p for replica in problem.replicas for p in replica.limits}):
+        for factor in (1.0 + _RELEASE, 1.0 - _RELEASE):
+            unknowns = fit.unknowns.copy()
+            value = problem.space.to_values(unknowns[: problem.space.origin.size])
+            value[p] = np.clip(value[p] * factor, problem.space.low[p], problem.space.high[p])
+            unknowns[p] = problem.space.to_coordinates(value)[p]
+            now = problem.compute(unknowns)
+            if now is None or np.abs(now.jacobian[:, p]).max() > 0.0:
+                continue
+            cost = cost_of(now.fitted, fit.soft)
+            if cost <= fit.cost + _CHI_SQUARE * deviation**2:
+                fit = replace(fit, unknowns=unknowns, cost=cost, residuals=now)
+                break
+    return fit
 
 
 def _raise_others(problem: Problem, fit: Fit, unseen: set[int]) -> np.ndarray:

@@ -230,7 +230,7 @@ def _starts(problem: Problem, rng: np.random.Generator) -> Iterator[np.ndarray |
             yield problem.unknowns(problem.space.origin)
             continue
         values = problem.space.origin if k == 0 else problem.space.draw(rng)
-        balanced = estimate(known, problem.space, values) if len(known) == len(seen) and k % 2 == 0 else None
+        balanced = estimate(known, problem.space, values, k > 0) if len(known) == len(seen) and k % 2 == 0 else None
         yield _draw(problem, rng) if balanced is None else problem.unknowns(balanced)
 
 

@@ -16,6 +16,7 @@ from ..errors import CrawlerError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from ..sweep.vary import Variations
+from .bounds import release_limits
 from .fit import Fit, find_fit, fit_from, residuals_of, robust_size
 from .measurements import MeasurementError, Measurements, check_measurements
 from .playback import playback
@@ -200,7 +201,7 @@ def identify(
         if searched.interrupted or not problem.weigh(fit.residuals):
             break
         fit = _fit_again(problem, fit)
-    fit, structure = _settle(problem, fit)
+    fit, structure = _settle(problem, release_limits(problem, fit))
     parameters = judge(problem, fit, structure)
     if progress is not None:
         progress(1.0)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.curves import BEGIN, END
 from ..body.drive import NS, Drive
 from ..body.names import name_joints
 from ..derivative.parameters import Derivatives, differentiate_arrays
@@ -20,6 +21,7 @@ from ..derivative.path import TangentPath, build_vertices
 from ..errors import CommandError, SceneError
 from ..scene.scene import Scene
 from ..sweep.vary import Variations, vary
+from .knots import describe, find_distances
 from .measurements import MeasurementError, Measurements, observation
 
 _MOST_NUMBERS = 200_000_000
@@ -47,17 +49,20 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Slack:
-    """Distances of forces from their bounds.
+    """Distances of forces from their bounds, and of bent springs from their knots.
 
     Attributes:
         time: shape (V,) [s].
-        distance: of the force on each contact from its forward, then its backward bound, shape (V, 2 N) [N].
-        derivative: of these bounds with respect to the parameters, shape (V, 2 N, P).
+        distance: of the force on each contact from its forward, then its backward bound [N]; of each bent spring from
+            the next knots, see `knots` [m]; shape (V, C).
+        derivative: of these bounds and knots with respect to the parameters, shape (V, C, P).
+        events: what did not happen where a distance is positive, shape (C,).
     """
 
     time: np.ndarray
     distance: np.ndarray
     derivative: np.ndarray
+    events: tuple[str, ...]
 
 
 def replay_scene(scene: Scene, measured: Measurements) -> Scene:
@@ -121,7 +126,8 @@ class Replica:
         self._local = self._derive(None)
         far = self._local.values * 1.37 + 0.011 * (self._local.values == 0.0)
         try:
-            self._affine = _agree(self._local, self._derive(far)) and measured.command_names != ()
+            agrees = not self._base.body.bends and _agree(self._local, self._derive(far))
+            self._affine = agrees and measured.command_names != ()
         except SceneError:
             self._affine = False
 
@@ -141,16 +147,11 @@ class Replica:
         """The values of the parameters in the scene, shape (P,)."""
         return self._local.values
 
-    def contact_name(self, contact: int) -> str:
-        """Name a contact, for messages.
-
-        Args:
-            contact: its index.
-
-        Returns:
-            For example "contact 2".
-        """
-        return self._base.body.name_of(contact)
+    @property
+    def limits(self) -> list[int]:
+        """The parameters that move a limit, a stop or another knot of a spring."""
+        knots = self._local.pieces[:, (BEGIN, END)]
+        return np.flatnonzero(knots.any(axis=(0, 1))).tolist()
 
     def predict(self, values: np.ndarray, delay: float = 0.0) -> Prediction | None:
         """Follow the recorded commands.
@@ -213,13 +214,13 @@ class Replica:
             return None
         body, drive = plan[0].body, plan[0].drive
         targets = drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
-        force = body.spring_force(body.stiffness * (body.elongation(x) - targets[:, : body.springs]))
+        force = body.spring_force(body.tension(body.elongation(x), targets[:, : body.springs]))
         bounds = targets[:, body.springs :]
         n = body.contacts
         return force, bounds[:, :n], bounds[:, n : 2 * n]
 
     def slack(self, values: np.ndarray) -> Slack | None:
-        """Compute how far each force stayed from its bounds.
+        """Compute how far each force stayed from its bounds, and each bent spring from its knots.
 
         Args:
             values: of the parameters, shape (P,).
@@ -244,11 +245,35 @@ class Replica:
         found = self.balance(values, time, x)
         assert found is not None
         force, forward, backward = found
+        ways, d_ways = self._find_ways(scene, derivatives, time, x)
+        names = [body.name_of(i) for i in range(n)] * 2
         return Slack(
             time,
-            np.hstack((forward - force, backward + force)),
-            derivatives.targets[before, springs : springs + 2 * n],
+            np.hstack((forward - force, backward + force, ways)),
+            np.hstack((derivatives.targets[before, springs : springs + 2 * n], d_ways)),
+            (*(f"{name} did not slide" for name in names), *describe(body)),
         )
+
+    def ways(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Compute how far bent springs are from their knots at given positions.
+
+        Args:
+            values: of the parameters, shape (P,).
+            time: shape (T,) [s].
+            x: displacement, shape (T, N) [m].
+
+        Returns:
+            As `knots.find_distances`; None if the values are not valid.
+        """
+        plan = self._plan(values)
+        return None if plan is None else self._find_ways(*plan, time, x)
+
+    def _find_ways(
+        self, scene: Scene, derivatives: Derivatives, time: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        body = scene.body
+        targets = scene.drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
+        return find_distances(body, derivatives.pieces, body.elongation(x), targets[:, : body.springs])
 
     def _plan(self, values: np.ndarray) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives; None if they are not valid."""
@@ -319,7 +344,7 @@ def _is_admissible(body: Any, drive: Drive, start: np.ndarray) -> bool:
         return False
     if columns.slope_load is not None and columns.lacks_equilibrium(drive.targets).any():
         return False
-    force = body.spring_force(body.stiffness * (body.elongation(start) - target[: body.springs]))
+    force = body.spring_force(body.tension(body.elongation(start), target[: body.springs]))
     forward, backward = target[body.springs :][:n], target[body.springs + n :][:n]
     size = _EXCESS * (np.abs(force).max() + np.abs(forward).max() + np.abs(backward).max())
     return bool((force <= forward + size).all() and (force >= -backward - size).all())

@@ -13,7 +13,10 @@ from .replica import Prediction, Replica
 
 Offset = Literal["none", "frame", "each"]
 _WIDE = 100.0
-_SIGNED = ("loads", "slope", "displacement", "actuation", "mean", "amplitude", "contacts", "wavelength", "load")
+_SIGNED = (
+    *("loads", "slope", "displacement", "actuation", "mean", "amplitude", "contacts", "wavelength", "load"),
+    *("curve", "least", "shortest", "longest"),
+)
 _ENOUGH = 30
 """Residuals from which a standard deviation is estimated."""
 _UNEQUAL = 1.5

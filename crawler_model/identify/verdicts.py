@@ -314,8 +314,7 @@ def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: tuple[Held, ...]) 
         return Parameter(name, "not excited", None, (None, None), (), "the measured motion does not depend on it")
     ends: dict[bool, float] = {b.at_least: b.value for b in bounds}
     reasons = [
-        f"{'at least' if b.at_least else 'at most'} {b.value:.6g}: {b.contact} did not slide at {b.time:.4g} s of "
-        f"{b.recording}"
+        f"{'at least' if b.at_least else 'at most'} {b.value:.6g}: {b.event} at {b.time:.4g} s of {b.recording}"
         for b in bounds
     ]
     return Parameter(name, "bound", bounds[0].value, (ends.get(True), ends.get(False)), (), "; ".join(reasons))

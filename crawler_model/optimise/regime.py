@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from ..body.body import Body
 from ..body.drive import Drive
 from ..crawler.crawler import default_budget
 from ..derivative.parameters import Derivatives
 from ..derivative.path import TangentPath, Vertices
 from ..motion.follow import build_motion
 from ..motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
-from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
-from ..run.repeats import tensions_repeat
+from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED, WORK
+from ..run.repeats import determining_tension, tensions_repeat
 from ..scene.assembly import Assembly
 from .unknowns import Cycle
 
@@ -87,7 +88,8 @@ def find_regimes(cycles: Cycle) -> list[Regime | None]:
     for periods in _PERIODS:
         if not left.size:
             break
-        gain, work, settled, lost = _run(plan, targets, left, periods)
+        run = _run_each if plan.body.bends else _run
+        gain, work, settled, lost = run(plan, targets, left, periods)
         for k, m in enumerate(left):
             if not lost[k]:
                 found[m] = Regime(
@@ -101,6 +103,36 @@ def find_regimes(cycles: Cycle) -> list[Regime | None]:
                 )
         left = left[~(settled | lost)]
     return found
+
+
+def _run_each(
+    plan: Assembly, targets: np.ndarray, lanes: np.ndarray, periods: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Run candidates with bent springs one by one, as `_run`."""
+    found = []
+    for m in lanes:
+        body = dataclasses.replace(plan.body, stiffness=plan.body.stiffness[m])
+        motion: Any = build_motion(dataclasses.replace(plan, body=body))
+        scratch, budget, n = motion.scratch(), default_budget(body), body.contacts
+        state = motion.start(plan.start_displacement[m], targets[m, 0])
+        account = np.zeros(ACCOUNT_SIZE)
+        account[VISITED] = math.inf
+        period = np.ascontiguousarray(np.vstack((targets[m, 2:], targets[m, 1:2])))
+        transient = np.vstack((targets[m, 1:2], np.tile(period, (periods, 1))))
+        motion.follow(
+            state, scratch, transient, True, budget, account, np.empty((len(transient), 2 * n + body.springs))
+        )
+        tension, begin = determining_tension(body, state), state.copy()
+        work, energy = account[WORK], body.energy(state.tension, state.displacement, state.actuation)
+        records = np.empty((len(period), 2 * n + body.springs))
+        motion.follow(state, scratch, period, True, budget, account, records)
+        stored = body.energy(state.tension, state.displacement, state.actuation) - energy
+        moved = (state.contacts["x"] - begin.contacts["x"]) + (state.contacts["rest"] - begin.contacts["rest"])
+        repeats = tensions_repeat(body, period, determining_tension(body, state), tension, _REPEATS)
+        lost = account[OVERSPENT] + account[UNSOLVED] > 0.0
+        found.append((moved @ body.share, account[WORK] - work - stored, bool(repeats), lost))
+    gain, work, settled, lost = zip(*found, strict=True)
+    return np.array(gain), np.array(work), np.array(settled), np.array(lost)
 
 
 def _run(
@@ -163,7 +195,7 @@ def find_peak(cycle: Cycle) -> float:
     motion.follow(state, scratch, targets[1:2].copy(), True, budget, account, ends[:1])
     last = np.full(body.springs, math.inf)
     for _ in range(_MOST_PERIODS):
-        tension = np.array(state.tension)
+        tension = determining_tension(body, state)
         if tensions_repeat(body, period, tension, last, _REPEATS_EXACTLY):
             break
         last = tension
@@ -173,11 +205,27 @@ def find_peak(cycle: Cycle) -> float:
     ramps = met[:, RAMP].astype(np.int64)
     steps = np.diff(np.vstack((begin.actuation, period[:, : body.springs])), axis=0)
     velocity = met[:, HEADER : HEADER + n]
+    if body.bends:
+        return _find_peak_of_bends(body, begin, met, period, ends)
     rate = body.stiffness * (velocity[:, body.ends[:, 1]] - velocity[:, body.ends[:, 0]] - steps[ramps])
     starts = np.vstack((begin.tension, ends[:, 2 * n :]))
     inside = rate * (met[:, UNTIL] - met[:, FROM])[:, None]
     paths = [starts[ramp] + np.cumsum(inside[ramps == ramp], axis=0) for ramp in np.unique(ramps)]
     return max(float(np.abs(path).max(initial=0.0)) for path in (starts, *paths))
+
+
+def _find_peak_of_bends(body: Body, begin: Any, met: np.ndarray, period: np.ndarray, ends: np.ndarray) -> float:
+    """Find the largest tension at the ends of the pieces of a period, from the lengths of the springs."""
+    n, ramps = body.contacts, met[:, RAMP].astype(np.int64)
+    starts = np.vstack((begin.contacts["x"] + begin.contacts["rest"], ends[:, :n] + ends[:, n : 2 * n]))
+    lengths = np.vstack((begin.actuation, period[:, : body.springs]))
+    tension = [body.tension(body.elongation(starts), lengths)]
+    for ramp in np.unique(ramps):
+        of_ramp = met[ramps == ramp]
+        moved = np.cumsum(of_ramp[:, HEADER : HEADER + n] * (of_ramp[:, UNTIL] - of_ramp[:, FROM])[:, None], axis=0)
+        command = lengths[ramp] + of_ramp[:, UNTIL, None] * (lengths[ramp + 1] - lengths[ramp])
+        tension.append(body.tension(body.elongation(starts[ramp] + moved), command))
+    return max(float(np.abs(part).max(initial=0.0)) for part in tension)
 
 
 def _force(cycle: Cycle) -> tuple[float, np.ndarray | None]:

@@ -80,10 +80,6 @@ def _check_scene(scene: Scene) -> None:
         raise SceneError(f"optimise: {scene.name} is in the plane; gaits are sought for bodies on a line")
     if scene.ground.track is not None:
         raise SceneError(f"optimise: {scene.name} has ground.patches, on which no two periods are the same")
-    if scene.body.bends:
-        raise SceneError(
-            f"optimise: {scene.name} has bent springs (curve, tension or passive), which are not supported yet"
-        )
     if scene.body.springs == 0:
         raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import Drive
-from ..derivative.parameters import Derivatives, differentiate_arrays
+from ..derivative.parameters import Derivatives, collect_pieces, differentiate_arrays
 from ..errors import SceneError
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
@@ -175,8 +175,8 @@ class Unknowns:
 
     @property
     def _starts_relaxed(self) -> bool:
-        """Whether candidates start without tension at their first waypoint, which loads do not allow."""
-        return self.table is not None and self.base.columns.slope_load is None
+        """Whether candidates start relaxed at their first waypoint, which loads and bent springs do not allow."""
+        return self.table is not None and self.base.columns.slope_load is None and not self.base.body.bends
 
     def _start(self, path: Drive, part: Assembly) -> np.ndarray:
         if not self._starts_relaxed:
@@ -223,8 +223,10 @@ class Unknowns:
         width = cycle.plan.drive.targets.shape[1]
         stiffness, start = np.zeros((body.springs, count)), np.zeros((body.contacts, count))
         targets = np.zeros((rows, width, count))
+        pieces = np.zeros((*collect_pieces(body).shape, count))
         if self.keys:
             of_keys = differentiate_arrays(scene, self.keys, "optimise")
+            pieces[:, :, :first] = of_keys.pieces
             stiffness[:, :first], start[:, :first] = of_keys.stiffness, of_keys.start
             if self.table is None:
                 targets[0, :, :first] = of_keys.targets[0]
@@ -239,7 +241,7 @@ class Unknowns:
             targets[0] = targets[1]
             start = np.ascontiguousarray(body.relaxed(targets[0, : body.springs].T).T)
         none = np.zeros((rows, count))
-        return cycle, Derivatives(self.names, values, stiffness, targets, start, none, np.zeros(count))
+        return cycle, Derivatives(self.names, values, stiffness, pieces, targets, start, none, np.zeros(count))
 
     @functools.cached_property
     def _table_targets(self) -> np.ndarray:

@@ -22,7 +22,7 @@ from ..errors import CommandError
 from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
-from .repeats import REPEATS, tensions_repeat
+from .repeats import REPEATS, determining_tension, tensions_repeat
 
 _RATIOS = 3
 """Ratios of successive differences that have to agree on how fast the transient decays."""
@@ -118,7 +118,7 @@ class _Periods:
 
     def __init__(self, crawler: Crawler, targets: np.ndarray) -> None:
         self.crawler, self.targets = crawler, targets
-        self.tension = crawler.tension
+        self.tension = determining_tension(crawler.body, crawler)
         self.shrinks = 0.0
         self.differences: list[float] = []
         self.gains: list[np.ndarray] = []
@@ -134,7 +134,7 @@ class _Periods:
         self.travel = max(float(np.abs(x - start).max()), 1e-300)
         self.work = step.work
         self.gains.append(average_displacement(body, crawler.gained[None])[0])
-        before, self.tension = self.tension, crawler.tension
+        before, self.tension = self.tension, determining_tension(body, crawler)
         energy = (self.tension - before) ** 2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
         self.differences.append(math.sqrt(float(energy.sum())))
         # a slow transient is in each period a small part of what is left of it

@@ -25,7 +25,7 @@ from ..crawler.crawler import Crawler
 from ..errors import CommandError
 from ..theory.holding import steepest_held
 from .account import average_displacement
-from .repeats import REPEATS, tensions_repeat
+from .repeats import REPEATS, determining_tension, tensions_repeat
 
 RESOLUTION = 1e-9
 """Width of the final bracket: of a slope [rad], and of a tow relative to the largest tow that has an equilibrium."""
@@ -228,15 +228,16 @@ class _Search:
 
     def _settle(self, crawler: Crawler, period: np.ndarray) -> float:
         """Follow periods until they repeat; return the gain of the last one [m]."""
-        tension, gained = crawler.tension, 0.0
+        body, gained = self.scene.body, 0.0
+        tension = determining_tension(body, crawler)
         for _ in range(_MOST_PERIODS):
             if self.periods >= self.most_periods:
                 raise _Spent
             self.periods += 1
             crawler.follow(period)
-            before, tension = tension, crawler.tension
-            gained = float(average_displacement(self.scene.body, crawler.gained[None])[0])
-            if tensions_repeat(self.scene.body, period, tension, before, REPEATS) and self._ends(crawler, gained):
+            before, tension = tension, determining_tension(body, crawler)
+            gained = float(average_displacement(body, crawler.gained[None])[0])
+            if tensions_repeat(body, period, tension, before, REPEATS) and self._ends(crawler, gained):
                 return gained
         self.settled = False
         return gained

@@ -6,6 +6,8 @@ largest force of the body, one anchor would hide all that happens at the other c
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from ..body.body import Body
@@ -16,13 +18,48 @@ REPEATS = 1e-13
 _ROUNDING = 16.0 * EPS
 
 
+class Shaped(Protocol):
+    """A state of a body."""
+
+    @property
+    def shape(self) -> np.ndarray:
+        """z, shape (S,) [m]."""
+
+    @property
+    def tension(self) -> np.ndarray:
+        """T, shape (S,) [N]."""
+
+    @property
+    def actuation(self) -> np.ndarray:
+        """L, shape (S,) [m]."""
+
+
+def determining_tension(body: Body, state: Shaped) -> np.ndarray:
+    """Compute the tensions from which the motion goes on; where a spring is bent, those of a linear one instead.
+
+    The tension of a bent spring that is slack or at a limit does not tell its length.
+
+    Args:
+        body: the body.
+        state: a crawler, or the state of a motion.
+
+    Returns:
+        T, of bent springs k (z - L) with their largest stiffness, shape (S,), in the plane (S, 2) [N].
+    """
+    tension = np.array(state.tension)
+    for bend in body.bends:
+        s = bend.spring
+        tension[s] = bend.stiffness * (state.shape[s] - state.actuation[s])
+    return tension
+
+
 def tolerance_of_tensions(body: Body, targets: np.ndarray, tension: np.ndarray, part: float = REPEATS) -> np.ndarray:
     """Compute by how much each tension may differ from that of a period before if it repeats.
 
     Args:
         body: the body, or M variations of it.
         targets: the commands of a period, shape (V, F), of variations (M, V, F).
-        tension: T at the end of a period, shape (S,) or (M, S), in the plane (S, 2) [N].
+        tension: at the end of a period, from `determining_tension`, shape (S,) or (M, S), in the plane (S, 2) [N].
         part: of the friction and the tensions at the contact where they are weaker [1].
 
     Returns:

@@ -101,10 +101,10 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
     matrix = None if body.is_chain else np.zeros((n, max(order_contacts(body)[1], 1)))
     runs = build_runs(n) if body.is_chain and n >= LONG and not body.bends else None
-    return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, _build_curves(body)
+    return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
 
 
-def _build_curves(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
+def build_curves(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
     """Build the curves of bent springs: the fields of `Curves`; None without any."""
     if not body.bends:
         return None

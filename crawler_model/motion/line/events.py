@@ -301,7 +301,7 @@ def _note_piece(pieces, contacts, begin, until):
     for i in range(n):
         c = contacts[i]
         pieces[row, HEADER + i] = c.v
-        pieces[row, HEADER + n + i] = c.coming if c.next <= until else 0.0
+        pieces[row, HEADER + n + i] = c.coming & (FORWARD | BACKWARD) if c.next <= until else 0.0
 
 
 @merged

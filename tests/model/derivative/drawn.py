@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import Scene, simulate
+from crawler_model import Scene, SceneError, simulate
 
 KEYS = (
     "drive.actuation",
@@ -19,6 +19,7 @@ KEYS = (
     "ground.slope",
     "body.weights",
 )
+BENT_KEYS = ("drive.actuation", "friction.forward", "loads", "ground.slope")
 SEGMENT_KEYS = ("drive.actuation", "body.segments.0.stiffness", "body.segments.0.friction.forward", "ground.slope")
 
 
@@ -47,6 +48,51 @@ def draw(seed: int) -> dict[str, Any]:
             "actuation": rng.uniform(-1.5, 1.5, (waypoints, len(pairs))).tolist(),
         },
     }
+
+
+def _draw_bent_link(rng: np.random.Generator) -> tuple[dict[str, Any], list[str]]:
+    """Draw a link of any kind, with the keys of its numbers."""
+    stiffness = float(rng.uniform(0.5, 3.0))
+    part: dict[str, Any] = {}
+    names: list[str] = []
+    kind = rng.choice(["linear", "tendon", "motor", "curve"])
+    if kind == "curve":
+        at, value = np.cumsum(rng.uniform(0.1, 0.8, 4)) - 1.0, np.cumsum(rng.uniform(0.0, 0.6, 4)) - 0.8
+        part["curve"] = {"elongation": at.tolist(), "tension": value.tolist()}
+        names += [f"curve.{column}[{i}]" for column in ("elongation", "tension") for i in range(4)]
+    else:
+        part["stiffness"] = stiffness
+        names.append("stiffness")
+    if kind in ("tendon", "motor"):
+        least = 0.0 if kind == "tendon" else float(rng.uniform(-1.0, -0.2))
+        part["tension"] = {"least": least, "most": float(rng.uniform(0.2, 1.5))}
+        names += ["tension.least", "tension.most"]
+    kind = rng.choice(["none", "spring", "stops"])
+    if kind == "spring":
+        part["passive"] = {"stiffness": float(rng.uniform(0.5, 3.0))}
+        names.append("passive.stiffness")
+    if kind == "stops":
+        part["passive"] = {
+            "stops": {
+                "shortest": float(rng.uniform(-0.4, -0.1)),
+                "longest": float(rng.uniform(0.1, 0.4)),
+                "stiffness": float(rng.uniform(5.0, 20.0)),
+            }
+        }
+        names += [f"passive.stops.{name}" for name in ("shortest", "longest", "stiffness")]
+    return part, names
+
+
+def draw_bent(seed: int) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Draw a crawler whose links have limits, curves, return springs and stops, with the keys of all its numbers."""
+    document, rng = draw(seed), np.random.default_rng([seed, 1])
+    links, names = [], []
+    for i, pair in enumerate(document["body"]["links"]["between"]):
+        part, own = _draw_bent_link(rng)
+        links.append({**part, "between": pair})
+        names += [f"body.links[{i}].{name}" for name in own]
+    document["body"]["links"] = links
+    return document, (*names, *BENT_KEYS)
 
 
 def draw_segment(seed: int) -> dict[str, Any]:
@@ -94,7 +140,10 @@ def results(scene: Scene, duration: float, rate: float) -> np.ndarray:
 def differences(document: dict[str, Any], name: str, duration: float, rate: float) -> np.ndarray | None:
     """Differentiate a run by central differences of fourth order; None if a kink lies too close to tell."""
     for step in (1e-4, 1e-5, 1e-6):
-        rows = {k: results(changed(document, name, k * step), duration, rate) for k in (-2, -1, 0, 1, 2)}
+        try:
+            rows = {k: results(changed(document, name, k * step), duration, rate) for k in (-2, -1, 0, 1, 2)}
+        except SceneError:  # a start at a bound
+            return None
         sides = [(rows[1] - rows[0]) / step, (rows[0] - rows[-1]) / step]
         wide = [(rows[2] - rows[1]) / step, (rows[-1] - rows[-2]) / step]
         slopes = np.array([wide[0], *sides, wide[1]])

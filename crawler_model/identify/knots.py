@@ -1,0 +1,96 @@
+"""How far bent springs stay from the knots of their curves: from their limits, their stops and the knots between."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..body.body import Body
+from ..body.curves import BEGIN, END, Curve
+from ..body.names import name_every_spring
+
+
+class Reached(NamedTuple):
+    """Where a distance would vanish first if a parameter changed."""
+
+    value: float
+    """Of the parameter, in the unit of the scene's key."""
+    row: int
+    """The instant."""
+    column: int
+    """The distance."""
+
+
+def describe(body: Body) -> list[str]:
+    """Describe what did not happen where each distance is positive.
+
+    Args:
+        body: the body.
+
+    Returns:
+        One for each distance, shape (4 B,).
+    """
+    names = name_every_spring(body)
+    return [f"{names[bend.spring]} was {how} no further" for bend in body.bends for how in ("pressed", "pulled") * 2]
+
+
+def find_distances(
+    body: Body, d_pieces: np.ndarray, elongation: np.ndarray, length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute how far bent springs are from the next knots of their curves.
+
+    Args:
+        body: the body.
+        d_pieces: derivatives of the pieces of all curves, as in `derivative.parameters.Derivatives`, shape (R, 6, P).
+        elongation: z of all springs, shape (T, S) [m].
+        length: L of all springs, shape (T, S) [m].
+
+    Returns:
+        The distances, infinite where there is no knot, shape (T, 4 B) [m]; their derivatives with respect to the
+        parameters at fixed lengths, shape (T, 4 B, P).
+    """
+    count = elongation.shape[0]
+    distance = np.empty((count, 4 * len(body.bends)))
+    derivative = np.zeros((*distance.shape, d_pieces.shape[-1]))
+    first = column = 0
+    for bend in body.bends:
+        z = elongation[:, bend.spring]
+        for curve, at in ((bend.actuator, z - length[:, bend.spring]), (bend.passive, z)):
+            piece = _find_pieces(curve, at)
+            distance[:, column] = at - curve.pieces[piece, BEGIN]
+            derivative[:, column] = -d_pieces[first + piece, BEGIN]
+            distance[:, column + 1] = curve.pieces[piece, END] - at
+            derivative[:, column + 1] = d_pieces[first + piece, END]
+            first += len(curve.pieces)
+            column += 2
+    return distance, derivative
+
+
+def _find_pieces(curve: Curve, at: np.ndarray) -> np.ndarray:
+    """Find the piece of a curve at each length."""
+    return np.searchsorted(curve.pieces[:-1, END], at)
+
+
+def find_limits(values: np.ndarray, distance: np.ndarray, derivative: np.ndarray) -> dict[tuple[int, bool], Reached]:
+    """Find the values of parameters at which distances, which are positive now, would vanish.
+
+    Args:
+        values: of the parameters, shape (P,).
+        distance: shape (V, C).
+        derivative: of the distances with respect to the parameters, shape (V, C, P).
+
+    Returns:
+        By parameter and whether it is a lower limit.
+    """
+    found = {}
+    for p, value in enumerate(values):
+        slope = derivative[:, :, p]
+        for at_least in (True, False):
+            which = slope > 0.0 if at_least else slope < 0.0
+            if which.any():
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    limit = np.where(which, value - distance / slope, -np.inf if at_least else np.inf)
+                row, column = np.unravel_index(int(limit.argmax() if at_least else limit.argmin()), limit.shape)
+                found[p, at_least] = Reached(float(limit[row, column]), int(row), int(column))
+    return found
