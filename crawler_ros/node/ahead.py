@@ -18,6 +18,7 @@ from crawler_model import Crawler, Scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
+from crawler_model.crawler.yields import YieldTimes
 
 from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
 from ..wire.messages import JointStateMessage, MessageLayout
@@ -25,7 +26,6 @@ from ..wire.states import joint_state_names
 from .intake.path import Path, Vertex, Vertices
 from .outgoing import Outgoing
 from .outlet import Outlet
-from .yields import YieldTimes
 
 _MOST_TICKS = 256
 _MOST_CONTACTS = 65536

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from crawler_model import Crawler
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
+from crawler_model.crawler.yields import YieldTimes
 from crawler_model.run.orientation import shape_orientation
 from crawler_model.theory.regularity import Regularity
 
@@ -19,7 +20,6 @@ from .intake.commands import CommandQueue
 from .intake.intake import LENGTH_TOPICS, Intake
 from .intake.peers import publishers_of, rivals_on_commands, rivals_on_states
 from .stepper import Stepper
-from .yields import YieldTimes
 
 OK, WARN, ERROR = 0, 1, 2
 Status = tuple[int, str, str, str, list[tuple[str, str]]]

@@ -16,6 +16,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.ticks import runs_in_one_call
+from crawler_model.crawler.yields import start_yield_times
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
@@ -38,7 +39,6 @@ from .outlet import Outlet
 from .parameters import declare_parameters, expand_home, read_parameters
 from .server import Server
 from .stepper import Stepper
-from .yields import start_yield_times
 
 if TYPE_CHECKING:
     from ..recording.recorder import Recorder

@@ -11,10 +11,10 @@ from urdf_parser_py.urdf import URDF
 
 from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene, simulate
+from crawler_model.crawler.yields import YieldTimes
 from crawler_ros.node.life.domains import reserved_domain
 from crawler_ros.node.robot_description import describe_robot
 from crawler_ros.node.simulator import Simulator
-from crawler_ros.node.yields import YieldTimes
 from crawler_ros.replay import analyse
 from crawler_ros.wire.definitions import find_ament_prefix
 
@@ -75,7 +75,7 @@ def test_effort_is_the_tension_and_diagnostics_count_the_time(ros, tmp_path, nam
         command_period(ros, float(period), lengths)
     body, alone = load_scene(name).body, Crawler(load_scene(name))
     (bend,) = body.bends
-    beyond = 0
+    beyond = first = 0
     for k, message in enumerate([m for m in ros.heard["joint_states"] if seconds(m) > 0.0]):
         part = (k % 100 + 1) / 50.0
         length = lengths[0] * part if part <= 1.0 else lengths[0] + (lengths[1] - lengths[0]) * (part - 1.0)
@@ -84,6 +84,7 @@ def test_effort_is_the_tension_and_diagnostics_count_the_time(ros, tmp_path, nam
         assert (z, effort) == pytest.approx((alone.shape[0], alone.tension[0]), abs=1e-12)
         assert effort == pytest.approx(float(bend.actuator(z - length) + bend.passive(z)), abs=1e-12)
         beyond += int(body.limits.find_states(alone.shape, alone.actuation)[0] != 0)
+        first = beyond if k < 100 else first
     assert 20 < beyond < 180
     told = f"{beyond / 100:.9f}"
     wait_until(lambda: value(ros, "actuators", f"link_0 {word} [s]") == told, what=f"{told} s {word}")
@@ -95,12 +96,15 @@ def test_effort_is_the_tension_and_diagnostics_count_the_time(ros, tmp_path, nam
     assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
     wait_until(lambda: value(ros, "actuators", f"link_0 {word} [s]") == "0.000000000", what="the count after a reset")
     command_period(ros, 0.0, lengths)
+    once = f"{first / 100:.9f}"
+    wait_until(lambda: value(ros, "actuators", f"link_0 {word} [s]") == once, what="the count of a period")
     assert simulator.end() == 0
     (path,) = (tmp_path / "bags").iterdir()
     found = analyse(path)
     assert found.problems == ()
     assert found.comparison.identical
     assert (found.comparison.ticks, found.comparison.resets) == (302, 1)
+    assert found.at_limits == {"link_0": {word: pytest.approx((beyond + first) / 100)}}
     assert found.energy.residual < 1e-12
 
 

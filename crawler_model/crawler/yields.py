@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from crawler_model import Crawler
-from crawler_model.body.body import Body
-from crawler_model.body.drive import NS
-from crawler_model.body.names import name_joints
+from ..body.body import Body
+from ..body.drive import NS
+from ..body.names import name_joints
+from .crawler import Crawler
 
 _WORDS = ((-1, "slack"), (1, "stalled"))
 _MOST_NAMED = 5
@@ -20,7 +20,7 @@ class YieldTimes:
         """Start at zero.
 
         Args:
-            body: a body with limits of tension.
+            body: the body; of one without limits of tension there is nothing to count.
         """
         self._body, self._limits = body, body.joint_limits
         names = name_joints(body)
@@ -50,13 +50,25 @@ class YieldTimes:
         for state, times in self._ns.items():
             times += ns @ (found == state)
 
+    def list_seconds(self) -> dict[str, dict[str, float]]:
+        """List how long links were slack or stalled.
+
+        Returns:
+            By the name of the link or segment `slack`, if it can be that, and `stalled`, likewise [s].
+        """
+        found: dict[str, dict[str, float]] = {name: {} for name in self._names}
+        for state, word in _WORDS:
+            for k in np.flatnonzero(self._limits.can_be(state)).tolist():
+                found[self._names[k]][word] = float(self._ns[state][k]) / NS
+        return found
+
     def report(self) -> tuple[str, list[tuple[str, str]]]:
         """Describe what has happened since the last call, and how long it has lasted in the whole run.
 
         Returns:
             A message, and for each link that can be slack or stalled the times.
         """
-        told, entries = [], []
+        told = []
         for state, word in _WORDS:
             times = self._ns[state]
             now = [name for name, more in zip(self._names, times > self._reported[state], strict=True) if more]
@@ -64,8 +76,11 @@ class YieldTimes:
             if now:
                 rest = f" and {len(now) - _MOST_NAMED} more" if len(now) > _MOST_NAMED else ""
                 told.append(f"{word}: {', '.join(now[:_MOST_NAMED])}{rest}")
-            for k in np.flatnonzero(self._limits.can_be(state)).tolist():
-                entries.append((f"{self._names[k]} {word} [s]", f"{times[k] / NS:.9f}"))
+        entries = [
+            (f"{name} {word} [s]", f"{seconds:.9f}")
+            for name, times in self.list_seconds().items()
+            for word, seconds in times.items()
+        ]
         return "; ".join(told) or "within the limits of tension", entries
 
 
