@@ -34,5 +34,9 @@ class YieldSink:
         )
 
     def list_seconds(self) -> dict[str, dict[str, float]]:
-        """List the times, as `YieldTimes.list_seconds`; empty where no link has limits of tension."""
+        """List the times.
+
+        Returns:
+            As `YieldTimes.list_seconds`, of all runs together [s]; empty where no link has limits of tension.
+        """
         return {} if self._times is None else self._times.list_seconds()

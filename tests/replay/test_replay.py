@@ -113,6 +113,15 @@ def test_a_recording_that_begins_in_mid_run_is_compared_from_a_state_that_it_hol
     assert found.cycles[-1].translation == pytest.approx(simulate(load_scene(name), duration=8.0).per_period[-1])
 
 
+def test_times_at_limits_are_those_of_the_table_of_the_run(tmp_path):
+    for name, word in (("tendon_worm", "slack"), ("stalling_inchworm", "stalled")):
+        found = analyse(record(tmp_path / name, name, 2, wait=0.0))
+        run = simulate(load_scene(name), duration=4.0, rate=100.0)
+        ticks = np.asarray(run.to_table()[f"link_0/{word}"])[1:].sum()
+        assert found.as_plain()["at_limits"] == {"link_0": {word: pytest.approx(ticks / 100.0)}}
+    assert analyse(record(tmp_path / "two", "two_anchor_a", 1)).at_limits == {}
+
+
 def test_mid_run_without_states_says_what_is_missing(tmp_path):
     keep = lambda name, stamp, data: [(name, stamp, data)] * (stamp >= 10**9 and name == "applied_commands")  # noqa: E731
     path = bare(record(tmp_path / "a", "two_anchor_a", 2), tmp_path / "bare", keep)
