@@ -10,7 +10,7 @@ from ..body.names import name_joints
 from .crawler import Crawler
 
 _WORDS = ((-1, "slack"), (1, "stalled"))
-_MOST_NAMED = 5
+_MOST_NAMED, _MOST_WAITING = 5, 100
 
 
 class YieldTimes:
@@ -26,6 +26,7 @@ class YieldTimes:
         names = name_joints(body)
         self._names = [names[joint] for joint in self._limits.index]
         self._ns = {state: np.zeros(len(self._names), np.int64) for state, _ in _WORDS}
+        self._waiting: list[tuple[np.ndarray, np.ndarray, int]] = []
         self._reported = {state: times.copy() for state, times in self._ns.items()}
 
     def add(self, crawler: Crawler, ns: int) -> None:
@@ -35,8 +36,16 @@ class YieldTimes:
             crawler: the crawler at its end.
             ns: its duration [ns].
         """
-        lengths = self._body.joint_sum(crawler.actuation)
-        self.add_many(crawler.joint_elongation[None], lengths[None], np.array([ns]))
+        self._waiting.append((crawler.joint_elongation, self._body.joint_sum(crawler.actuation), ns))
+        if len(self._waiting) == _MOST_WAITING:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Add the ticks that wait: together they take little longer than one of them."""
+        if self._waiting:
+            elongation, lengths, ns = (np.array(column) for column in zip(*self._waiting, strict=True))
+            self._waiting.clear()
+            self.add_many(elongation, lengths, ns)
 
     def add_many(self, elongation: np.ndarray, lengths: np.ndarray, ns: np.ndarray) -> None:
         """Add K ticks.
@@ -56,6 +65,7 @@ class YieldTimes:
         Returns:
             By the name of the link or segment `slack`, if it can be that, and `stalled`, likewise [s].
         """
+        self._settle()
         found: dict[str, dict[str, float]] = {name: {} for name in self._names}
         for state, word in _WORDS:
             for k in np.flatnonzero(self._limits.can_be(state)).tolist():
@@ -68,6 +78,7 @@ class YieldTimes:
         Returns:
             A message, and for each link that can be slack or stalled the times.
         """
+        self._settle()
         told = []
         for state, word in _WORDS:
             times = self._ns[state]
