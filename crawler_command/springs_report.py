@@ -23,12 +23,13 @@ def print_limits_of_tension(run: Trajectory, screen: Console) -> None:
         screen: the console to print to.
     """
     body, names = run.scene.body, name_every_spring(run.scene.body)
+    bends = {bend.spring: bend for bend in body.bends}
     rows = run.scene.drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
     lengths, z = run.scene.columns.target(rows), body.elongation(run.displacement)
+    states = body.limits.find_states(z, lengths)
     lines = []
-    for bend in body.bends:
-        if np.isfinite(bend.limits).any():
-            lines += _describe(bend, names[bend.spring], z[:, bend.spring], lengths[:, bend.spring])
+    for k, spring in enumerate(body.limits.index.tolist()):
+        lines += _describe(bends[spring], names[spring], states[:, k], z[:, spring], lengths[:, spring])
     lines += _find_weak(body, run)
     for line in lines[:_MOST_LINES]:
         screen.print(line)
@@ -36,9 +37,8 @@ def print_limits_of_tension(run: Trajectory, screen: Console) -> None:
         screen.print(f"({len(lines) - _MOST_LINES} more lines on limits of tension)")
 
 
-def _describe(bend: Bend, name: str, z: np.ndarray, length: np.ndarray) -> list[str]:
+def _describe(bend: Bend, name: str, state: np.ndarray, z: np.ndarray, length: np.ndarray) -> list[str]:
     """Describe when an actuator is beyond its limits; commands cut off there move the body in the same way."""
-    state = bend.yields(z, length)
     words = [
         (word, (state == sign).mean()) for sign, word in ((-1, "goes slack"), (1, "stalls")) if (state == sign).any()
     ]

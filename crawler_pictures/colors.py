@@ -13,6 +13,8 @@ BAND, BOUND = "#f1efe9", "#8f8878"
 TENSION, ACTUATION = "#2f5fc4", "#e08a1e"
 JUMP = "#9b2fae"
 """Jumps of contacts onto ground that holds less."""
+STALLED = "#e6007e"
+"""Links whose actuator stalls; those that are slack are grey and sag."""
 CONTACTS = ("#1f3fbf", "#1fa8c8")
 """The two contacts of a body, where both are drawn as lines."""
 LINES = ("#2f5fc4", "#e08a1e", "#1b1b1b", "#56b4e9", "#a3763f", "#8a8a8a", "#cc79a7", "#b3a800")

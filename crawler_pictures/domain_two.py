@@ -43,7 +43,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
 
     shown = shown_waypoints(scene)
     moves = run.time.size > 1
-    swept = moves and is_constant(scene) and scene.body.springs == 1
+    swept = moves and is_constant(scene) and scene.body.springs == 1 and not scene.body.bends
     rows: list[Any]
     if not moves:
         rows, heights, size = [["box_0"]], [1.0], (5.5, 5.5)
@@ -265,7 +265,7 @@ def draw_sweeping(axis: Axes, run: Trajectory, marks: Sequence[int]) -> None:
 
     Args:
         axis: axes to draw on; their limits and labels are set.
-        run: run of two contacts and one spring under constant friction.
+        run: run of two contacts and one linear spring under constant friction.
         marks: ticks at which the box is drawn, lettered from a, at most nine.
     """
     domain = domain_evolution(run.scene.drive)[1][0]

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import join
 from .curves import Bend
+from .limits import Limits, build_limits
 
 
 @dataclass(frozen=True)
@@ -238,6 +239,20 @@ class Body:
         pairs = [tuple(self.ends[spring]) for spring in self.link_springs]
         pairs += [(s.first, s.last) for s in self.segments]
         return np.array([[place[int(a)], place[int(b)]] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
+
+    @functools.cached_property
+    def limits(self) -> Limits:
+        """The limits of tension of the springs."""
+        return build_limits([(bend.spring, [bend]) for bend in self.bends])
+
+    @functools.cached_property
+    def joint_limits(self) -> Limits:
+        """The limits of tension of the joints; a segment is at one where its elements are on average."""
+        bends = {bend.spring: bend for bend in self.bends}
+        springs = [[int(spring)] for spring in self.link_springs]
+        springs += [list(range(s.springs.start, s.springs.stop)) for s in self.segments]
+        bent = [(joint, [bends[k] for k in part if k in bends]) for joint, part in enumerate(springs)]
+        return build_limits([(joint, part) for joint, part in bent if part])
 
     def joint_sum(self, values: np.ndarray) -> np.ndarray:
         """Sum values of springs over each joint; a link has one spring, a segment one per element.

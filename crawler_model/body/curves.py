@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..rounding import EPS
-
 BEGIN, END, SLOPE, AT, VALUE, ENERGY = range(6)
 """Columns of the pieces of a curve: from where to where a piece reaches [m], its slope [N/m]; a point on it [m], the
 tension [N] and the energy [J] there."""
@@ -222,24 +220,6 @@ class Bend:
         curve = self.actuator
         least = -np.inf if curve.first > 0.0 else float(curve.value[0])
         return least, np.inf if curve.last > 0.0 else float(curve.value[-1])
-
-    def yields(self, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
-        """Determine whether the actuator is beyond a limit, where its command has no effect.
-
-        Args:
-            elongation: z, any shape [m].
-            actuation: L, likewise.
-
-        Returns:
-            -1 slack, 1 stalled (at a limit other than 0), 0 neither; int8, same shape.
-        """
-        u, curve = np.asarray(elongation - actuation), self.actuator
-        state = np.zeros(u.shape, np.int8)
-        if curve.slopes.max() > 0.0:
-            near = 64.0 * EPS * (np.abs(elongation) + np.abs(actuation))
-            for beyond, limit in zip((u < curve.at[0] - near, u > curve.at[-1] + near), self.limits, strict=True):
-                state[beyond & np.isfinite(limit)] = -1 if limit == 0.0 else 1
-        return state
 
     def rest(self, actuation: float) -> float:
         """Find the elongation of the least tension or pressure; of several, the one nearest to 0.

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..body.curves import Bend
 from ..body.drive import NS
 from ..body.names import name_every_contact, name_every_spring
 from ..body.plan import Plan
@@ -152,7 +151,7 @@ class TrajectoryColumns:
             group("friction", friction, "N"),
             group("load", each(contacts, "load") if self._loaded else [], "N"),
             group("tension", each(springs, "tension"), "N"),
-            group("yields", [f"{springs[b.spring]}/{word}" for b in self._limited for word in _YIELDS], "1"),
+            group("yields", [f"{springs[k]}/{word}" for k in body.limits.index for word in _YIELDS], "1"),
             group("net_translation", [f"net_translation{axis}" for axis in axes], "m"),
             group("energies", list(_ENERGIES), "J"),
         )
@@ -249,17 +248,12 @@ class TrajectoryColumns:
             "energies": np.column_stack(energies),
         }
 
-    @property
-    def _limited(self) -> tuple[Bend, ...]:
-        """The springs whose actuators have limits."""
-        return tuple(bend for bend in self.scene.body.bends if np.isfinite(bend.limits).any())
-
     def _read_limits(self, commands: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Determine which actuators are slack and which are stalled, int8, shape (R, B, 2)."""
-        if not self._limited:
+        body = self.scene.body
+        if not body.limits.index.size:
             return np.zeros((len(x), 0), np.int8)
-        lengths, z = self.scene.columns.target(commands), self.scene.body.elongation(x)
-        state = np.stack([bend.yields(z[:, bend.spring], lengths[:, bend.spring]) for bend in self._limited], axis=1)
+        state = body.limits.find_states(body.elongation(x), self.scene.columns.target(commands))
         return np.stack((state < 0, state > 0), axis=2).astype(np.int8)
 
     def _read_ground(self, commands: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,6 +33,7 @@ class Film:
         tension: of each spring, in the plane its size, shape (F, J) [N].
         forward: bounds of the spring force on each contact where tensions have bounds, shape (F, N), else (F, 0) [N].
         backward: likewise.
+        yields: of each spring -1 slack, 1 stalled, else 0, int8, shape (F, J); (F, 0) without limits of tension.
     """
 
     scene: Scene
@@ -46,6 +47,7 @@ class Film:
     tension: np.ndarray
     forward: np.ndarray
     backward: np.ndarray
+    yields: np.ndarray
 
     @property
     def planar(self) -> bool:
@@ -73,7 +75,9 @@ class Film:
         return np.asarray(np.tensordot(self.displacement, self.share, (1, 0)))
 
     def sample(self, times: np.ndarray) -> Film:
-        """Sample the run at the frames of a film: positions and forces linearly, and every slip since the frame before.
+        """Sample the run at the frames of a film: positions and forces linearly, every slip since the frame before.
+
+        What is slack or stalled is that at the nearest instant.
 
         Args:
             times: instants within the run, increasing, shape (K,) [s].
@@ -103,6 +107,7 @@ class Film:
             tension=blend(self.tension),
             forward=blend(self.forward),
             backward=blend(self.backward),
+            yields=self.yields[np.where(part < 0.5, before, after)],
         )
 
 
@@ -119,8 +124,12 @@ def film_of_run(scene: Scene, run: Trajectory) -> Film:
     body = scene.body
     tension = run.tension if body.dimension == 1 else np.linalg.norm(run.tension, axis=2)
     forward = backward = np.zeros((run.time.size, 0))
+    yields, times_ns = np.zeros((run.time.size, 0), np.int8), np.rint(run.time * NS).astype(np.int64)
+    if body.limits.index.size:
+        actuation = scene.drive.sample(times_ns)[:, : body.springs]
+        yields = body.limits.find_all_states(body.elongation(run.displacement), actuation)
     if has_stasis_bounds(body):
-        targets = scene.drive.sample(np.rint(run.time * NS).astype(np.int64))
+        targets = scene.drive.sample(times_ns)
         bounds = [local_bounds(scene, target, x) for target, x in zip(targets, run.displacement, strict=True)]
         forward, backward = (np.array(side) for side in zip(*bounds, strict=True))
     names = tuple(name.removeprefix("contact_") for name in name_every_contact(body))
@@ -136,6 +145,7 @@ def film_of_run(scene: Scene, run: Trajectory) -> Film:
         tension,
         forward,
         backward,
+        yields,
     )
 
 

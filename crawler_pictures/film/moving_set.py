@@ -48,10 +48,10 @@ def moving_set(film: Film) -> MovingSet | None:
         film: the film.
 
     Returns:
-        The set, or None for other bodies.
+        The set, or None for other bodies, and for bent springs, in which L does not move a set of constant shape.
     """
     n = len(film.names)
-    if film.forward.shape[1] != n or n not in (2, 3):
+    if film.forward.shape[1] != n or n not in (2, 3) or film.scene.body.bends:
         return None
     stiffness = film.scene.body.stiffness
     stretch = stiffness * np.diff(film.displacement, axis=1)

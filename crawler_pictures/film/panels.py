@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..colors import BACK, FORWARD, GREY, STICK
+from ..colors import BACK, FORWARD, GREY, STALLED, STICK
 from ..domain_text import FACE, SECTION
 from ..ground import list_sections
 from .camera import watch_plane, watch_set, watch_track
@@ -26,6 +26,7 @@ Rolling: TypeAlias = "tuple[Axes, np.ndarray, np.ndarray]"
 """Axes, and their left and right limits in each frame."""
 _DARK = "#202020"
 _COLORS = {0: "#9a9a9a", 1: FORWARD, -1: BACK}
+_YIELDS = {-1: "thin grey slack", 1: "magenta stalled"}
 _ARROW = ((-1.0, 0.16), (0.1, 0.16), (0.1, 0.5), (1.0, 0.0), (0.1, -0.5), (0.1, -0.16), (-1.0, -0.16), (-1.0, 0.16))
 
 
@@ -96,6 +97,40 @@ def coils(start: np.ndarray, end: np.ndarray, width: float, bow: np.ndarray, tee
     return np.concatenate((line, np.full((line.shape[0], 1, 2), np.nan)), axis=1).reshape(-1, 2)
 
 
+def ropes(start: np.ndarray, end: np.ndarray, sag: float, bow: np.ndarray) -> np.ndarray:
+    """Draw slack links as lines that sag, one after another, separated by NaN.
+
+    Args:
+        start: shape (J, 2).
+        end: shape (J, 2).
+        sag: how far they sag in the middle; the units are those of the second axis.
+        bow: height of an arch from which each sags, shape (J,).
+
+    Returns:
+        Shape (14 J, 2).
+    """
+    part = np.linspace(0.0, 1.0, 13)
+    line = start[:, None] + part[:, None] * (end - start)[:, None]
+    line[..., 1] += 4.0 * (bow[:, None] - sag) * part * (1.0 - part)
+    return np.concatenate((line, np.full((line.shape[0], 1, 2), np.nan)), axis=1).reshape(-1, 2)
+
+
+def explain_yields(film: Film, count: int) -> str:
+    """Explain how links that are slack or stalled are drawn.
+
+    Args:
+        film: the film.
+        count: number of springs that are drawn.
+
+    Returns:
+        The text that follows that on contacts; empty where there are none, or where not all springs are drawn.
+    """
+    if film.yields.shape[1] != count:
+        return ""
+    texts = [text for state, text in _YIELDS.items() if (film.yields == state).any()]
+    return f"; links: {', '.join(texts)}" if texts else ""
+
+
 class LinePanel:
     """The body on its track: contacts coloured by what they do, arrows where they slide, springs that stretch."""
 
@@ -127,12 +162,23 @@ class LinePanel:
             float(np.median(np.diff(np.sort(self._place[0])))) / float(self._right[0] - self._left[0]) if n > 1 else 1.0
         )
         size = float(np.clip(0.7 * _WIDTH_PT * spacing, 3.0, 17.0))
-        (self._links,) = axes.plot([], [], color=_DARK, linewidth=1.4 if self._teeth else 1.0, zorder=2)
+        width = 1.4 if self._teeth else 1.0
+        (self._links,) = axes.plot([], [], color=_DARK, linewidth=width, zorder=2)
+        (self._stalled,) = axes.plot([], [], color=STALLED, linewidth=width + 1.2, zorder=2)
+        (self._slack,) = axes.plot([], [], color=GREY, linewidth=1.2, zorder=2)
+        limited = film.yields.shape[1] == self._joints.shape[0]
+        self._yields = film.yields if limited else np.zeros((film.time.size, self._joints.shape[0]), np.int8)
         self._create_contacts(n, size)
         self._names = [_write_marker(axes, film.names[i]) for i in chosen] if n <= _MOST_NAMED else []
         self.moving: list[Artist] = [] if self.rolling is None else ground
-        self.moving += [self._links, *self._dots.values(), *self._arrows.values(), *self._names]
-        title = "contacts: grey stick, green slip forward, red slip back"
+        self.moving += [
+            self._links,
+            *([self._stalled, self._slack] if limited else []),
+            *self._dots.values(),
+            *self._arrows.values(),
+            *self._names,
+        ]
+        title = "contacts: grey stick, green slip forward, red slip back" + explain_yields(film, len(self._joints))
         left_out = f"; {chosen.size} of {len(film.names)} contacts are drawn" if chosen.size < len(film.names) else ""
         left_out += "; of segments the ends are drawn" if len(film.names) < film.scene.body.contacts else ""
         axes.set_title(title + left_out, loc="left", fontsize=10)
@@ -175,7 +221,10 @@ class LinePanel:
         if self.rolling is not None:
             self._axes.set_xlim(self._left[k], self._right[k])
         points = np.column_stack((place, np.full(place.size, height)))
-        self._links.set_data(*self._springs(points).T)
+        for value, links in ((0, self._links), (1, self._stalled), (-1, self._slack)):
+            which = self._yields[k] == value
+            links.set_data(*self._springs(points, which, value < 0).T)
+            links.set_visible(bool(which.any()))
         for value, dots in self._dots.items():
             _put(dots, place[state == value], height)
         for value, arrows in self._arrows.items():
@@ -183,11 +232,13 @@ class LinePanel:
         for x, text in zip(place, self._names, strict=False):
             text.set_data([x], [-0.16])
 
-    def _springs(self, points: np.ndarray) -> np.ndarray:
-        """Draw the springs, whose zigzags are upright whatever the scale of the track, shape (K, 2)."""
-        start, end = points[self._joints[:, 0]], points[self._joints[:, 1]]
+    def _springs(self, points: np.ndarray, which: np.ndarray, slack: bool) -> np.ndarray:
+        """Draw some springs, whose zigzags are upright whatever the scale of the track, shape (K, 2)."""
+        start, end = points[self._joints[which, 0]], points[self._joints[which, 1]]
+        if slack:
+            return ropes(start, end, 0.25, self._bow[which])
         unit = np.array([max(float(np.ptp(points[:, 0])), 1e-9), 1.0])  # a scale in which a spring is longer than wide
-        return coils(start / unit, end / unit, 0.17, self._bow, self._teeth) * unit
+        return coils(start / unit, end / unit, 0.17, self._bow[which], self._teeth) * unit
 
 
 def _put(line: Any, place: np.ndarray, height: float) -> None:

@@ -18,6 +18,7 @@ from crawler_model import Crawler, Scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
+from crawler_model.crawler.yields import YieldTimes
 
 from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
 from ..wire.messages import JointStateMessage, MessageLayout
@@ -104,7 +105,15 @@ class Ahead:
         self._joints, self._contacts = (np.empty((self._most, 3, width)) for width in widths)
         self._moved = np.empty((self._most, 2, scene.body.contacts))
 
-    def run(self, crawler: Crawler, taken: Vertices, tick: int, start_ns: int, ends_ns: np.ndarray) -> np.ndarray:
+    def run(
+        self,
+        crawler: Crawler,
+        taken: Vertices,
+        tick: int,
+        start_ns: int,
+        ends_ns: np.ndarray,
+        yields: YieldTimes | None = None,
+    ) -> np.ndarray:
         """Run ticks and send their messages.
 
         Args:
@@ -113,6 +122,7 @@ class Ahead:
             tick: number of ticks before them.
             start_ns: simulated time at the start of the first [ns].
             ends_ns: simulated time at the end of each, shape (K,) [ns].
+            yields: adds up how long links are slack or stalled; None where none can be.
 
         Returns:
             The account of each tick, shape (K, 14).
@@ -120,28 +130,27 @@ class Ahead:
         began, used = time.monotonic_ns(), time.thread_time_ns()
         starts_ns = np.concatenate(([start_ns], ends_ns[:-1]))
         seconds = (ends_ns - starts_ns) / NS
-        read = np.arange(tick + 1, tick + 1 + ends_ns.size) % self._every == 0
+        sent = np.arange(tick + 1, tick + 1 + ends_ns.size) % self._every == 0
         if taken.ended >= 0:
-            read[taken.ended] = True
+            sent[taken.ended] = True
+        read = sent if yields is None else np.ones(sent.size, np.bool_)
         count = np.count_nonzero(read)
+        joints, contacts, moved = self._joints[:count], self._contacts[:count], self._moved[:count]
+        before, targets = crawler.actuation, self._scene.columns.target(taken.rows)
         accounts = follow_ticks(
-            crawler,
-            self._outgoing.readout,
-            self._scene.columns.target(taken.rows),
-            taken.first,
-            seconds,
-            read,
-            self._joints[:count],
-            self._contacts[:count],
-            self._moved[:count],
+            crawler, self._outgoing.readout, targets, taken.first, seconds, read, joints, contacts, moved
         )
-        batch = _Batch(taken, starts_ns, ends_ns, read)
-        y, gain = np.vecdot(self._moved[:count], crawler.body.share).T  # each to the bit as one product
+        if yields is not None:
+            lengths = np.vstack((before, targets[:, : before.size]))[taken.first[1:]]  # in force at the end of each
+            yields.add_many(joints[:, 0, 1:], lengths[:, crawler.body.link_springs], ends_ns - starts_ns)
+            joints, contacts, moved = joints[sent], contacts[sent], moved[sent]
+        batch = _Batch(taken, starts_ns, ends_ns, sent)
+        y, gain = np.vecdot(moved, crawler.body.share).T  # each to the bit as one product
         batch.states = {
-            "joint_states": self._joints[:count],
-            "contact_states": self._contacts[:count],
+            "joint_states": joints,
+            "contact_states": contacts,
             "pose": y[:, None],
-            "odom": np.stack((y, gain / seconds[read]), axis=1)[..., None],
+            "odom": np.stack((y, gain / seconds[sent]), axis=1)[..., None],
         }
         self._send(batch, began)
         used = time.thread_time_ns() - used

@@ -9,11 +9,13 @@ from typing import Any, Protocol
 from crawler_model import Crawler
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
+from crawler_model.crawler.yields import YieldTimes
 from crawler_model.run.orientation import shape_orientation
 from crawler_model.theory.regularity import Regularity
 
 from ..viewer.feed import ViewerFeed
 from .certificates import Certificates
+from .counts import Counts
 from .intake.commands import CommandQueue
 from .intake.intake import LENGTH_TOPICS, Intake
 from .intake.peers import publishers_of, rivals_on_commands, rivals_on_states
@@ -28,11 +30,7 @@ Part = tuple[int, str, list[tuple[str, str]]]
 class Diagnosed(Protocol):
     """The part of a simulator that its diagnostics read: its state, its counts, and the counts last reported."""
 
-    ambiguous: int
-    overspent: int
-    unsolved: int
-    jumps: int
-    unheld: int
+    counts: Counts
     reported: tuple[int, int, int, int]
     reported_commands: tuple[int, int, int, int]
     certificates: Certificates
@@ -48,6 +46,7 @@ class Diagnosed(Protocol):
     scene: Plan
     states: list[str]
     stepper: Stepper
+    yields: YieldTimes | None
 
     def get_fully_qualified_name(self) -> str:
         """Return the name of the node including its namespace."""
@@ -74,6 +73,8 @@ def diagnose(node: Diagnosed) -> list[Status]:
     me, hardware = node.get_fully_qualified_name().lstrip("/"), node.scene.name
     with node.lock:
         parts = {"simulation": _simulation(node, rivals_on_states(states)), "commands": _commands(node, commands)}
+        if node.yields is not None:
+            parts["actuators"] = (OK, *node.yields.report())
         if node.recorder is not None:
             recorder = node.recorder
             entries = [
@@ -93,8 +94,8 @@ def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
     if node.scene.ground.track is None:
         return []
     counts = {
-        "jumps on patches of ground": node.jumps,
-        "ticks refused because nothing would hold the body": node.unheld,
+        "jumps on patches of ground": node.counts.jumps,
+        "ticks refused because nothing would hold the body": node.counts.unheld,
     }
     return [(key, str(count)) for key, count in counts.items()]
 
@@ -141,18 +142,18 @@ def _reasons(intake: Intake) -> list[tuple[str, str]]:
 
 
 def _simulation(node: Diagnosed, rival: str) -> Part:
-    late = node.stepper.late
+    late, counts = node.stepper.late, node.counts
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
-    before, node.reported = node.reported, (node.ambiguous, node.overspent, node.unsolved, late)
+    before, node.reported = node.reported, (counts.ambiguous, counts.overspent, counts.unsolved, late)
     finite, inaccurate = node.certificates.judge()
     if late > before[3]:
         level = WARN
         message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time lags"
-    if node.ambiguous > before[0]:
+    if counts.ambiguous > before[0]:
         level, message = WARN, "the translation was not determined in some ticks; the one nearest to zero was taken"
-    if node.overspent > before[1]:
+    if counts.overspent > before[1]:
         level, message = WARN, "some ticks exceeded the budget of work; catch-up steps completed them"
-    if node.unsolved > before[2]:
+    if counts.unsolved > before[2]:
         level, message = WARN, "some ticks were not solved; see the largest violation"
     if inaccurate:
         level, message = WARN if finite else ERROR, inaccurate
@@ -172,9 +173,9 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("least friction of the scene", f"{node.regularity.least:.3e} ({node.regularity.where})"),
             ("uniqueness margin", "not decided" if node.margin is None else f"{node.margin:.3e}"),
             ("visited margin", f"{node.crawler.visited_margin:.3e}"),
-            ("ticks without a determined translation", str(node.ambiguous)),
-            ("ticks over the budget of work", str(node.overspent)),
-            ("ticks not solved", str(node.unsolved)),
+            ("ticks without a determined translation", str(counts.ambiguous)),
+            ("ticks over the budget of work", str(counts.overspent)),
+            ("ticks not solved", str(counts.unsolved)),
             *_orientation(node),
             *_on_patches(node),
             ("largest energy residual of a tick [J]", residual),

@@ -13,6 +13,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from crawler_model import CrawlerError, Scene, load_scene
+from crawler_model.body.body import Body
 from crawler_model.body.names import name_joints
 
 from ..wire.states import station_names, tree_of_joints
@@ -21,6 +22,8 @@ _CONTACT_COLOUR = "0.16 0.47 0.71 1"
 _BODY_COLOUR = "0.55 0.55 0.58 1"
 _REACH = 1e3
 """Limits of the prismatic joints in body lengths; URDF requires limits, and nothing enforces them."""
+_EFFORT = 1e9
+"""Limit of the force of joints without limits of tension [N]."""
 
 
 def describe_robot(scene: Scene, world: str = "world") -> str:
@@ -48,13 +51,33 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     links = [ET.SubElement(robot, "link", name=frame) for frame in frames]
     for link in links:
         _add_box(link, (size, size, size), (0.0, 0.0, 0.5 * size), "contact")
-    _add_joints(robot, stations[0], world, frames[0], place[0], 1.0, _REACH * span, planar)
+    _add_joints(robot, stations[0], world, frames[0], place[0], 1.0, (_REACH * span, _EFFORT), planar)
+    efforts = _largest_efforts(body)
     for known, new, joint, sign in tree_of_joints(body):
-        offset = place[new] - place[known]
-        _add_joints(robot, joints[joint], frames[known], frames[new], offset, sign, _REACH * span, planar)
+        offset, limits = place[new] - place[known], (_REACH * span, efforts.get(joint, _EFFORT))
+        _add_joints(robot, joints[joint], frames[known], frames[new], offset, sign, limits, planar)
         _add_rod(links[known], offset, size)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+
+
+def _largest_efforts(body: Body) -> dict[int, float]:
+    """Find the largest forces of the actuators that have limits of tension.
+
+    A URDF has one limit for both directions: the larger of both limits, or the only one; a tendon that is slack below
+    0 N and has no largest tension has none.
+
+    Args:
+        body: the body.
+
+    Returns:
+        The force by joint [N].
+    """
+    bends = {bend.spring: bend for bend in body.bends}
+    springs = [*body.link_springs.tolist(), *(segment.first_spring for segment in body.segments)]
+    sizes = {k: np.abs(bends[springs[k]].limits) for k in body.joint_limits.index.tolist()}
+    efforts = {k: float(size[np.isfinite(size)].max()) for k, size in sizes.items()}
+    return {k: effort for k, effort in efforts.items() if effort > 0.0}
 
 
 def _least_distance(place: np.ndarray, joints: np.ndarray) -> float:
@@ -95,13 +118,14 @@ def _add_joints(
     child: str,
     offset: np.ndarray,
     sign: float,
-    reach: float,
+    limits: tuple[float, float],
     planar: bool,
 ) -> None:
-    """Join two frames by one prismatic joint, in the plane by one along x and one along y."""
+    """Join two frames by one prismatic joint, in the plane by one along x and one along y; limits [m], [N]."""
     axes = (
         [(name, (sign, 0.0, 0.0))] if not planar else [(f"{name}/x", (sign, 0.0, 0.0)), (f"{name}/y", (0.0, sign, 0.0))]
     )
+    reach, effort = limits[0], _text(limits[1])
     for i, (joint_name, axis) in enumerate(axes):
         last = i == len(axes) - 1
         to = child if last else f"{child}_x"
@@ -112,7 +136,7 @@ def _add_joints(
         ET.SubElement(joint, "child", link=to)
         ET.SubElement(joint, "origin", xyz=_text(*(offset if i == 0 else np.zeros(3))), rpy="0 0 0")
         ET.SubElement(joint, "axis", xyz=_text(*axis))
-        ET.SubElement(joint, "limit", lower=_text(-reach), upper=_text(reach), effort="1e9", velocity="1e9")
+        ET.SubElement(joint, "limit", lower=_text(-reach), upper=_text(reach), effort=effort, velocity="1e9")
         parent = to
 
 

@@ -16,7 +16,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.ticks import runs_in_one_call
-from crawler_model.motion.state import AMBIGUOUS, OVERSPENT, UNSOLVED
+from crawler_model.crawler.yields import start_yield_times
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
@@ -26,6 +26,7 @@ from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
 from .ahead import Ahead, compile_ticks
 from .certificates import certificates_of
+from .counts import Counts
 from .diagnostics import diagnose
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
@@ -74,7 +75,7 @@ class Simulator(QuietNode):
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
         self.certificates = certificates_of(self.scene, self.crawler.method)
-        self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
+        self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
         self.reported = (0, 0, 0, 0)
         self.reported_commands = (0, 0, 0, 0)
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
@@ -160,7 +161,7 @@ class Simulator(QuietNode):
             self.stepper.reset(time.monotonic_ns())
             self.commands.reset(self.start.row)
             self.certificates = certificates_of(self.scene, self.crawler.method)
-            self.ambiguous = self.overspent = self.unsolved = self.jumps = self.unheld = 0
+            self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
             self.reported = (0, 0, 0, self.reported[3])
             self._send_start()
         response.success, response.message = True, "at the scene's start, simulated time 0"
@@ -280,7 +281,7 @@ class Simulator(QuietNode):
         try:
             step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
         except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
-            self.unheld += 1
+            self.counts.unheld += 1
             self.throttle.warn("ground", f"the commands of a tick are refused: {error}")
             self.commands.resume(in_force)
             vertices = []
@@ -294,10 +295,9 @@ class Simulator(QuietNode):
             dues = [max(v.due_ns, start_ns) for v in vertices]
             self.feed.show(end_ns, self.crawler, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
         self.certificates.add(step.account)
-        self.ambiguous += not step.unique
-        self.overspent += step.overspent
-        self.unsolved += step.unsolved
-        self.jumps += len(step.jumps)
+        self.counts.add(step)
+        if self.yields is not None:
+            self.yields.add(self.crawler, end_ns - start_ns)
 
     def _run_ahead(self) -> bool:
         """Run many ticks at once if nothing has to be waited for and no command waits; return whether any were run."""
@@ -308,12 +308,11 @@ class Simulator(QuietNode):
         taken = self.commands.take_ahead(start_ns, ends)
         if taken is None:
             return False
-        accounts = self._ahead.run(self.crawler, taken, self.stepper.tick, start_ns, ends[: taken.first.size - 1])
+        ends = ends[: taken.first.size - 1]
+        accounts = self._ahead.run(self.crawler, taken, self.stepper.tick, start_ns, ends, self.yields)
         self.stepper.finish(len(accounts))
         self.certificates.add_many(accounts)
-        self.ambiguous += int(np.count_nonzero(accounts[:, AMBIGUOUS]))
-        self.overspent += int(accounts[:, OVERSPENT].sum())
-        self.unsolved += int(accounts[:, UNSOLVED].sum())
+        self.counts.add_many(accounts)
         return True
 
     def _send_start(self) -> None:

@@ -29,6 +29,7 @@ from .ramps import RampTable, Sink
 from .resimulate import Comparison, Resimulation
 from .slips import Slips, SlipSink
 from .standstill import Rest, Standstill, find_rests, find_standstill
+from .yields import YieldSink
 
 _SURVEYED = 0.2
 """Fraction of the work that the survey takes."""
@@ -61,6 +62,7 @@ class Replay:
         standstill: the rest at the end of the run; None when the crawler moved to the end.
         rests: the rests before it that last at least a cycle of the commands, without cycles a second.
         incidents: refused commands and late ticks; None when /diagnostics was not recorded.
+        at_limits: how long each link with limits of tension was `slack` and `stalled` [s]; None without a simulation.
     """
 
     path: Path
@@ -84,6 +86,7 @@ class Replay:
     standstill: Standstill | None
     rests: tuple[Rest, ...]
     incidents: Incidents | None
+    at_limits: dict[str, dict[str, float]] | None
 
     @property
     def healthy(self) -> bool:
@@ -121,6 +124,7 @@ class Replay:
             "margins": None if self.margins is None else self.margins.as_plain(),
             "standstill": None if self.standstill is None else self.standstill.as_plain(),
             "rests": [rest.as_plain() for rest in self.rests],
+            "at_limits": self.at_limits,
             "incidents": None if self.incidents is None else self.incidents.as_plain(),
             "resimulation": {
                 "ticks": 0 if compared is None else compared.ticks,
@@ -189,8 +193,8 @@ def analyse(
     other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and is_planar(survey, robot))
-    finder = SlipSink()
-    receivers: list[Sink] = [finder, *(sinks(survey, scene) if callable(sinks) else sinks)]
+    finder, yields = SlipSink(), YieldSink(scene)
+    receivers: list[Sink] = [finder, yields, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
     def rest(part: float) -> None:
         report(_SURVEYED + (1.0 - _SURVEYED) * part)
@@ -230,6 +234,7 @@ def analyse(
         standstill=standstill,
         rests=find_rests(table, cycles, standstill),
         incidents=find_incidents(survey.diagnostics, robot.namespace),
+        at_limits=yields.list_seconds() if known else None,
     )
 
 

@@ -47,6 +47,7 @@ def film_of_frames(scene: Scene, frames: Sequence[Frame]) -> Film:
         np.array([f.tension for f in frames]),
         np.array([f.forward for f in frames]),
         np.array([f.backward for f in frames]),
+        np.array([f.yields for f in frames]),
     )
 
 

@@ -13,10 +13,11 @@ from crawler_pictures.film.panels import MOST_ARROWS, bows
 
 from .frames import Frame
 from .ground import JumpMarks, draw_ground
-from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, bounds_of_grid, color_of, draw_grid
+from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, YIELDS, bounds_of_grid, color_of, draw_grid
 
 MOST_CONTACTS = 400
 """Contacts that are drawn; of larger bodies evenly spaced ones."""
+_YIELDS = {-1: "thin grey slack", 1: "thick magenta stalled"}
 _MOST_WAYPOINTS = 32
 _PAGE = 1.6  # distance that the body walks before the page turns, in body lengths
 _PATH_POINTS, _PATH_STEP = 2000, 0.01
@@ -42,6 +43,9 @@ class Shape:
         self.planar = body.dimension == 2
         self.note = "" if n <= MOST_CONTACTS else f", {MOST_CONTACTS} of {n} contacts"
         self.note += ", of segments the ends" if body.segments else ""
+        limits = body.joint_limits
+        words = [word for state, word in _YIELDS.items() if limits.can_be(state).any() and n <= MOST_CONTACTS]
+        self.yields = f"; links: {', '.join(words)}" if words else ""
         self.many = self.chosen.size > MOST_ARROWS
         self.radius = self.length * min(0.045, 0.045 if self.planar else 0.35 / self.chosen.size)
         self.bows = 0.06 * self.length * bows(self.rest, self.joints) if not self.planar else np.zeros(len(self.joints))
@@ -97,6 +101,7 @@ class TrackView:
         below = 0.42 if self.paved else 0.22
         bounds = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-0.25 * self._length, below * self._length])
         name = f"Crawler on its track{self._shape.note}: green slips forward, red slips back, grey sticks"
+        name += self._shape.yields
         return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
 
     def draw(self, frame: Frame, seconds: float) -> None:
@@ -119,7 +124,7 @@ class TrackView:
         jumping = np.isin(self._scene.body.stations[shape.chosen], self._marks.contacts)
         for k in np.flatnonzero(jumping).tolist():
             colors[k] = rgb(JUMP)
-        log_body(self._rr, self._stream, shape, points, colors)
+        log_body(self._rr, self._stream, shape, points, colors, frame.yields)
         log_slips(
             self._rr,
             self._stream,
@@ -208,7 +213,7 @@ class PlaneView:
         points = place * (1.0, -1.0)  # y points down in rerun
         slides = frame.state[shape.chosen] != 0
         colors = [STATES[int(s)] for s in slides]
-        log_body(self._rr, self._stream, shape, points, colors)
+        log_body(self._rr, self._stream, shape, points, colors, frame.yields)
         moved = np.zeros(points.shape) if self._before is None else points - self._before
         size = np.linalg.norm(moved, axis=1, keepdims=True)
         log_slips(
@@ -240,7 +245,7 @@ class PlaneView:
         )
 
 
-def log_body(rr: Any, stream: Any, shape: Shape, points: np.ndarray, colors: list[Any]) -> None:
+def log_body(rr: Any, stream: Any, shape: Shape, points: np.ndarray, colors: list[Any], yields: np.ndarray) -> None:
     """Log contacts and springs.
 
     Args:
@@ -249,16 +254,23 @@ def log_body(rr: Any, stream: Any, shape: Shape, points: np.ndarray, colors: lis
         shape: what is drawn.
         points: the contacts in the view, shape (K, 2) [m].
         colors: of the contacts.
+        yields: of each joint -1 slack, 1 stalled, else 0, shape (J,); empty where no link has limits of tension.
     """
     radii = rr.Radius.ui_points(2.5) if shape.many else shape.radius
     stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radii, draw_order=2.0))
     springs: Any = points[shape.joints]
-    thickness = rr.Radius.ui_points(0.5)
+    thickness: Any = rr.Radius.ui_points(0.5)
+    states = yields if yields.size == len(springs) else np.zeros(len(springs), np.int8)
     if not shape.many:
-        ends = zip(springs, shape.bows, strict=True)
-        springs = [_spring(start, end, shape.radius, bow) for (start, end), bow in ends]
+        parts = zip(springs, shape.bows, states < 0, strict=True)
+        springs = [
+            _rope(start, end, shape.radius, bow) if slack else _spring(start, end, shape.radius, bow)
+            for (start, end), bow, slack in parts
+        ]
         thickness = 0.1 * shape.radius
-    colors = [color_of(i) for i in range(len(springs))]
+        if states.any():
+            thickness = thickness * np.array([0.5, 1.0, 2.0])[1 + states]
+    colors = [YIELDS.get(state, color_of(i)) for i, state in enumerate(states.tolist())]
     drawn = rr.LineStrips2D(springs, colors=colors, radii=thickness, draw_order=1.0)
     stream.log("world/links", drawn)
 
@@ -287,6 +299,14 @@ def log_slips(rr: Any, stream: Any, shape: Shape, points: np.ndarray, ways: np.n
         draw_order=5.0,
     )
     stream.log("world/slips", arrows)
+
+
+def _rope(start: np.ndarray, end: np.ndarray, radius: float, bow: float) -> np.ndarray:
+    """Draw a slack link between two points as a line that sags from an arch of height `bow`, shape (13, 2) [m]."""
+    part = np.linspace(0.0, 1.0, 13)
+    line = start + part[:, None] * (end - start)
+    line[:, 1] += 4.0 * (0.6 * radius - bow) * part * (1.0 - part)  # y points down
+    return np.asarray(line)
 
 
 def _spring(start: np.ndarray, end: np.ndarray, radius: float, bow: float, teeth: int = 4) -> np.ndarray:

@@ -8,13 +8,14 @@ import struct
 import sys
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from crawler_model import Crawler, Scene
+from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.motion.jump import Jump
@@ -34,7 +35,8 @@ class Frame:
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
     tension of each joint, in the plane its size; bounds of the spring forces on each station where a chain has no
-    segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame before.
+    segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame before;
+    of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
     """
 
     time_ns: int
@@ -45,10 +47,11 @@ class Frame:
     backward: np.ndarray
     row: np.ndarray
     jumps: tuple[TimedJump, ...] = ()
+    yields: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int8))
 
     def pack(self) -> bytes:
         """Encode the frame as bytes: the time, the number of jumps, all numbers as doubles, the jumps."""
-        numbers = (self.displacement, self.tension, self.state, self.forward, self.backward, self.row)
+        numbers = (self.displacement, self.tension, self.state, self.forward, self.backward, self.row, self.yields)
         jumps = b"".join(_JUMP.pack(j.time, j.contact, j.border, j.distance, j.loss) for j in self.jumps)
         return _HEAD.pack(self.time_ns, len(self.jumps)) + np.concatenate(numbers).astype("<f8").tobytes() + jumps
 
@@ -57,12 +60,12 @@ class Frame:
         """Decode the bytes of `pack`."""
         ns, count = _HEAD.unpack_from(data)
         cuts = np.cumsum(frame_sizes(scene))
-        x, tension, state, forward, backward, row = np.split(
+        x, tension, state, forward, backward, row, yields = np.split(
             np.frombuffer(data, "<f8", int(cuts[-1]), _HEAD.size), cuts[:-1]
         )
         begin = _HEAD.size + 8 * int(cuts[-1])
         jumps = tuple(TimedJump(*_JUMP.unpack_from(data, begin + k * _JUMP.size)) for k in range(count))
-        return Frame(ns, x, tension, state.astype(np.int8), forward, backward, row, jumps)
+        return Frame(ns, x, tension, state.astype(np.int8), forward, backward, row, jumps, yields.astype(np.int8))
 
 
 def read_frames(source: BinaryIO, scene: Plan) -> Iterator[Frame]:
@@ -90,12 +93,13 @@ def frame_sizes(scene: Plan) -> list[int]:
         scene: the scene.
 
     Returns:
-        Entries of displacement, tension, state, forward, backward and the command row.
+        Entries of displacement, tension, state, forward, backward, the command row and yields.
     """
     body = scene.body
     stations, joints = body.stations.size, body.joints.shape[0]
     friction = stations if has_stasis_bounds(body) else 0
-    return [stations * body.dimension, joints, stations, friction, friction, scene.drive.rows.shape[-1]]
+    limited = joints if body.joint_limits.index.size else 0
+    return [stations * body.dimension, joints, stations, friction, friction, scene.drive.rows.shape[-1], limited]
 
 
 def time_jumps(jumps: Iterable[Jump], start_ns: int, ends_ns: Sequence[int]) -> tuple[TimedJump, ...]:
@@ -138,7 +142,15 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
     if has_stasis_bounds(body):
         target = crawler.scene.columns.target(crawler.row)
         forward, backward = (side[at] for side in local_bounds(crawler.scene, target, crawler.displacement))
-    return Frame(time_ns, crawler.displacement[at].ravel(), tension, state[at], forward, backward, crawler.row, jumps)
+    x, row, yields = crawler.displacement[at].ravel(), crawler.row, np.zeros(0, np.int8)
+    if body.joint_limits.index.size:
+        yields = _find_yields(body, crawler.joint_elongation, crawler.actuation)
+    return Frame(time_ns, x, tension, state[at], forward, backward, row, jumps, yields)
+
+
+def _find_yields(body: Body, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
+    """Determine which joints are slack or stalled, shape (J,), from z of the joints and L of the springs."""
+    return body.joint_limits.find_all_states(elongation, body.joint_sum(actuation))
 
 
 def frames_of_recording(
@@ -196,6 +208,7 @@ def _frames(
     deserialize = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
     body, row = scene.body, scene.drive.rows[0]
     bounded = has_stasis_bounds(body)
+    limited, yields = body.joint_limits.index.size > 0, np.zeros(0, np.int8)
     forward = backward = np.zeros(0)
     ahead, run, last = deque(jumps), 0, 0
     stations = StationReader(body)
@@ -236,7 +249,10 @@ def _frames(
             if bounded:
                 forward, backward = local_bounds(scene, scene.columns.target(row), x)
             state = (np.sign(v) * moving).astype(np.int8)
-            yield Frame(stamp, x.ravel(), tension, state, forward, backward, row, tuple(passed))
+            if limited:
+                actuation = scene.columns.target(row)[: body.springs]
+                yields = _find_yields(body, message.position[body.dimension :], actuation)
+            yield Frame(stamp, x.ravel(), tension, state, forward, backward, row, tuple(passed), yields)
     if damaged:
         print(f"{path}: left out {damaged} messages that are damaged or do not fit the scene", file=sys.stderr)
 

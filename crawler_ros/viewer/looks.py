@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from crawler_pictures.colors import BACK, FORWARD, rgb
+from crawler_pictures.colors import BACK, FORWARD, STALLED, rgb
 from crawler_pictures.film.camera import mark_ticks
 
 BACKGROUND = [13, 16, 17]
@@ -14,6 +14,8 @@ BACKGROUND = [13, 16, 17]
 STICK = (125, 125, 125)
 STATES = {-1: rgb(BACK), 0: STICK, 1: rgb(FORWARD)}
 """Colours of the states of a contact."""
+YIELDS = {-1: (150, 150, 150), 1: rgb(STALLED)}
+"""Colours of links that are slack and stalled."""
 LINES = (
     *((86, 140, 250), (236, 150, 50), (190, 120, 240), (40, 185, 185)),
     *((240, 120, 160), (170, 170, 60), (150, 110, 80), (200, 200, 200)),

@@ -39,6 +39,8 @@ INSTANTS = {
     "ten_contact_wave": 2.4,
     "hybrid_body": 2.6,
     "planar_three_points": 2.4,
+    "tendon_worm": 2.0,
+    "stalling_inchworm": 1.0,
 }
 
 
@@ -120,11 +122,34 @@ def test_a_page_holds_the_run_and_needs_no_network(films, name, tmp_path):
     assert np.allclose(unpack(data["place"]).reshape(film.place.shape), film.place, rtol=1e-6, atol=1e-7)
     assert np.array_equal(unpack(data["state"], "i1").reshape(film.state.shape), film.state)
     assert data["planar"] == film.planar
-    assert (data["set"] is not None) == (len(film.names) in (2, 3) and not film.planar)
+    bends, counts = film.scene.body.bends, len(film.names) in (2, 3)
+    assert (data["set"] is not None) == (counts and not film.planar and not bends)
+    assert (data["yields"] is not None) == (len(bends) > 0)
+    if bends:
+        assert np.array_equal(unpack(data["yields"], "i1").reshape(film.yields.shape), film.yields)
     if film.planar:
         left, low, right, high = data["window"]
         assert (right - left) / (high - low) == pytest.approx(1.2)
         assert len(unpack(data["kymograph"]["state"], "i1")) == data["kymograph"]["rows"] * data["kymograph"]["columns"]
+
+
+@pytest.mark.parametrize(("name", "state", "share"), [("tendon_worm", -1, 0.26), ("stalling_inchworm", 1, 0.64)])
+def test_a_slack_tendon_and_a_stalled_link_are_drawn_as_such(films, name, state, share):
+    film = films[name]
+    assert set(np.unique(film.yields)) == {0, state}
+    stage = Stage(film)
+    height, width = stage.size[::-1]
+    stalled = [np.array([0xE6, 0x00, 0x7E]), np.array([0x20, 0x20, 0x20])]
+    found = []
+    for k in (0, int(np.flatnonzero(film.yields[:, 0] == state)[0])):
+        body = stage.draw(k)[int(0.1 * height) : int(0.3 * height), : int(0.95 * width)].astype(int)
+        found.append([int((np.abs(body - color).max(axis=2) < 40).sum()) for color in stalled])
+    (magenta_before, dark_before), (magenta, dark) = found
+    assert magenta_before == 0
+    assert (magenta > 300) == (state > 0)
+    assert dark < 0.6 * dark_before  # no dark coil is left, only the outlines of contacts
+    late = film_of(name, 6.0)  # the second and third period
+    assert (late.yields[50:] == state).mean() == pytest.approx(share, abs=0.03)
 
 
 def test_a_page_of_many_contacts_names_how_many_it_draws(tmp_path):

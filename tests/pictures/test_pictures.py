@@ -68,11 +68,55 @@ def entities(rrd: Path) -> dict[str, int]:
     return rows
 
 
+def column(rrd: Path, entity: str, part: str) -> list:
+    """One component of an entity, in the order of time."""
+    try:
+        from rerun.chunk import RrdReader
+    except ImportError:  # before rerun 0.41
+        from rerun.experimental import RrdReader
+
+    rows: list[tuple[int, list]] = []
+    for chunk in RrdReader(str(rrd)).stream():
+        if str(chunk.entity_path) == entity:
+            batch = chunk.to_record_batch()
+            (values,) = (c for f, c in zip(batch.schema, batch.columns, strict=True) if f.name.endswith(part))
+            (times,) = (c for f, c in zip(batch.schema, batch.columns, strict=True) if f.name == "sim_time")
+            rows += zip(times.cast("int64").to_pylist(), values.to_pylist(), strict=True)
+    return [value for _, value in sorted(rows, key=lambda row: row[0])]
+
+
 def test_frames_survive_the_pipe():
-    frame = frames("three_contacts_two_ways")[77]
-    same = Frame.unpack(frame.pack(), load_scene("three_contacts_two_ways"))
-    for name in ("time_ns", "displacement", "tension", "state", "forward", "backward", "row"):
-        assert np.array_equal(getattr(frame, name), getattr(same, name))
+    for scene, yields in (("three_contacts_two_ways", []), ("stalling_inchworm", [1])):
+        frame = frames(scene)[77]
+        assert frame.yields.tolist() == yields
+        same = Frame.unpack(frame.pack(), load_scene(scene))
+        for name in ("time_ns", "displacement", "tension", "state", "forward", "backward", "row", "yields"):
+            assert np.array_equal(getattr(frame, name), getattr(same, name))
+
+
+@pytest.mark.parametrize("name", ["tendon_worm", "stalling_inchworm"])
+def test_links_are_slack_or_stalled_in_a_recording_when_they_are_in_the_run(name, tmp_path):
+    path = record(tmp_path / "bag", name, 2, wait=0.0)
+    scene, recorded = frames_of_recording(path)
+    assert [f.yields.tolist() for f in recorded] == [f.yields.tolist() for f in frames(name, 4.0)]
+    assert scene == load_scene(name)
+
+
+@pytest.mark.parametrize(("name", "points"), [("tendon_worm", {11, 13}), ("stalling_inchworm", {11})])
+def test_the_rrd_shows_slack_links_as_ropes_and_stalled_ones_in_magenta(name, points, tmp_path):
+    shown, states = list(thin(frames(name, 4.0))), []
+    drawing = Drawing(load_scene(name), to_file(tmp_path / "x.rrd"))
+    for frame in shown:
+        drawing.draw(frame)
+        states.append(int(frame.yields[0]))
+    drawing.close()
+    strips, colors = (column(tmp_path / "x.rrd", "/world/links", part) for part in ("strips", "colors"))
+    assert {len(strip) for (strip,) in strips} == points
+    ropes = [len(strip) == 13 for (strip,) in strips]
+    magenta = [color == [0xE6007EFF] for color in colors]
+    assert ropes == [state < 0 for state in states]
+    assert magenta == [state > 0 for state in states]
+    assert 0.1 < np.mean(np.array(states) != 0) < 0.8
 
 
 def test_thinning_keeps_short_slips():

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from crawler_model import Scene, load_scene
+from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag import BagError
@@ -96,16 +96,30 @@ def test_the_wrong_scene_is_named(tmp_path):
         analyse(path, load_scene("three_contacts_one_way"))
 
 
-def test_a_recording_that_begins_in_mid_run_is_compared_from_a_state_that_it_holds(tmp_path):
-    late = lambda name, stamp, data: [(name, stamp, data)] * (stamp >= 1_000_000_000)  # noqa: E731
-    path = bare(record(tmp_path / "a", "two_anchor_a", 4), tmp_path / "bare", late)
-    found = analyse(path, load_scene("two_anchor_a"))
-    assert found.fitted_ns == 1_010_000_000
+@pytest.mark.parametrize(
+    ("name", "cut_ns"),
+    [("two_anchor_a", 1_000_000_000), ("tendon_worm", 2_200_000_000), ("stalling_inchworm", 1_000_000_000)],
+)
+def test_a_recording_that_begins_in_mid_run_is_compared_from_a_state_that_it_holds(name, cut_ns, tmp_path):
+    """Those of actuators with limits begin while the tendon is slack or the motor stalled."""
+    late = lambda name, stamp, data: [(name, stamp, data)] * (stamp >= cut_ns)  # noqa: E731
+    path = bare(record(tmp_path / "a", name, 4), tmp_path / "bare", late)
+    found = analyse(path, load_scene(name))
+    assert found.fitted_ns == cut_ns + 10_000_000
     assert found.comparison.max_difference < 1e-12
     assert found.comparison.ticks > 300
     assert "begins in mid-run" in found.explanation
     assert found.problems == ()
-    assert found.cycles[-1].translation == pytest.approx(2.0)
+    assert found.cycles[-1].translation == pytest.approx(simulate(load_scene(name), duration=8.0).per_period[-1])
+
+
+def test_times_at_limits_are_those_of_the_table_of_the_run(tmp_path):
+    for name, word in (("tendon_worm", "slack"), ("stalling_inchworm", "stalled")):
+        found = analyse(record(tmp_path / name, name, 2, wait=0.0))
+        run = simulate(load_scene(name), duration=4.0, rate=100.0)
+        ticks = np.asarray(run.to_table()[f"link_0/{word}"])[1:].sum()
+        assert found.as_plain()["at_limits"] == {"link_0": {word: pytest.approx(ticks / 100.0)}}
+    assert analyse(record(tmp_path / "two", "two_anchor_a", 1)).at_limits == {}
 
 
 def test_mid_run_without_states_says_what_is_missing(tmp_path):

@@ -43,6 +43,7 @@ def print_replay(replay: Replay, screen: Console) -> None:
     _print_cycles(replay, screen)
     _print_slips(replay, screen)
     _print_jumps(replay, screen)
+    _print_limits(replay, screen)
     _print_account(replay, screen)
     _print_rests(replay, screen)
     _print_incidents(replay, screen)
@@ -133,6 +134,19 @@ def _print_jumps(replay: Replay, screen: Console) -> None:
         f"{len(jumps)} jump(s) onto ground that holds less, {loss:.6g} J lost; the longest: {longest['contact']} at "
         f"{longest['time']:g} s, {longest['distance']:.6g} m from the border at {longest['border']:g} m"
     )
+
+
+def _print_limits(replay: Replay, screen: Console) -> None:
+    """Print how long links were slack or stalled, those that were longest first."""
+    times = [
+        (seconds, f"{name} {word} {seconds:.4g} s")
+        for name, found in (replay.at_limits or {}).items()
+        for word, seconds in found.items()
+    ]
+    if not times:
+        return
+    longest = [text for seconds, text in sorted(times, key=lambda entry: -entry[0])[:_MOST_CONTACTS] if seconds > 0.0]
+    screen.print(f"at limits of tension: {', '.join(longest) or 'no link'}")
 
 
 def _print_rests(replay: Replay, screen: Console) -> None:
