@@ -51,6 +51,7 @@ measure-coverage: $(READY)
 bench: $(READY)
 	$(BIN)/crawler bench --out benchmarks/results
 	$(BIN)/crawler bench --growth --out benchmarks/results
+	$(BIN)/crawler bench --springs --out benchmarks/results
 	$(BIN)/crawler bench --node --out benchmarks/results
 	$(BIN)/crawler bench --replay --out benchmarks/results
 	$(BIN)/crawler bench --animate --out benchmarks/results
@@ -65,6 +66,7 @@ docs: $(READY)
 figures: $(READY)
 	$(BIN)/python docs/hard_cases.py
 	$(BIN)/python docs/loads.py
+	$(BIN)/python docs/motors.py
 	$(BIN)/python docs/phase_diagram.py
 	$(BIN)/python docs/rerun.py
 	$(BIN)/python docs/tutorial.py

@@ -21,6 +21,7 @@ _IN_PROCESS = {
     "sweep": ("sweep", "measure_sweep", "VARIATIONS"),
     "gradients": ("gradients", "measure_gradients", "CONTACTS"),
     "growth": ("growth", "measure_growth", "SECONDS"),
+    "springs": ("springs", "measure_springs", "CONTACTS"),
     "search": ("search", "measure_search", "SECONDS"),
     "identify": ("identify", "measure_identify", "STEPS"),
     "gym": ("environments", "measure_environments", "STEPS"),
@@ -52,6 +53,9 @@ def bench(
     growth: Annotated[
         bool, typer.Option("--growth", help="Measure instead how the time of a ramp grows with the body.")
     ] = False,
+    springs: Annotated[
+        bool, typer.Option("--springs", help="Measure instead what limits of tension, curves and stops cost a tick.")
+    ] = False,
     search: Annotated[
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
@@ -68,7 +72,7 @@ def bench(
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
     models = {"sweep": sweep, "gradients": gradients, "search": search, "identify": identify, "gym": gym}
-    models |= {"animate": animate, "growth": growth}
+    models |= {"animate": animate, "growth": growth, "springs": springs}
     chosen = [name for name, is_chosen in ({"node": node, "replay": replay} | models).items() if is_chosen]
     if chosen:
         if case:

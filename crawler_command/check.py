@@ -18,7 +18,7 @@ from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import write_length
 
 from .loads_report import print_holding, print_limits
-from .springs_report import print_limits_of_tension
+from .springs_report import print_largest_force, print_limits_of_tension
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
@@ -46,6 +46,7 @@ def print_report(run: Trajectory, screen: Console) -> None:
         screen.print("no drive: the crawler waits for commands")
     else:
         _print_motion(run, screen)
+        print_largest_force(run, screen)
         if body.bends:
             print_limits_of_tension(run, screen)
         print_limits(scene, screen)

@@ -1,4 +1,4 @@
-"""What `check` reports of actuators with limits: where tendons go slack, motors stall, and what would avoid it."""
+"""What `check` reports of tensions: the largest, where tendons go slack and motors stall, and what would avoid it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,30 @@ from crawler_pictures.numbers import write_length
 _MOST_LINES = 8
 
 
+def print_largest_force(run: Trajectory, screen: Console) -> None:
+    """Print the largest force of an actuator along the drive: one that reaches more, either way, never stalls.
+
+    Args:
+        run: the run of the scene along its drive.
+        screen: the console to print to.
+    """
+    body = run.scene.body
+    force = np.linalg.norm(run.tension.reshape(*run.tension.shape[:2], -1), axis=2)
+    z, lengths = _states(run) if body.bends else (force, force)
+    for bend in body.bends:  # the rest is carried by springs and stops beside the actuator
+        force[:, bend.spring] = np.abs(bend.actuator(z[:, bend.spring] - lengths[:, bend.spring]))
+    most = force.max(axis=0)
+    screen.print(
+        f"largest force of an actuator along the drive: {most.max():.6g} N, of {name_every_spring(body)[most.argmax()]}"
+    )
+
+
+def _states(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the elongations z and the commanded lengths L of a run, shape (T, S) each [m]."""
+    rows = run.scene.drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
+    return run.scene.body.elongation(run.displacement), run.scene.columns.target(rows)[:, : run.scene.body.springs]
+
+
 def print_limits_of_tension(run: Trajectory, screen: Console) -> None:
     """Print which actuators reach a limit along the drive, commands that avoid it, and friction that none overcomes.
 
@@ -24,8 +48,7 @@ def print_limits_of_tension(run: Trajectory, screen: Console) -> None:
     """
     body, names = run.scene.body, name_every_spring(run.scene.body)
     bends = {bend.spring: bend for bend in body.bends}
-    rows = run.scene.drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
-    lengths, z = run.scene.columns.target(rows), body.elongation(run.displacement)
+    z, lengths = _states(run)
     states = body.limits.find_states(z, lengths)
     lines = []
     for k, spring in enumerate(body.limits.index.tolist()):

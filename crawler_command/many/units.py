@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from crawler_model import Scene
-from crawler_model.sweep.vary import key_steps
+from crawler_model.sweep.keys import key_steps
 
 _UNITS = {
     "forward": "N",
@@ -41,6 +41,8 @@ def unit_of(scene: Scene, key: str) -> str:
     steps = [step for step in named if not step.isdecimal()]
     if "coefficient" in steps:
         return "1"
+    if "tension" in steps:
+        return "N"
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
     if steps[-1] in ("loads", "weights") and scene.body.segments:
         alone = int(scene.body.isolated.size)

@@ -12,8 +12,9 @@ import numpy as np
 from ..body.body import Body
 from ..errors import SceneError
 from ..scene.scene import Scene
+from ..sweep.keys import key_steps
 from ..sweep.stack import Stack, shares_mesh, stack
-from ..sweep.vary import Variations, key_steps, vary
+from ..sweep.vary import Variations, vary
 
 _STEP = 2.0**-7
 """Step of the differences of assembled arrays, relative to the value of the parameter."""

@@ -12,7 +12,8 @@ from ..body.names import name_joints
 from ..derivative.parameters import expand_keys
 from ..errors import LARGEST, SceneError
 from ..scene.scene import Scene
-from ..sweep.vary import Variations, key_steps
+from ..sweep.keys import key_steps
+from ..sweep.vary import Variations
 from .unknowns import Table, Unknowns
 
 DEFAULT_WAYPOINTS = 6

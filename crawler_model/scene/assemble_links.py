@@ -117,9 +117,11 @@ def _curve(part: CurvePart) -> Curve:
     return through(part.elongation, part.tension)
 
 
-def _actuator(curve: Curve, limits: TensionPart | None) -> Curve:
+def _actuator(curve: Curve, limits: TensionPart | float | None) -> Curve:
     if limits is None:
         return curve
+    if isinstance(limits, float):
+        return curve.clamped(-limits, limits)
     least = -np.inf if limits.least is None else limits.least
     return curve.clamped(least, np.inf if limits.most is None else limits.most)
 

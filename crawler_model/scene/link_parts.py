@@ -105,7 +105,15 @@ class PassivePart(Part):
 CurveKey = Annotated[
     CurvePart | None, key("Tension over z - L, instead of `stiffness`; along segments over the strain.")
 ]
-TensionKey = Annotated[TensionPart | None, key("Tensions that the actuator reaches. Default: it reaches all.")]
+TensionKey = Annotated[
+    Number | TensionPart | None,
+    key(
+        "Tensions that the actuator reaches; a number F for -F to F, as of a motor that stalls. Default: it "
+        "reaches all.",
+        "N",
+        minimum=0,
+    ),
+]
 PassiveKey = Annotated[
     PassivePart | None, key("Passive spring or stops beside the actuator, over the elongation z. Default: none.")
 ]
@@ -130,6 +138,8 @@ class Bendable(Part):
                 raise ValueError("stiffness: missing; or give a `curve`, or a `passive` spring alone")
             if part.tension is not None:
                 raise ValueError("tension: it limits an actuator; give its `stiffness` or `curve`, too")
+        if isinstance(part.tension, float) and part.tension < 0.0:
+            raise ValueError(f"tension: {part.tension:g} N; it must be >= 0, for -F to F")
         return self
 
 

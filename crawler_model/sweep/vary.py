@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, overload
@@ -20,17 +19,12 @@ from ..errors import SceneError
 from ..scene.file import coerce_scene
 from ..scene.parts import SceneParts
 from ..scene.scene import Scene
-from ..scene.validate import known_keys, propose_key
+from .keys import KeyPath, find_path, make_room, overlap, put, read
 
 MOST_VARIATIONS = 10_000_000
 """Upper limit of variations; their results take about a gigabyte."""
 _BODY_UNCHANGED = ("friction", "start", "drive", "tolerance", "loads", "ground")
 """Parts of a scene that do not affect its body; see `keeps_mesh`."""
-_OPTIONAL = ("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic", "slope")
-"""Numbers that a document may omit."""
-_ZERO = (("loads",), ("body", "weights"))
-"""Numbers, one for all or one each, that are 0 where a document omits them."""
-_Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +78,7 @@ class Variations(Sequence[Scene]):
         """
         document = self._template
         for path, column in zip(self.paths, self.values.values(), strict=True):
-            document = _put(document, path, float(column[at]))
+            document = put(document, path, float(column[at]))
         return document
 
     def origin(self, key: str) -> float:
@@ -99,10 +93,9 @@ class Variations(Sequence[Scene]):
         Raises:
             SceneError: if the scene does not have the number.
         """
-        node: Any = self._template
-        for step in self.paths[list(self.values).index(key)]:
-            node = node.get(step) if isinstance(node, dict) else node[step]
-        if node is None and self.paths[list(self.values).index(key)][0] == "ground":
+        path = self.paths[list(self.values).index(key)]
+        node = read(self._template, path, key)
+        if node is None and path[0] == "ground":
             return 0.0
         if not isinstance(node, (int, float)):
             raise SceneError(f"vary: {key}: the scene does not give this number")
@@ -113,13 +106,13 @@ class Variations(Sequence[Scene]):
         """The document of the base scene, extended so that every varied key exists."""
         document = self.base.document()
         for path in self.paths:
-            _make_room(self.base, document, path)
+            make_room(self.base, document, path)
         return document
 
     @functools.cached_property
-    def paths(self) -> tuple[_Path, ...]:
+    def paths(self) -> tuple[KeyPath, ...]:
         """The keys as paths into the document."""
-        return tuple(_path(self.base, key) for key in self.values)
+        return tuple(find_path(self.base, key) for key in self.values)
 
     @functools.cached_property
     def pinned(self) -> Scene:
@@ -143,7 +136,7 @@ class Variations(Sequence[Scene]):
         return Scene.from_parts(self.pinned.parts.model_copy(update=changed), like=self.pinned)
 
 
-def keeps_mesh(path: _Path) -> bool:
+def keeps_mesh(path: KeyPath) -> bool:
     """Return whether a number affects neither the contacts and springs of a body nor the length of its springs.
 
     Args:
@@ -166,7 +159,8 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
             accuracy is varied.
         values: the values of each dotted key into the document of the scene: `friction.forward`, `drive.length`,
             `drive.wave.amplitude`, `ground.slope`, `body.links.stiffness` (of all links) or `body.links.stiffness[0]`
-            (of the first; also written `body.links.stiffness.0`), `loads[2]`, `body.segments.trunk.stiffness`.
+            (of the first; also written `body.links.stiffness.0`), `loads[2]`, `body.segments.trunk.stiffness`,
+            `body.links.tension` (the force at which the motors of all links stall).
         grid: True for all combinations, False to combine the k-th values of all keys.
 
     Returns:
@@ -197,7 +191,7 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         raise SceneError("vary: ground.slope: no effect, as the contacts have no weights; give body.weights")
     for i, path in enumerate(paths):
         for j, other in enumerate(paths):
-            if i != j and other[: len(path)] == path:
+            if i < j and overlap(path, other):
                 raise SceneError(f"vary: {list(columns)[i]} and {list(columns)[j]} set the same number")
     return variations
 
@@ -222,138 +216,7 @@ def _part(name: str) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def _put(node: Any, path: _Path, value: float) -> Any:
-    """Set a number in a copy of a document; only the containers on its path are copied."""
-    copy = node.copy()
-    copy[path[0]] = value if len(path) == 1 else _put(node[path[0]], path[1:], value)
-    return copy
-
-
-def _make_room(scene: Scene, document: dict[str, Any], path: _Path) -> None:
-    """Convert friction to the form that a key names, and remove elements derived from a varied accuracy."""
-    node: Any = document
-    for known in _ZERO:
-        if path[: len(known)] == known:
-            (document if len(known) == 1 else document[known[0]]).setdefault(known[-1], 0.0)
-    if path[0] == "ground":
-        document.setdefault("ground", {})
-    for step in path[:-1]:
-        if step in ("forward", "backward", "isotropic"):
-            break
-        if not isinstance(node[step], (dict, list)):
-            break
-        node = node[step]
-        if isinstance(node, dict):
-            side = next((s for s in path if s in ("forward", "backward", "isotropic")), None)
-            if side in ("forward", "backward") and "isotropic" in node:
-                node["forward"] = node["backward"] = node.pop("isotropic")
-            elif side == "isotropic" and side not in node and "forward" in node:
-                node["isotropic"] = node.pop("forward")
-                del node["backward"]
-    if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is None:
-        node.pop("elements", None)
-    if isinstance(path[-1], int):
-        _spread(scene, document, path[:-1])
-
-
-def _spread(scene: Scene, document: dict[str, Any], path: _Path) -> None:
-    """Write one number for all as a list, of which a key names an entry."""
-    node: Any = document
-    for step in path[:-1]:
-        node = node[step]
-    if isinstance(node[path[-1]], (int, float)):
-        node[path[-1]] = [node[path[-1]]] * _entries(scene, path)
-
-
-def _entries(scene: Scene, path: _Path) -> int:
-    """Count the entries of a list that a document may write as one number; 0 for other numbers."""
-    body = scene.body
-    if path in _ZERO:
-        return int(body.isolated.size) + len(body.segments)
-    if path[0] == "friction" and path[-1] in ("forward", "backward", "isotropic"):
-        return int(body.isolated.size)
-    return int(body.link_springs.size) if path == ("body", "links", "stiffness") else 0
-
-
-def key_steps(key: str) -> list[str]:
-    """Split a dotted key; `loads[2]` is `loads.2`.
-
-    Args:
-        key: the key.
-
-    Returns:
-        Its steps.
-    """
-    return re.sub(r"\[(\d+)\]", r".\1", key).split(".")
-
-
-def _path(scene: Scene, key: str) -> _Path:
-    """Resolve a dotted key in the document of a scene."""
-    node: Any = scene.document()
-    if scene.dimension == 1:
-        node["body"].setdefault("weights", 0.0)
-        node = {"loads": 0.0, "ground": {}} | node
-    path: list[str | int] = []
-    steps = key_steps(key)
-    for depth, step in enumerate(steps):
-        if isinstance(node, list):
-            names = [part.get("name") if isinstance(part, dict) else None for part in node]
-            if step in names:
-                path.append(names.index(step))
-            elif step.isdecimal() and int(step) < len(node):
-                path.append(int(step))
-            else:
-                raise _unknown(scene, key)
-        elif isinstance(node, dict):
-            isotropic = step in ("forward", "backward") and "isotropic" in node
-            optional = step in _OPTIONAL and step in known_keys([str(p) for p in path])
-            if step not in node and not (isotropic or (optional and depth == len(steps) - 1)):
-                raise _unknown(scene, key)
-            path.append(step)
-            if isotropic and step not in node:
-                node = {step: node["isotropic"]}
-        elif isinstance(node, float) and step.isdecimal() and int(step) < _entries(scene, tuple(path)):
-            path.append(int(step))
-            continue
-        else:
-            raise _unknown(scene, key)
-        node = node.get(step) if isinstance(node, dict) else node[path[-1]]
-    if isinstance(node, (dict, str)) or (isinstance(node, list) and not _is_list_of_numbers(node)):
-        found = (
-            repr(node) if isinstance(node, str) else "a part with more keys" if isinstance(node, dict) else "a table"
-        )
-        near = [k for k in _keys(scene.document()) if k.startswith(key + ".")][:4]
-        raise SceneError(f"vary: {key}: {found} is not a number{'; vary ' + ', '.join(near) if near else ''}")
-    return tuple(path)
-
-
-def _is_list_of_numbers(node: list[Any]) -> bool:
-    return all(isinstance(v, (int, float)) for v in node)
-
-
-def _keys(node: Any, before: str = "") -> Iterator[str]:
-    """List the dotted keys of all numbers, and of lists of them."""
-    items: Any = ()
-    if isinstance(node, dict):
-        items = node.items()
-    elif isinstance(node, list):
-        items = ((part.get("name", i) if isinstance(part, dict) else i, part) for i, part in enumerate(node))
-    for step, part in items:
-        key = f"{before}{step}"
-        if isinstance(part, (int, float)) or (isinstance(part, list) and _is_list_of_numbers(part)):
-            yield key
-        if isinstance(part, (dict, list)):
-            yield from _keys(part, f"{key}.")
-
-
-def _unknown(scene: Scene, key: str) -> SceneError:
-    keys = list(_keys(scene.document()))
-    sides = ("forward", "backward")
-    keys += [k.removesuffix("isotropic") + side for k in keys if k.endswith("isotropic") for side in sides]
-    return SceneError(f"vary: {key}: unknown key; {propose_key(key, keys)}")
-
-
-def _check_effect(scene: Scene, path: _Path, key: str) -> None:
+def _check_effect(scene: Scene, path: KeyPath, key: str) -> None:
     """Raise an error for friction that the drive replaces, and for an accuracy that fixed elements override."""
     if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is not None:
         raise SceneError(f"vary: {key}: no effect, as the segment has fixed elements; vary elements instead")

@@ -17,7 +17,7 @@ from crawler_command.check import print_report
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError, SceneError
 from crawler_model.run.simulate import simulate
-from crawler_model.scene.file import parse_scene
+from crawler_model.scene.file import load_scene, parse_scene
 from crawler_model.scene.scene import Scene
 
 from .bent_bodies import draw_body
@@ -315,6 +315,14 @@ def test_check_reports_stalls_and_commands_that_avoid_them():
     assert simulate(two_contacts(MOTOR, float(span[2]))).per_period[-1] == pytest.approx(gain, rel=1e-6)
     assert simulate(two_contacts(MOTOR, 0.9 * float(span[2]))).per_period[-1] < gain
     assert "stays within its limits of tension, -1.5 N to 1.5 N" in report_of(two_contacts(MOTOR, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("name", "force"), [("slope_climber", 0.37061), ("stalling_inchworm", 1.5), ("peristaltic_stops", 1.82)]
+)
+def test_check_reports_the_largest_force_of_an_actuator(name, force):
+    """Without the force that stops beside it carry: 100 N/m * (0.0118 - 0.03) m there."""
+    assert f"largest force of an actuator along the drive: {force:g} N" in report_of(load_scene(name))
 
 
 def test_check_reports_friction_that_a_motor_never_overcomes():

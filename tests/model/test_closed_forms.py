@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction as F
 
 import numpy as np
 import pytest
 
 from crawler_model import Crawler, Scene, load_scene, simulate
 
+from .bent_bodies import line
 from .chains import scene
+from .rational_bends import RationalBentBody, RationalCurve, RationalLink
 
 REACH = (0.5, 1.5, 2.5, 4.0, 6.0)
 STRATEGIES = {"A": (0, 0, 0.5, 2, 4), "B": (0, 0.5, 1.5, 2, 2), "C": (0, 0, 0.5, 2, 4)}
@@ -115,6 +118,67 @@ GALLERY = {
 def test_the_gallery_moves_as_its_comments_say(name):
     run = simulate(load_scene(name))
     assert run.per_period[1:] == pytest.approx(GALLERY[name], abs=1e-12)
+
+
+SILICONE = RationalCurve(
+    [F(v, 1000) for v in (-20, -10, -5, 0, 10, 20, 30)],
+    [F(v, 10) for v in (-11, -3, -1, 0, 2, 6, 14)],
+    F(80),
+    F(80),
+)
+
+
+def elongation(curve: RationalCurve, tension: F) -> F:
+    """The elongation at which a rising curve has a tension that it has between two of its knots."""
+    k = next(k for k, value in enumerate(curve.value) if value >= tension)
+    return curve.at[k] - (curve.value[k] - tension) / curve.slope(curve.at[k], -1)
+
+
+def test_a_silicone_chain_loses_the_width_of_its_curve():
+    """As it lengthens, link j holds -j mu against the contacts ahead of it, as it shortens (N - j) mu against those behind.
+
+    The elongation of each link beyond its rest length swings between those of the two tensions, which the stroke lacks.
+    """
+    mu, stroke = F(3, 10), F(5, 100)
+    gain = sum(stroke - elongation(SILICONE, j * mu) + elongation(SILICONE, -j * mu) for j in (1, 2, 3))
+    assert gain == F(525, 10_000)
+    links = [RationalLink(j, j + 1, SILICONE, line(F(0))) for j in range(3)]
+    body = RationalBentBody(4, links, [mu] * 4, [F(3, 2)] * 4)
+    ends = []
+    for length in (stroke, F(0), stroke, F(0), stroke, F(0)):
+        body.follow([length] * 3, [mu] * 4, [F(3, 2)] * 4)
+        ends.append(sum(body.x) / 4)
+    assert ends[3] - ends[1] == ends[5] - ends[3] == gain
+    assert body.jumps == 0
+    run = simulate(load_scene("silicone_chain"))
+    assert run.per_period[1:] == pytest.approx(float(gain), abs=1e-15)
+    assert run.unique
+
+
+def test_a_wave_that_reaches_the_stops_of_all_links():
+    """Contact i slides until T_i - T_(i - 1) = mu, with T = k (z - L) + K (z -+ p) beyond the stops +-p, at L = +-e.
+
+    So a link that is long is longer by B = (2 k e + 2 K p - mu)/(k + K) than the link ahead of it, which is short again; a
+    link shortens by the gain G. From front to rear (N - 1) (B - G) = mu/(k + K).
+    """
+    k, stop, p, e, mu, n = F(100), F(900), F(1, 100), F(3, 100), F(1, 5), 5
+    longer = (2 * k * e + 2 * stop * p - mu) / (k + stop)
+    gain = longer - mu / ((n - 1) * (k + stop))
+    assert gain == F(2375, 100_000)
+    stops = RationalCurve([-p, p], [F(0), F(0)], stop, stop)
+    forward, backward = [mu] * n, [F(2)] * n
+    body = RationalBentBody(n, [RationalLink(j, j + 1, line(k), stops) for j in range(n - 1)], forward, backward)
+    short = (mu - k * e - stop * p) / (k + stop)  # of the last link, at a tension of mu
+    for j in range(n - 1):
+        body.x[j + 1] = body.x[j] + short - j * (longer - gain)
+    body.length = [-e] * (n - 1)
+    before = list(body.x)
+    for long in (3, 2, 1, 0, None):
+        body.follow([e if j == long else -e for j in range(n - 1)], forward, backward)
+    assert [after - x for after, x in zip(body.x, before, strict=True)] == [gain] * n
+    run = simulate(load_scene("peristaltic_stops"), duration=500.0)
+    assert run.per_period[-1] == pytest.approx(float(gain), abs=1e-15)
+    assert run.unique
 
 
 UP, DOWN = (0.1 - (0.2 * math.cos(t) + math.sin(t)) / 10.0 for t in (math.radians(10.0), math.radians(-10.0)))

@@ -24,6 +24,7 @@ from crawler_bench.features.gradients import measure_gradients
 from crawler_bench.features.growth import DRIVES, fit_exponent, measure_growth
 from crawler_bench.features.identify import TASKS, TUNED, build_spec, load_sysid, measure_identify
 from crawler_bench.features.search import measure_search
+from crawler_bench.features.springs import LINKS, measure_springs
 from crawler_bench.features.sweep import measure_sweep
 from crawler_command.app import main
 from crawler_model import Crawler, CrawlerError, Scene
@@ -384,6 +385,17 @@ def test_the_growth_of_the_time_of_a_ramp_is_measured_on_all_drives():
         assert (row["from"], row["to"], row["note"]) == (25, 49, "")
         last = next(r for r in measured if (r["case"], r["method"], r["n"]) == (row["drive"], row["method"], 49))
         assert row["exponent"] == last["exponent"]
+
+
+def test_ticks_of_all_kinds_of_links_are_measured_beside_linear_ones():
+    rows = measure_springs((10,), lambda part: None)
+    assert [row["links"] for row in rows] == list(LINKS)
+    for row in rows:
+        assert row["us_per_tick"] == pytest.approx(row["us_per_piece"] * row["pieces"])
+        assert row["to_linear"] == pytest.approx(row["us_per_tick"] / rows[0]["us_per_tick"])
+        assert row["overspent"] == 0
+    pieces = {row["links"]: row["pieces"] for row in rows}
+    assert pieces["motor that never stalls"] == pieces["linear"] < min(pieces["stops"], pieces["motor that stalls"])
 
 
 def test_a_body_for_which_the_time_does_not_suffice_is_named():

@@ -12,7 +12,9 @@ from crawler_model.scene.assemble import assemble_together
 from crawler_model.sweep import stack as stacks
 from crawler_model.sweep.stack import Stack, stack
 
-ALONE = ("friction_step", "hill_top", "ice", "stalling_inchworm", "tendon_worm")  # on patches, or with bent springs
+ON_PATCHES = ("friction_step", "hill_top", "ice")
+BENT = ("peristaltic_stops", "silicone_chain", "stalling_inchworm", "tendon_worm")
+ALONE = ON_PATCHES + BENT
 LINES = [name for name in gallery() if not name.startswith("planar") and name not in ALONE]
 KEYS = (
     "body.links.stiffness",
