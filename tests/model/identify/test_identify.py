@@ -62,6 +62,62 @@ def test_without_noise_friction_is_found_to_rounding(seed: int) -> None:
     assert check_honest(found, document, 1e-9) >= 2
 
 
+def bent(most: float, longest: float) -> dict[str, Any]:
+    """A motor that stalls beside a return spring, a spring with stops, and a measured curve; friction is known."""
+    document = chain(4)
+    document["friction"] = {"forward": [0.2, 0.26, 0.3, 0.2], "backward": [0.62, 0.55, 0.6, 0.6]}
+    document["body"]["links"] = [
+        {"stiffness": 20.0, "tension": {"least": -0.5, "most": most}, "passive": {"stiffness": 3.0}},
+        {"stiffness": 12.0, "passive": {"stops": {"shortest": -0.05, "longest": longest, "stiffness": 200.0}}},
+        {"curve": {"elongation": [-0.05, 0.0, 0.05], "tension": [-0.5, 0.0, 1.5]}},
+    ]
+    return document
+
+
+BENT = (
+    "body.links[0].stiffness",
+    "body.links[0].tension.most",
+    "body.links[0].passive.stiffness",
+    "body.links[1].passive.stops.longest",
+    "body.links[1].passive.stops.shortest",
+    "body.links[2].curve.tension[0]",
+    "body.links[2].curve.tension[2]",
+)
+
+
+def value_of(document: dict[str, Any], name: str) -> float:
+    """Look up a number in links written as a list."""
+    node: Any = document
+    for step in name.replace("[", ".").replace("]", "").split("."):
+        node = node[int(step)] if isinstance(node, list) else node[step]
+    return float(node)
+
+
+@pytest.mark.parametrize(("most", "longest", "guess"), [(0.3, 0.06, 0.6), (0.45, 0.2, 0.2)])
+def test_limits_stops_and_curves_are_found_or_bounded(most: float, longest: float, guess: float) -> None:
+    """A motor whose limit is reached, guessed too strong; one whose limit is not, guessed too weak."""
+    document = bent(most, longest)
+    times, rows = walk(3, 12.0, 1)
+    start = bent(guess, 0.095)
+    links = start["body"]["links"]
+    links[0] |= {"stiffness": 26.0, "passive": {"stiffness": 2.0}}
+    links[1]["passive"]["stops"]["shortest"] = -0.07
+    links[2]["curve"]["tension"] = [-0.7, 0.0, 1.2]
+    found = identify(Scene.model_validate(start), [measure(document, times, rows)], BENT)
+    assert found.model_fits, found.where
+    reached = most == 0.3
+    for p in found.parameters:
+        true = value_of(document, p.name)
+        if not reached and p.name in (BENT[1], BENT[3]):
+            assert p.verdict == "bound"
+            assert p.interval[1] is None
+            assert 0.3 * true < p.interval[0] < true
+            assert "was pulled no further" in p.why
+        else:
+            assert p.verdict == "identified", p
+            assert p.value == pytest.approx(true, rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_from_positions_stiffness_and_friction_are_found_as_ratios(seed: int) -> None:
     document = mixed(seed=seed)

@@ -107,6 +107,42 @@ def test_the_search_finds_a_better_gait_than_a_travelling_pulse():
     assert found.value >= abs(pulse) - 1e-9
 
 
+def test_the_search_crosses_the_jump_of_a_motor_that_stalls():
+    """The gain is 0 as long as the motor cannot overcome friction, and D - 2 mu / k beyond."""
+    document = {
+        "name": "motor",
+        "body": {
+            "contacts": [0.0, 1.0],
+            "links": [{"stiffness": 8.0, "tension": {"least": -0.1, "most": 0.1}}],
+        },
+        "friction": {"forward": 0.5, "backward": 8.0},
+    }
+    limits = {"body.links[0].tension.most": (0.05, 2.0), "body.links[0].tension.least": (-2.0, -0.05)}
+    found = optimise(Scene.model_validate(document), waypoints=2, stroke=(0.0, 1.0), free=limits, seconds=3.0)
+    assert found.gain == pytest.approx(1.0 - 2.0 * 0.5 / 8.0, rel=1e-9)
+    run = simulate(found.scene, 10.0 * found.scene.drive.period, 100.0)
+    assert run.per_period[-1] == pytest.approx(found.gain, rel=1e-9)
+
+
+def test_the_largest_tension_counts_what_a_motor_can_pull():
+    """With stops beside it the spring pulls more than the motor; the request bounds both together."""
+    document = {
+        "name": "stops",
+        "body": {
+            "contacts": [0.0, 1.0],
+            "links": [
+                {"stiffness": 8.0, "passive": {"stops": {"shortest": -0.25, "longest": 0.1, "stiffness": 100.0}}}
+            ],
+        },
+        "friction": {"forward": 0.5, "backward": 8.0},
+    }
+    scene = Scene.model_validate(document)
+    free = optimise(scene, waypoints=2, stroke=(0.0, 1.0), seconds=2.0)
+    tight = optimise(scene, waypoints=2, stroke=(0.0, 1.0), tension=0.6, seconds=2.0)
+    assert 0.0 < tight.gain <= free.gain
+    assert np.abs(simulate(tight.scene, 5.0 * tight.scene.drive.period, 100.0).tension).max() <= 0.6 * (1.0 + 1e-9)
+
+
 def test_a_rate_limits_the_stroke():
     found = optimise(chain(2), waypoints=4, stroke=(0.0, 0.3), rate=0.2, period=2.0)
     assert found.value == pytest.approx(0.2 - 2.0 * FORWARD / STIFFNESS, abs=1e-9)
