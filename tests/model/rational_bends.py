@@ -7,7 +7,7 @@ goes on to one of its sides. Nothing is shared with the kernels.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction as F
 
@@ -58,20 +58,47 @@ class RationalLink:
 
 
 @dataclass
+class RationalGround:
+    """Stretches of ground between borders: a factor on friction, and a force on each contact along the ground."""
+
+    borders: Row
+    factors: Row
+    """One more than borders."""
+    loads: list[Row]
+    """For each stretch, one a contact; towards +x positive."""
+
+
+@dataclass
 class RationalBentBody:
-    """A body at rest whose links have curves."""
+    """A body at rest whose links have curves; `forward` and `backward` are its bounds, at first those commanded."""
 
     n: int
     links: list[RationalLink]
     forward: Row
     backward: Row
+    position: Row = field(default_factory=list)
+    ground: RationalGround | None = None
     x: Row = field(init=False)
     length: Row = field(init=False)
 
     def __post_init__(self) -> None:
         self.x = [F(0)] * self.n
         self.length = [F(0)] * len(self.links)
-        self.events = self.jumps = 0
+        self.events = self.jumps = self.slides = 0
+        self.falling: set[tuple[int, int]] = set()
+        if self.ground is None:
+            self.ground, self.position = RationalGround([], [F(1)], [[F(0)] * self.n]), [F(0)] * self.n
+        self.place = []
+        for p in self.position:
+            on = [j for j, border in enumerate(self.ground.borders) if border == p]
+            self.place.append(2 * on[0] + 1 if on else 2 * sum(border < p for border in self.ground.borders))
+        self.commanded = {1: self.forward, -1: self.backward}
+        self.bound = {way: [self.holds(i, way, self.place[i]) for i in range(self.n)] for way in (1, -1)}
+
+    def holds(self, i: int, way: int, place: int) -> F:
+        """The bound of the ground at a place, against sliding in a direction."""
+        stretch = (place + (way > 0)) // 2
+        return self.commanded[way][i] * self.ground.factors[stretch] - way * self.ground.loads[stretch][i]
 
     def tensions(self) -> Row:
         """The tension of each link."""
@@ -158,37 +185,109 @@ class RationalBentBody:
         return True
 
     def follow(self, length: Row, forward: Row, backward: Row) -> None:
-        """Follow a ramp to other commands."""
-        s = F(0)
+        """Follow a ramp to other commands, with all jumps on the way."""
         change = [a - b for a, b in zip(length, self.length, strict=True)]
-        d_forward = [a - b for a, b in zip(forward, self.forward, strict=True)]
-        d_backward = [a - b for a, b in zip(backward, self.backward, strict=True)]
-        while s < 1:
-            force = self.forces()
-            for i in range(self.n):
-                assert -self.backward[i] <= force[i] <= self.forward[i]
-            up = {i for i in range(self.n) if force[i] == self.forward[i]}
-            down = {i for i in range(self.n) if force[i] == -self.backward[i]}
+        friction = {1: forward, -1: backward}
+        d = {way: [a - b for a, b in zip(friction[way], self.commanded[way], strict=True)] for way in (1, -1)}
+        still = {way: [F(0)] * self.n for way in (1, -1)}
+        left = F(1)
+        while left:
+            left = self._part(change, d, left)
+            while self.falling:
+                if self._part([F(0)] * len(change), still, F(1)) == 0 and all(
+                    self.bound[way][i] == self.holds(i, way, self.place[i]) for i, way in self.falling
+                ):
+                    self.falling.clear()
+        up, down = self._at_bounds()
+        if any(self._loose(up, 1)) or any(self._loose(down, -1)):  # flat links are as strong as friction now
+            raise NotUniqueError(2)
+
+    def _at_bounds(self) -> tuple[set[int], set[int]]:
+        """The contacts at forward bounds, and those at backward bounds."""
+        force = self.forces()
+        for i in range(self.n):
+            assert -self.bound[-1][i] <= force[i] <= self.bound[1][i]
+        up = {i for i in range(self.n) if force[i] == self.bound[1][i]}
+        return up, {i for i in range(self.n) if force[i] == -self.bound[-1][i]}
+
+    def _part(self, change: Row, d: dict[int, Row], left: F) -> F:
+        """Follow a part of a ramp, or of a fall if bounds fall, until contacts fall; returns how much of it is left."""
+        while left:
+            up, down = self._at_bounds()
+            limit = self._limits(d, left)
             try:
-                v = self.rates(change, up, down, d_forward, d_backward)
+                v = self.rates(change, up, down, limit[1], limit[-1])
             except NotUniqueError as error:
-                if error.args == (0,) and (self._slide(up, 1, d_forward) or self._slide(down, -1, d_backward)):
-                    continue
-                raise
-            step = self._step(v, change, force, d_forward, d_backward, 1 - s)
-            s += step
+                if error.args != (0,):
+                    raise
+                v = self._slide(up, 1, limit[1]) or self._slide(down, -1, limit[-1])
+                if not v:
+                    raise
+                if self._meet(v):
+                    return left
+                continue
+            self._leave(v)
+            limit = self._limits(d, left)
+            step = self._step(v, change, limit, left)
+            left -= step
             self.events += 1
             self.x = [a + step * b for a, b in zip(self.x, v, strict=True)]
             self.length = [a + step * b for a, b in zip(self.length, change, strict=True)]
-            self.forward = [a + step * b for a, b in zip(self.forward, d_forward, strict=True)]
-            self.backward = [a + step * b for a, b in zip(self.backward, d_backward, strict=True)]
+            for way in (1, -1):
+                self.bound[way] = [a + step * b for a, b in zip(self.bound[way], limit[way], strict=True)]
+                self.commanded[way] = [a + step * b for a, b in zip(self.commanded[way], d[way], strict=True)]
+            if self._meet(v):
+                return left
+        return left
 
-    def _slide(self, at: set[int], way: int, d_bound: Row) -> bool:
-        """Slide contacts that only flat links hold, and these no longer, to a knot; returns whether there are any."""
+    def _limits(self, d: dict[int, Row], left: F) -> dict[int, Row]:
+        """The rates of the bounds."""
+        limit = {}
+        for way in (1, -1):
+            factors = [self.ground.factors[(place + (way > 0)) // 2] for place in self.place]
+            limit[way] = [a * b for a, b in zip(factors, d[way], strict=True)]
+        for i, way in self.falling:
+            limit[way][i] = (self.holds(i, way, self.place[i]) - self.bound[way][i]) / left
+        return limit
+
+    def _leave(self, v: Row) -> None:
+        """Let contacts that slide leave the borders that they are on."""
+        for i, speed in enumerate(v):
+            if speed and self.place[i] % 2:
+                way = 1 if speed > 0 else -1
+                self.place[i] += way
+                self.bound[-way][i] = self.holds(i, -way, self.place[i])
+
+    def _border(self, i: int, way: int) -> F | None:
+        """The displacement at the next border of a contact that stands in a patch."""
+        j = self.place[i] // 2 - (way < 0)
+        borders = self.ground.borders
+        return borders[j] - self.position[i] if 0 <= j < len(borders) else None
+
+    def _meet(self, v: Row) -> bool:
+        """Let contacts that have reached borders stop, go on or fall; returns whether any falls."""
+        falls = False
+        for i, speed in enumerate(v):
+            way = 1 if speed > 0 else -1
+            if not speed or self.place[i] % 2 or self._border(i, way) != self.x[i]:
+                continue
+            beyond = self.holds(i, way, self.place[i] + 2 * way)
+            if beyond < self.bound[way][i]:
+                self.place[i] += 2 * way
+                self.bound[-way][i] = self.holds(i, -way, self.place[i])
+                self.falling.add((i, way))
+                self.jumps += 1
+                falls = True
+            else:
+                self.place[i] += way
+                self.bound[way][i] = beyond
+                self.falling.discard((i, way))
+        return falls
+
+    def _loose(self, at: set[int], way: int) -> Iterator[tuple[tuple[int, ...], Row]]:
+        """Find the sets of contacts at bounds that only flat links hold, and how far these reach."""
         for count in range(1, len(at) + 1):
             for part in itertools.combinations(sorted(at), count):
-                if sum(d_bound[i] for i in part) >= 0:
-                    continue
                 waits = []
                 for link, rest in zip(self.links, self.length, strict=True):
                     if (link.a in part) == (link.b in part):
@@ -198,15 +297,25 @@ class RationalBentBody:
                         break
                     waits += [link.actuator.reach(z - rest, F(side)), link.passive.reach(z, F(side))]
                 else:
-                    reached = [wait for wait in waits if wait is not None]
-                    if reached:
-                        self.jumps += 1
-                        self.x = [x + way * min(reached) * (i in part) for i, x in enumerate(self.x)]
-                        return True
-        return False
+                    yield part, [wait for wait in waits if wait is not None]
 
-    def _step(self, v: Row, change: Row, force: Row, d_forward: Row, d_backward: Row, rest: F) -> F:
-        slopes, waits = [], [rest]
+    def _slide(self, at: set[int], way: int, d_bound: Row) -> Row | None:
+        """Slide contacts that only flat links hold, and these no longer, to a knot or border; returns directions."""
+        for part, waits in self._loose(at, way):
+            if sum(d_bound[i] for i in part) >= 0:
+                continue
+            v = [F(way) * (i in part) for i in range(self.n)]
+            self._leave(v)
+            borders = [(self._border(i, way), self.x[i]) for i in part]
+            waits += [abs(border - x) for border, x in borders if border is not None]
+            if waits:
+                self.slides += 1
+                self.x = [x + min(waits) * speed for x, speed in zip(self.x, v, strict=True)]
+                return v
+        return None
+
+    def _step(self, v: Row, change: Row, limit: dict[int, Row], rest: F) -> F:
+        force, slopes, waits = self.forces(), [], [rest]
         for link, length, moved in zip(self.links, self.length, change, strict=True):
             z, stretch = self.x[link.b] - self.x[link.a], v[link.b] - v[link.a]
             u, rate = z - length, stretch - moved
@@ -216,10 +325,11 @@ class RationalBentBody:
             waits += [link.passive.reach(z, stretch)] if stretch else []
         rates = self._pulls(v, change, slopes)
         for i in range(self.n):
-            closing = rates[i] - d_forward[i]
-            waits += [(self.forward[i] - force[i]) / closing] if closing > 0 and force[i] < self.forward[i] else []
-            closing = -rates[i] - d_backward[i]
-            waits += [(self.backward[i] + force[i]) / closing] if closing > 0 and force[i] > -self.backward[i] else []
+            for way in (1, -1):
+                closing, slack = way * rates[i] - limit[way][i], self.bound[way][i] - way * force[i]
+                waits += [slack / closing] if closing > 0 and slack > 0 else []
+            if v[i] and (border := self._border(i, 1 if v[i] > 0 else -1)) is not None:
+                waits.append((border - self.x[i]) / v[i])
         return min(wait for wait in waits if wait is not None)
 
 
