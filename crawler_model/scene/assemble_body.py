@@ -40,11 +40,11 @@ def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
 def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
     """Compute the stiffness of the elements of a segment between nodes, shape (..., elements) [N/m].
 
-    It is 1 if the segment has another curve of tension, see `assemble_bends`.
+    It stands for another curve of tension if the segment has one, see `assemble_bends`.
     """
     elements = nodes.size - 1
     if part.stiffness is None:
-        return np.ones(elements)
+        return np.full(elements, part.steepest * elements / (part.stop - part.start))
     if isinstance(part.stiffness, TablePart):
         modulus = field_of(part.stiffness)
         compliance = average(lambda x: 1.0 / modulus(x), nodes, breaks_of(part.stiffness))
@@ -95,10 +95,12 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
 
 
 def _link_stiffness(links: LinksPart | tuple[LinkPart, ...] | None) -> Any:
-    """Return the stiffness of each link, or of all; 1 where there is none, see `assemble_bends` [N/m]."""
+    """Return the stiffness of each link, or of all; it may stand for a curve, see `assemble_bends` [N/m]."""
     if isinstance(links, tuple):
-        return tuple(1.0 if link.stiffness is None else link.stiffness for link in links)
-    return 1.0 if links is None or links.stiffness is None else links.stiffness
+        return tuple(link.steepest if link.stiffness is None else link.stiffness for link in links)
+    if links is None:
+        return 1.0
+    return links.steepest if links.stiffness is None else links.stiffness
 
 
 def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) -> Body:

@@ -7,7 +7,7 @@ goes on to one of its sides. Nothing is shared with the kernels.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction as F
 
@@ -198,15 +198,22 @@ class RationalBentBody:
                     self.bound[way][i] == self.holds(i, way, self.place[i]) for i, way in self.falling
                 ):
                     self.falling.clear()
+        up, down = self._at_bounds()
+        if any(self._loose(up, 1)) or any(self._loose(down, -1)):  # flat links are as strong as friction now
+            raise NotUniqueError(2)
+
+    def _at_bounds(self) -> tuple[set[int], set[int]]:
+        """The contacts at forward bounds, and those at backward bounds."""
+        force = self.forces()
+        for i in range(self.n):
+            assert -self.bound[-1][i] <= force[i] <= self.bound[1][i]
+        up = {i for i in range(self.n) if force[i] == self.bound[1][i]}
+        return up, {i for i in range(self.n) if force[i] == -self.bound[-1][i]}
 
     def _part(self, change: Row, d: dict[int, Row], left: F) -> F:
         """Follow a part of a ramp, or of a fall if bounds fall, until contacts fall; returns how much of it is left."""
         while left:
-            force = self.forces()
-            for i in range(self.n):
-                assert -self.bound[-1][i] <= force[i] <= self.bound[1][i]
-            up = {i for i in range(self.n) if force[i] == self.bound[1][i]}
-            down = {i for i in range(self.n) if force[i] == -self.bound[-1][i]}
+            up, down = self._at_bounds()
             limit = self._limits(d, left)
             try:
                 v = self.rates(change, up, down, limit[1], limit[-1])
@@ -221,7 +228,7 @@ class RationalBentBody:
                 continue
             self._leave(v)
             limit = self._limits(d, left)
-            step = self._step(v, change, force, limit, left)
+            step = self._step(v, change, limit, left)
             left -= step
             self.events += 1
             self.x = [a + step * b for a, b in zip(self.x, v, strict=True)]
@@ -277,12 +284,10 @@ class RationalBentBody:
                 self.falling.discard((i, way))
         return falls
 
-    def _slide(self, at: set[int], way: int, d_bound: Row) -> Row | None:
-        """Slide contacts that only flat links hold, and these no longer, to a knot or border; returns directions."""
+    def _loose(self, at: set[int], way: int) -> Iterator[tuple[tuple[int, ...], Row]]:
+        """Find the sets of contacts at bounds that only flat links hold, and how far these reach."""
         for count in range(1, len(at) + 1):
             for part in itertools.combinations(sorted(at), count):
-                if sum(d_bound[i] for i in part) >= 0:
-                    continue
                 waits = []
                 for link, rest in zip(self.links, self.length, strict=True):
                     if (link.a in part) == (link.b in part):
@@ -292,19 +297,25 @@ class RationalBentBody:
                         break
                     waits += [link.actuator.reach(z - rest, F(side)), link.passive.reach(z, F(side))]
                 else:
-                    v = [F(way) * (i in part) for i in range(self.n)]
-                    self._leave(v)
-                    borders = [(self._border(i, way), self.x[i]) for i in part]
-                    waits += [abs(border - x) for border, x in borders if border is not None]
-                    reached = [wait for wait in waits if wait is not None]
-                    if reached:
-                        self.slides += 1
-                        self.x = [x + min(reached) * speed for x, speed in zip(self.x, v, strict=True)]
-                        return v
+                    yield part, [wait for wait in waits if wait is not None]
+
+    def _slide(self, at: set[int], way: int, d_bound: Row) -> Row | None:
+        """Slide contacts that only flat links hold, and these no longer, to a knot or border; returns directions."""
+        for part, waits in self._loose(at, way):
+            if sum(d_bound[i] for i in part) >= 0:
+                continue
+            v = [F(way) * (i in part) for i in range(self.n)]
+            self._leave(v)
+            borders = [(self._border(i, way), self.x[i]) for i in part]
+            waits += [abs(border - x) for border, x in borders if border is not None]
+            if waits:
+                self.slides += 1
+                self.x = [x + min(waits) * speed for x, speed in zip(self.x, v, strict=True)]
+                return v
         return None
 
-    def _step(self, v: Row, change: Row, force: Row, limit: dict[int, Row], rest: F) -> F:
-        slopes, waits = [], [rest]
+    def _step(self, v: Row, change: Row, limit: dict[int, Row], rest: F) -> F:
+        force, slopes, waits = self.forces(), [], [rest]
         for link, length, moved in zip(self.links, self.length, change, strict=True):
             z, stretch = self.x[link.b] - self.x[link.a], v[link.b] - v[link.a]
             u, rate = z - length, stretch - moved

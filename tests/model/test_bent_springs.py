@@ -243,6 +243,18 @@ def test_a_bad_link_is_one_line_that_names_it(link, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("unit", [1e-15, 1e15])
+def test_the_unit_of_force_does_not_matter_beside_a_link_with_a_curve_alone(unit):
+    links = [{"stiffness": 8.0 * unit}, {"curve": {"elongation": [-1, 0, 1], "tension": [-unit, 0, 4 * unit]}}]
+    document = {
+        "name": "units",
+        "body": {"contacts": [0.0, 1.0, 2.0], "links": links},
+        "friction": {"forward": 0.5 * unit, "backward": unit},
+        "drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0, 0], [1, -1], [0, 0]]},
+    }
+    assert simulate(scene_of(document), duration=4.0).net_translation[-1] > 0.1
+
+
 def test_the_plane_refuses_bent_springs_with_the_reason():
     document = {
         "name": "plane",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,12 +11,17 @@ from hypothesis import strategies as st
 
 from crawler_model import Crawler, Scene, Step, simulate
 
-from .bodies import IN_THE_PLANE, ON_A_LINE, ON_PATCHES, TOLERANCE, Driven, drawn
+from .bodies import BENT, IN_THE_PLANE, ON_A_LINE, ON_PATCHES, TOLERANCE, Drawn, Driven, drawn
 from .chains import from_rows
 
-FOLLOWED = [*((kind, "exact") for kind in (*ON_A_LINE, *ON_PATCHES)), *((kind, "catch_up") for kind in IN_THE_PLANE)]
+STEPPED = [(kind, "catch_up") for kind in (*ON_A_LINE, *BENT)]
+"""Methods that take one implicit step a ramp."""
+FOLLOWED = [
+    *((kind, "exact") for kind in (*ON_A_LINE, *BENT, *ON_PATCHES)),
+    *((kind, "catch_up") for kind in IN_THE_PLANE),
+]
 """Methods that follow the path itself, to rounding on a line, to a tolerance in the plane."""
-EVERY = [*FOLLOWED, *((kind, "catch_up") for kind in ON_A_LINE)]
+EVERY = [*FOLLOWED, *STEPPED]
 
 
 def law(*variants: tuple[str, str], **strategies):
@@ -42,10 +49,16 @@ def within(body: Driven, ramps: int = 1) -> float:
     return share * body.extent
 
 
+def known(body: Drawn, steps: list[Step], parts: int = 1) -> np.ndarray:
+    """Return after which ramps the state is determined: flat springs may leave one open, and what follows from it."""
+    sound = [step.unique and not step.unsolved and not step.overspent for step in steps]
+    each = np.array(sound) | ("bent" not in body.kind)
+    return np.logical_and.accumulate(each)[parts - 1 :: parts]
+
+
 def energy(crawler: Crawler) -> float:
-    """Return the energy of the springs, from their tensions [J]."""
-    k = crawler.body.stiffness
-    return float((0.5 * crawler.tension**2 / (k if crawler.tension.ndim == 1 else k[:, None])).sum())
+    """Return the energy of the springs, of linear ones from their tensions [J]."""
+    return float(crawler.body.energy(crawler.tension, crawler.displacement, crawler.actuation))
 
 
 def scale_of(crawler: Crawler, step: Step) -> float:
@@ -58,24 +71,31 @@ def scale_of(crawler: Crawler, step: Step) -> float:
 def test_the_path_matters_and_the_speed_does_not(body, method, rate):
     one, other = (simulate(body.driven().scene, method=method, rate=r) for r in (1.0, rate))
     bound = within(body.driven(), 10 + int(5 * rate))
-    assert other.waypoint_displacement == pytest.approx(one.waypoint_displacement, abs=bound)
     assert other.unique == one.unique
+    if "bent" in body.kind and not one.unique:
+        return
+    assert other.waypoint_displacement == pytest.approx(one.waypoint_displacement, abs=bound)
     if method == "exact":
         assert other.visited_margin == pytest.approx(one.visited_margin, abs=1e-11)
 
 
 @law(*FOLLOWED, parts=st.integers(2, 9))
 def test_a_ramp_split_in_parts_leads_to_the_same_place(body, method, parts):
-    whole, _ = body.driven().run(method)
-    split, _ = body.driven().run(method, parts)
-    assert split == pytest.approx(whole, abs=within(body.driven(), 5 * (parts + 1)))
+    whole, steps = body.driven().run(method)
+    split, others = body.driven().run(method, parts)
+    sure = known(body, steps) & known(body, others, parts)
+    assert split[sure] == pytest.approx(whole[sure], abs=within(body.driven(), 5 * (parts + 1)))
 
 
-@law(*((kind, "catch_up") for kind in ON_A_LINE))
+@law(*STEPPED)
 def test_catch_up_on_small_ramps_is_exact(body, method):
     """Its error is of first order in the length of a ramp."""
-    exact, _ = body.driven().run("exact")
-    wrong = [np.abs(body.driven().run(method, parts)[0] - exact).max() for parts in (8, 128)]
+    exact, steps = body.driven().run("exact")
+    sure, wrong = known(body, steps), []
+    for parts in (8, 128):
+        found, others = body.driven().run(method, parts)
+        both = sure & known(body, others, parts)
+        wrong.append(np.abs(found - exact)[both].max(initial=0.0))
     assert wrong[1] <= max(wrong[0] / 4.0, 0.05 * body.driven().extent)
 
 
@@ -98,6 +118,8 @@ def test_the_certificate_of_a_followed_ramp_is_rounding(body, method):
     crawler = Crawler(body.driven().scene, method)
     for row in body.driven().rows:
         step = crawler.advance(*row)
+        if "bent" in body.kind and (step.unsolved or step.overspent):
+            return
         force = 1e-12 * (np.abs(crawler.tension).max() + crawler.friction.max())
         work = 1e-12 * scale_of(crawler, step)
         if method != "exact":
@@ -109,7 +131,7 @@ def test_the_certificate_of_a_followed_ramp_is_rounding(body, method):
             assert step.certificate.complementarity <= work
 
 
-@law(*((kind, "catch_up") for kind in ON_A_LINE))
+@law(*STEPPED)
 def test_the_certificate_of_catch_up_shows_its_error(body, method):
     residual = [sum(abs(s.certificate.energy_residual) for s in body.driven().run(m)[1]) for m in ("exact", method)]
     wrong = np.abs(body.driven().run(method)[0] - body.driven().run("exact")[0]).max()
@@ -119,10 +141,11 @@ def test_the_certificate_of_catch_up_shows_its_error(body, method):
 
 @law(*EVERY)
 def test_the_mirror_image(body, method):
-    here, _ = body.driven().run(method)
-    there, _ = body.driven(mirrored=True).run(method)
+    here, steps = body.driven().run(method)
+    there, others = body.driven(mirrored=True).run(method)
     back = -there if here.ndim == 3 else -there[:, ::-1]
-    assert back == pytest.approx(here, abs=within(body.driven(), 10))
+    sure = known(body, steps) & known(body, others)
+    assert back[sure] == pytest.approx(here[sure], abs=within(body.driven(), 10))
 
 
 @law(*((kind, method) for kind, method in EVERY if kind not in IN_THE_PLANE))
@@ -130,8 +153,9 @@ def test_where_the_body_stands_does_not_matter(body, method):
     """With the patches below it; by a length that rounds no position."""
     here, steps = body.driven().run(method)
     there, others = body.driven().moved(64.0).run(method)
-    assert there == pytest.approx(here, abs=100 * within(body.driven(), 10))
-    assert [step.unique for step in others] == [step.unique for step in steps]
+    sure = known(body, steps)
+    assert (known(body, others) == sure).all()
+    assert there[sure] == pytest.approx(here[sure], abs=100 * within(body.driven(), 10))
 
 
 SCALES = st.sampled_from([1e-9, 1e-3, 7.0, 1e9])
@@ -141,8 +165,9 @@ SCALES = st.sampled_from([1e-9, 1e-3, 7.0, 1e9])
 def test_units_do_not_matter(body, method, length, force):
     here, steps = body.driven().run(method)
     there, others = body.driven(length, force).run(method)
-    assert there / length == pytest.approx(here, abs=within(body.driven(), 10))
-    for one, other in zip(steps, others, strict=True):
+    sure = known(body, steps)
+    assert there[sure] / length == pytest.approx(here[sure], abs=within(body.driven(), 10))
+    for one, other in itertools.compress(zip(steps, others, strict=True), sure):
         bound = 100 * within(body.driven(), 10)
         assert other.work / (length * force) == pytest.approx(one.work, abs=bound)
         assert other.dissipation / (length * force) == pytest.approx(one.dissipation, abs=bound)
@@ -165,7 +190,7 @@ def test_a_copy_goes_its_own_way(body, method):
     assert fork == crawler
     for row in rows[1:]:
         fork.advance(*row)
-    assert fork != crawler
+    assert fork != crawler or np.array_equal(rows[0][0], rows[-1][0])
     for row in rows[1:]:
         crawler.advance(*row)
     assert fork == crawler
@@ -175,7 +200,6 @@ def test_a_copy_goes_its_own_way(body, method):
 def test_moving_contacts_are_at_the_bound_that_opposes_them(body, method):
     crawler = Crawler(body.driven().scene, method)
     before, mesh = crawler.displacement, crawler.body
-    k = mesh.stiffness if before.ndim == 1 else mesh.stiffness[:, None]
     for row in body.driven().rows:
         step = crawler.advance(*row)
         assert crawler.displacement - before == pytest.approx(step.velocity, abs=1e-11)
@@ -185,14 +209,16 @@ def test_moving_contacts_are_at_the_bound_that_opposes_them(body, method):
             assert (np.hypot(*step.velocity.T)[crawler.contact_state == 0] == 0.0).all()
         elongation = crawler.displacement[mesh.ends[:, 1]] - crawler.displacement[mesh.ends[:, 0]]
         assert crawler.shape == pytest.approx(elongation, abs=1e-11)
-        assert crawler.tension == pytest.approx(k * (crawler.shape - crawler.actuation), abs=1e-11 * 9 * k.max())
+        tension = mesh.tension(crawler.shape, crawler.actuation)
+        assert crawler.tension == pytest.approx(tension, abs=1e-11 * 9 * mesh.stiffness.max())
         before = crawler.displacement
 
 
 @law(*EVERY)
 def test_a_hold_changes_nothing(body, method):
     crawler = Crawler(body.driven().scene, method)
-    crawler.advance(*body.driven().rows[0])
+    if not known(body, [crawler.advance(*body.driven().rows[0])]).all():
+        return
     held = crawler.copy()
     step = held.advance(*body.driven().rows[0])
     for name in ("displacement", "shape", "tension", "net_translation", "actuation", "friction"):

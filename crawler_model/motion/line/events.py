@@ -178,6 +178,7 @@ def _stop(contacts, springs, model, ramp, i, count):
             count = list_contact(contacts, model.block, model.ends[k].other, count)
         else:
             spring = springs[model.ends[k].spring]
+            draw_spring(spring, model.curves, model.ground, ramp)  # a flat one may rest until here
             advance_spring(spring, model.curves, ramp, ramp.s)
             spring.rate = 0.0 if ramp.falling else -spring.stiffness * spring.d_length
     return count

@@ -11,17 +11,15 @@ from .advance import advance, advance_spring
 from .block import settle
 from .critical.margin import find_margin
 from .events import follow_events
-from .ground.jumps import begin_on_ground, find_runaway, finish_on_ground, place_anew, slide_to_border
+from .ground.jumps import begin_on_ground, finish_on_ground, place_anew
 from .records import DONE, SPENT, UNSOLVED, Curves, Model, Terrain
 from .runs import wake_all
 from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
-from .springs.knots import slide_to_knot
+from .springs.slides import slide
 from .step import take_step
 
 ENDS, FOLLOWS, STEPS = range(3)
 """How a ramp goes on after a part of it: not at all; from event to event; by one implicit step to its end."""
-MOST_SLIDES = 1000
-"""Slides to knots in one ramp, before it is completed by an implicit step."""
 
 
 @inlined
@@ -180,21 +178,6 @@ def _finish(contacts, springs, model, ramp, target):
 
 
 @lean
-def _slide(contacts, springs, model, ground, ramp):
-    """Slide what nothing holds to the next knot or border, if there is one; returns whether it has moved."""
-    if ground is None:
-        ramp.slides += 1
-        return ramp.slides < MOST_SLIDES and slide_to_knot(contacts, springs, model, model.curves, ramp)
-    direction = find_runaway(contacts)
-    if direction == 0:
-        return False
-    if not slide_to_border(contacts, ground, ramp, direction):
-        ramp.runaway = direction
-        return False
-    return True
-
-
-@lean
 def _continue(contacts, springs, model, ground, ramp, outcome):
     """Decide how a ramp goes on after a part of it.
 
@@ -215,7 +198,7 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
     ramp.done += ramp.s * (1.0 - ramp.done)
     ramp.s = 0.0
     ramp.effort += contacts.shape[0]
-    if outcome == UNSOLVED and _slide(contacts, springs, model, ground, ramp):
+    if outcome == UNSOLVED and slide(contacts, springs, model, ground, model.curves, ramp):
         return FOLLOWS
     if ramp.runaway != 0:
         return ENDS

@@ -159,6 +159,8 @@ def shift(contacts, springs, model, curves, ramp, s, until):
         size = max(size, abs(c.v))
         total += (c.forward + middle * c.d_forward) + (c.backward + middle * c.d_backward)
         pull += find_pull(contacts, springs, model, curves, i)
+    if curves is not None:
+        total = max(total, ramp.friction)  # a part without friction may balance flat springs but for rounding
     below = np.nextafter(pull - CRITICAL * total, -np.inf)
     least = _find_quantile(contacts, block, curves, ramp, middle, below)
     most = _find_quantile(contacts, block, curves, ramp, middle, pull + CRITICAL * total)

@@ -1,28 +1,10 @@
-"""Ramps on patches of ground: their bounds, places after implicit steps, and bodies that nothing holds.
-
-Where no equilibrium is left, all contacts are at bounds of one side, and the body slides as a whole to the next border.
-"""
+"""Ramps on patches of ground: their bounds, and places after implicit steps."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from ....compiled import lean
-from ....rounding import CRITICAL
-from ..advance import move
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
-from .borders import (
-    border_of,
-    close_jump,
-    excess_of,
-    gap_of,
-    leave_border,
-    open_jump,
-    reach_border,
-    rest_on_border,
-    set_bounds,
-)
-from .falls import has_fallen
+from .borders import border_of, close_jump, gap_of, open_jump, rest_on_border, set_bounds
 
 
 @lean
@@ -91,71 +73,6 @@ def finish_on_ground(c, ground, ramp, target, i):
     if c.fallen & BACKWARD:
         c.backward = max(backward, c.backward)
     c.d_forward = c.d_backward = c.d_load = 0.0
-
-
-@lean
-def find_runaway(contacts):
-    """Find the direction in which nothing holds the body: all contacts are at bounds of one side, which sum to zero.
-
-    Args:
-        contacts: CONTACT, shape (N,), with their bounds where the ramp has been followed to.
-
-    Returns:
-        1 or -1; 0 if the body is held.
-    """
-    size = forward = backward = 0.0
-    both = FORWARD | BACKWARD
-    for i in range(contacts.shape[0]):
-        c = contacts[i]
-        size += abs(c.forward) + abs(c.backward)
-        forward += c.forward
-        backward += c.backward
-        both &= c.at
-    if both & FORWARD and abs(forward) <= CRITICAL * size:
-        return 1
-    return -1 if both & BACKWARD and abs(backward) <= CRITICAL * size else 0
-
-
-@lean
-def slide_to_border(contacts, ground, ramp, direction):
-    """Slide the whole body to the next border of a contact.
-
-    Args:
-        contacts: CONTACT, shape (N,), changed in place.
-        ground: a `Terrain`.
-        ramp: the RAMP, whose account is added to.
-        direction: 1 or -1.
-
-    Returns:
-        False if there is no border on the way.
-    """
-    n = contacts.shape[0]
-    coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
-    distance, first = np.inf, 0
-    for i in range(n):
-        contacts[i].v = float(direction)
-        contacts[i].coming = coming
-        leave_border(contacts[i], ground, ramp, i)
-        gap = gap_of(contacts[i], ground.feet[i], ground, coming, contacts[i].since)
-        if gap < distance:
-            distance, first = gap, i
-    if distance == np.inf:
-        return False
-    distance = max(distance, 0.0)
-    near = 1e-14 * (ramp.span + distance)
-    if distance > 0.0 and not has_fallen(contacts, ground):
-        open_jump(contacts[first], ground, ramp, first, border_of(ground.feet[first], ground, coming))
-    for i in range(n):
-        c = contacts[i]
-        gap = gap_of(c, ground.feet[i], ground, coming, c.since)
-        ramp.dissipation += (c.forward if direction > 0 else c.backward) * distance
-        ramp.loads_work += c.load * direction * distance
-        c.lost += excess_of(c, ground.feet[i], ground) * distance
-        move(c, direction * distance)
-        c.at |= side
-        if gap <= distance + near:
-            reach_border(c, ground, ramp, i)
-    return True
 
 
 @lean

@@ -241,12 +241,17 @@ def finish_bend(contacts, spring, curves, ramp, length):
 @lean
 def _account_step(spring, bend, pieces, ramp, before, z):
     """Account for the work of an actuator in an implicit step, in which u goes straight from `before` to its end."""
-    find_pieces(bend, pieces, before, spring.elongation, 0.0)
-    energy, tension = _energy_on(pieces[bend.actuator], before), tension_on(pieces[bend.actuator], before)
     u = z - spring.length
-    if u != before:
-        find_pieces(bend, pieces, u, z, 0.0)
-        tension = (_energy_on(pieces[bend.actuator], u) - energy) / (u - before)
+    find_pieces(bend, pieces, before, spring.elongation, 0.0)
+    first = bend.actuator
+    find_pieces(bend, pieces, u, z, 0.0)
+    tension = way = 0.0
+    for p in range(min(first, bend.actuator), max(first, bend.actuator) + 1):
+        begin, end = max(min(before, u), pieces[p].begin), min(max(before, u), pieces[p].end)
+        part = max(end - begin, 0.0)
+        tension += tension_on(pieces[p], 0.5 * (begin + end)) * part
+        way += part
+    tension = tension / way if way > 0.0 else tension_on(pieces[bend.actuator], u)
     ramp.work -= tension * bend.command
 
 

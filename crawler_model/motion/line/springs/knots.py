@@ -1,4 +1,4 @@
-"""Bent springs that pass knots, and contacts that only flat pieces of them hold."""
+"""Bent springs that pass knots, on the way along a ramp and in implicit steps."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from ....compiled import inlined, lean
 from ....rounding import EPS
-from ..advance import advance, advance_spring, move
+from ..advance import advance, advance_spring
 from ..block import list_contact, settle
 from ..ground.falls import draw, draw_spring
 from ..timing import find_next
 from ..tournament import schedule
-from .bends import change_piece, find_lengths, find_pieces, find_way, is_flat, tension_on
-from .parts import begin_parts, find_last, member, side_of
+from .bends import change_piece, find_lengths, find_pieces, find_way, tension_on
+from .parts import begin_parts, side_of
 
 _MOST_TOGETHER = 20
 """Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""
@@ -115,53 +115,6 @@ def time_contact(contacts, springs, model, ramp, i):
     settle(contacts[i], ramp)
     advance(contacts[i], ramp, ramp.s)
     schedule(contacts, i, find_next(contacts, springs, model, ramp, i), ramp.begun)
-
-
-@lean
-def slide_to_knot(contacts, springs, model, curves, ramp):
-    """Slide contacts that only flat springs hold, and these no longer, to the next knot of one of them.
-
-    The commands rest, and all forces: the springs pay what friction takes.
-
-    Args:
-        contacts: CONTACT, shape (N,), at the end of what was followed of the ramp.
-        springs: SPRING, shape (S,), likewise.
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP; `loose` is one of the contacts.
-
-    Returns:
-        Whether there is such a knot.
-    """
-    if curves is None or ramp.loose == 0:
-        return False
-    direction, loose = (1.0 if ramp.loose > 0 else -1.0), abs(ramp.loose) - 1
-    begin_parts(contacts, springs, model, curves, ramp)
-    block, first = model.block, model.block[loose].part
-    last = find_last(model.block, curves, first, contacts.shape[0])
-    distance = np.inf
-    for j in range(springs.shape[0]):
-        spring = springs[j]
-        side = side_of(spring, block, first)
-        if side != 0:
-            z, u = spring.elongation, spring.elongation - spring.length
-            way, _ = find_way(curves.bends[spring.bend], curves.pieces, z, u, side * direction)
-            way = max(way, 0.0)
-            distance = min(distance, way + 4.0 * EPS * (abs(z) + abs(spring.length) + way))  # just beyond the knot
-    if distance == np.inf:
-        return False
-    for r in range(first, last):
-        c = contacts[member(block, curves, r)]
-        ramp.dissipation += (c.forward if direction > 0.0 else c.backward) * distance
-        ramp.loads_work += c.load * direction * distance
-        move(c, direction * distance)
-    for j in range(springs.shape[0]):
-        spring = springs[j]
-        if is_flat(spring, curves):
-            a, b = contacts[spring.a], contacts[spring.b]
-            spring.elongation = (b.x - a.x) + (b.rest - a.rest)
-            spring.still_tension, spring.still_length = spring.tension, spring.length
-    return True
 
 
 @lean

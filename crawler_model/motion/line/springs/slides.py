@@ -1,0 +1,161 @@
+"""Slides at fixed commands, of what nothing holds any more: a part of a body between flat springs, or all of it.
+
+It goes to the next knot of these springs or to the next border of the ground. All forces rest on the way, so what
+friction takes is paid by flat springs and by loads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import lean
+from ....rounding import CRITICAL, EPS
+from ..advance import move
+from ..ground.borders import border_of, excess_of, gap_of, leave_border, open_jump, reach_border
+from ..ground.falls import has_fallen
+from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
+from .bends import find_way, is_flat
+from .parts import begin_parts, find_last, member, side_of
+
+_MOST = 1000
+"""Slides in one ramp before it is completed by an implicit step."""
+
+
+@lean
+def _find_runaway(contacts):
+    """Find the direction in which nothing holds the body: all contacts are at bounds of one side, which sum to zero.
+
+    Returns:
+        1 or -1; 0 if the body is held.
+    """
+    size = forward = backward = 0.0
+    both = FORWARD | BACKWARD
+    for i in range(contacts.shape[0]):
+        c = contacts[i]
+        size += abs(c.forward) + abs(c.backward)
+        forward += c.forward
+        backward += c.backward
+        both &= c.at
+    if both & FORWARD and abs(forward) <= CRITICAL * size:
+        return 1
+    return -1 if both & BACKWARD and abs(backward) <= CRITICAL * size else 0
+
+
+@lean
+def _find_loose(contacts, springs, model, curves, ramp):
+    """Find what slides: its places in the list of parts, from the first to behind the last, and its direction or 0."""
+    n = contacts.shape[0]
+    if curves is None:
+        return 0, n, _find_runaway(contacts)
+    if ramp.loose == 0:
+        return 0, n, _find_runaway(contacts)
+    begin_parts(contacts, springs, model, curves, ramp)
+    first = model.block[abs(ramp.loose) - 1].part
+    return first, find_last(model.block, curves, first, n), (1 if ramp.loose > 0 else -1)
+
+
+@lean
+def _find_knot(springs, block, curves, first, direction):
+    """Find how far a part can slide until it is just beyond a knot of a flat spring at its ends."""
+    distance = np.inf
+    if curves is None:
+        return distance
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        side = side_of(spring, block, first)
+        if side != 0:
+            z, u = spring.elongation, spring.elongation - spring.length
+            way, _ = find_way(curves.bends[spring.bend], curves.pieces, z, u, side * direction)
+            way = max(way, 0.0)
+            distance = min(distance, way + 4.0 * EPS * (abs(z) + abs(spring.length) + way))
+    return distance
+
+
+@lean
+def _slide_on_ground(contacts, model, ground, ramp, direction, part, knot):
+    """Slide a part to its next border, or by `knot` if that is nearer; returns False if there is neither."""
+    coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
+    distance, nearest = knot, -1
+    for r in range(part[0], part[1]):
+        i = member(model.block, model.curves, r)
+        contacts[i].v = float(direction)
+        contacts[i].coming = coming
+        leave_border(contacts[i], ground, ramp, i)
+        gap = gap_of(contacts[i], ground.feet[i], ground, coming, contacts[i].since)
+        if gap < distance:
+            distance, nearest = gap, i
+    if distance == np.inf:
+        ramp.runaway = direction
+        return False
+    distance = max(distance, 0.0)
+    near = 1e-14 * (ramp.span + distance)
+    if distance > 0.0 and knot == np.inf and not has_fallen(contacts, ground):
+        open_jump(contacts[nearest], ground, ramp, nearest, border_of(ground.feet[nearest], ground, coming))
+    for r in range(part[0], part[1]):
+        i = member(model.block, model.curves, r)
+        c = contacts[i]
+        gap = gap_of(c, ground.feet[i], ground, coming, c.since)
+        c.lost += excess_of(c, ground.feet[i], ground) * distance
+        _move(c, ramp, direction, distance)
+        c.at |= side
+        if gap <= distance + near:
+            reach_border(c, ground, ramp, i)
+    return True
+
+
+@lean
+def _move(c, ramp, direction, distance):
+    """Move a contact, and account for its friction and its load."""
+    ramp.dissipation += (c.forward if direction > 0 else c.backward) * distance
+    ramp.loads_work += c.load * direction * distance
+    move(c, direction * distance)
+
+
+@lean
+def _keep_flat(contacts, springs, curves):
+    """Note the elongations of flat springs, whose tensions rest."""
+    if curves is None:
+        return
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        if is_flat(spring, curves):
+            a, b = contacts[spring.a], contacts[spring.b]
+            spring.elongation = (b.x - a.x) + (b.rest - a.rest)
+            spring.still_tension, spring.still_length = spring.tension, spring.length
+
+
+@lean
+def slide(contacts, springs, model, ground, curves, ramp):
+    """Slide contacts that nothing holds any more to the next knot or border.
+
+    Args:
+        contacts: CONTACT, shape (N,), at the end of what was followed of the ramp, changed in place.
+        springs: SPRING, shape (S,), likewise.
+        model: a `Model`.
+        ground: its `Terrain`, or None.
+        curves: its `Curves`, or None.
+        ramp: the RAMP; `loose` may be one of the contacts. `runaway` is set if no border is on the way.
+
+    Returns:
+        Whether they have moved.
+    """
+    if curves is not None:
+        ramp.slides += 1
+        if ramp.slides >= _MOST:
+            return False
+    elif ground is None:
+        return False
+    first, last, direction = _find_loose(contacts, springs, model, curves, ramp)
+    if direction == 0:
+        return False
+    knot = _find_knot(springs, model.block, curves, first, direction)
+    if ground is not None:
+        if not _slide_on_ground(contacts, model, ground, ramp, direction, (first, last), knot):
+            return False
+    elif knot == np.inf:
+        return False
+    else:
+        for r in range(first, last):
+            _move(contacts[member(model.block, curves, r)], ramp, direction, knot)
+    _keep_flat(contacts, springs, curves)
+    return True
