@@ -12,7 +12,7 @@ from ...compiled import inlined, lean, merged
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
-from .critical.margin import begin_part, sample_margin
+from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import leave_border, reach_border, rest_on_border
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
@@ -21,7 +21,7 @@ from .pivot import ROUNDING, find_sides
 from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED
 from .runs import fall_asleep, set_runs
 from .springs.knots import pass_knots, passes_singly, time_knots
-from .springs.parts import begin_parts
+from .springs.parts import begin_part, begin_parts
 from .timing import find_next
 from .tournament import begin_tournament, find_earliest, schedule
 
@@ -239,9 +239,9 @@ def _begin_tournament(contacts, springs, model, ramp):
 
 
 @inlined
-def _choose(contacts, springs, model, ground, curves, ramp):
+def _choose(contacts, springs, model, ground, curves, ramp, count):
     """Choose the translation at s if it is free; borders and knots are then met at other instants."""
-    choose(contacts, springs, model, curves, ramp)
+    choose(contacts, springs, model, curves, ramp, count)
     if not ramp.shifted:
         return
     if ground is not None or curves is not None:
@@ -330,10 +330,10 @@ def follow_events(contacts, springs, model, ramp):
         if ramp.due > 0:
             count = begin_fall(contacts, springs, model, ground, ramp, count)
             continue
-        count = 0
         if not ramp.begun:
             _begin_tournament(contacts, springs, model, ramp)
-        _choose(contacts, springs, model, ground, model.curves, ramp)
+        _choose(contacts, springs, model, ground, model.curves, ramp, count)
+        count = 0
         s = contacts[find_earliest(contacts)].next
         _note_piece(model.pieces, contacts, ramp.s, min(s, 1.0))
         if not s < ramp.end:

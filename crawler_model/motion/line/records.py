@@ -181,7 +181,7 @@ BLOCK = np.dtype(
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
         # memory
         ("member", _INT),  # contacts, those of each part together, see `parts`
-        ("part", _INT),  # of contact i: place of the first contact of its part in that list
+        ("part", _INT),  # of contact i: number of its part, in the list of all the place of its first contact
         ("hit", _INT),  # contacts around which rates change
         ("drawn", _INT),  # contacts that take part in the present fall
         ("held", _FLOAT),  # sum of the bounds of such a contact before it [N]
@@ -256,6 +256,8 @@ RAMP = np.dtype(
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
         ("first", _INT),  # present part of the body: its places in the list of parts are first .. last - 1
         ("last", _INT),
+        ("present", _INT),  # its number
+        ("parts", _INT),  # number of the last part that was listed alone, < 0
         ("slower", _FLOAT),  # what other translations of the present stretch would change the net velocity by [m]
         ("faster", _FLOAT),
         ("until", _FLOAT),  # place on the ramp where the present stretch ends, while its translation is chosen

@@ -7,7 +7,7 @@ from .critical.translation import choose_step
 from .events import solve_around
 from .records import BACKWARD, FORWARD
 from .springs.knots import change_pieces, end_step, tighten
-from .springs.parts import begin_parts, find_last, find_pull
+from .springs.parts import begin_part, begin_parts, find_pull
 
 MOST_TURNS = 30
 """Solutions of an implicit step with pieces of curves that lead to others, before they are changed one by one."""
@@ -54,13 +54,12 @@ def _solve_step(contacts, springs, model, curves, ramp):
 @lean
 def _solve_parts(contacts, springs, model, curves, ramp):
     """Solve an implicit step for each part of the body in turn; returns False if one has no solution."""
-    n, block, r = contacts.shape[0], model.block, 0
+    n = contacts.shape[0]
     begin_parts(contacts, springs, model, curves, ramp)
-    ramp.loose = ramp.undetermined = 0
-    while r < n:
-        i = block[r].member
-        r = find_last(block, curves, r, n)
-        if not solve_around(contacts, springs, model, ramp, i):
+    ramp.loose = ramp.undetermined = ramp.last = 0
+    while ramp.last < n:
+        begin_part(model.block, curves, ramp, n)
+        if not solve_around(contacts, springs, model, ramp, model.block[ramp.first].member):
             return False
         _keep_step(contacts, springs, model, ramp.rows)
     return True

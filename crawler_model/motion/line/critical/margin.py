@@ -9,7 +9,7 @@ from ....rounding import CRITICAL, EPS
 from ...margin import FEW_CONTACTS
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
-from ..springs.parts import begin_parts, find_last, find_pull, member
+from ..springs.parts import begin_part, begin_parts, find_pull, member, present_part
 
 
 @lean
@@ -60,7 +60,8 @@ def is_near(contacts, springs, model, curves, ramp, when, limit):
     Returns:
         Whether all are.
     """
-    first, last, near = ramp.first, ramp.last, 0.0
+    first, last = present_part(contacts, curves, ramp)
+    near = 0.0
     for j in range(last - first):
         r = ramp.witness + j
         r = r if r < last else r - (last - first)
@@ -82,7 +83,8 @@ def is_near(contacts, springs, model, curves, ramp, when, limit):
 def _imbalance(contacts, springs, model, curves, ramp, when):
     """Sum the bounds that the contacts of the present part are at, or nearest to, less the force of flat springs."""
     balance = 0.0
-    for r in range(ramp.first, ramp.last):
+    first, last = present_part(contacts, curves, ramp)
+    for r in range(first, last):
         i = member(model.block, curves, r)
         c = contacts[i]
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
@@ -100,7 +102,8 @@ def _margin_of_part(contacts, springs, model, curves, ramp, when):
     """Compute how close the contacts of the present part are to sliding at once, as `find_margin` does for all."""
     near = total = balance = 0.0
     free = 0
-    for r in range(ramp.first, ramp.last):
+    first, last = present_part(contacts, curves, ramp)
+    for r in range(first, last):
         i = member(model.block, curves, r)
         c = contacts[i]
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
@@ -142,22 +145,6 @@ def find_margin(contacts, springs, model, curves, ramp, when):
         begin_part(model.block, curves, ramp, n)
         margin = min(margin, _margin_of_part(contacts, springs, model, curves, ramp, when))
     return margin
-
-
-@inlined
-def begin_part(block, curves, ramp, n):
-    """Go on to the next part of the body.
-
-    Args:
-        block: BLOCK, with the list of parts.
-        curves: a `Curves`, or None.
-        ramp: the RAMP; its `first` and `last` become those of the part behind.
-        n: number of contacts N.
-    """
-    ramp.first = ramp.last
-    ramp.last = find_last(block, curves, ramp.first, n)
-    if not ramp.first <= ramp.witness < ramp.last:
-        ramp.witness = ramp.first
 
 
 @inlined

@@ -9,14 +9,15 @@ import numpy as np
 
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS, NOISE, SHORTEST_STRETCH
+from ...margin import FEW_CONTACTS
 from ..advance import advance
 from ..block import settle
 from ..ground.falls import draw_all
 from ..records import KNOT
 from ..runs import wake_all
 from ..springs.bends import find_lengths
-from ..springs.parts import begin_parts, find_pull, member, side_of
-from .margin import begin_part, is_critical, is_near, sample_margin
+from ..springs.parts import begin_part, begin_parts, find_part, find_pull, member, present_part, side_of
+from .margin import is_critical, is_near, sample_margin
 
 
 @inlined
@@ -37,7 +38,8 @@ def _is_free(contacts, block, curves, ramp):
 def _slope(contacts, block, curves, ramp, middle, translation):
     """Compute the slope of the dissipation just above a translation, with the friction at `middle` [N]."""
     slope = 0.0
-    for r in range(ramp.first, ramp.last):
+    first, last = present_part(contacts, curves, ramp)
+    for r in range(first, last):
         c = contacts[member(block, curves, r)]
         if -c.v <= translation:
             slope += c.forward + middle * c.d_forward
@@ -53,17 +55,18 @@ def _find_quantile(contacts, block, curves, ramp, middle, level):
     Candidates are the translations that bring one contact to rest; each trial removes those on one side of it.
     """
     low, high = -np.inf, np.inf
+    first, last = present_part(contacts, curves, ramp)
     slope = _slope(contacts, block, curves, ramp, middle, -np.inf)
     if slope > level:
         return -np.inf
     while True:
         inside = 0
-        for r in range(ramp.first, ramp.last):
+        for r in range(first, last):
             inside += low < -contacts[member(block, curves, r)].v < high
         if inside == 0:
             return high
         rank, trial = inside // 2, 0.0
-        for r in range(ramp.first, ramp.last):
+        for r in range(first, last):
             v = contacts[member(block, curves, r)].v
             if low < -v < high:
                 trial = -v
@@ -96,7 +99,7 @@ def _is_within(spring, block, curves, ramp):
     """Determine whether both ends of a spring are in the present part."""
     if curves is None:
         return True
-    return block[spring.a].part == ramp.first and block[spring.b].part == ramp.first
+    return block[spring.a].part == ramp.present and block[spring.b].part == ramp.present
 
 
 @lean
@@ -110,7 +113,7 @@ def _limit(contacts, springs, block, curves, ramp, ds):
         return least, most
     for j in range(springs.shape[0]):
         spring = springs[j]
-        side = side_of(spring, block, ramp.first)
+        side = side_of(spring, block, ramp.present)
         if side == 0:
             continue
         bend = curves.bends[spring.bend]
@@ -150,8 +153,9 @@ def shift(contacts, springs, model, curves, ramp, s, until):
     """
     net = size = total = pull = weight = 0.0
     block = model.block
+    first, last = present_part(contacts, curves, ramp)
     middle = 1.0 if ramp.stepping and curves is not None else 0.5 * (s + until)  # flat springs balance it at the end
-    for r in range(ramp.first, ramp.last):
+    for r in range(first, last):
         i = member(block, curves, r)
         c = contacts[i]
         net += c.share * c.v
@@ -176,7 +180,7 @@ def shift(contacts, springs, model, curves, ramp, s, until):
     if several and _is_held_inside(contacts, springs, block, curves, ramp, middle, center):
         chosen = least = most = center
     most_v = 0.0
-    for r in range(ramp.first, ramp.last):
+    for r in range(first, last):
         c = contacts[member(block, curves, r)]
         c.v += chosen
         if abs(c.v) <= NOISE * size:
@@ -204,8 +208,38 @@ def note_interval(ramp, s, until):
         ramp.gain_most += ramp.faster * (until - s)
 
 
+@inlined
+def _choose_in_part(contacts, springs, model, curves, ramp):
+    """Choose the translation of the present part if it is free at s."""
+    sample_margin(contacts, springs, model, curves, ramp)
+    critical = is_critical(contacts, springs, model, curves, ramp)
+    if critical or _is_free(contacts, model.block, curves, ramp):
+        if not ramp.shifted:
+            _begin_shift(contacts, springs, model, ramp)
+        shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
+
+
 @lean
-def choose(contacts, springs, model, curves, ramp):
+def _choose_in_parts(contacts, springs, model, curves, ramp, count):
+    """Choose the translation of each part that is free at s, if rates in it are new: those of others did not change."""
+    n = contacts.shape[0]
+    if n > FEW_CONTACTS:
+        known = ramp.parts
+        for j in range(count):
+            i = model.block[j].hit
+            if not known > model.block[i].part >= ramp.parts:
+                find_part(contacts, springs, model, curves, ramp, i)
+                _choose_in_part(contacts, springs, model, curves, ramp)
+        return
+    begin_parts(contacts, springs, model, curves, ramp)
+    ramp.last = 0
+    while ramp.last < n:
+        begin_part(model.block, curves, ramp, n)
+        _choose_in_part(contacts, springs, model, curves, ramp)
+
+
+@lean
+def choose(contacts, springs, model, curves, ramp, count):
     """Choose the translation of each part that is free at s: `shifted` is then set.
 
     All blocks are then solved at the next event.
@@ -216,19 +250,13 @@ def choose(contacts, springs, model, curves, ramp):
         model: a `Model`.
         curves: its `Curves`, or None.
         ramp: the RAMP.
+        count: number of contacts that were listed to be solved around.
     """
-    n = contacts.shape[0]
     ramp.shifted = 0
-    begin_parts(contacts, springs, model, curves, ramp)
-    ramp.last = 0
-    while ramp.last < n:
-        begin_part(model.block, curves, ramp, n)
-        sample_margin(contacts, springs, model, curves, ramp)
-        critical = is_critical(contacts, springs, model, curves, ramp)
-        if critical or _is_free(contacts, model.block, curves, ramp):
-            if not ramp.shifted:
-                _begin_shift(contacts, springs, model, ramp)
-            shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
+    if curves is None:
+        _choose_in_part(contacts, springs, model, curves, ramp)
+        return
+    _choose_in_parts(contacts, springs, model, curves, ramp, count)
 
 
 @lean

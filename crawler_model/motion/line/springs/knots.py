@@ -12,7 +12,7 @@ from ..ground.falls import draw, draw_spring
 from ..timing import find_next
 from ..tournament import schedule
 from .bends import change_piece, find_lengths, find_pieces, find_way, tension_on
-from .parts import begin_parts, side_of
+from .parts import find_part, side_of
 
 _MOST_TOGETHER = 20
 """Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""
@@ -191,17 +191,16 @@ def tighten(contacts, springs, model, curves, ramp):
     """
     if ramp.loose == 0:
         return False
-    begin_parts(contacts, springs, model, curves, ramp)
-    block, pieces = model.block, curves.pieces
-    first, nearest, found, coming = block[abs(ramp.loose) - 1].part, np.inf, -1, 0
+    find_part(contacts, springs, model, curves, ramp, abs(ramp.loose) - 1)
+    nearest, found, coming = np.inf, -1, 0
     for j in range(springs.shape[0]):
         spring = springs[j]
-        side = side_of(spring, block, first)
+        side = side_of(spring, model.block, ramp.present)
         if side == 0:
             continue
         bend = curves.bends[spring.bend]
         z, u = spring.elongation, spring.elongation - (spring.length + ramp.part * bend.command)
-        way, knot = find_way(bend, pieces, z, u, side if ramp.loose > 0 else -side)
+        way, knot = find_way(bend, curves.pieces, z, u, side if ramp.loose > 0 else -side)
         if way < nearest:
             nearest, found, coming = way, j, knot
     if found < 0:

@@ -10,6 +10,23 @@ from .bends import is_flat
 
 
 @lean
+def _list_part(contacts, springs, model, curves, number, i, count):
+    """List the contacts of the part of contact i behind the first places of the list; returns how many are taken."""
+    block, read = model.block, count
+    block[i].part, block[count].member = number, i
+    count += 1
+    while read < count:
+        c = contacts[block[read].member]
+        read += 1
+        for k in range(c.first, c.last):
+            other = model.ends[k].other
+            if block[other].part != number and not is_flat(springs[model.ends[k].spring], curves):
+                block[other].part, block[count].member = number, other
+                count += 1
+    return count
+
+
+@lean
 def begin_parts(contacts, springs, model, curves, ramp):
     """Find the parts of a body, unless they are known.
 
@@ -25,23 +42,12 @@ def begin_parts(contacts, springs, model, curves, ramp):
     if ramp.parted:
         return
     ramp.parted = 1
-    n, block, count = contacts.shape[0], model.block, 0
+    n, count = contacts.shape[0], 0
     for i in range(n):
-        block[i].part = -1
+        model.block[i].part = -1
     for i in range(n):
-        if block[i].part >= 0:
-            continue
-        first = read = count
-        block[i].part, block[count].member = first, i
-        count += 1
-        while read < count:
-            c = contacts[block[read].member]
-            read += 1
-            for k in range(c.first, c.last):
-                other = model.ends[k].other
-                if block[other].part < 0 and not is_flat(springs[model.ends[k].spring], curves):
-                    block[other].part, block[count].member = first, other
-                    count += 1
+        if model.block[i].part < 0:
+            count = _list_part(contacts, springs, model, curves, count, i, count)
 
 
 @inlined
@@ -62,24 +68,58 @@ def member(block, curves, r):
 
 
 @inlined
-def find_last(block, curves, first, n):
-    """Find the end of a part.
+def begin_part(block, curves, ramp, n):
+    """Go on to the next part of the body.
 
     Args:
-        block: BLOCK.
+        block: BLOCK, with the list of parts.
         curves: a `Curves`, or None.
-        first: place of its first contact.
+        ramp: the RAMP; its present part becomes the one behind.
         n: number of contacts N.
-
-    Returns:
-        The place behind its last contact.
     """
     if curves is None:
-        return n
-    last = first
-    while last < n and block[block[last].member].part == first:
-        last += 1
-    return last
+        ramp.last = n
+        return
+    ramp.first = ramp.present = ramp.last
+    ramp.last += 1
+    while ramp.last < n and block[block[ramp.last].member].part == ramp.present:
+        ramp.last += 1
+    if not ramp.first <= ramp.witness < ramp.last:
+        ramp.witness = ramp.first
+
+
+@lean
+def find_part(contacts, springs, model, curves, ramp, i):
+    """Find the part of one contact alone, in proportion to its size; it becomes the present one.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`, in whose block the contacts of the part are listed.
+        curves: its `Curves`.
+        ramp: the RAMP; the parts of the body are unknown afterwards.
+        i: the contact.
+    """
+    ramp.parts -= 1  # numbers below those of the list of all parts
+    ramp.parted, ramp.present, ramp.first, ramp.witness = 0, ramp.parts, 0, 0
+    ramp.last = _list_part(contacts, springs, model, curves, ramp.present, i, 0)
+
+
+@inlined
+def present_part(contacts, curves, ramp):
+    """Find the places of the present part in the list of parts, from the first to behind the last.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        curves: a `Curves`, or None.
+        ramp: the RAMP.
+
+    Returns:
+        Both.
+    """
+    if curves is None:
+        return 0, contacts.shape[0]
+    return ramp.first, ramp.last
 
 
 @inlined
@@ -107,15 +147,15 @@ def find_pull(contacts, springs, model, curves, i):
 
 
 @inlined
-def side_of(spring, block, first):
+def side_of(spring, block, part):
     """Find which end of a spring is in a part, if one is and the other is not.
 
     Args:
         spring: a SPRING.
         block: BLOCK, with the list of parts.
-        first: place of the first contact of the part.
+        part: number of the part.
 
     Returns:
         1 if it is the end at b, so that the spring grows as the part slides forward; -1 if that at a; else 0.
     """
-    return int(block[spring.b].part == first) - int(block[spring.a].part == first)
+    return int(block[spring.b].part == part) - int(block[spring.a].part == part)

@@ -15,7 +15,7 @@ from ..ground.borders import border_of, excess_of, gap_of, leave_border, open_ju
 from ..ground.falls import has_fallen
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 from .bends import find_way, is_flat
-from .parts import begin_parts, find_last, member, side_of
+from .parts import begin_parts, find_part, member, side_of
 
 _MOST = 1000
 """Slides in one ramp before it is completed by an implicit step."""
@@ -48,21 +48,22 @@ def _find_loose(contacts, springs, model, curves, ramp):
     if curves is None:
         return 0, n, _find_runaway(contacts)
     if ramp.loose == 0:
+        begin_parts(contacts, springs, model, curves, ramp)
+        ramp.present = n  # all parts
         return 0, n, _find_runaway(contacts)
-    begin_parts(contacts, springs, model, curves, ramp)
-    first = model.block[abs(ramp.loose) - 1].part
-    return first, find_last(model.block, curves, first, n), (1 if ramp.loose > 0 else -1)
+    find_part(contacts, springs, model, curves, ramp, abs(ramp.loose) - 1)
+    return ramp.first, ramp.last, (1 if ramp.loose > 0 else -1)
 
 
 @lean
-def _find_knot(springs, block, curves, first, direction):
+def _find_knot(springs, block, curves, part, direction):
     """Find how far a part can slide until it is just beyond a knot of a flat spring at its ends."""
     distance = np.inf
     if curves is None:
         return distance
     for j in range(springs.shape[0]):
         spring = springs[j]
-        side = side_of(spring, block, first)
+        side = side_of(spring, block, part)
         if side != 0:
             z, u = spring.elongation, spring.elongation - spring.length
             way, _ = find_way(curves.bends[spring.bend], curves.pieces, z, u, side * direction)
@@ -148,7 +149,7 @@ def slide(contacts, springs, model, ground, curves, ramp):
     first, last, direction = _find_loose(contacts, springs, model, curves, ramp)
     if direction == 0:
         return False
-    knot = _find_knot(springs, model.block, curves, first, direction)
+    knot = _find_knot(springs, model.block, curves, ramp.present, direction)
     if ground is not None:
         if not _slide_on_ground(contacts, model, ground, ramp, direction, (first, last), knot):
             return False
