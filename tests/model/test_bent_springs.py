@@ -15,7 +15,7 @@ from rich.console import Console
 
 from crawler_command.check import print_report
 from crawler_model.crawler.crawler import Crawler
-from crawler_model.errors import CommandError, SceneError
+from crawler_model.errors import SceneError
 from crawler_model.run.simulate import simulate
 from crawler_model.scene.file import load_scene, parse_scene
 from crawler_model.scene.scene import Scene
@@ -286,13 +286,6 @@ def test_keys_that_bend_nothing_change_nothing():
     runs = [simulate(two_contacts(each, 3.0)) for each in (link, bent)]
     np.testing.assert_allclose(runs[0].displacement, runs[1].displacement, rtol=0, atol=1e-14)
     assert runs[0].energy.work == pytest.approx(runs[1].energy.work, rel=1e-13)
-
-
-def test_sensitivities_refuse_them_with_the_reason():
-    from crawler_model import sensitivities
-
-    with pytest.raises((SceneError, CommandError), match="bent springs"):
-        sensitivities(two_contacts(LINK | {"tension": {"most": 1.0}}, 1.0), ["friction.forward"])
 
 
 MOTOR = {"stiffness": 8.0, "tension": {"least": -1.5, "most": 1.5}, "passive": {"stiffness": 1.0}}

@@ -105,7 +105,14 @@ def build_memory(body: Body) -> tuple[Any, ...]:
 
 
 def build_curves(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
-    """Build the curves of bent springs: the fields of `Curves`; None without any."""
+    """Build the curves of bent springs.
+
+    Args:
+        body: the body.
+
+    Returns:
+        The fields of `Curves`; None if all springs are linear.
+    """
     if not body.bends:
         return None
     bends, tables = zeros(len(body.bends), BEND), []
