@@ -9,7 +9,10 @@ from ....rounding import CRITICAL, EPS
 from ...margin import FEW_CONTACTS
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
-from ..springs.parts import begin_part, begin_parts, find_pull, member, present_part
+from ..springs.parts import begin_alone, begin_part, begin_parts, find_pull, list_beside, member, present_part
+
+_LATER = 2.0 / 3.0
+"""Part of the rest of a ramp after which a critical part must still be critical."""
 
 
 @lean
@@ -40,6 +43,19 @@ def _slack(c, ramp, when):
     return above, below
 
 
+@inlined
+def _distance(contacts, springs, model, ramp, i, when, limit):
+    """Find how far the force on a contact is from its nearest bound, beside its rounding if it is more than a limit."""
+    c = contacts[i]
+    if c.at != 0 and c.side != 0:
+        return 0.0
+    above, below = _slack(c, ramp, when)
+    distance = abs(min(above, below))
+    if c.at == 0 and distance > limit:
+        distance = max(distance - _blur(contacts, springs, model.ends, c), 0.0)
+    return distance
+
+
 @lean
 def is_near(contacts, springs, model, curves, ramp, when, limit):
     """Determine whether all contacts of the present part are at their bounds at a later place, within a limit.
@@ -65,14 +81,7 @@ def is_near(contacts, springs, model, curves, ramp, when, limit):
     for j in range(last - first):
         r = ramp.witness + j
         r = r if r < last else r - (last - first)
-        c = contacts[member(model.block, curves, r)]
-        if c.at != 0 and c.side != 0:
-            continue
-        above, below = _slack(c, ramp, when)
-        distance = abs(min(above, below))
-        if c.at == 0 and distance > limit:
-            distance = max(distance - _blur(contacts, springs, model.ends, c), 0.0)
-        near += distance
+        near += _distance(contacts, springs, model, ramp, member(model.block, curves, r), when, limit)
         if near > limit:
             ramp.witness = r
             return False
@@ -163,6 +172,41 @@ def sample_margin(contacts, springs, model, curves, ramp):
 
 
 @inlined
+def _find_limit(ramp, part):
+    """Find a later place on the ramp, and the distance from bounds that counts as zero there."""
+    s = ramp.s + part * (ramp.end - ramp.s)
+    friction = ramp.friction + (ramp.rests if ramp.falling else s) * ramp.d_friction
+    return s, CRITICAL * max(friction, 0.0) + 8.0 * EPS * (2.0 * ramp.friction + ramp.d_friction)
+
+
+@lean
+def find_near_part(contacts, springs, model, curves, ramp, i):
+    """List the part of a contact, as `find_part`, as long as none of its contacts is away from its bounds.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`, in whose block the contacts are listed.
+        curves: its `Curves`.
+        ramp: the RAMP; the parts of the body are unknown afterwards.
+        i: the contact.
+
+    Returns:
+        Whether the whole part is listed, so that it may be critical; it is then the present one.
+    """
+    begin_alone(model.block, ramp, i)
+    when, limit = _find_limit(ramp, _LATER)
+    read = 0
+    while read < ramp.last:
+        near = model.block[read].member
+        if _distance(contacts, springs, model, ramp, near, when, limit) > limit:
+            return False
+        read += 1
+        list_beside(contacts, springs, model, curves, ramp, near)
+    return True
+
+
+@inlined
 def is_critical(contacts, springs, model, curves, ramp):
     """Determine whether all contacts of the present part stay at their bounds up to the ramp's end.
 
@@ -182,10 +226,8 @@ def is_critical(contacts, springs, model, curves, ramp):
     whole = 2.0 * ramp.friction + ramp.d_friction
     if whole == 0.0:
         return True
-    for part in (2.0 / 3.0, 1.0 / 3.0):  # contacts that leave their bounds are then away from them
-        s = ramp.s + part * (ramp.end - ramp.s)
-        friction = ramp.friction + (ramp.rests if ramp.falling else s) * ramp.d_friction
-        limit = CRITICAL * max(friction, 0.0) + 8.0 * EPS * whole
+    for part in (_LATER, 0.5 * _LATER):  # contacts that leave their bounds are then away from them
+        s, limit = _find_limit(ramp, part)
         if not is_near(contacts, springs, model, curves, ramp, s, limit):
             return False
     return is_near(contacts, springs, model, curves, ramp, ramp.s, CRITICAL * whole)

@@ -16,8 +16,8 @@ from ..ground.falls import draw_all
 from ..records import KNOT
 from ..runs import wake_all
 from ..springs.bends import find_lengths
-from ..springs.parts import begin_part, begin_parts, find_part, find_pull, member, present_part, side_of
-from .margin import is_critical, is_near, sample_margin
+from ..springs.parts import begin_part, begin_parts, find_pull, member, present_part, side_of
+from .margin import find_near_part, is_critical, is_near, sample_margin
 
 
 @inlined
@@ -227,8 +227,8 @@ def _choose_in_parts(contacts, springs, model, curves, ramp, count):
         known = ramp.parts
         for j in range(count):
             i = model.block[j].hit
-            if not known > model.block[i].part >= ramp.parts:
-                find_part(contacts, springs, model, curves, ramp, i)
+            seen = known > model.block[i].part >= ramp.parts
+            if not seen and find_near_part(contacts, springs, model, curves, ramp, i):
                 _choose_in_part(contacts, springs, model, curves, ramp)
         return
     begin_parts(contacts, springs, model, curves, ramp)

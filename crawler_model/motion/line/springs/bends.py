@@ -363,7 +363,7 @@ def find_knot(contacts, spring, curves, ramp):
     if other < first:
         first = other
         bend.coming = 2 if stretch > 0.0 else -2
-    if first > 0.0 and spring.stiffness > 0.0 and (change != 0.0 or stretch != 0.0):
+    if (rate == 0.0) != (stretch == 0.0) and first > 0.0 and spring.stiffness > 0.0:
         way = _find_yielding(bend, curves.pieces, z, length, rate, stretch)
         if way != 0:
             first, bend.coming = 0.0, way

@@ -9,21 +9,24 @@ from ....compiled import inlined, lean
 from .bends import is_flat
 
 
-@lean
-def _list_part(contacts, springs, model, curves, number, i, count):
-    """List the contacts of the part of contact i behind the first places of the list; returns how many are taken."""
-    block, read = model.block, count
-    block[i].part, block[count].member = number, i
-    count += 1
-    while read < count:
-        c = contacts[block[read].member]
-        read += 1
-        for k in range(c.first, c.last):
-            other = model.ends[k].other
-            if block[other].part != number and not is_flat(springs[model.ends[k].spring], curves):
-                block[other].part, block[count].member = number, other
-                count += 1
-    return count
+@inlined
+def list_beside(contacts, springs, model, curves, ramp, i):
+    """List the contacts that springs which are not flat join to a listed one; they are of the same part.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`, in whose block the contacts are listed behind the `last` place.
+        curves: its `Curves`.
+        ramp: the RAMP; `present` is the number of the part.
+        i: the listed contact.
+    """
+    block = model.block
+    for k in range(contacts[i].first, contacts[i].last):
+        other = model.ends[k].other
+        if block[other].part != ramp.present and not is_flat(springs[model.ends[k].spring], curves):
+            block[other].part, block[ramp.last].member = ramp.present, other
+            ramp.last += 1
 
 
 @lean
@@ -42,12 +45,19 @@ def begin_parts(contacts, springs, model, curves, ramp):
     if ramp.parted:
         return
     ramp.parted = 1
-    n, count = contacts.shape[0], 0
+    n, block, read = contacts.shape[0], model.block, 0
+    ramp.last = 0
     for i in range(n):
-        model.block[i].part = -1
+        block[i].part = -1
     for i in range(n):
-        if model.block[i].part < 0:
-            count = _list_part(contacts, springs, model, curves, count, i, count)
+        if block[i].part >= 0:
+            continue
+        ramp.present = block[i].part = ramp.last
+        block[ramp.last].member = i
+        ramp.last += 1
+        while read < ramp.last:
+            list_beside(contacts, springs, model, curves, ramp, block[read].member)
+            read += 1
 
 
 @inlined
@@ -88,9 +98,23 @@ def begin_part(block, curves, ramp, n):
         ramp.witness = ramp.first
 
 
+@inlined
+def begin_alone(block, ramp, i):
+    """Begin to list the part of one contact alone; it becomes the present one.
+
+    Args:
+        block: BLOCK.
+        ramp: the RAMP; the parts of the body are unknown afterwards.
+        i: the contact.
+    """
+    ramp.parts -= 1  # numbers below those of the list of all parts
+    ramp.parted, ramp.present, ramp.first, ramp.last, ramp.witness = 0, ramp.parts, 0, 1, 0
+    block[i].part, block[0].member = ramp.parts, i
+
+
 @lean
 def find_part(contacts, springs, model, curves, ramp, i):
-    """Find the part of one contact alone, in proportion to its size; it becomes the present one.
+    """List the part of one contact alone, in proportion to its size; it becomes the present one.
 
     Args:
         contacts: CONTACT, shape (N,).
@@ -100,9 +124,11 @@ def find_part(contacts, springs, model, curves, ramp, i):
         ramp: the RAMP; the parts of the body are unknown afterwards.
         i: the contact.
     """
-    ramp.parts -= 1  # numbers below those of the list of all parts
-    ramp.parted, ramp.present, ramp.first, ramp.witness = 0, ramp.parts, 0, 0
-    ramp.last = _list_part(contacts, springs, model, curves, ramp.present, i, 0)
+    begin_alone(model.block, ramp, i)
+    read = 0
+    while read < ramp.last:
+        list_beside(contacts, springs, model, curves, ramp, model.block[read].member)
+        read += 1
 
 
 @inlined
