@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from crawler_model import Crawler
+from crawler_model import Crawler, simulate
 from crawler_model.errors import CommandError
 from crawler_model.scene.file import parse_scene
 
 from ..bent_bodies import draw_body
+from ..bodies import Drawn
 from ..rational_bends import NotUniqueError, RationalBentBody
 
 COUNT = 60 * max(settings.default.max_examples // 100, 1)
@@ -104,3 +105,9 @@ def test_the_work_of_a_stalled_motor_counts_where_a_jump_ends_beside_it():
     assert crawler.displacement.tolist() == [0.0, 0.375, 0.0]
     assert len(step.jumps) == 1
     assert abs(step.certificate.energy_residual) < 1e-14
+
+
+def test_a_part_without_friction_between_flat_springs_stays_where_numbers_are():
+    """Its translation is free; rounding of what the springs pull once made it infinite."""
+    run = simulate(Drawn("bent hybrid on patches", 1, ties=True, bare=True).driven().scene)
+    assert np.isfinite(run.displacement).all()
