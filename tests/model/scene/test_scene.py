@@ -287,6 +287,19 @@ BENT = {
     **LINE,
     "body": {**LINE["body"], "links": [{"stiffness": 1, "passive": {"stiffness": 1, "stops": STOPS}}]},
 }
+
+
+def put(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    """Set a key; behind `=` the one that takes the place of all others in its part."""
+    document = copy.deepcopy(document)
+    place: Any = document
+    *parents, last = path.split("=")[0].split("/")
+    for key in parents:
+        place = place[int(key) if isinstance(place, list) else key]
+    place[last] = {path.split("=")[1]: value} if "=" in path else value
+    return document
+
+
 BOUNDED = {
     ("BodyPart", "weights"): ({**LINE, "body": WEIGHED["body"]}, "body/weights"),
     ("CoefficientPart", "forward"): (COEFFICIENTS, "friction/coefficient/forward"),
@@ -304,10 +317,16 @@ BOUNDED = {
     ("GroundPart", "slope"): ({**LINE, "body": WEIGHED["body"], "ground": {"slope": 0}}, "ground/slope"),
     ("BodyPart", "radius"): ({**LINE, "body": {**LINE["body"], "radius": 1}}, "body/radius"),
     ("LinksPart", "stiffness"): (LINE, "body/links/stiffness"),
+    ("LinksPart", "tension"): (put(LINE, "body/links/passive", {"stiffness": 1.0}), "body/links/tension"),
     ("LinkPart", "stiffness"): (BENT, "body/links/0/stiffness"),
+    ("LinkPart", "tension"): (BENT, "body/links/0/tension"),
     ("PassivePart", "stiffness"): (BENT, "body/links/0/passive/stiffness"),
     ("StopsPart", "stiffness"): (BENT, "body/links/0/passive/stops/stiffness"),
     ("SegmentPart", "stiffness"): (SEGMENT, "body/segments/0/stiffness"),
+    ("SegmentPart", "tension"): (
+        put(SEGMENT, "body/segments/0/passive", {"stiffness": 1.0}),
+        "body/segments/0/tension",
+    ),
     ("SegmentPart", "accuracy"): (SEGMENT, "body/segments/0/accuracy"),
     ("SegmentPart", "elements"): (SEGMENT, "body/segments/0/elements"),
     ("SegmentPart", "shown"): (SEGMENT, "body/segments/0/shown"),
@@ -331,17 +350,6 @@ BOUNDED = {
     ("PatchPart", "slope"): (PATCHED, "ground/patches/0/slope"),
     ("Scene", "tolerance"): ({**PLANE, "friction": {"isotropic": 1}}, "tolerance"),
 }
-
-
-def put(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
-    """Set a key; behind `=` the one that takes the place of all others in its part."""
-    document = copy.deepcopy(document)
-    place: Any = document
-    *parents, last = path.split("=")[0].split("/")
-    for key in parents:
-        place = place[int(key) if isinstance(place, list) else key]
-    place[last] = {path.split("=")[1]: value} if "=" in path else value
-    return document
 
 
 RANGE = {"minimum": -1, "exclusiveMinimum": 0, "maximum": 1, "exclusiveMaximum": 0}
