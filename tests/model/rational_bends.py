@@ -1,7 +1,8 @@
-"""An answer in rational numbers for bent springs, for a few contacts: no rounding, so ties are ties.
+"""An answer in rational numbers for any springs on any ground, for a few contacts: no rounding, so ties are ties.
 
 Between events the rates are found by trying all modes: every contact at a bound sticks or slides, every curve at a knot
-goes on to one of its sides. Nothing is shared with the kernels.
+goes on to one of its sides. Contacts that come to borders where the ground holds less fall together, at fixed commands.
+Nothing is shared with the kernels.
 """
 
 from __future__ import annotations
@@ -11,9 +12,28 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction as F
 
-from .rational_patches import NotUniqueError, solve
-
 Row = list[F]
+
+
+class NotUniqueError(Exception):
+    """More than one motion, or none, solves the problem of the rates."""
+
+
+def solve(matrix: Sequence[Row], right: Row) -> Row | None:
+    """Solve linear equations; None if they are singular."""
+    n = len(right)
+    rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
+    for column in range(n):
+        pivot = next((r for r in range(column, n) if rows[r][column]), None)
+        if pivot is None:
+            return None
+        rows[column], rows[pivot] = rows[pivot], rows[column]
+        rows[column] = [value / rows[column][column] for value in rows[column]]
+        for r in range(n):
+            if r != column and rows[r][column]:
+                factor = rows[r][column]
+                rows[r] = [a - factor * b for a, b in zip(rows[r], rows[column], strict=True)]
+    return [row[n] for row in rows]
 
 
 @dataclass

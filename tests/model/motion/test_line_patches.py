@@ -13,7 +13,7 @@ from crawler_model import Crawler, Scene
 from crawler_model.motion.jump import Jump
 from crawler_model.motion.state import DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, UNSOLVED, WORK
 
-from ..rational_patches import NotUniqueError, RationalBody
+from ..rational_bends import NotUniqueError, RationalBentBody, RationalCurve, RationalGround, RationalLink
 from ..test_patches import ice, two
 
 ENERGIES = [WORK, DISSIPATION, LOADS_WORK]
@@ -225,25 +225,32 @@ def draw_tied(rng: np.random.Generator, symmetric: bool) -> tuple[tuple[Any, ...
     return (position.tolist(), stiffness.tolist(), friction.tolist(), patch), lengths
 
 
+def linear(stiffness: Fraction) -> RationalCurve:
+    """The curve of a linear spring, whose knot is out of reach."""
+    far = Fraction(10**9)
+    return RationalCurve([far], [stiffness * far], stiffness, stiffness)
+
+
 def test_tied_jumps_are_those_of_rational_numbers() -> None:
     jumps = ties = 0
     for seed in range(100):
         parts, lengths = draw_tied(np.random.default_rng(seed), symmetric=seed % 4 > 0)
         position, stiffness, friction, (begin, end, factor) = parts
-        rational = [Fraction(f) for f in friction]
-        truth = RationalBody(
+        rational, n = [Fraction(f) for f in friction], len(friction)
+        factors = [Fraction(1), Fraction(factor), Fraction(1)]
+        truth = RationalBentBody(
+            n,
+            [RationalLink(i, i + 1, linear(Fraction(k)), linear(Fraction(0))) for i, k in enumerate(stiffness)],
+            rational,
+            rational,
             [Fraction(p) for p in position],
-            [(i, i + 1, Fraction(k)) for i, k in enumerate(stiffness)],
-            rational,
-            rational,
-            [Fraction(begin), Fraction(end)],
-            [Fraction(1), Fraction(factor), Fraction(1)],
+            RationalGround([Fraction(begin), Fraction(end)], factors, [[Fraction(0)] * n] * 3),
         )
         ours = Followed(chain(*parts))
         for length in lengths:
             before = truth.jumps
             try:
-                truth.ramp([Fraction(value) for value in length])
+                truth.follow([Fraction(value) for value in length], rational, rational)
             except NotUniqueError:
                 break
             x = ours.stretch(length)[0]
