@@ -47,7 +47,7 @@ class Interval:
 End: TypeAlias = int | tuple[str, Literal["from", "to"]]
 """An end of a link: a contact by its number, or an end of a segment by the segment's name."""
 
-MOST_SPAN = 1e13
+_MOST_SPAN = 1e13
 """Largest ratio of two stiffnesses of a body."""
 
 
@@ -93,11 +93,6 @@ def build_body(
         a = place[segment.name] + np.arange(segment.stiffness.size)
         ends += list(zip(a.tolist(), (a + 1).tolist(), strict=True))
         k = np.concatenate((k, segment.stiffness))
-    if isolated.ndim == 1 and k.size and k.max() > MOST_SPAN * k.min():
-        raise SceneError(
-            f"body.links.stiffness: {k.min():g} to {k.max():g} N/m; the largest may be at most {MOST_SPAN:.0e} times "
-            "the smallest, or rounding would decide how the softest moves"
-        )
     pairs = np.array(ends, dtype=np.int64).reshape(-1, 2)
     if isolated.ndim == 1:
         pairs.sort(axis=1)
@@ -123,6 +118,26 @@ def build_body(
     )
     _check_connected(body, parts, first)
     return body
+
+
+def check_span(body: Body) -> None:
+    """Check that the stiffnesses of a body on a line are not too different, with all slopes of its curves.
+
+    Args:
+        body: the body.
+
+    Raises:
+        SceneError: if they are.
+    """
+    curves = [curve for bend in body.bends for curve in (bend.actuator, bend.passive)]
+    slopes = np.concatenate([body.stiffness, *(curve.slopes for curve in curves)])
+    rising = slopes[slopes > 0.0]
+    if body.dimension == 1 and rising.size and rising.max() > _MOST_SPAN * rising.min():
+        what = "body.links: slopes of" if body.bends else "body.links.stiffness:"
+        raise SceneError(
+            f"{what} {rising.min():g} to {rising.max():g} N/m; the largest may be at most {_MOST_SPAN:.0e} times the "
+            "smallest, or rounding would decide how the softest moves"
+        )
 
 
 def _check_contacts(isolated: np.ndarray, segments: Sequence[Interval]) -> None:

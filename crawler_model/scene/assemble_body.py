@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
-from ..body.build import End, Interval, build_body
+from ..body.build import End, Interval, build_body, check_span
 from ..body.columns import Columns, build_columns, build_planar_columns
 from ..body.directions import unit_directions
 from ..body.ground import Ground
@@ -40,11 +40,11 @@ def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
 def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
     """Compute the stiffness of the elements of a segment between nodes, shape (..., elements) [N/m].
 
-    It stands for another curve of tension if the segment has one, see `assemble_bends`.
+    It is 1 if the segment has another curve of tension, see `assemble_bends`.
     """
     elements = nodes.size - 1
     if part.stiffness is None:
-        return np.full(elements, part.steepest * elements / (part.stop - part.start))
+        return np.ones(elements)
     if isinstance(part.stiffness, TablePart):
         modulus = field_of(part.stiffness)
         compliance = average(lambda x: 1.0 / modulus(x), nodes, breaks_of(part.stiffness))
@@ -91,16 +91,16 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
     contacts = np.array(given.contacts, dtype=np.float64)
     if parts.dimension == 2:
         contacts = contacts.reshape(-1, 2)
-    return assemble_bends(given, build_body(contacts, _link_stiffness(links), between, segments))
+    body = assemble_bends(given, build_body(contacts, _link_stiffness(links), between, segments))
+    check_span(body)
+    return body
 
 
 def _link_stiffness(links: LinksPart | tuple[LinkPart, ...] | None) -> Any:
-    """Return the stiffness of each link, or of all; it may stand for a curve, see `assemble_bends` [N/m]."""
+    """Return the stiffness of each link, or of all; 1 where there is none, see `assemble_bends` [N/m]."""
     if isinstance(links, tuple):
-        return tuple(link.steepest if link.stiffness is None else link.stiffness for link in links)
-    if links is None:
-        return 1.0
-    return links.steepest if links.stiffness is None else links.stiffness
+        return tuple(1.0 if link.stiffness is None else link.stiffness for link in links)
+    return 1.0 if links is None or links.stiffness is None else links.stiffness
 
 
 def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) -> Body:
@@ -131,7 +131,9 @@ def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) 
         first += segment.elements
     refuse(~(stiffness > 0.0), 1, lambda i: f"body: spring {i} has {stiffness[i]:g} N/m; it must be > 0", doubts)
     if parts.body.is_bent:
-        return assemble_bends(parts.body, dataclasses.replace(like, stiffness=stiffness, bends=()))
+        bent = assemble_bends(parts.body, dataclasses.replace(like, stiffness=stiffness, bends=()))
+        check_span(bent)
+        return bent
     return like if np.array_equal(stiffness, like.stiffness) else dataclasses.replace(like, stiffness=frozen(stiffness))
 
 

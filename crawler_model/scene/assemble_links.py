@@ -8,7 +8,6 @@ import numpy as np
 
 from ..arrays import frozen, spread
 from ..body.body import Body
-from ..body.build import MOST_SPAN
 from ..body.curves import Bend, Curve, line, through
 from ..errors import SceneError
 from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, SegmentPart, TensionPart
@@ -62,13 +61,6 @@ def assemble_bends(parts: BodyPart, body: Body) -> Body:
     stiffness = np.array(body.stiffness)
     for bend in bends:
         stiffness[bend.spring] = bend.stiffness
-    slopes = np.concatenate([stiffness, *(curve.slopes for bend in bends for curve in (bend.actuator, bend.passive))])
-    rising = slopes[slopes > 0.0]
-    if rising.max() > MOST_SPAN * rising.min():
-        raise SceneError(
-            f"body.links: slopes of {rising.min():g} to {rising.max():g} N/m; the largest may be at most "
-            f"{MOST_SPAN:.0e} times the smallest, or rounding would decide how the softest moves"
-        )
     return dataclasses.replace(body, stiffness=frozen(stiffness), bends=tuple(bends))
 
 

@@ -128,20 +128,6 @@ class Bendable(Part):
         part: Any = self
         return part.curve is not None or part.tension is not None or part.passive is not None
 
-    @property
-    def steepest(self) -> float:
-        """Largest slope of its curves, which stands for a stiffness where none is given [N/m, of segments N]."""
-        part: Any = self
-        slopes = [0.0]
-        for spring in (part, part.passive):
-            if spring is not None and spring.curve is not None:
-                at, value = spring.curve.elongation, spring.curve.tension
-                slopes += [(value[i + 1] - value[i]) / (at[i + 1] - at[i]) for i in range(len(at) - 1)]
-        if part.passive is not None:
-            slopes.append(part.passive.stiffness or 0.0)
-            slopes.append(0.0 if part.passive.stops is None else part.passive.stops.stiffness)
-        return float(max(slopes)) or 1.0
-
     @model_validator(mode="after")
     def _has_one_tension(self) -> Bendable:
         part: Any = self
