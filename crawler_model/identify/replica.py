@@ -16,7 +16,7 @@ import numpy as np
 from ..body.curves import BEGIN, END
 from ..body.drive import NS, Drive
 from ..body.names import name_joints
-from ..derivative.parameters import Derivatives, differentiate_arrays
+from ..derivative.parameters import Derivatives, constant_arrays, differentiate_arrays
 from ..derivative.path import TangentPath, build_vertices
 from ..errors import CommandError, SceneError
 from ..scene.scene import Scene
@@ -209,7 +209,7 @@ class Replica:
             The force of the springs on each contact, its forward and its backward bound, each of shape (T, N) [N]. None
             if the values are not valid.
         """
-        plan = self._plan(values)
+        plan = self._plan(values, with_derivatives=False)
         if plan is None:
             return None
         body, drive = plan[0].body, plan[0].drive
@@ -275,13 +275,16 @@ class Replica:
         targets = scene.drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
         return find_distances(body, derivatives.pieces, body.elongation(x), targets[:, : body.springs])
 
-    def _plan(self, values: np.ndarray) -> tuple[Scene, Derivatives] | None:
-        """Build the arrays at some values, and their derivatives; None if they are not valid."""
+    def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
+        """Build the arrays at some values, and their derivatives, or zeros; None if they are not valid."""
         local, base = self._local, self._at
         if not self._affine and not np.array_equal(values, local.values):
             try:
                 base = self._scene_at(values)
-                local = differentiate_arrays(base, self._keys, _CALLER)
+                if with_derivatives:
+                    local = differentiate_arrays(base, self._keys, _CALLER)
+                else:
+                    local = constant_arrays(base, self._keys, values)
             except SceneError:
                 return None
         step = values - local.values
