@@ -190,6 +190,7 @@ def look_at_knots(system, curves, derivative, commands, piece, fastest):
     if curves is None:
         return
     contacts, pieces = system.contacts, curves.pieces
+    piece.knots = 0
     for s in range(system.springs.shape[0]):
         spring = system.springs[s]
         spring.arrived = 0
@@ -210,6 +211,7 @@ def look_at_knots(system, curves, derivative, commands, piece, fastest):
             depends = _find_way(system, curves, derivative, commands.d_target, s, knot)
             if closing > blur:
                 spring.arrived = max(spring.arrived, 2 if depends else 1)
+                piece.knots += depends
                 if piece.until < 1.0:
                     note_arrival(system.parameters, piece, closing * spring.scale, fastest)
                     fastest = max(fastest, closing * spring.scale)

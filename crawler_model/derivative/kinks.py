@@ -54,9 +54,7 @@ def pass_end(system, dx, piece):
     """
     contacts, parameters = system.contacts, system.parameters
     kind = piece.ended
-    stopped = arrived = False
-    for s in range(system.springs.shape[0]):
-        arrived |= system.springs[s].arrived > 1
+    stopped, arrived = False, piece.knots > 0
     for i in range(contacts.shape[0]):
         stopped |= contacts[i].v_before != 0.0 and contacts[i].sliding == 0
         arrived |= contacts[i].arrived > 1

@@ -63,7 +63,6 @@ def _find_sliding(contacts, commands, springs, middle):
 def _balance(system, derivative, commands):
     """Solve for the derivatives of the sliding contacts at a fixed place; returns False if none is stuck."""
     contacts, springs, load = system.contacts, system.springs, derivative.load
-    _find_own(system, derivative, commands)
     n, columns = load.shape
     for i in range(n):
         for c in range(columns):
@@ -136,8 +135,7 @@ def _find_own(system, derivative, commands):
 
 @lean
 def _find_tensions(system, derivative, commands):
-    """Compute the derivatives of the tensions."""
-    _find_own(system, derivative, commands)
+    """Compute the derivatives of the tensions, from those at fixed displacements."""
     springs, dx, d_target = system.springs, derivative.dx, commands.d_target
     for s in range(springs.shape[0]):
         spring = springs[s]
@@ -190,6 +188,7 @@ def _look_at_start(system, derivative, commands, piece):
         commands.change[f] = 0.0
     place_bends(system, system.curves, commands, piece)
     _place_commands(commands, 0.0)
+    _find_own(system, derivative, commands)
     _find_tensions(system, derivative, commands)
     piece.begin = -1.0  # it has been at rest for long
     look_at_knots(
@@ -266,12 +265,14 @@ def _follow_piece(system, derivative, commands, piece):
     mixed = pass_end(system, derivative.dx, piece)
     place_bends(system, system.curves, commands, piece)
     _place_commands(commands, piece.begin)
+    _find_own(system, derivative, commands)
     if mixed and sliding < n:
         _balance(system, derivative, commands)
     _find_tensions(system, derivative, commands)
     _add_work(springs, system.parameters, derivative, commands, length)
     _advance_springs(system, commands, piece)
     _place_commands(commands, piece.until)
+    _find_own(system, derivative, commands)
     if sliding > 0:
         for i in range(n):
             for c in range(system.parameters.shape[0]):
@@ -298,7 +299,7 @@ def _finish_piece(system, piece, samples):
         if system.contacts[i].arrived > 1:
             mark(system.kinks, piece.ramp, piece.until, i)
             late = True
-    for s in range(system.springs.shape[0]):
+    for s in range(system.springs.shape[0] if piece.knots > 0 else 0):
         if system.springs[s].arrived > 1:
             mark_spring(system, piece, s)
             late = True
