@@ -6,11 +6,11 @@ largest force of the body, one anchor would hide all that happens at the other c
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from ..body.body import Body
+from ..crawler.crawler import Crawler
+from ..motion.follow import State
 from ..rounding import EPS
 
 REPEATS = 1e-13
@@ -18,23 +18,7 @@ REPEATS = 1e-13
 _ROUNDING = 16.0 * EPS
 
 
-class Shaped(Protocol):
-    """A state of a body."""
-
-    @property
-    def shape(self) -> np.ndarray:
-        """z, shape (S,) [m]."""
-
-    @property
-    def tension(self) -> np.ndarray:
-        """T, shape (S,) [N]."""
-
-    @property
-    def actuation(self) -> np.ndarray:
-        """L, shape (S,) [m]."""
-
-
-def determining_tension(body: Body, state: Shaped) -> np.ndarray:
+def determining_tension(body: Body, state: Crawler | State) -> np.ndarray:
     """Compute the tensions from which the motion goes on; where a spring is bent, those of a linear one instead.
 
     The tension of a bent spring that is slack or at a limit does not tell its length.
