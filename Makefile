@@ -70,6 +70,7 @@ figures: $(READY)
 	$(BIN)/python docs/phase_diagram.py
 	$(BIN)/python docs/rerun.py
 	$(BIN)/python docs/tutorial.py
+	$(BIN)/python docs/validation.py
 
 soak: $(READY)
 	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model tests/replay/test_slips.py --timeout=7200
