@@ -17,10 +17,11 @@ from ..scene.scene import Scene
 _FEWEST = 8
 _THOUSAND = (300.0, 3000.0)
 """Ratios of lengths that look like a mistake by a factor of a thousand."""
+_MILLIMETRES = "look like millimetres: divide them by 1000, or use --units mm if all lengths of a table are millimetres"
 
 
 class MeasurementError(CrawlerError):
-    """Measurements that cannot be used: gaps, wrong units, columns of another body, too few rows."""
+    """Measurements that cannot be used: infinite numbers, wrong units, columns of another body, too few rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ class Measurements:
         time: increasing, shape (T,) [s]; the scene starts at the first command, or without commands at the first time.
         channels: names of the measured quantities, shape (M,): `contact_i` (position along the ground), `link_j` or
             the name of a segment (elongation relative to the reference shape).
-        values: shape (T, M) [m].
+        values: shape (T, M) [m]; NaN where a value is missing.
         command_names: names of the commanded columns, shape (C,), for example `link_0`; () if the scene's own drive
             was played.
         commands: shape (K, C), straight between rows [m, N].
@@ -116,7 +117,8 @@ def check_measurements(scene: Scene, measured: Measurements) -> Measurements:
         measured: the recording.
 
     Returns:
-        The recording with read-only float64 arrays; its time begins at the first command, or at its first row.
+        The recording with read-only float64 arrays, without the rows in which all channels are missing; its time begins
+        at the first command, or without commands at the first row that was given, even if all is missing there.
 
     Raises:
         MeasurementError: with one line about the first problem.
@@ -138,12 +140,12 @@ def check_measurements(scene: Scene, measured: Measurements) -> Measurements:
     if shape[0] < _FEWEST:
         raise MeasurementError(f"{name}: {shape[0]} rows are too few; at least {_FEWEST} are needed")
     _check_times(name, "time", arrays["time"])
-    _check_gaps(name, measured.channels, arrays["time"], arrays["values"])
+    _check_values(name, measured.channels, arrays["time"], arrays["values"])
     start = float(arrays["time"][0])
     if measured.command_names:
         _check_times(name, "time of the commands", command_time)
         commands = tuple(f"command/{column}" for column in measured.command_names)
-        _check_gaps(name, commands, command_time, arrays["commands"])
+        _check_commands(name, commands, command_time, arrays["commands"])
         start = float(command_time[0])
         if command_time[-1] <= arrays["time"][0]:
             raise MeasurementError(
@@ -151,11 +153,12 @@ def check_measurements(scene: Scene, measured: Measurements) -> Measurements:
                 f"{arrays['time'][0]:g} s; both must have the same clock"
             )
     _check_units(scene, measured, arrays)
+    seen = np.isfinite(arrays["values"]).any(axis=1)
     return Measurements(
         name,
-        frozen(arrays["time"] - start),
+        frozen(arrays["time"][seen] - start),
         tuple(measured.channels),
-        frozen(arrays["values"]),
+        frozen(arrays["values"][seen]),
         tuple(measured.command_names),
         frozen(arrays["commands"]),
         frozen(command_time - start),
@@ -209,39 +212,60 @@ def _check_times(name: str, what: str, time: np.ndarray) -> None:
         )
 
 
-def _check_gaps(name: str, columns: Sequence[str], time: np.ndarray, values: np.ndarray) -> None:
-    bad = ~np.isfinite(values)
+def _check_values(name: str, channels: Sequence[str], time: np.ndarray, values: np.ndarray) -> None:
+    """Check that no value is infinite, and that no channel is missing nearly everywhere."""
+    infinite = np.argwhere(np.isinf(values))
+    if infinite.size:
+        row, column = (int(i) for i in infinite[0])
+        raise MeasurementError(
+            f"{name}: {channels[column]} is {values[row, column]:g} in row {row} (time {time[row]:g} s); it must be "
+            "finite, or NaN where it is missing"
+        )
+    for channel, count in zip(channels, np.isfinite(values).sum(axis=0).tolist(), strict=True):
+        if count < _FEWEST:
+            raise MeasurementError(
+                f"{name}: {channel} has {count} value(s) and is missing in all other rows; at least {_FEWEST} are "
+                "needed, or leave out the column"
+            )
+
+
+def _check_commands(name: str, columns: Sequence[str], time: np.ndarray, commands: np.ndarray) -> None:
+    bad = ~np.isfinite(commands)
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
         raise MeasurementError(
-            f"{name}: a gap: {columns[column]} is missing in row {row} (time {time[row]:g} s), and in {int(bad.sum())} "
-            "place(s) in all; leave out these rows or interpolate them"
+            f"{name}: a gap: {columns[column]} is {commands[row, column]:g} in row {row} (time {time[row]:g} s), and "
+            f"{int(bad.sum())} command(s) in all are not finite; leave out these rows: commands are straight between "
+            "rows"
         )
 
 
 def _check_units(scene: Scene, measured: Measurements, arrays: dict[str, np.ndarray]) -> None:
-    """Compare the lengths of measurements and commands with those of the body."""
+    """Compare the lengths of measurements and commands with those of the body, where both are known."""
     name, values, commands = measured.name, arrays["values"], arrays["commands"]
     contacts = np.flatnonzero(measured.on_ground).tolist()
     own = observation(scene.body, measured.channels)[1]
     if len(contacts) > 1:
         first, last = contacts[int(np.argmin(own[contacts]))], contacts[int(np.argmax(own[contacts]))]
-        apart, expected = float(np.median(values[:, last] - values[:, first])), float(own[last] - own[first])
+        between = values[:, last] - values[:, first]
+        seen = between[np.isfinite(between)]  # empty if they were never seen together, which tells nothing
+        expected = float(own[last] - own[first])
+        apart = float(np.median(seen)) if seen.size else expected
         words = (
             f"{name}: {measured.channels[first]} and {measured.channels[last]} are {apart:g} apart, in the scene "
             f"{expected:g} m"
         )
         if _THOUSAND[0] < abs(apart) / expected < _THOUSAND[1]:
-            raise MeasurementError(f"{words}; the numbers look like millimetres: divide them by 1000")
+            raise MeasurementError(f"{words}; the numbers {_MILLIMETRES}")
         if _THOUSAND[0] < expected / max(abs(apart), 1e-300) < _THOUSAND[1]:
             raise MeasurementError(f"{words}; the lengths of the scene look like millimetres: divide them by 1000")
     length = float(np.ptp(scene.body.position)) or 1.0
     lengths = [c for c, column in enumerate(measured.command_names) if column.startswith("link_")]
     elongations = [m for m, channel in enumerate(measured.channels) if channel.startswith("link_")]
     for what, found in (("command/", commands[:, lengths]), ("", values[:, elongations])):
-        most = float(np.abs(found).max(initial=0.0))
+        most = float(np.nanmax(np.abs(found), initial=0.0))
         if most > _THOUSAND[0] * 0.1 * length:
             raise MeasurementError(
-                f"{name}: {what}link columns reach {most:g}, but the body is {length:g} m long; the numbers look like "
-                "millimetres: divide them by 1000"
+                f"{name}: {what}link columns reach {most:g}, but the body is {length:g} m long; the numbers "
+                f"{_MILLIMETRES}"
             )

@@ -98,8 +98,8 @@ def without_time(header, rows):
     return header[1:], rows[:, 1:]
 
 
-def gap(header, rows):
-    rows[17, 2] = np.nan
+def nearly_nothing(header, rows):
+    rows[7:, 2] = np.nan
     return header, rows
 
 
@@ -134,9 +134,9 @@ def no_commands(header, rows):
     ("spoil", "message"),
     [
         (without_time, "no column `time`"),
-        (gap, "a gap: contact_1 is missing in row 17 (time 0.34 s)"),
-        (millimetres, "look like millimetres: divide them by 1000"),
-        (command_in_millimetres, "look like millimetres: divide them by 1000"),
+        (nearly_nothing, "contact_1 has 7 value(s) and is missing in all other rows; at least 8 are needed"),
+        (millimetres, "look like millimetres: divide them by 1000, or use --units mm"),
+        (command_in_millimetres, "look like millimetres: divide them by 1000, or use --units mm"),
         (other_body, "contact_7 does not belong to measured"),
         (too_few, "5 rows are too few; at least 8 are needed"),
         (backwards, "does not come after"),

@@ -1,0 +1,68 @@
+"""Measurements with gaps, and those that are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from crawler_model import Scene
+from crawler_model.identify.measurements import MeasurementError, check_measurements
+
+from .synthetic import chain, measure, walk
+
+SCENE = Scene.model_validate(chain(3))
+
+
+def measured():
+    times, rows = walk(2, 1.0, 1)
+    return measure(chain(3), times, rows, ("contact_0", "contact_2", "link_1"))
+
+
+def changed(field, place, value):
+    found = measured()
+    array = np.array(getattr(found, field))
+    array[place] = value
+    return dataclasses.replace(found, **{field: array})
+
+
+def test_gaps_are_kept_and_rows_without_any_value_are_dropped():
+    values = measured().values.copy()
+    values[[3, 4, 5], [0, 1, 2]] = np.nan
+    values[[0, 10, 50]] = np.nan
+    found = check_measurements(SCENE, dataclasses.replace(measured(), values=values))
+    kept = np.delete(np.arange(51), [0, 10, 50])
+    np.testing.assert_array_equal(found.values, values[kept])
+    np.testing.assert_array_equal(found.time, measured().time[kept])
+    np.testing.assert_array_equal(found.command_time, measured().command_time)
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf])
+def test_infinite_values_are_refused(value):
+    with pytest.raises(MeasurementError, match=r"contact_2 is -?inf in row 5 \(time 0.1 s\); it must be finite"):
+        check_measurements(SCENE, changed("values", (5, 1), value))
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_commands_without_a_finite_number_are_refused(value):
+    with pytest.raises(MeasurementError, match=r"a gap: command/link_1 is (inf|nan) in row 2 \(time 0.4 s\)"):
+        check_measurements(SCENE, changed("commands", (2, 1), value))
+
+
+def test_a_channel_needs_eight_values():
+    check_measurements(SCENE, changed("values", (slice(8, None), 2), np.nan))
+    with pytest.raises(MeasurementError, match=r"link_1 has 7 value\(s\) .*; at least 8 are needed"):
+        check_measurements(SCENE, changed("values", (slice(7, None), 2), np.nan))
+
+
+def test_units_are_checked_where_both_ends_are_seen():
+    wrong = changed("values", slice(None), measured().values * 1000.0)
+    values = wrong.values.copy()
+    values[:25, 0], values[20:, 2] = np.nan, np.nan
+    for bad in (values, np.where([True, True, False], values, 0.0), np.where([False, False, True], values, 0.1)):
+        with pytest.raises(MeasurementError, match=r"look like millimetres: divide them by 1000, or use --units mm"):
+            check_measurements(SCENE, dataclasses.replace(wrong, values=bad))
+    values[25:, 1] = np.nan
+    values[:, 2] = 0.0
+    check_measurements(SCENE, dataclasses.replace(wrong, values=values))
