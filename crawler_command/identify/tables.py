@@ -1,91 +1,136 @@
-"""Measurements from CSV and Parquet tables."""
+"""Measurements from tables: which columns are measured and commanded, when, and in which units."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from crawler_model import Measurements
-from crawler_model.errors import LARGEST
 from crawler_model.identify.measurements import MeasurementError, channel_names
 from crawler_model.scene.scene import Scene
+
+from .cells import Table, open_table, read_numbers
+from .table_options import SI, Units
 
 _COMMAND = "command/"
 
 
-def read_table(path: Path, scene: Scene) -> Measurements:
+def read_table(
+    path: Path,
+    scene: Scene,
+    columns: Mapping[str, str] | None = None,
+    units: Units = SI,
+    commands: Path | None = None,
+) -> Measurements:
     """Read a CSV or Parquet table of measurements.
 
     Args:
-        path: the table: `time` (s), positions `contact_i` or elongations `link_j` (m), commands `command/link_j` (m).
-            Other columns are not used.
+        path: the table: `time`, positions `contact_i` or elongations `link_j`, commands `command/link_j`. Other columns
+            are not used.
         scene: the scene that was measured.
+        columns: names in the tables by these names, where they differ.
+        units: of times and lengths in both tables; strains are pure numbers, forces are in N.
+        commands: a table with `time` and the commands, on the same clock, which replaces those of the first table.
 
     Returns:
-        The measurements.
+        The measurements. A value is NaN where it is missing. Rows in which no command is given are no commands: these
+        are straight between the others.
 
     Raises:
         MeasurementError: with one line about the first problem.
     """
-    import pyarrow as pa
-    from pyarrow import csv, parquet
-
-    if not path.is_file():
-        raise MeasurementError(f"{path}: no such file")
-    try:
-        table: Any = csv.read_csv(path) if path.suffix == ".csv" else parquet.read_table(path)
-        names = [str(name).strip() for name in table.column_names]
-    except (pa.ArrowException, UnicodeDecodeError) as error:
-        kind = "CSV" if path.suffix == ".csv" else "Parquet"
-        raise MeasurementError(f"{path}: not a {kind} table with a header ({error})") from None
-    if "time" not in names:
-        raise MeasurementError(
-            f"{path}: no column `time`; the header is {','.join(names[:6])}, it must be like time,contact_0,..., "
-            "command/link_0,..."
-        )
+    tables = [open_table(one) for one in (path, commands) if one is not None]
+    _check_columns(scene, tables, columns or {})
+    tables = [_rename(table, columns or {}) for table in tables]
+    first = tables[0]
+    _check_time(first)
     known = channel_names(scene)
     looks = ("contact_", "link_")
-    channels = [n for n in names if n in known or (n.startswith(looks) and "/" not in n)]
-    commands = [n for n in names if n.startswith(_COMMAND)]
-
-    def read(wanted: list[str]) -> np.ndarray:
-        columns = [_numbers(path, table.column(names.index(name)), name) for name in wanted]
-        return np.column_stack(columns) if columns else np.zeros((table.num_rows, 0))
-
+    channels = [n for n in first.names if n in known or (n.startswith(looks) and "/" not in n)]
+    names = _commands_of(first) if commands is None else []
+    numbers = read_numbers(first, ["time", *channels, *names])
+    numbers = numbers[np.isfinite(numbers).any(axis=1)]  # spreadsheets write rows without contents
+    time, values, rows = np.split(numbers, [1, 1 + len(channels)], axis=1)
+    command_time = time
+    if commands is not None:
+        names, command_time, rows = _read_commands(tables[1])
+    command_time, rows = _given(tables[-1].path.name, names, command_time[:, 0], rows)
+    layout = scene.columns
+    lengths = [_COMMAND + name for name in layout.names[: int(layout.actuation_sizes[: layout.links].sum())]]
     return Measurements(
         path.name,
-        read(["time"])[:, 0],
+        time[:, 0] / units.per_second,
         tuple(channels),
-        read(channels),
-        tuple(name.removeprefix(_COMMAND) for name in commands),
-        read(commands),
+        values / units.per_metre,
+        tuple(name.removeprefix(_COMMAND) for name in names),
+        rows / np.array([units.per_metre if name in lengths else 1.0 for name in names]),
+        command_time / units.per_second,
     )
 
 
-def _numbers(path: Path, column: Any, name: str) -> np.ndarray:
-    """Convert a column to float64; an empty cell becomes NaN."""
-    import pyarrow as pa
-
-    try:
-        values = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
-        beyond = np.flatnonzero(np.abs(values) > LARGEST)
-        if beyond.size:
-            row = int(beyond[0])
+def _check_columns(scene: Scene, tables: list[Table], columns: Mapping[str, str]) -> None:
+    """Check that each mapped column is one of the scene, and one of the table that should contain it."""
+    known = ("time", *channel_names(scene), *(_COMMAND + name for name in scene.columns.names))
+    for ours, theirs in columns.items():
+        option = f"--columns {ours}={theirs}"
+        if ours not in known:
+            raise MeasurementError(f"{option}: {ours} does not belong to {scene.name}, which has {', '.join(known)}")
+        places = tables if ours == "time" else tables[-1:] if ours.startswith(_COMMAND) else tables[:1]
+        if not any(theirs in table.names for table in places):
             raise MeasurementError(
-                f"{path.name}: column {name}, row {row}: {values[row]:g}; it must be at most {LARGEST:g} in size"
+                f"{option}: {places[0].path.name} has no column {theirs}; its header is {places[0].header}"
             )
-        return values
-    except pa.ArrowException:
-        rows = column.to_pylist()
 
-        def is_number(value: object) -> bool:
-            try:
-                float(str(value))
-            except ValueError:
-                return value is None
-            return True
 
-        row = next((i for i, value in enumerate(rows) if not is_number(value)), 0)
-        raise MeasurementError(f"{path.name}: column {name}, row {row}: {rows[row]!r} is not a number") from None
+def _rename(table: Table, columns: Mapping[str, str]) -> Table:
+    """Give the columns our names; a column of our name is not used where another takes its place."""
+    here = {theirs: ours for ours, theirs in columns.items() if theirs in table.names}
+    taken = set(here.values())
+    names = (here.get(name, "" if name in taken else name) for name in table.names)
+    return dataclasses.replace(table, names=tuple(names))
+
+
+def _check_time(table: Table) -> None:
+    if "time" not in table.names:
+        raise MeasurementError(
+            f"{table.path}: no column `time`; the header is {table.header}, it must be like time,contact_0,..., "
+            "command/link_0,..., or name the column with --columns time=..."
+        )
+
+
+def _commands_of(table: Table) -> list[str]:
+    return [name for name in table.names if name.startswith(_COMMAND)]
+
+
+def _read_commands(table: Table) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Read a table of commands: names of the columns, times, shape (K, 1), and commands, shape (K, C)."""
+    _check_time(table)
+    names = _commands_of(table)
+    if not names:
+        raise MeasurementError(
+            f"{table.path}: no column `command/...`; the header is {table.header}, it must be like "
+            "time,command/link_0,..., or name the columns with --columns command/link_0=..."
+        )
+    numbers = read_numbers(table, ["time", *names])
+    return names, numbers[:, :1], numbers[:, 1:]
+
+
+def _given(table: str, names: list[str], time: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Select the rows in which commands are given, with their times; all commands of a row, or none."""
+    if not names:
+        return np.zeros(0), np.zeros((0, 0))
+    missing = np.isnan(rows)
+    given = ~missing.all(axis=1)
+    if not given.any():
+        raise MeasurementError(f"{table}: no row has a command; fill in {names[0]}, or leave out such columns")
+    partly = np.flatnonzero(given & missing.any(axis=1))
+    if partly.size:
+        row = int(partly[0])
+        raise MeasurementError(
+            f"{table}: {names[int(np.argmax(missing[row]))]} is missing in row {row} (time {time[row]:g}), other "
+            "commands are not; give all commands of a row, or none"
+        )
+    return time[given], rows[given]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -11,9 +12,10 @@ import pytest
 import yaml
 
 from crawler_command.app import main
+from crawler_command.identify.table_options import parse_columns, parse_units
 from crawler_command.identify.tables import read_table
 from crawler_model import Measurements, Scene, load_scene, simulate
-from crawler_model.identify.measurements import MeasurementError, check_measurements
+from crawler_model.identify.measurements import MeasurementError, channel_names, check_measurements
 
 from .. import recordings
 from ..model.identify.synthetic import chain, measure, scaled, walk
@@ -98,9 +100,28 @@ def without_time(header, rows):
     return header[1:], rows[:, 1:]
 
 
+def infinite(header, rows):
+    rows[17, 2] = np.inf
+    return header, rows
+
+
 def nearly_nothing(header, rows):
     rows[7:, 2] = np.nan
     return header, rows
+
+
+def half_a_command(header, rows):
+    rows[17, 5] = np.nan
+    return header, rows
+
+
+def no_command_at_all(header, rows):
+    rows[:, 4:] = np.nan
+    return header, rows
+
+
+def twice(header, rows):
+    return [*header[:2], header[1], *header[3:]], rows
 
 
 def millimetres(header, rows):
@@ -134,7 +155,11 @@ def no_commands(header, rows):
     ("spoil", "message"),
     [
         (without_time, "no column `time`"),
+        (infinite, "run.csv: column contact_1, row 17: inf; it must be at most 1e+100 in size"),
         (nearly_nothing, "contact_1 has 7 value(s) and is missing in all other rows; at least 8 are needed"),
+        (half_a_command, "command/link_1 is missing in row 17 (time 0.34), other commands are not"),
+        (no_command_at_all, "no row has a command; fill in command/link_0"),
+        (twice, "column contact_0 is given twice"),
         (millimetres, "look like millimetres: divide them by 1000, or use --units mm"),
         (command_in_millimetres, "look like millimetres: divide them by 1000, or use --units mm"),
         (other_body, "contact_7 does not belong to measured"),
@@ -288,6 +313,268 @@ def test_a_recording_without_the_named_topic_is_refused(tmp_path, capsys):
     assert "no topic /robot/js for joint_states; recorded are /applied_commands" in error
 
 
+# -- tables as laboratories write them --------------------------------------------------------------------------------
+
+
+def read(path: Path, guess: Path | Scene, *options: object, **named: object) -> Measurements:
+    scene = guess if isinstance(guess, Scene) else load_scene(str(guess))
+    return check_measurements(scene, read_table(path, scene, *options, **named))  # type: ignore[arg-type]
+
+
+def assert_same(found: Measurements, expected: Measurements, rtol: float = 0.0) -> None:
+    assert (found.channels, found.command_names) == (expected.channels, expected.command_names)
+    for field in ("time", "values", "command_time", "commands"):
+        np.testing.assert_allclose(getattr(found, field), getattr(expected, field), rtol, 0.0, err_msg=field)
+
+
+def text(header: list[str], rows: np.ndarray, delimiter: str = ",", decimal: str = ".", end: str = "\n") -> str:
+    lines = [delimiter.join("" if np.isnan(v) else repr(float(v)).replace(".", decimal) for v in row) for row in rows]
+    return end.join((delimiter.join(header), *lines)) + end
+
+
+def commented(header: list[str], rows: np.ndarray) -> bytes:
+    first, *lines = text(header, rows).splitlines()
+    lines[20:20] = ["# the camera was moved, see page 7, 8", '"# in quotes, because of a comma"', "  #"]
+    return "\n".join(("# run 7; a\tb", "", first, "# s,m,m,m,m,m", *lines, "# end")).encode()
+
+
+def of_a_spreadsheet(header: list[str], rows: np.ndarray) -> bytes:
+    """With a byte-order mark, quoted names, a text column with points and commas, and rows without contents."""
+    written = text(header, rows, ";", ",", "\r\n").splitlines()
+    names = ";".join(f'"{name}"' for name in header)
+    lines = [f"{names};remarks", *(f"{line};v. 1.2, good" for line in written[1:]), *[";" * len(header)] * 3]
+    return b"\xef\xbb\xbf" + "\r\n".join(lines).encode()
+
+
+def padded(header: list[str], rows: np.ndarray) -> bytes:
+    return text(header, rows).replace(",", " ,  ").encode()
+
+
+FORMS = {
+    "plain": lambda header, rows: text(header, rows).encode(),
+    "semicolon": lambda header, rows: text(header, rows, ";").encode(),
+    "tab": lambda header, rows: text(header, rows, "\t").encode(),
+    "semicolon and decimal comma": lambda header, rows: text(header, rows, ";", ",").encode(),
+    "tab and decimal comma": lambda header, rows: text(header, rows, "\t", ",", "\r\n").encode(),
+    "commented": commented,
+    "spreadsheet": of_a_spreadsheet,
+    "padded": padded,
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_of_a_table_is_read_as_the_same_measurements_to_the_bit(robot, tmp_path, form):
+    guess, header, rows = robot
+    expected = Measurements("run", rows[:, 0], tuple(header[1:4]), rows[:, 1:4], ("link_0", "link_1"), rows[:, 4:])
+    file = tmp_path / "run.csv"
+    file.write_bytes(FORMS[form](header, rows))
+    assert_same(read(file, guess), check_measurements(load_scene(str(guess)), expected))
+
+
+@pytest.mark.parametrize("marker", ["", "nan", "NaN", "NAN", "NA", "n/a", "-", "none", "None", "null", "  - "])
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_markers_of_missing_values_are_gaps(robot, tmp_path, marker, delimiter):
+    guess, header, rows = robot
+    cells = [line.split(delimiter) for line in text(header, rows, delimiter).splitlines()]
+    for row, column in ((0, 1), (17, 2), (18, 2), (299, 3)):
+        cells[1 + row][column] = marker
+        rows[row, column] = np.nan
+    (tmp_path / "run.csv").write_text("\n".join(delimiter.join(line) for line in cells), encoding="utf-8")
+    found = read(tmp_path / "run.csv", guess)
+    np.testing.assert_array_equal(found.values, rows[:, 1:4])
+    assert int(np.isnan(found.values).sum()) == 4
+    assert not found.values.flags.writeable
+
+
+def test_rows_in_which_nothing_was_seen_are_dropped_and_the_clock_remains(robot, tmp_path):
+    guess, header, rows = robot
+    blind = [0, 1, 2, 50, 51]
+    rows[blind, 1:4] = np.nan
+    kept = np.delete(np.arange(len(rows)), blind)
+    found = read(write_csv(tmp_path / "run.csv", header, rows), guess)
+    np.testing.assert_array_equal(found.time, rows[kept, 0])
+    np.testing.assert_array_equal(found.values, rows[kept, 1:4])
+    np.testing.assert_array_equal(found.command_time, rows[:, 0])
+    scene = load_scene("two_contacts_anisotropic")  # its own drive begins at the first row, seen or not
+    found = read(write_csv(tmp_path / "own.csv", header[:3], rows[:, :3] + [[3.0, 0.0, 0.0]]), scene)
+    np.testing.assert_allclose(found.time, rows[kept, 0], rtol=0.0, atol=1e-14)
+
+
+def test_gaps_do_not_hide_millimetres(robot, tmp_path):
+    guess, header, rows = robot
+    rows[:, 1:4] *= 1000.0
+    rows[: len(rows) // 2, 1] = np.nan
+    file = write_csv(tmp_path / "run.csv", header, rows)
+    with pytest.raises(MeasurementError, match=r"look like millimetres: .* use --units mm"):
+        read(file, guess)
+    rows[len(rows) // 2 :, 3] = np.nan  # the ends are never seen together
+    read(write_csv(tmp_path / "run.csv", header, rows), guess)
+    rows[:, 1:4] = np.nan
+    rows[::2, 1] = 100.0
+    elongation = [header[0], "link_0", *header[2:]]
+    with pytest.raises(MeasurementError, match=r"reach 100, .* use --units mm"):
+        read(
+            write_csv(tmp_path / "run.csv", [n for n in elongation if "contact" not in n], rows[:, [0, 1, 4, 5]]), guess
+        )
+
+
+def test_columns_of_other_names_are_mapped(robot, tmp_path):
+    guess, header, rows = robot
+    expected = read(write_csv(tmp_path / "run.csv", header, rows), guess)
+    names = ["t", "HeadX", "contact_0", "Tail, x", "Motor1", "Motor2"]
+    given = ["contact_0=HeadX, contact_1=contact_0", '"contact_2=Tail, x",time=t', "command/link_0=Motor1"]
+    columns = parse_columns([*given, "command/link_1=Motor2"])
+    (tmp_path / "lab.csv").write_text(text(names, rows, ";"), encoding="utf-8")
+    assert_same(read(tmp_path / "lab.csv", guess, columns), expected)
+    names = ["time", "contact_0", "old", "contact_2", "command/link_0", "command/link_1", "new"]
+    moved = np.column_stack((rows, rows[:, 2]))
+    moved[:, 2] = 7.0
+    found = read(
+        write_csv(tmp_path / "lab.csv", [n.replace("old", "contact_1") for n in names], moved),
+        guess,
+        {"contact_1": "new"},
+    )
+    assert found.channels == ("contact_0", "contact_2", "contact_1")
+    np.testing.assert_array_equal(found.values, rows[:, [1, 3, 2]])
+
+
+@pytest.mark.parametrize(
+    ("units", "length", "time"),
+    [
+        ("m,s", 1.0, 1.0),
+        ("mm", 1e3, 1.0),
+        ("ms", 1.0, 1e3),
+        ("mm,ms", 1e3, 1e3),
+        ("us, cm", 1e2, 1e6),
+        ("um", 1e6, 1.0),
+    ],
+)
+def test_units_are_those_of_lengths_and_times_and_of_nothing_else(tmp_path, units, length, time):
+    """A segment is commanded by its strain, contacts by their friction: neither is a length."""
+    scene = load_scene("hybrid_body")
+    names = scene.columns.names
+    links = [name for name in names[: scene.columns.lengths] if name.startswith("link_")]
+    channels = channel_names(scene)
+    rng = np.random.default_rng(3)
+    clock, values, commands = (
+        np.arange(20) / 8.0,
+        rng.normal(size=(20, len(channels))),
+        rng.normal(size=(20, len(names))),
+    )
+    expected = Measurements("lab", clock, channels, values, names, commands)
+    scale = np.array([length if name in links else 1.0 for name in names])
+    header = ["time", *channels, *(f"command/{name}" for name in names)]
+    file = write_csv(tmp_path / "lab.csv", header, np.column_stack((clock * time, values * length, commands * scale)))
+    assert_same(read_table(file, scene, units=parse_units(units)), expected_with_clock(expected), rtol=5e-16)
+
+
+def expected_with_clock(measured: Measurements) -> Measurements:
+    return dataclasses.replace(measured, command_time=measured.time)
+
+
+def test_commands_at_another_rate_stand_in_the_same_table_or_in_another_one(robot, tmp_path):
+    """The frames of the camera lie between the commands, so that no row has both; the last commands come later."""
+    guess, header, rows = robot
+    times = np.arange(40) * 0.1953125 + 3.0
+    sent = np.random.default_rng(5).uniform(-0.1, 0.1, (40, 2))
+    expected = Measurements(
+        "run", rows[:, 0] + 3.0078125, tuple(header[1:4]), rows[:, 1:4], ("link_0", "link_1"), sent, times
+    )
+    expected = check_measurements(load_scene(str(guess)), expected)
+    assert not set(expected.time.tolist()) & set(expected.command_time.tolist())
+    frames = rows[:, :4] + [[3.0078125, 0.0, 0.0, 0.0]]
+    both = np.full((len(frames) + len(sent), 6), np.nan)
+    both[: len(frames), :4] = frames
+    both[len(frames) :, [0, 4, 5]] = np.column_stack((times, sent))
+    merged = write_csv(tmp_path / "merged.csv", header, both[np.argsort(both[:, 0])])
+    assert_same(read(merged, guess), expected)
+    camera = write_csv(tmp_path / "camera.csv", header[:4], frames)
+    motors = tmp_path / "motors.txt"
+    motors.write_text(text(["t", "Motor2", "command/link_0"], np.column_stack((times, sent[:, ::-1])), "\t", ","))
+    named = {"time": "t", "command/link_1": "Motor2"}
+    found = read(camera, guess, named, commands=motors)
+    assert found.command_names == ("link_1", "link_0")
+    assert_same(
+        dataclasses.replace(found, command_names=("link_0", "link_1"), commands=found.commands[:, ::-1]), expected
+    )
+    older = write_csv(tmp_path / "older.csv", header, np.column_stack((frames, frames[:, 2:4])))
+    assert_same(read(older, guess, named, commands=motors), found)
+
+
+def test_numbers_and_gaps_that_begin_late_in_a_long_table_are_read(robot, tmp_path):
+    """More than the first block of pyarrow, one MB, contains nothing but whole numbers and gaps."""
+    guess, header, _ = robot
+    count = 60_000
+    rows = np.zeros((count, 6))
+    rows[:, 0] = np.arange(count) / 64.0
+    rows[:, 3] = 0.2
+    rows[:-20, 2] = np.nan
+    rows[-10:, 4] = 0.0123
+    lines = [f"{t!r},0,{'' if np.isnan(x) else x},{y!r},{c:g},0" for t, _, x, y, c, _ in rows.tolist()]
+    (tmp_path / "run.csv").write_text("\n".join((",".join(header), *lines)), encoding="utf-8")
+    assert (tmp_path / "run.csv").stat().st_size > 2**20
+    found = read(tmp_path / "run.csv", guess)
+    np.testing.assert_array_equal(found.commands, rows[:, 4:])
+    np.testing.assert_array_equal(found.values, rows[:, 1:4])
+
+
+def test_a_parquet_table_has_gaps_whole_numbers_and_text(robot, tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    guess, header, rows = robot
+    rows[3, 1], rows[4, 2] = np.nan, np.nan
+    rows[:, 0] = np.arange(len(rows))
+    expected = read(write_csv(tmp_path / "run.csv", header, rows), guess)
+    columns = dict(zip(header, map(pa.array, rows.T), strict=True))
+    columns["time"] = pa.array(np.arange(len(rows)))
+    columns["contact_0"] = pa.array(rows[:, 1], from_pandas=True)
+    columns["contact_1"] = pa.array(["NA" if np.isnan(v) else f" {v!r}" for v in rows[:, 2].tolist()])
+    parquet.write_table(pa.table(columns), tmp_path / "run.PARQUET")
+    assert_same(read(tmp_path / "run.PARQUET", guess), expected)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            b"0,02;",
+            b"0.02;",
+            "column time, row 1: '0.02' is not a number with a decimal comma, as most in this table",
+        ),
+        (b"0.02;", b"0,02;", "column time, row 1: '0,02' is not a number"),
+        (b"0,02;", b"1.000,02;", "column time, row 1: '1.000,02' is not a number with a decimal comma"),
+        (b"0,02;", b"0:02;", "column time, row 1: '0:02' is not a number"),
+        (b"0,02;", b"2024-01-01 00:00:00;", "column time, row 1: '2024-01-01 00:00:00' is not a number"),
+        (b"0,02;", b"0,02;7;", "not a CSV table with a header (CSV parse error: Row #2: Expected 6 columns, got 7"),
+        (
+            b"0,02;",
+            b'0,02;7;"\n";',
+            "not a CSV table with a header (CSV parse error: Row #2: Expected 6 columns, got 8",
+        ),
+        (b"\n0,02;", b"\n;", "time is missing in row 1; every row needs it"),
+        (b"time;", b"Zeit;", "no column `time`; the header is Zeit,contact_0,contact_1,"),
+        (b"time;", b"time,", "Expected 5 columns, got 6"),
+    ],
+)
+def test_a_cell_that_is_no_number_is_named(robot, tmp_path, old, new, message):
+    guess, header, rows = robot
+    data = FORMS["semicolon" if b"." in old else "semicolon and decimal comma"](header, rows)
+    assert data.count(old) >= 1
+    (tmp_path / "run.csv").write_bytes(data.replace(old, new, 1))
+    with pytest.raises(MeasurementError) as refused:
+        read(tmp_path / "run.csv", guess)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("data", [b"", b"\n\n", b"# time,contact_0\n", b"time,contact_0,contact_1\n", b"\xef\xbb\xbf"])
+def test_an_empty_table_is_refused(robot, tmp_path, data):
+    (tmp_path / "run.csv").write_bytes(data)
+    with pytest.raises(MeasurementError, match=r"no column `time`|0 rows are too few"):
+        read(tmp_path / "run.csv", load_scene("two_contacts_anisotropic"))
+
+
 # -- damaged tables ---------------------------------------------------------------------------------------------------
 
 
@@ -313,7 +600,7 @@ SOAK = bool(os.environ.get("CRAWLER_SOAK"))
 def test_mutants_of_a_table_end_in_one_line_or_are_measurements(robot, tmp_path, capsys, seed):
     guess, header, rows = robot
     rng = np.random.default_rng(seed)
-    data = bytearray(write_csv(tmp_path / "run.csv", header, rows[:40]).read_bytes())
+    data = bytearray(list(FORMS.values())[seed % len(FORMS)](header, rows[:40]))
     kind = seed % 4
     place = int(rng.integers(len(data)))
     if kind == 0:
