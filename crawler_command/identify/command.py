@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,13 +16,30 @@ from ..screen import check_output, parse_bounds, progress_bar, screen, whole_fil
 if TYPE_CHECKING:
     from crawler_model import Identification, Measurements, Scene
 
-_TABLES = (".csv", ".parquet")
+_TABLES = (".csv", ".tsv", ".txt", ".parquet")
 _TOPICS = ("joint_states", "contact_states", "applied_commands")
+
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=RECORDED", help="Recorded name of a topic, for example joint_states=/robot/js."),
+]
+ColumnsOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="OURS=THEIRS[,...]", help="Names of columns of tables, for example contact_0=HeadX,time=t."),
+]
+UnitsOption = Annotated[
+    str | None,
+    typer.Option(metavar="LENGTH,TIME", help="Units of tables: m, cm, mm or um; s, ms or us. By default m,s."),
+]
+CommandsOption = Annotated[
+    Path | None, typer.Option(help="A table of the commands at their own times, instead of those in other tables.")
+]
 
 
 def identify_command(
     recordings: Annotated[
-        list[Path], typer.Argument(help="Bag folders, .mcap files, .csv or .parquet tables of measurements.")
+        list[Path],
+        typer.Argument(help="Bag folders, .mcap files, tables of measurements (.csv, .tsv, .txt or .parquet)."),
     ],
     scene: Annotated[str, typer.Option(help="The scene that was measured, a file or a gallery name: the first guess.")],
     fit: Annotated[
@@ -35,10 +52,10 @@ def identify_command(
     hold_out: Annotated[
         float, typer.Option(help="Fraction of the measurements that is predicted instead of fitted.", min=0.0, max=0.8)
     ] = 0.2,
-    topic: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=RECORDED", help="Recorded name of a topic, for example joint_states=/robot/js."),
-    ] = None,
+    topic: TopicOption = None,
+    columns: ColumnsOption = None,
+    units: UnitsOption = None,
+    commands: CommandsOption = None,
     offset: Annotated[
         str, typer.Option(help="Unknown offsets of positions: none, frame (one per recording) or each (per channel).")
     ] = "frame",
@@ -73,8 +90,9 @@ def identify_command(
     loaded = load_scene(scene)
     keys = split_keys(fit)
     limits = parse_bounds("--bounds", bounds or ())
+    described = _describe_tables(recordings, columns, units, commands)
     topics = parse_topics(topic or ())
-    measured = [one for path in recordings for one in _read(path, loaded, topics)]
+    measured = [one for path in recordings for one in _read(path, loaded, topics, described)]
     with progress_bar("identifying") as progress:
         found = identify(
             loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress, seconds
@@ -131,11 +149,34 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _read(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measurements]:
-    if path.suffix in _TABLES:
+def _describe_tables(
+    recordings: Sequence[Path], columns: Sequence[str] | None, units: str | None, commands: Path | None
+) -> dict[str, Any]:
+    """Parse the options that apply only to tables into arguments of `read_table`."""
+    from .table_options import SI, parse_columns, parse_units
+
+    for option, given in (("--columns", columns), ("--units", units), ("--commands", commands)):
+        other = next((path for path in recordings if not _is_table(path)), None)
+        if given and other is not None:
+            raise CrawlerError(f"{option}: {other} is a recording; the option applies only to tables")
+    if commands is not None and not _is_table(commands):
+        raise CrawlerError(f"--commands: {commands} is not a table; its name must end in one of {', '.join(_TABLES)}")
+    return {
+        "columns": parse_columns(columns or ()),
+        "units": SI if units is None else parse_units(units),
+        "commands": commands,
+    }
+
+
+def _is_table(path: Path) -> bool:
+    return path.suffix.lower() in _TABLES
+
+
+def _read(path: Path, scene: Scene, topics: Mapping[str, str], described: Mapping[str, Any]) -> list[Measurements]:
+    if _is_table(path):
         from .tables import read_table
 
-        return [read_table(path, scene)]
+        return [read_table(path, scene, **described)]
     from crawler_ros.recording.measurements import read_bag
 
     return read_bag(path, scene, topics)

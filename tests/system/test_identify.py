@@ -534,6 +534,70 @@ def test_a_parquet_table_has_gaps_whole_numbers_and_text(robot, tmp_path):
     assert_same(read(tmp_path / "run.PARQUET", guess), expected)
 
 
+def test_a_table_of_a_laboratory_is_identified_as_the_plain_one_is(robot, tmp_path, capsys):
+    guess, header, rows = robot
+    plain = write_csv(tmp_path / "run.csv", header, rows)
+    scaled_rows = rows * [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]
+    (tmp_path / "lab.TSV").write_text(text(["t", "head", "mid", "tail"], scaled_rows[:, :4], "\t", ","))
+    motors = write_csv(tmp_path / "motors.csv", ["t", "m1", "m2"], scaled_rows[:, [0, 4, 5]])
+    columns = ("--columns", "time=t,contact_0=head,contact_1=mid", "--columns", "contact_2=tail")
+    columns += ("--columns", "command/link_0=m1,command/link_1=m2", "--units", "mm,ms", "--commands", str(motors))
+    found = []
+    for arguments in ((plain,), (tmp_path / "lab.TSV", *columns)):
+        status, out, error = run(
+            capsys, "identify", *arguments, "--scene", guess, "--fit", "friction.forward", "--json"
+        )
+        assert status == 0, error
+        found.append([p["value"] for p in json.loads(out)["parameters"]])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--units", "inch"), "--units inch: 'inch' is not known; write a unit of length (m, cm, mm, um) or a unit of"),
+        (("--units", "mm,"), "--units mm,: '' is not known"),
+        (("--units", "mm,cm"), "--units mm,cm: mm and cm are both units of length; write one of them"),
+        (("--columns", "contact_0"), "--columns contact_0: write OURS=THEIRS"),
+        (("--columns", "contact_0=a,contact_0=b"), "--columns: contact_0 is mapped twice, to a and to b"),
+        (("--columns", "contact_0=a", "--columns", "contact_1=a"), "--columns: a is mapped twice, to contact_0 and to"),
+        (("--columns", "contact_0=HeadX"), "run.csv has no column HeadX; its header is time,contact_0,contact_1,"),
+        (("--columns", "contact_9=time"), "--columns contact_9=time: contact_9 does not belong to measured, which has"),
+        (("--columns", "time=contact_0"), "does not come after"),
+        (("--commands", "{}/bag"), "/bag is not a table; its name must end in one of .csv, .tsv, .txt, .parquet"),
+        (("--commands", "{}/none.csv"), "/none.csv: no such file"),
+        (("--commands", "{}/camera.csv"), "camera.csv: no column `command/...`; the header is time,contact_0"),
+        (("--commands", "{}/half.csv"), "half.csv: command/link_1 is missing in row 4 (time 0.08), other commands are"),
+        (
+            ("--commands", "{}/half.csv", "--columns", "command/link_0=m"),
+            "half.csv has no column m; its header is time,",
+        ),
+        (("--commands", "{}/late.csv"), "must have the same clock"),
+    ],
+)
+def test_mistakes_in_the_description_of_a_table_are_named_in_one_line(robot, tmp_path, capsys, options, message):
+    guess, header, rows = robot
+    csv = write_csv(tmp_path / "run.csv", header, rows)
+    write_csv(tmp_path / "camera.csv", header[:4], rows[:, :4])
+    (tmp_path / "bag").mkdir()
+    write_csv(tmp_path / "late.csv", [header[0], *header[4:]], rows[:, [0, 4, 5]] - [[1e3, 0.0, 0.0]])
+    rows[4, 5] = np.nan
+    write_csv(tmp_path / "half.csv", [header[0], *header[4:]], rows[:, [0, 4, 5]])
+    given = [str(option).format(tmp_path) for option in options]
+    status, out, error = run(capsys, "identify", csv, "--scene", guess, "--fit", "friction.forward", *given)
+    assert (status, out, error.count("\n")) == (1, "", 1)
+    assert message in error
+
+
+@pytest.mark.parametrize("option", [("--columns", "time=t"), ("--units", "mm"), ("--commands", "run.csv")])
+def test_options_of_tables_are_refused_with_a_recording(robot, tmp_path, capsys, option):
+    guess, header, rows = robot
+    csv, bag = write_csv(tmp_path / "run.csv", header, rows), tmp_path / "bag"
+    status, out, error = run(capsys, "identify", csv, bag, "--scene", guess, "--fit", "friction.forward", *option)
+    assert (status, out, error.count("\n")) == (1, "", 1)
+    assert f"{option[0]}: {bag} is a recording; the option applies only to tables" in error
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
