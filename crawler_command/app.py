@@ -17,6 +17,7 @@ from .bench import bench
 from .executables import describe_missing
 from .identify.command import identify_command
 from .identify.excite import excite_command
+from .identify.predict import predict_command
 from .optimise import optimise_command
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, check_picture, progress_bar, screen
@@ -133,6 +134,7 @@ app.command()(animate)
 app.command()(view)
 app.command("identify")(identify_command)
 app.command("excite")(excite_command)
+app.command("predict")(predict_command)
 app.command("replay")(replay)
 app.command("compare")(compare)
 

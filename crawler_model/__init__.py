@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .identify.excite import Excitation, excite
     from .identify.identify import Identification, identify
     from .identify.measurements import MeasurementError, Measurements
+    from .identify.posterior import Posterior, read_posterior
+    from .identify.predict import Forecast, predict
     from .optimise.optimise import optimise
     from .optimise.optimum import Optimum
     from .optimise.pareto import Front, pareto
@@ -41,6 +43,7 @@ __all__ = [
     "CrawlerError",
     "Energy",
     "Excitation",
+    "Forecast",
     "Front",
     "Identification",
     "Kink",
@@ -50,6 +53,7 @@ __all__ = [
     "MeasurementError",
     "Measurements",
     "Optimum",
+    "Posterior",
     "Scene",
     "SceneError",
     "Sensitivities",
@@ -66,7 +70,9 @@ __all__ = [
     "optimise",
     "pareto",
     "parse_scene",
+    "predict",
     "prepare",
+    "read_posterior",
     "sensitivities",
     "simulate",
     "simulate_many",
@@ -81,6 +87,7 @@ _HOMES = {
     "CrawlerError": "errors",
     "Energy": "run.account",
     "Excitation": "identify.excite",
+    "Forecast": "identify.predict",
     "Front": "optimise.pareto",
     "Identification": "identify.identify",
     "Kink": "derivative.sensitivities",
@@ -90,6 +97,7 @@ _HOMES = {
     "MeasurementError": "identify.measurements",
     "Measurements": "identify.measurements",
     "Optimum": "optimise.optimum",
+    "Posterior": "identify.posterior",
     "Scene": "scene.scene",
     "SceneError": "errors",
     "Sensitivities": "derivative.sensitivities",
@@ -106,7 +114,9 @@ _HOMES = {
     "optimise": "optimise.optimise",
     "pareto": "optimise.pareto",
     "parse_scene": "scene.file",
+    "predict": "identify.predict",
     "prepare": "crawler.crawler",
+    "read_posterior": "identify.posterior",
     "sensitivities": "derivative.sensitivities",
     "simulate": "run.simulate",
     "simulate_many": "sweep.many",

@@ -6,6 +6,7 @@ import difflib
 import itertools
 import json
 import re
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
@@ -142,6 +143,20 @@ def _load_plain(text: str) -> Any:
         loader.dispose()
 
 
+def _parse(text: str, source: str) -> Any:
+    """Read plain data; errors name the source."""
+    try:
+        return _load_plain(text)
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f" in line {mark.line + 1}" if mark is not None else ""
+        raise SceneError(f"{source}: not plain YAML{where}: {error.problem}") from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:  # e.g. an impossible date
+        raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
+
+
 def parse_scene(text: str, source: str = "scene") -> Scene:
     """Read a scene from YAML or JSON text.
 
@@ -155,16 +170,7 @@ def parse_scene(text: str, source: str = "scene") -> Scene:
     Raises:
         SceneError: with one line that names the field, the value and the valid values.
     """
-    try:
-        data = _load_plain(text)
-    except SceneError as error:
-        raise SceneError(f"{source}: {error}") from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f" in line {mark.line + 1}" if mark is not None else ""
-        raise SceneError(f"{source}: not plain YAML{where}: {error.problem}") from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:  # e.g. an impossible date
-        raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
+    data = _parse(text, source)
     try:
         return Scene.model_validate(data)
     except SceneError as error:
@@ -197,6 +203,38 @@ def _read(path: Path) -> str:
         return stream.read(LARGEST_FILE).decode("utf-8")
 
 
+def _is_scene_file(path: Path) -> bool:
+    return path.is_file() and (bool(path.suffix) or len(path.parts) > 1)
+
+
+def _read_named(path: Path, name: str) -> str:
+    try:
+        return _read(path)
+    except (OSError, ValueError) as error:
+        raise SceneError(f"{name}: cannot be read: {error}") from None
+
+
+def load_drive(path_or_name: str | Path) -> Mapping[str, Any]:
+    """Load the drive of a scene, whose other parts are not checked and may be missing.
+
+    Args:
+        path_or_name: a path to a file with the key `drive`, or a name listed by `gallery`.
+
+    Returns:
+        The part `drive`.
+
+    Raises:
+        SceneError: if there is no such file or scene, or it has no drive.
+    """
+    text = str(path_or_name)
+    path = Path(text)
+    data = _parse(_read_named(path, text), text) if _is_scene_file(path) else load_scene(text).document()
+    drive = data.get("drive") if isinstance(data, Mapping) else None
+    if not isinstance(drive, Mapping):
+        raise SceneError(f"{text}: no drive; it must have a part `drive:`, as a scene or what `crawler excite` writes")
+    return drive
+
+
 def load_scene(path_or_name: str | Path) -> Scene:
     """Load a scene from a file or from the gallery.
 
@@ -211,12 +249,8 @@ def load_scene(path_or_name: str | Path) -> Scene:
     """
     text = str(path_or_name)
     path = Path(text)
-    if path.is_file() and (path.suffix or len(path.parts) > 1):
-        try:
-            content = _read(path)
-        except (OSError, ValueError) as error:
-            raise SceneError(f"{text}: cannot be read: {error}") from None
-        return parse_scene(content, text)
+    if _is_scene_file(path):
+        return parse_scene(_read_named(path, text), text)
     known = gallery()
     if text in known:
         file = resources.files("msgs_config") / "scenes" / f"{text}.yaml"
