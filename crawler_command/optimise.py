@@ -27,6 +27,13 @@ class Objective(str, Enum):
     travel = "travel"
 
 
+class Over(str, Enum):
+    """What counts of several bodies."""
+
+    expected = "expected"
+    worst = "worst"
+
+
 _Objective = Annotated[
     Objective,
     typer.Option("--for", help="What is best: the largest gain per period, cost of transport, or gain / travel."),
@@ -56,9 +63,21 @@ _Robust = Annotated[
     list[str] | None,
     typer.Option(
         metavar="KEY=A:B",
-        help="A number of the scene that is uncertain, and the factors between which it lies; the gait is best "
-        "where it is worst. Repeat the option for several.",
+        help="A number of the scene that is uncertain, and the factors between which it lies, as you state them; the "
+        "gait is best where it is worst. Repeat the option for several. For what a record tells, see --robust-to.",
     ),
+]
+_RobustTo = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FIT.json",
+        help="What `crawler identify --json` printed: the gait is best over bodies drawn from what the record tells "
+        "about the numbers of the scene. For ranges that you state, see --robust.",
+    ),
+]
+_RobustOf = Annotated[
+    Over | None,
+    typer.Option(help="What --robust-to maximises: the mean over the drawn bodies (expected), or the worst of them."),
 ]
 _Compromises = Annotated[
     bool, typer.Option("--pareto", help="Print the curve of gain against cost of transport instead of one gait.")
@@ -85,6 +104,8 @@ def optimise_command(
     rate: _Rate = None,
     tension: _Tension = None,
     robust: _Robust = None,
+    robust_to: _RobustTo = None,
+    robust_of: _RobustOf = None,
     compromises: _Compromises = False,
     period: _Period = None,
     seconds: _Seconds = None,
@@ -102,6 +123,7 @@ def optimise_command(
     Ctrl-C or --seconds the best gait so far is the result.
     """
     _check_outputs(out, png, overwrite, compromises)
+    _check_robust(robust, robust_to, robust_of, compromises)
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,
@@ -114,9 +136,12 @@ def optimise_command(
         "seconds": seconds,
         "seed": seed,
     }
-    from crawler_model import Front, Optimum, load_scene, optimise, pareto, prepare
+    from crawler_model import Front, Optimum, load_scene, optimise, pareto, prepare, read_posterior
 
     loaded = load_scene(scene)
+    if robust_to is not None:
+        over = (robust_of or Over.expected).value
+        limits |= {"robust_to": read_posterior(robust_to, loaded), "robust_of": over}
     prepare(loaded)
     with progress_bar("optimising") as progress:
         found: Front | Optimum
@@ -149,6 +174,14 @@ def _check_outputs(out: Path | None, png: Path | None, overwrite: bool, compromi
     check_output("--png", png, ".png", overwrite)
 
 
+def _check_robust(robust: list[str] | None, fit: Path | None, over: Over | None, compromises: bool) -> None:
+    if fit is None and over is not None:
+        raise CrawlerError(f"--robust-of {over.value}: it needs --robust-to FIT.json")
+    for option, given in (("--robust", robust), ("--pareto", compromises)):
+        if fit is not None and given:
+            raise CrawlerError(f"--robust-to: it cannot be combined with {option}; give one of them")
+
+
 def describe_optimum(found: Optimum) -> list[str]:
     """Describe an optimum in a few lines.
 
@@ -161,6 +194,9 @@ def describe_optimum(found: Optimum) -> list[str]:
     words = {"translation": "gain per period", "cost-of-transport": "cost of transport", "travel": "gain / travel"}
     unit = "" if found.unit == "1" else f" {found.unit}"
     worst = ", the worst over the box" if found.weaknesses else ""
+    if found.robustness is not None:
+        kind = "the mean" if found.robustness.over == "expected" else "the worst"
+        worst = f", {kind} of {found.robustness.drawn} bodies drawn from the posterior"
     lines = [f"{found.scene.name}: {words[found.objective]} {found.value:.6g}{unit}{worst}"]
     if found.gain <= 0.0:
         lines.append("no gait within these bounds was found that moves forward")
@@ -185,6 +221,16 @@ def describe_optimum(found: Optimum) -> list[str]:
         lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
     for weakness in found.weaknesses:
         lines.append(f"robust: {describe_weakness(weakness.key, weakness.below, weakness.above)}")
+    if found.robustness is not None:
+        one = found.robustness
+        lines.append(
+            f"on {one.verified} other bodies: mean {one.mean:.6g}{unit}, worst {one.worst:.6g}{unit}; with the "
+            f"best-fit values {one.best_fit:.6g}{unit}"
+        )
+        lines += [
+            f"it depends on {name}, which the record did not excite: it keeps its value in the scene"
+            for name in one.unknown
+        ]
     ending = "" if found.complete else "; stopped before the end, the result depends on the machine"
     lines.append(
         f"found after {found.found_after_s:.3g} s, {found.evaluations} evaluations in {found.wall_s:.3g} s, "

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from .goal import measure
 from .optimum import Optimum
 
 _MOST_RUNS = 2000
@@ -52,12 +51,10 @@ def map_plane(optimum: Optimum) -> tuple[tuple[int, int], np.ndarray, np.ndarray
 
 
 def _values(optimum: Optimum, points: np.ndarray) -> np.ndarray:
-    """Compute the objective of candidates, on the scene where it is worst; NaN outside of the limits."""
+    """Compute the objective of candidates, over all scenes; NaN outside of the limits."""
     goal, values = optimum.space.goal, []
     for first in range(0, points.shape[0], _TOGETHER):
         for regimes in optimum.space.regimes(points[first : first + _TOGETHER]):
             inside = [regime for regime in regimes if regime is not None and goal.excess(regime) == 0.0]
-            worst = min(inside, key=lambda regime: min(goal.scores(regime)), default=None)
-            lost = worst is None or len(inside) < len(regimes)
-            values.append(math.nan if lost or worst is None else measure(goal.objective, worst))
+            values.append(math.nan if len(inside) < len(regimes) else optimum.space.value(inside))
     return np.array(values)

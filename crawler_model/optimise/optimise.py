@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import time
@@ -15,6 +16,7 @@ from ..errors import CommandError, CrawlerError, SceneError
 from ..run.cycle import limit_cycle
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
+from .bodies import Over, Uncertain, check_uncertain, spread_over, verify
 from .goal import OBJECTIVES, Goal, measure
 from .optimum import ActiveBound, Alternative, Optimum, Weakness
 from .polish import best_step
@@ -44,6 +46,8 @@ def optimise(
     seconds: float | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
+    robust_to: Uncertain | None = None,
+    robust_of: Over = "expected",
 ) -> Optimum:
     """Find the periodic drive that is best in the periodic regime.
 
@@ -67,6 +71,9 @@ def optimise(
         seconds: time limit [s], on which the result then depends; None for none.
         seed: of the random numbers; same seed, same result, on any number of cores.
         progress: called with the completed part, in [0, 1].
+        robust_to: what is known about the numbers of the scene, a `Posterior`: the gait is best over bodies drawn from
+            it, always the same ones.
+        robust_of: "expected" for the best mean over these bodies, "worst" for the best gait where it is worst.
 
     Returns:
         The best gait; after Ctrl-C or the time limit, the best so far.
@@ -78,13 +85,21 @@ def optimise(
     """
     began = time.perf_counter()
     scene = coerce_scene(scene, "optimise")
+    if robust_to is not None:
+        check_uncertain(robust_of, objective, robust)
+        scene = robust_to.apply(scene)
     unknowns, space = build_space(
         scene, objective, waypoints, stroke, free, rate, tension, robust, period, seconds, seed
     )
+    if robust_to is not None:
+        space = spread_over(space, unknowns, robust_to, robust_of)
     begin = [*given_points(unknowns), np.full(space.size, 0.5)]
     found = search(space, seed, seconds, begin, progress)
     check_found(space, found)
-    return finish(unknowns, space, found, tuple(robust or ()), seed, seconds, began)
+    best = finish(unknowns, space, found, tuple(robust or ()), seed, seconds, began)
+    if robust_to is None:
+        return best
+    return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, robust_to, robust_of))
 
 
 def build_space(
@@ -250,7 +265,7 @@ def finish(
 
 
 def worst_value(space: Space, point: np.ndarray) -> float:
-    """Compute the objective of a candidate on the scene where it is worst.
+    """Compute the objective of a candidate over all scenes.
 
     Args:
         space: the candidates.
@@ -259,10 +274,7 @@ def worst_value(space: Space, point: np.ndarray) -> float:
     Returns:
         The value [m or 1]; NaN where it has none.
     """
-    regimes = [regime for regime in space.regimes(point[None])[0] if regime is not None]
-    if not regimes:
-        return math.nan
-    return measure(space.goal.objective, min(regimes, key=lambda regime: min(space.goal.scores(regime))))
+    return space.value(space.regimes(point[None])[0])
 
 
 def _alternative(unknowns: Unknowns, space: Space, point: np.ndarray) -> Alternative:

@@ -10,6 +10,7 @@ import numpy as np
 from ..derivative.sensitivities import Kink
 from ..notebook import write_html
 from ..scene.scene import Scene
+from .bodies import Robustness
 from .goal import OBJECTIVES
 from .space import Space
 
@@ -66,7 +67,7 @@ class Optimum:
     Attributes:
         objective: a key of `OBJECTIVES`.
         value: of the objective in the periodic regime: gain per period [m], cost of transport [1], or gain / travel
-            [1]; with `robust` the worst one over the box.
+            [1]; with `robust` the worst one over the box, with `robust_to` the mean or the worst of the drawn bodies.
         scene: a scene that plays the gait.
         names: names of the unknowns, shape (P,).
         values: the unknowns, shape (P,).
@@ -94,6 +95,7 @@ class Optimum:
         complete: whether the search ended because nothing better was found; False after Ctrl-C or a time limit, when
             the result depends on the machine.
         wall_s: wall-clock time [s].
+        robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
     """
 
     objective: str
@@ -123,6 +125,7 @@ class Optimum:
     seed: int
     complete: bool
     wall_s: float
+    robustness: Robustness | None = None
 
     @property
     def unit(self) -> str:
@@ -169,6 +172,7 @@ class Optimum:
             "flat": list(self.flat),
             "unique": self.unique,
             "fails": [weakness.__dict__.copy() for weakness in self.weaknesses],
+            "robust_to": None if self.robustness is None else self.robustness.as_plain(),
             "seed": self.seed,
             "complete": self.complete,
             "wall_s": self.wall_s,

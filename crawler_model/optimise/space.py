@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..errors import CrawlerError
 from ..sweep.workers import available_cores
-from .goal import Goal
+from .goal import Goal, measure
 from .regime import Regime, differentiate_regime, find_peak, find_regimes
 from .unknowns import Unknowns
 
@@ -25,11 +26,13 @@ class Space:
 
     Attributes:
         scenes: the same unknowns for each scene; a candidate is as good as on the scene where it is worst.
-        goal: the goal.
+        goal: the goal, a single objective if `mean`.
+        mean: whether a candidate is as good as in the mean over the scenes instead.
     """
 
     scenes: tuple[Unknowns, ...]
     goal: Goal
+    mean: bool = False
 
     @property
     def size(self) -> int:
@@ -151,7 +154,7 @@ class Space:
         return found
 
     def scores(self, points: Sequence[np.ndarray]) -> list[float]:
-        """Compute the scores of candidates, the worst one of all scenes.
+        """Compute the scores of candidates, the worst one or the mean of all scenes.
 
         Args:
             points: each of shape (P,).
@@ -160,7 +163,24 @@ class Space:
             The scores.
         """
         found = self.regimes(np.array(points))
-        return [min(min(self.goal.scores(regime)) for regime in regimes) for regimes in found]
+        combine = _mean if self.mean else min
+        return [combine([min(self.goal.scores(regime)) for regime in regimes]) for regimes in found]
+
+    def value(self, regimes: Sequence[Regime | None]) -> float:
+        """Compute what the objective is named after for a candidate.
+
+        Args:
+            regimes: its regimes on the scenes; those that cannot be followed do not count.
+
+        Returns:
+            On the scene where it is worst, or the mean [m or 1]; NaN where it has no value.
+        """
+        followed = [regime for regime in regimes if regime is not None]
+        if not followed:
+            return math.nan
+        if self.mean:
+            return _mean([measure(self.goal.objective, regime) for regime in followed])
+        return measure(self.goal.objective, min(followed, key=lambda regime: min(self.goal.scores(regime))))
 
     def slopes(self, unit: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Differentiate all scores of a candidate.
@@ -169,7 +189,8 @@ class Space:
             unit: shape (P,).
 
         Returns:
-            Each score, and its derivatives in units of the box, shape (P,); nothing if one of them has none.
+            Each score, or their mean, and its derivatives in units of the box, shape (P,); nothing if one of them has
+            none.
         """
         values, width = self.values(unit), self.scenes[0].high - self.scenes[0].low
         found: list[tuple[float, np.ndarray]] = []
@@ -179,6 +200,8 @@ class Space:
                 found += [(value, slope * width) for value, slope in self.goal.derivatives(regime)]
         except CrawlerError:
             return []
+        if self.mean:
+            return [(_mean([value for value, _ in found]), np.mean([slope for _, slope in found], axis=0))]
         return found
 
     def with_goal(self, goal: Goal) -> Space:
@@ -191,6 +214,10 @@ class Space:
             The same candidates.
         """
         return dataclasses.replace(self, goal=goal)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
 
 
 class Evaluator:
