@@ -136,7 +136,7 @@ def optimise_command(
         "seconds": seconds,
         "seed": seed,
     }
-    from crawler_model import Front, Optimum, load_scene, optimise, pareto, prepare, read_posterior
+    from crawler_model import Front, load_scene, optimise, pareto, prepare, read_posterior
 
     loaded = load_scene(scene)
     if robust_to is not None:
@@ -149,16 +149,7 @@ def optimise_command(
             found = pareto(loaded, progress=progress, **limits)
         else:
             found = optimise(loaded, objective.value, progress=progress, **limits)
-    if isinstance(found, Optimum) and out is not None:
-        write_scene(found.scene, out)
-    if png is not None:
-        from crawler_pictures.optimum import draw_front, draw_optimum
-
-        with whole_file(png) as part:
-            if isinstance(found, Front):
-                draw_front(found, part)
-            else:
-                draw_optimum(found, part)
+    _write(found, out, png)
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
     else:
@@ -172,6 +163,22 @@ def _check_outputs(out: Path | None, png: Path | None, overwrite: bool, compromi
         raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
     check_output("--out", out, ".yaml", overwrite)
     check_output("--png", png, ".png", overwrite)
+
+
+def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
+    """Write the scene and the picture that were asked for."""
+    from crawler_model import Front
+
+    if not isinstance(found, Front) and out is not None:
+        write_scene(found.scene, out)
+    if png is not None:
+        from crawler_pictures.optimum import draw_front, draw_optimum
+
+        with whole_file(png) as part:
+            if isinstance(found, Front):
+                draw_front(found, part)
+            else:
+                draw_optimum(found, part)
 
 
 def _check_robust(robust: list[str] | None, fit: Path | None, over: Over | None, compromises: bool) -> None:
