@@ -1,0 +1,256 @@
+"""Predictions with bands: against samples of the posterior, over bounds, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, predict, read_posterior, simulate
+from crawler_model.sweep.vary import Variations
+
+from .posteriors import BACKWARD, FORWARD, NAMES, PERIODIC, posterior, printed, robot
+
+LEFT = "friction.backward[0]"
+EXCITING = {"times": [0.0, 1.0, 2.0, 3.0], "actuation": [[0.0, 0.0], [0.1, 0.0], [-0.05, 0.1], [0.0, 0.0]]}
+
+
+def varied(scene: Scene, values: dict[str, float]) -> Scene:
+    return Variations(scene, {key: np.array([value]) for key, value in values.items()}, (1,))[0]
+
+
+def width(samples: np.ndarray) -> float:
+    low, high = np.quantile(samples, (0.025, 0.975))
+    return float(high - low)
+
+
+def test_the_bands_of_a_period_agree_with_samples_of_the_posterior():
+    known, scene = posterior(), robot()
+    found = predict(scene, known)
+    drawn = known.draw(np.random.default_rng(1), 400)
+    cycles = [limit_cycle(one) for one in Variations(scene, dict(zip(NAMES, drawn.T, strict=True)), (400,))]
+    assert found.gain.high - found.gain.low == pytest.approx(width(np.array([c.gain for c in cycles])), rel=0.15)
+    assert found.energy.high - found.energy.low == pytest.approx(width(np.array([c.work for c in cycles])), rel=0.15)
+    assert found.gain.value == pytest.approx(limit_cycle(scene).gain, abs=1e-12)
+    assert found.energy.value == pytest.approx(limit_cycle(scene).work, abs=1e-12)
+    assert found.depends_on_bounds == ()
+    assert found.notes == ()
+
+
+def test_the_bands_of_a_whole_drive_agree_with_samples_of_the_posterior():
+    known, scene = posterior(), robot()
+    found = predict(scene, known, EXCITING, rate=20.0)
+    drawn = known.draw(np.random.default_rng(2), 400)
+    driven = robot(EXCITING)
+    runs = [simulate(one, None, 20.0) for one in Variations(driven, dict(zip(NAMES, drawn.T, strict=True)), (400,))]
+    gains = np.array([run.net_translation[-1] - run.net_translation[0] for run in runs])
+    assert found.gain.high - found.gain.low == pytest.approx(width(gains), rel=0.15)
+    works = np.array([run.energy.work for run in runs])
+    assert found.energy.high - found.energy.low == pytest.approx(width(works), rel=0.15)
+    last = np.array([run.position[-1, 2] for run in runs])
+    assert found.high[-1, 2] - found.low[-1, 2] == pytest.approx(width(last), rel=0.15)
+    assert found.periods is None
+    assert found.run_gain == found.gain
+    assert found.time[-1] == 3.0
+    np.testing.assert_allclose(found.position, simulate(driven, None, 20.0).position, atol=1e-12)
+
+
+def test_the_first_periods_are_those_that_are_run():
+    scene = robot()
+    found = predict(scene, posterior(), periods=3)
+    run = simulate(scene, 3.0)
+    assert found.periods == 3
+    assert found.run_gain.value == pytest.approx(run.net_translation[-1], abs=1e-12)
+    assert found.run_energy.value == pytest.approx(run.energy.work, abs=1e-12)
+    assert found.position.shape == found.low.shape == (found.time.size, 3)
+    assert (found.low <= found.position).all()
+    assert (found.position <= found.high).all()
+
+
+@pytest.mark.parametrize("least", [0.1, 0.25, 0.4])
+@pytest.mark.parametrize("beyond", [1.0, 1.7, 2.6, 8.0])
+def test_where_a_bounded_contact_slides_the_band_covers_all_that_its_bound_allows(least, beyond):
+    known = posterior(0.005, without=(LEFT,), bounds={LEFT: (least, None)})
+    found = predict(robot(), known, periods=2)
+    truth = limit_cycle(varied(robot(), {LEFT: least * beyond}))
+    assert found.gain.low <= truth.gain <= found.gain.high
+    assert found.energy.low <= truth.work <= found.energy.high
+    (one,) = found.depends_on_bounds
+    assert one.name == LEFT
+    assert one.why == (
+        f"contact 0 slides backwards under this drive; the record shows only that its friction is at least {least:g} N:"
+        " the band covers all values beyond"
+    )
+
+
+def test_several_bounded_contacts_are_covered_together():
+    names = (LEFT, "friction.backward[1]")
+    known = posterior(0.005, without=names, bounds=dict.fromkeys(names, (0.1, None)))
+    found = predict(robot(), known, periods=2)
+    assert {one.name for one in found.depends_on_bounds} == set(names)
+    for values in np.random.default_rng(3).uniform(0.1, 1.5, (20, 2)):
+        truth = limit_cycle(varied(robot(), dict(zip(names, values.tolist(), strict=True))))
+        assert found.gain.low <= truth.gain <= found.gain.high
+
+
+def test_a_bound_far_from_what_the_drive_does_changes_nothing():
+    held = posterior(without=(LEFT,), bounds={LEFT: (0.55, None)})
+    found = predict(robot(), held)
+    assert found.depends_on_bounds == ()
+    assert found.gain.high == pytest.approx(predict(robot(), posterior(without=(LEFT,))).gain.high)
+
+
+def test_a_limit_that_the_record_did_not_reach_widens_the_band_where_the_drive_reaches_it():
+    body = {"contacts": [0.0, 0.1], "links": {"stiffness": 10.0, "tension": {"most": 0.4, "least": -0.4}}}
+    drive = {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [0.1], [0.0]]}
+    friction = {"forward": [0.2, 0.2], "backward": [0.6, 0.6]}
+    scene = Scene.model_validate({"name": "motor", "body": body, "friction": friction, "drive": drive})
+    most = "body.links.tension.most"
+    known = Posterior(("friction.forward[0]",), np.array([0.2]), np.array([[1e-6]]), bounds={most: (0.15, None)})
+    found = predict(scene, known)
+    assert [one.name for one in found.depends_on_bounds] == [most]
+    assert f"depends on {most}; the record shows only that it is at least 0.15" in found.depends_on_bounds[0].why
+    for value in (0.15, 0.19, 0.3):
+        truth = float(limit_cycle(varied(scene, {most: value})).gain)
+        assert found.gain.low - 1e-12 <= truth <= found.gain.high + 1e-12
+    assert predict(scene, dataclasses.replace(known, bounds={most: (0.3, None)})).depends_on_bounds == ()
+
+
+@pytest.mark.parametrize(("value", "refused"), [(0.2, True), (0.9, True), (5.0, False)])
+def test_a_motion_that_depends_on_what_was_not_excited_is_refused(value, refused):
+    known = posterior(without=(LEFT,), unknown=(LEFT,))
+    friction = {"forward": list(FORWARD), "backward": [value, *BACKWARD[1:]]}
+    scene = robot(friction=friction)
+    if not refused:
+        assert predict(scene, known, periods=1).gain.low < predict(scene, known, periods=1).gain.high
+        return
+    with pytest.raises(CrawlerError, match=r"depends on friction\.backward\[0\], which the record did not excite"):
+        predict(scene, known, periods=1)
+
+
+def test_ratios_predict_the_gain_and_a_note_tells_what_the_energy_holds_for():
+    stiffness = tuple(f"body.links.stiffness[{j}]" for j in range(2))
+    one = posterior()
+    names = (*one.names, stiffness[1])
+    covariance = np.diag((0.02 * np.array([*one.values, 10.0])) ** 2)
+    known = Posterior(
+        names, np.array([*one.values, 10.0]), covariance, held={stiffness[0]: 10.0}, groups=((*names, stiffness[0]),)
+    )
+    found = predict(robot(), known)
+    assert found.notes == (f"the energy holds for {stiffness[0]} = 10: the record determines only ratios",)
+    assert read_posterior(printed(known)).held == {stiffness[0]: 10.0}
+
+
+def test_a_posterior_is_read_as_it_is_written(tmp_path):
+    known = posterior(
+        without=(LEFT, NAMES[4]),
+        bounds={LEFT: (0.25, None)},
+        unknown=(NAMES[4],),
+        held={"body.links.stiffness[0]": 10.0},
+        groups=(("body.links.stiffness[0]", *NAMES[:2]),),
+    )
+    file = tmp_path / "fit.json"
+    file.write_text(json.dumps(printed(known)), encoding="utf-8")
+    again = read_posterior(file, robot())
+    for name in ("names", "bounds", "held", "unknown"):
+        assert getattr(again, name) == getattr(known, name)
+    assert set(again.groups[0]) == set(known.groups[0])
+    np.testing.assert_array_equal(again.values, known.values)
+    np.testing.assert_array_equal(again.covariance, known.covariance)
+
+
+def test_a_prediction_is_plain_json():
+    known = posterior(without=(LEFT,), bounds={LEFT: (0.25, None)})
+    text = json.loads(json.dumps(predict(robot(), printed(known)).summary(), allow_nan=False))
+    assert text["schema"] == 1
+    assert text["gain"]["low"] < text["gain"]["value"] <= text["gain"]["high"]
+    assert text["energy"]["unit"] == "J"
+    assert text["run"]["periods"] == 10
+    assert text["positions"]["contacts"] == ["contact 0", "contact 1", "contact 2"]
+    assert len(text["positions"]["low"]) == len(text["positions"]["time"])
+    assert text["depends_on_bounds"][0]["interval"] == [0.25, None]
+
+
+def test_draws_have_the_covariance_and_keep_positive_numbers_positive():
+    known = posterior(0.3)
+    drawn = known.draw(np.random.default_rng(0), 40_000)
+    assert (drawn > 0.0).all()
+    logs = np.cov(np.log(drawn).T)
+    np.testing.assert_allclose(logs, known.covariance / np.outer(known.values, known.values), atol=2e-3)
+    offset = Posterior(("start.displacement[0]",), np.array([1e-4]), np.array([[1e-2]]))
+    assert (offset.draw(np.random.default_rng(0), 100) < 0.0).any()
+
+
+def test_the_scene_gets_the_values_and_stays_within_bounds():
+    known = posterior(without=(LEFT,), bounds={LEFT: (0.8, None)})
+    changed = known.apply(varied(robot(), {NAMES[0]: 0.4}))
+    assert changed.drive.forward[0] == pytest.approx(FORWARD)
+    assert changed.drive.backward[0] == pytest.approx((0.8, *BACKWARD[1:]))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": 2}, "schema: 2; it must be 1"),
+        ({"posterior": None}, "no posterior; print it with `crawler identify --json`"),
+        ({"posterior": {"names": ["friction.forward[0]"]}}, "it must have names, values and covariance"),
+        (
+            {"posterior": {"names": ["friction.forward[0]"], "values": [1.0, 2.0], "covariance": [[1.0]]}},
+            r"values: shape \(2,\); it must be \(1,\)",
+        ),
+        (
+            {"posterior": {"names": ["friction.forward[0]"], "values": [1.0], "covariance": [[-1.0]]}},
+            r"the variance of friction.forward\[0\] is -1; it must be >= 0",
+        ),
+        (
+            {"posterior": {"names": ["friction.forward[0]"], "values": [1.0], "covariance": [[float("nan")]]}},
+            r"covariance\[0, 0\]: nan; it must be finite",
+        ),
+        (
+            {"posterior": {"names": list(NAMES[:2]), "values": [1.0, 1.0], "covariance": [[1.0, 0.5], [0.0, 1.0]]}},
+            r"\[0\]\[1\] is 0.5 and \[1\]\[0\] is 0; it must be symmetric",
+        ),
+        (
+            {"posterior": {"names": list(NAMES[:2]), "values": [1.0, 1.0], "covariance": [[1.0, 2.0], [2.0, 1.0]]}},
+            "an eigenvalue of the correlations is -1; it must be positive semidefinite",
+        ),
+        (
+            {"posterior": {"names": ["friction.forwards[0]"], "values": [1.0], "covariance": [[1.0]]}},
+            r"friction.forwards\[0\]: robot has no such number",
+        ),
+        (
+            {"parameters": [{"name": LEFT, "verdict": "bound", "value": 1.0, "interval": [None, None]}]},
+            "one end of a bound must be a number",
+        ),
+    ],
+)
+def test_what_is_no_posterior_is_refused_in_one_line(change, message):
+    with pytest.raises(CrawlerError, match=message) as refused:
+        read_posterior(printed(posterior()) | change, robot())
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"drive": EXCITING, "periods": 3}, "periods: 3; the drive has no period"),
+        ({"periods": 0}, "periods: 0; it must be between 1 and 10000"),
+        (
+            {"drive": {"times": [0.0, 1.0], "actuation": [[0.0], [1.0]]}},
+            "the drive does not fit robot: drive.actuation",
+        ),
+        ({"drive": robot(None)}, "robot has no drive"),
+        ({"drive": "nothing"}, "nothing: no such file, nor a scene of the gallery"),
+    ],
+)
+def test_a_drive_that_does_not_fit_is_refused(given, message):
+    with pytest.raises(CrawlerError, match=message):
+        predict(robot(), posterior(), **given)
+
+
+def test_numbers_that_the_drive_commands_have_no_effect():
+    friction = {"forward": [FORWARD] * 5, "backward": [BACKWARD] * 5}
+    found = predict(robot(), posterior(), PERIODIC | {"friction": friction})
+    assert found.gain.low == pytest.approx(found.gain.high, abs=1e-9)
