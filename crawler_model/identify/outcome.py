@@ -17,7 +17,9 @@ from .posterior import Interval, beyond_bound
 
 TOTALS = 4
 """Results before the positions: gain and work a period, and those of the run."""
-_FACTORS = (1.0 + 1e-6, 1.1, 1.3, 2.0, 5.0, 20.0, 100.0)
+FARTHEST = 100.0
+"""Factor beyond a bound up to which a drive is run."""
+_FACTORS = (1.0 + 1e-6, 1.1, 1.3, 2.0, 5.0, 20.0, FARTHEST)
 """Places beyond a bound; the first is not the bound, where a contact that only just held would be at its limit."""
 _HALVINGS = 8
 """Times that a stretch beyond a bound is halved, each time the one over which the gain changes most."""
@@ -149,7 +151,7 @@ def attempt(evaluate: Evaluate, values: Mapping[str, float]) -> list[Outcome]:
 
 def explore(
     evaluate: Evaluate, bounds: Mapping[str, Interval], names: Sequence[str], rng: np.random.Generator
-) -> tuple[list[Outcome], tuple[str, ...]]:
+) -> tuple[list[Outcome], dict[str, bool]]:
     """Run a drive for all values that bounds allow, as far as they matter.
 
     Where nothing depends on a parameter at its bound, nothing depends on it beyond: a contact that holds, and a limit
@@ -162,7 +164,8 @@ def explore(
         rng: source of random numbers, for combinations of several.
 
     Returns:
-        The outcomes, that at all bounds first, and the parameters on which they depend.
+        The outcomes, that at all bounds first, and the parameters on which they depend: whether they still do at the
+        farthest value.
     """
     begin = {name: beyond_bound(interval, _FACTORS[0]) for name, interval in bounds.items()}
     first = evaluate(begin)
@@ -180,7 +183,7 @@ def explore(
         for name in matter:
             values[name] = walks[name][int(rng.integers(len(walks[name])))][0]
         found += attempt(evaluate, values)
-    return found, tuple(matter)
+    return found, {name: bool(walks[name][-1][1].effect[list(names).index(name)]) for name in matter}
 
 
 def _touched(outcomes: Sequence[Outcome], bounds: Mapping[str, Interval], names: Sequence[str]) -> list[str]:

@@ -53,9 +53,10 @@ class Posterior:
         """
         names, values, covariance = tuple(self.names), frozen(self.values), frozen(self.covariance)
         count = len(names)
-        for name in names:
-            if names.count(name) > 1:
-                raise CrawlerError(f"posterior: names: {name} is named twice")
+        named = (*names, *self.bounds, *self.held, *self.unknown)
+        for name in named:
+            if named.count(name) > 1:
+                raise CrawlerError(f"posterior: names: {name} is named twice; each parameter has one verdict")
         if values.shape != (count,):
             raise CrawlerError(f"posterior: values: shape {values.shape}; it must be ({count},), one for each name")
         if covariance.shape != (count, count) and covariance.size + count > 0:

@@ -17,7 +17,7 @@ from ..notebook import write_html
 from ..scene.file import coerce_scene, load_drive
 from ..scene.scene import Scene
 from ..sweep.vary import Variations, vary
-from .outcome import TOTALS, Evaluate, Outcome, attempt, explore, find_outcome
+from .outcome import FARTHEST, TOTALS, Evaluate, Outcome, attempt, explore, find_outcome
 from .posterior import Interval, Posterior, read_posterior
 
 _QUANTILE = 1.959963984540054
@@ -223,7 +223,7 @@ def predict(
         position,
         lows,
         highs,
-        tuple(Beyond(name, bounds[name], _explain(played, name, bounds[name])) for name in matter),
+        tuple(Beyond(name, bounds[name], _explain(played, name, bounds[name], far)) for name, far in matter.items()),
         _notes(posterior, names, best),
         best.transient_left,
     )
@@ -293,7 +293,7 @@ def _bands(posterior: Posterior, names: tuple[str, ...], outcomes: list[Outcome]
     return np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)
 
 
-def _explain(scene: Scene, name: str, interval: Interval) -> str:
+def _explain(scene: Scene, name: str, interval: Interval, far: bool) -> str:
     """Explain why a band covers what a bound allows."""
     low, high = interval
     friction = re.fullmatch(r"friction\.(forward|backward)(?:\[(\d+)\])?", name)
@@ -301,6 +301,7 @@ def _explain(scene: Scene, name: str, interval: Interval) -> str:
     ends = [f"at least {low:.4g}{unit}"] if low is not None else []
     ends += [f"at most {high:.4g}{unit}"] if high is not None else []
     covers = "all values between" if len(ends) == 2 else "all values beyond"
+    covers += f", up to {FARTHEST:g} times" if far and len(ends) < 2 else ""
     known = f"the record shows only that %s is {' and '.join(ends)}: the band covers {covers}"
     if friction is None:
         return f"the motion under this drive depends on {name}; " + known % "it"

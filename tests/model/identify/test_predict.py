@@ -8,10 +8,11 @@ import json
 import numpy as np
 import pytest
 
-from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, predict, read_posterior, simulate
+from crawler_model import CrawlerError, Posterior, Scene, identify, limit_cycle, predict, read_posterior, simulate
 from crawler_model.sweep.vary import Variations
 
 from .posteriors import BACKWARD, FORWARD, NAMES, PERIODIC, posterior, printed, robot
+from .synthetic import chain, measure, scaled, walk
 
 LEFT = "friction.backward[0]"
 EXCITING = {"times": [0.0, 1.0, 2.0, 3.0], "actuation": [[0.0, 0.0], [0.1, 0.0], [-0.05, 0.1], [0.0, 0.0]]}
@@ -116,6 +117,30 @@ def test_a_limit_that_the_record_did_not_reach_widens_the_band_where_the_drive_r
         truth = float(limit_cycle(varied(scene, {most: value})).gain)
         assert found.gain.low - 1e-12 <= truth <= found.gain.high + 1e-12
     assert predict(scene, dataclasses.replace(known, bounds={most: (0.3, None)})).depends_on_bounds == ()
+
+
+def test_what_a_record_bounds_is_predicted_for_a_drive_under_which_it_slides():
+    """The scene guesses twice the friction that held, so that the best values alone would miss the truth."""
+    document = chain(3)
+    document["friction"]["backward"] = [0.4, 0.6, 0.4]
+    measured = measure(document, *walk(2, 6.0, 0, stroke=0.015), noise=2e-4)
+    keys = ["friction.forward", "friction.backward"]
+    found = identify(scaled(document, {"friction.backward": 2.0}), [measured], keys, hold_out=0.0)
+    fitted = [p for p in found.parameters if p.verdict == "identified"]
+    assert {p.name for p in found.parameters if p.verdict == "bound"} == set(NAMES[3:])
+    deviations = np.array([(p.interval[1] - p.interval[0]) / 3.92 for p in fitted])
+    known = Posterior(tuple(p.name for p in fitted), np.array([p.value for p in fitted]), np.diag(deviations**2))
+    forecast = predict(found.scene, found.summary() | {"posterior": known.as_plain()}, PERIODIC)
+    truth = limit_cycle(Scene.model_validate(document | {"drive": PERIODIC})).gain
+    assert forecast.gain.low <= truth <= forecast.gain.high
+    alone = predict(found.scene, known, PERIODIC)
+    assert not alone.gain.low <= truth <= alone.gain.high
+
+
+def test_a_bound_beyond_which_the_motion_never_stops_to_change_says_how_far_it_was_followed():
+    known = posterior(bounds={"body.links.stiffness[0]": (10.0, None)})
+    (one,) = predict(robot(), known, periods=1).depends_on_bounds
+    assert one.why.endswith("at least 10: the band covers all values beyond, up to 100 times")
 
 
 @pytest.mark.parametrize(("value", "refused"), [(0.2, True), (0.9, True), (5.0, False)])
@@ -223,6 +248,10 @@ def test_the_scene_gets_the_values_and_stays_within_bounds():
         (
             {"parameters": [{"name": LEFT, "verdict": "bound", "value": 1.0, "interval": [None, None]}]},
             "one end of a bound must be a number",
+        ),
+        (
+            {"parameters": [{"name": NAMES[0], "verdict": "not excited", "value": None, "interval": [None, None]}]},
+            r"friction.forward\[0\] is named twice",
         ),
     ],
 )
