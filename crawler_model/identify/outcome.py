@@ -25,8 +25,8 @@ _HALVINGS = 8
 """Times that a stretch beyond a bound is halved, each time the one over which the gain changes most."""
 _TOGETHER = 48
 """Combinations of several bounded parameters."""
-_EFFECT = 1e-9
-"""Part of the results below which an effect is rounding."""
+_EFFECT, _DIFFERENT = 1e-9, 1e-6
+"""Parts of the results below which an effect of a parameter, and a difference of two motions, are rounding."""
 _LEAST = 1e-12
 """Size of the smallest parameter."""
 _SETTLED = 1e-9
@@ -67,10 +67,14 @@ class Outcome:
             True if a result differs by more than rounding.
         """
         change = np.abs(self.results - other.results)
-        work = np.zeros(change.size, np.bool_)
-        work[1:TOTALS:2] = True
-        limit = np.where(work, self.size[1], self.size[0])
-        return bool((change > 1e3 * _EFFECT * limit).any())
+        return bool((change > _DIFFERENT * _units(change.size, self.size)).any())
+
+
+def _units(count: int, size: tuple[float, float]) -> np.ndarray:
+    """Build the size of each result, those of works apart, shape (M,) [m, J]."""
+    units = np.full(count, size[0])
+    units[1:TOTALS:2] = size[1]
+    return units
 
 
 def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) -> Outcome:
@@ -104,9 +108,7 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
     effect = np.zeros(count, np.bool_)
     if slopes is not None:
         moved = np.abs(jacobian) * np.maximum(np.abs(slopes.values), _LEAST)
-        unit = np.full(results.size, size[0])
-        unit[1:TOTALS:2] = size[1]
-        effect = (moved > _EFFECT * unit[:, None]).any(axis=0)
+        effect = (moved > _EFFECT * _units(results.size, size)[:, None]).any(axis=0)
     values = np.zeros(0) if slopes is None else slopes.values
     return Outcome(results, jacobian, values, size, effect, run.time, left, run.unique)
 
@@ -131,6 +133,8 @@ def _find_regime(scene: Scene, names: Sequence[str]) -> tuple[list[float], np.nd
 
 
 Evaluate = Callable[[Mapping[str, float]], Outcome]
+Step = tuple[dict[str, float], Outcome]
+"""Values of the bounded parameters, and what the drive does there."""
 
 
 def attempt(evaluate: Evaluate, values: Mapping[str, float]) -> list[Outcome]:
@@ -167,52 +171,54 @@ def explore(
         The outcomes, that at all bounds first, and the parameters on which they depend: whether they still do at the
         farthest value.
     """
-    begin = {name: beyond_bound(interval, _FACTORS[0]) for name, interval in bounds.items()}
-    first = evaluate(begin)
-    walks: dict[str, list[tuple[float, Outcome]]] = {}
-    waiting = _touched([first], bounds, names)
-    while waiting:
-        name = waiting.pop(0)
-        walks[name] = _walk(evaluate, begin, name, bounds[name], list(names).index(name), first)
-        met = _touched([outcome for _, outcome in walks[name]], bounds, names)
-        waiting += [other for other in met if other not in walks and other not in waiting]
-    matter = [name for name, walk in walks.items() if any(first.differs(outcome) for _, outcome in walk)]
-    found = [first, *(outcome for name in matter for _, outcome in walks[name])]
-    for _ in range(_TOGETHER if len(matter) > 1 else 0):
-        values = dict(begin)
-        for name in matter:
-            values[name] = walks[name][int(rng.integers(len(walks[name])))][0]
-        found += attempt(evaluate, values)
+    first = {name: beyond_bound(interval, _FACTORS[0]) for name, interval in bounds.items()}
+    steps: list[Step] = [(first, evaluate(first))]
+    walks: dict[str, list[Step]] = {}
+    for values, outcome in steps:  # to which the walks add
+        for column, name in enumerate(names):
+            if name in bounds and name not in walks and outcome.effect[column]:
+                walks[name] = _walk(evaluate, (values, outcome), name, bounds[name], column)
+                steps += walks[name][1:]
+    matter = [name for name, walk in walks.items() if any(walk[0][1].differs(outcome) for _, outcome in walk)]
+    found = [steps[0][1], *(outcome for name in matter for _, outcome in walks[name])]
+    if len(matter) > 1:
+        places = [np.array([walks[name][k][0][name] for k in range(len(walks[name]))]) for name in matter]
+        for chosen in _combinations([place.size for place in places], rng):
+            moved = {name: float(place[k]) for name, place, k in zip(matter, places, chosen, strict=True)}
+            found += attempt(evaluate, first | moved)
     return found, {name: bool(walks[name][-1][1].effect[list(names).index(name)]) for name in matter}
 
 
-def _touched(outcomes: Sequence[Outcome], bounds: Mapping[str, Interval], names: Sequence[str]) -> list[str]:
-    """List the bounded parameters on which any outcome depends."""
-    effect = np.any([outcome.effect for outcome in outcomes], axis=0)
-    return [name for name, has in zip(names, effect, strict=True) if has and name in bounds]
+def _combinations(sizes: Sequence[int], rng: np.random.Generator) -> list[list[int]]:
+    """Choose places of several parameters: all the farthest ones, all but one, and random ones."""
+    far = [size - 1 for size in sizes]
+    near = [[0 if i == j else far[i] for i in range(len(sizes))] for j in range(len(sizes))]
+    return [far, *near, *([int(rng.integers(size)) for size in sizes] for _ in range(_TOGETHER))]
 
 
-def _walk(
-    evaluate: Evaluate, begin: Mapping[str, float], name: str, interval: Interval, column: int, first: Outcome
-) -> list[tuple[float, Outcome]]:
+def _walk(evaluate: Evaluate, begin: Step, name: str, interval: Interval, column: int) -> list[Step]:
     """Move a parameter away from its bound until nothing depends on it, then halve where the gain changes most."""
-    steps = [(_FACTORS[0], first)]
+
+    def step(factor: float) -> list[tuple[float, Step]]:
+        values = {**begin[0], name: beyond_bound(interval, factor)}
+        return [(factor, (values, outcome)) for outcome in attempt(evaluate, values)]
+
+    steps = [(_FACTORS[0], begin)]
     for factor in _FACTORS[1:]:
-        steps += [(factor, outcome) for outcome in attempt(evaluate, {**begin, name: beyond_bound(interval, factor)})]
-        if steps[-1][0] != factor or not steps[-1][1].effect[column]:
+        steps += step(factor)
+        if steps[-1][0] != factor or not steps[-1][1][1].effect[column]:
             break
     for _ in range(_HALVINGS if len(steps) > 1 else 0):
-        jumps = [_jump(now, then) for now, then in itertools.pairwise(steps)]
-        at = int(np.argmax(jumps))
-        middle = float(np.sqrt(steps[at][0] * steps[at + 1][0]))
-        between = attempt(evaluate, {**begin, name: beyond_bound(interval, middle)})
+        at = int(np.argmax([_jump(now, then) for now, then in itertools.pairwise(steps)]))
+        between = step(float(np.sqrt(steps[at][0] * steps[at + 1][0])))
         if not between:
             break
-        steps.insert(at + 1, (middle, between[0]))
-    return [(beyond_bound(interval, factor), outcome) for factor, outcome in steps]
+        steps[at + 1 : at + 1] = between
+    return [one for _, one in steps]
 
 
-def _jump(now: tuple[float, Outcome], then: tuple[float, Outcome]) -> float:
+def _jump(now: tuple[float, Step], then: tuple[float, Step]) -> float:
     """Compute by how much the gain changes along a stretch; of stretches without a change the longest counts [m]."""
-    change = np.abs(then[1].results[:TOTALS:2] - now[1].results[:TOTALS:2]).max()
-    return float(change + 1e-6 * now[1].size[0] * (then[0] / now[0] - 1.0))
+    before, after = now[1][1], then[1][1]
+    change = np.abs(after.results[:TOTALS:2] - before.results[:TOTALS:2]).max()
+    return float(change + 1e-6 * before.size[0] * (then[0] / now[0] - 1.0))
