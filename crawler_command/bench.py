@@ -23,7 +23,7 @@ _IN_PROCESS = {
     "growth": ("growth", "measure_growth", "SECONDS"),
     "springs": ("springs", "measure_springs", "CONTACTS"),
     "search": ("search", "measure_search", "SECONDS"),
-    "identify": ("identify", "measure_identify", "STEPS"),
+    "identify": ("identify", "measure_identification", "STEPS"),
     "gym": ("environments", "measure_environments", "STEPS"),
     "animate": ("films", "measure_films", "FRAMES"),
 }
@@ -60,7 +60,10 @@ def bench(
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
     identify: Annotated[
-        bool, typer.Option("--identify", help="Measure identification from recordings instead, beside MuJoCo's.")
+        bool,
+        typer.Option(
+            "--identify", help="Measure identification instead: beside MuJoCo's, and under imperfect cameras."
+        ),
     ] = False,
     gym: Annotated[
         bool,

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from .derivative.sensitivities import Kink, Sensitivities, sensitivities
     from .errors import CommandError, CrawlerError, SceneError
     from .identify.excite import Excitation, excite
-    from .identify.identify import Identification, identify
+    from .identify.forecast.posterior import Posterior, read_posterior
+    from .identify.forecast.predict import Forecast, predict
+    from .identify.identification import Identification
+    from .identify.identify import identify
     from .identify.measurements import MeasurementError, Measurements
-    from .identify.posterior import Posterior, read_posterior
-    from .identify.predict import Forecast, predict
+    from .identify.sensor.sensor import Prior, Sensor
     from .optimise.optimise import optimise
     from .optimise.optimum import Optimum
     from .optimise.pareto import Front, pareto
@@ -54,9 +56,11 @@ __all__ = [
     "Measurements",
     "Optimum",
     "Posterior",
+    "Prior",
     "Scene",
     "SceneError",
     "Sensitivities",
+    "Sensor",
     "Step",
     "Trajectory",
     "TrajectoryColumns",
@@ -87,9 +91,9 @@ _HOMES = {
     "CrawlerError": "errors",
     "Energy": "run.account",
     "Excitation": "identify.excite",
-    "Forecast": "identify.predict",
+    "Forecast": "identify.forecast.predict",
     "Front": "optimise.pareto",
-    "Identification": "identify.identify",
+    "Identification": "identify.identification",
     "Kink": "derivative.sensitivities",
     "Limit": "run.limits",
     "LimitCycle": "run.cycle",
@@ -97,10 +101,12 @@ _HOMES = {
     "MeasurementError": "identify.measurements",
     "Measurements": "identify.measurements",
     "Optimum": "optimise.optimum",
-    "Posterior": "identify.posterior",
+    "Posterior": "identify.forecast.posterior",
+    "Prior": "identify.sensor.sensor",
     "Scene": "scene.scene",
     "SceneError": "errors",
     "Sensitivities": "derivative.sensitivities",
+    "Sensor": "identify.sensor.sensor",
     "Step": "crawler.step",
     "Trajectory": "run.simulate",
     "TrajectoryColumns": "run.table",
@@ -114,9 +120,9 @@ _HOMES = {
     "optimise": "optimise.optimise",
     "pareto": "optimise.pareto",
     "parse_scene": "scene.file",
-    "predict": "identify.predict",
+    "predict": "identify.forecast.predict",
     "prepare": "crawler.crawler",
-    "read_posterior": "identify.posterior",
+    "read_posterior": "identify.forecast.posterior",
     "sensitivities": "derivative.sensitivities",
     "simulate": "run.simulate",
     "simulate_many": "sweep.many",

@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Measurements, Scene, Trajectory, identify, simulate
-from crawler_model.identify.replica import Replica
+from crawler_model.identify.replica.replica import Replica
+from crawler_model.identify.sensor.sensor import PERFECT
 
 from ..entrants.mujoco import Tuning, build_document
+from .laboratory import QUICK_ROBOTS, ROBOTS, measure_coverage
 
 STEPS, QUICK = (1_000, 3_000), (300,)
 """Numbers of MuJoCo's steps per period of 1 s."""
@@ -43,6 +45,8 @@ _WIDE = 100.0
 _WIDEST = np.log(3.0)
 """A parameter is called determined if its 95 % interval is narrower than this factor to each side."""
 _ROUNDING = 1e-12
+_PEER_PART = 0.2
+"""Part of the progress bar for the comparison with the peer."""
 _DIFFERENCE = 1e-3
 """Step of the differences by which MuJoCo's derivatives are computed, relative to the values."""
 
@@ -171,6 +175,21 @@ def measure_identify(
     return rows
 
 
+def measure_identification(steps: Sequence[int], progress: Callable[[float], None]) -> list[dict[str, Any]]:
+    """Measure identification beside the peer, then the coverage of its intervals under imperfect sensors.
+
+    Args:
+        steps: numbers of MuJoCo's steps per second, of those in `TUNED`.
+        progress: called with the completed part, in [0, 1].
+
+    Returns:
+        The rows of `measure_identify`, then those of `measure_coverage`.
+    """
+    robots = ROBOTS if len(steps) > 1 else QUICK_ROBOTS
+    rows = measure_identify(steps, lambda part: progress(_PEER_PART * part))
+    return rows + measure_coverage(robots, lambda part: progress(_PEER_PART + (1.0 - _PEER_PART) * part))
+
+
 def _record(task: Task, noise: float) -> tuple[Trajectory, np.ndarray]:
     """Simulate the true chain; return the run and its positions with noise relative to their largest range, (T, N)."""
     scene = task.scene(start=False)
@@ -209,7 +228,7 @@ def _row(task: Task, noise: float, method: str, found: Found, seconds: float) ->
 def _ours(task: Task, run: Trajectory, positions: np.ndarray) -> Found:
     measured = Measurements("three", run.time, tuple(f"contact_{i}" for i in range(positions.shape[1])), positions)
     with _count_rollouts() as count:
-        found = identify(task.scene(start=True), [measured], task.keys, hold_out=0.0, offset="none")
+        found = identify(task.scene(start=True), [measured], task.keys, hold_out=0.0, offset="none", sensor=PERFECT)
     half = []
     for p in found.parameters:
         low, high = p.interval
@@ -225,9 +244,9 @@ def _count_rollouts() -> Iterator[list[int]]:
     """Count how often our model follows a recording."""
     count, original = [0], Replica.predict
 
-    def predict(replica: Replica, values: np.ndarray, delay: float = 0.0) -> Any:
+    def predict(replica: Replica, *arguments: Any) -> Any:
         count[0] += 1
-        return original(replica, values, delay)
+        return original(replica, *arguments)
 
     Replica.predict = predict  # type: ignore[method-assign, assignment]
     try:

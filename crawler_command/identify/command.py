@@ -12,6 +12,7 @@ import typer
 from crawler_model import CrawlerError
 
 from ..screen import check_output, parse_bounds, progress_bar, screen, whole_file, write_scene
+from .sensor import parse_sensor
 
 if TYPE_CHECKING:
     from crawler_model import Identification, Measurements, Scene
@@ -30,6 +31,14 @@ ColumnsOption = Annotated[
 UnitsOption = Annotated[
     str | None,
     typer.Option(metavar="LENGTH,TIME", help="Units of tables: m, cm, mm or um; s, ms or us. By default m,s."),
+]
+SensorOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE[,...]",
+        help="Uncertainty of lag (50ms), scale (0.5%), drift (2mm) and gain (0%) before the fit, for example "
+        "lag=20ms,scale=0.2%,drift=1mm; fix: holds a number (lag=fix:43ms), `perfect` all of them at 0.",
+    ),
 ]
 CommandsOption = Annotated[
     Path | None, typer.Option(help="A table of the commands at their own times, instead of those in other tables.")
@@ -56,11 +65,14 @@ def identify_command(
     columns: ColumnsOption = None,
     units: UnitsOption = None,
     commands: CommandsOption = None,
+    sensor: SensorOption = None,
     offset: Annotated[
-        str, typer.Option(help="Unknown offsets of positions: none, frame (one per recording) or each (per channel).")
-    ] = "frame",
-    fit_delay: Annotated[bool, typer.Option("--fit-delay", help="Find the delay of the measurements, too.")] = False,
-    robust: Annotated[bool, typer.Option("--robust", help="Let outliers count less (soft_l1).")] = False,
+        str | None,
+        typer.Option(
+            help="Unknown offsets of positions: none, frame (one per recording) or each (per channel).  "
+            "\\[default: each; frame if the start is fitted]"
+        ),
+    ] = None,
     starts: Annotated[int, typer.Option(help="Number of starts, unless an earlier one fits.", min=1)] = 8,
     seconds: Annotated[
         float, typer.Option(help="Time in which more starts are tried while none fits, s.", min=0.0)
@@ -77,16 +89,18 @@ def identify_command(
     """Find the numbers of a scene from measured motion, and what the motion tells about each of them.
 
     A parameter is identified (with a 95 % interval), determined only as a ratio to others, bounded from one side, or
-    not excited by the recorded motion. The exit status is 0 only if the model fits the measurements. Ctrl-C ends the
-    search for other starts and keeps the best so far.
+    not excited by the recorded motion. Lag, scale, offsets and drifts of the camera are found with them. The misfit is
+    a size: residuals in units of the noise, where they are largest, and which change of the model would explain them.
+    The exit status is 1 if they are larger than noise. Ctrl-C ends the search for other starts and keeps the best so
+    far.
     """
     from crawler_model import identify, load_scene
 
-    for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
-        check_output(option, file, suffix, overwrite)
-    if offset not in ("none", "frame", "each"):
+    _check_outputs(out, png, html, overwrite)
+    if offset not in (None, "none", "frame", "each"):
         raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
-    chosen: Literal["none", "frame", "each"] = offset  # type: ignore[assignment]
+    chosen: Literal["none", "frame", "each"] | None = offset  # type: ignore[assignment]
+    known = parse_sensor(sensor or ())
     loaded = load_scene(scene)
     keys = split_keys(fit)
     limits = parse_bounds("--bounds", bounds or ())
@@ -94,14 +108,18 @@ def identify_command(
     topics = parse_topics(topic or ())
     measured = [one for path in recordings for one in _read(path, loaded, topics, described)]
     with progress_bar("identifying") as progress:
-        found = identify(
-            loaded, measured, keys, limits, hold_out, chosen, fit_delay, robust, starts, seed, progress, seconds
-        )
+        found = identify(loaded, measured, keys, limits, hold_out, chosen, known, starts, seed, progress, seconds)
     _print(found, _write(found, out, png, html), as_json)
     if found.interrupted:
         raise typer.Exit(130)
     if not found.model_fits:
         raise CrawlerError(f"the model does not fit: {found.where}")
+
+
+def _check_outputs(out: Path | None, png: Path | None, html: Path | None, overwrite: bool) -> None:
+    """Refuse files that cannot be written before anything is computed."""
+    for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
+        check_output(option, file, suffix, overwrite)
 
 
 def _print(found: Identification, written: list[str], as_json: bool) -> None:
@@ -193,7 +211,7 @@ def _write(found: Identification, out: Path | None, png: Path | None, html: Path
     if png is not None or html is not None:
         from crawler_pictures.identification import draw_identification
 
-        from .report import write_page
+        from .page import write_page
 
         with tempfile.TemporaryDirectory() as folder:
             picture = Path(folder) / "picture.png"

@@ -46,7 +46,7 @@ def excite_command(
     """
     from crawler_model import excite, load_scene
 
-    from .report import tabulate
+    from .report import list_parameters, print_listing
 
     check_output("--out", out, ".yaml", overwrite)
     strokes = parse_bounds("--stroke", stroke or ())
@@ -72,7 +72,7 @@ def excite_command(
             f"{found.scene.name}: {found.duration:g} s, measured at {found.rate:g} Hz with a standard deviation of "
             f"{found.noise:g} m"
         )
-        screen.print(tabulate(found.parameters, title))
+        print_listing(list_parameters(found.parameters, title), screen)
         if out is not None:
             screen.print(f"scene: {out}")
     if found.interrupted:

@@ -24,12 +24,12 @@ from ..optimise.request import Bounds, find_strokes
 from ..run.simulate import simulate
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
+from .fit.space import build_space
 from .identify import identify
+from .judge.verdicts import Parameter
 from .measurements import Measurements, channel_names, observation
-from .playback import playback
-from .replica import Replica, replay_scene
-from .unknowns import build_space
-from .verdicts import Parameter
+from .replica.playback import playback, replay_scene
+from .replica.replica import Replica
 
 _PRIOR = math.log(3.0) ** 2
 """Variance of a parameter before anything is measured."""

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,116 +14,31 @@ from ..errors import CrawlerError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from ..sweep.vary import Variations
-from .bounds import release_limits
-from .fit import Fit, find_fit, fit_from, residuals_of, robust_size
+from .fit.fit import Fit, find_fit, fit_from
+from .fit.minima import average_derivatives, explore_minima
+from .fit.misfit import find_where, measure_misfit
+from .fit.problem import Offset, Problem
+from .fit.space import build_space
+from .identification import Identification
+from .judge.bounds import release
+from .judge.explain import explain_misfit, remark
+from .judge.held_out import score_held_out
+from .judge.intervals import find_intervals
+from .judge.sensors import judge_sensors
+from .judge.verdicts import Parameter, Structure, find_covariance, find_structure, judge
 from .measurements import MeasurementError, Measurements, check_measurements
-from .playback import playback
-from .replica import Replica, replay_scene
-from .unknowns import Offset, Problem, build_space
-from .verdicts import Parameter, Structure, find_structure, judge, noise_of, without_trust
+from .replica.playback import replay_scene
+from .replica.replica import Replica
+from .sensor.sensor import Sensor
 
-_COARSE = 4000
-"""Rows of all recordings together on which starts are compared."""
-_WEIGHINGS = 2
+_COARSE = 16_000
+"""Measured values of all recordings together on which starts are compared."""
 _MANY = 5
 """From this number of recordings on, whole recordings are held out."""
-_HELD_OUT_LEVEL = 1e-4
+_WORSE = 2.0
+"""Residuals of held-out rows of more than this many times their predicted size are a misfit."""
 _INDIFFERENT = 20.0
 """Increase of the sum of squares, in units of the noise, by which a combination of parameters may still move."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Identification:
-    """The result of an identification.
-
-    Attributes:
-        scene: the scene with the values found; parameters that are not determined keep their values.
-        parameters: what is known about each parameter.
-        residual: root mean square of the fitted residuals [m].
-        noise: estimated standard deviation of the measurements, of all together [m].
-        held_out: root mean square of the residuals that were not fitted [m]; None if nothing was held out.
-        model_fits: whether the residuals are noise, and those held out are not larger.
-        p_value: probability of such residuals if they were noise [1].
-        where: where the model fails; None if it fits.
-        warnings: one line each.
-        recordings: the measurements.
-        residuals: simulated minus measured, for each recording, shape (T, M) [m].
-        fitted: the rows that were fitted, for each recording, bool, shape (T,).
-        offsets: what was added to the model for each recording, shape (M,) [m].
-        delays: for each recording [s].
-        noises: estimated standard deviation of each channel, for each recording, shape (M,) [m]: one for its positions
-            and one for its elongations if they differ.
-        interrupted: whether Ctrl-C ended the search before all starts were tried.
-    """
-
-    scene: Scene
-    parameters: tuple[Parameter, ...]
-    residual: float
-    noise: float
-    held_out: float | None
-    model_fits: bool
-    p_value: float
-    where: str | None
-    warnings: tuple[str, ...]
-    recordings: tuple[Measurements, ...]
-    residuals: tuple[np.ndarray, ...]
-    fitted: tuple[np.ndarray, ...]
-    offsets: tuple[np.ndarray, ...]
-    delays: tuple[float, ...]
-    noises: tuple[np.ndarray, ...]
-    interrupted: bool
-
-    def playback(self, recording: int = 0) -> Scene:
-        """Build the scene with the values found that plays a recording.
-
-        Args:
-            recording: its index.
-
-        Returns:
-            The scene; its drive is the recorded commands, straight between rows.
-        """
-        return playback(self.scene, self.recordings[recording])
-
-    def __repr__(self) -> str:
-        """Describe the result in one line."""
-        return f"Identification({', '.join(f'{p.name}: {p.verdict}' for p in self.parameters)})"
-
-    def __getitem__(self, name: str) -> Parameter:
-        """Return the parameter of a name."""
-        return next(p for p in self.parameters if p.name == name)
-
-    def summary(self) -> dict[str, Any]:
-        """Convert to the values that `crawler identify --json` prints.
-
-        Returns:
-            Plain numbers, lists and text, schema 1.
-        """
-        return {
-            "schema": 1,
-            "scene": self.scene.name,
-            "parameters": [p.as_plain() for p in self.parameters],
-            "residual": self.residual,
-            "noise": self.noise,
-            "held_out": self.held_out,
-            "model_fits": self.model_fits,
-            "p_value": self.p_value,
-            "where": self.where,
-            "warnings": list(self.warnings),
-            "recordings": [
-                {
-                    "name": m.name,
-                    "rows": int(m.time.size),
-                    "fitted_rows": int(rows.sum()),
-                    "offset": dict(zip(m.channels, added.tolist(), strict=True)),
-                    "delay_s": delay,
-                    "noise": dict(zip(m.channels, noise.tolist(), strict=True)),
-                }
-                for m, rows, added, delay, noise in zip(
-                    self.recordings, self.fitted, self.offsets, self.delays, self.noises, strict=True
-                )
-            ],
-            "complete": not self.interrupted,
-        }
 
 
 def identify(
@@ -134,9 +47,8 @@ def identify(
     keys: Sequence[str],
     bounds: Mapping[str, tuple[float, float]] | None = None,
     hold_out: float = 0.2,
-    offset: Offset = "frame",
-    delay: bool = False,
-    robust: bool = False,
+    offset: Offset | None = None,
+    sensor: Sensor | None = None,
     starts: int = 8,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
@@ -144,8 +56,8 @@ def identify(
 ) -> Identification:
     """Find the numbers of a scene under which the model repeats measured motion, and what the motion tells about each.
 
-    The sum of squares of simulated minus measured values is minimised with exact derivatives, from several starts.
-    Offsets of the camera's frame, and if asked delays, are unknowns too.
+    The sum of squares of simulated minus measured values, whitened by the noise that is estimated with them, is
+    minimised with exact derivatives from several starts. What the sensor does is a part of the fit, with priors.
 
     Args:
         scene: a scene on a line, a path or a gallery name; its numbers are the first start.
@@ -155,9 +67,8 @@ def identify(
         hold_out: fraction of the measurements that is not fitted but predicted [1]: the end of each recording, or from
             five recordings on whole recordings.
         offset: "frame" for one unknown constant in the positions of each recording, "each" for one per channel,
-            "none" for positions in the frame of the scene.
-        delay: whether the measurements of each recording have an unknown delay.
-        robust: whether outliers count less (soft_l1).
+            "none" for positions in the frame of the scene; None for "frame" if the start is fitted, else "each".
+        sensor: priors of lag, scale, drifts and gain; None for wide ones of a camera.
         starts: number of starts, unless an earlier one leads to a fit.
         seed: of the random starts.
         progress: called with the fraction done, in [0, 1].
@@ -180,8 +91,11 @@ def identify(
         raise CrawlerError(f"identify: starts: {starts}; it must be at least 1")
     if not 0.0 <= seconds < np.inf:
         raise CrawlerError(f"identify: seconds: {seconds:g}; it must be 0 or more")
+    if offset is None:
+        offset = "frame" if any(key.startswith("start") for key in keys) else "each"
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"identify: offset: {offset!r}; it must be none, frame or each")
+    sensor = Sensor() if sensor is None else sensor
     if scene.dimension == 2:
         raise CrawlerError(f"identify: {scene.name} is in the plane; identification is for bodies on a line")
     checked = [check_measurements(scene, m) for m in recordings]
@@ -191,31 +105,38 @@ def identify(
     replicas = [Replica(scene, m, names) for m in checked]
     space = build_space(names, replicas[0].start_values, bounds)
     rows = _fitted_rows([m.time.size for m in checked], hold_out)
-    problem = Problem(replicas, rows, space, offset, delay)
-    numbers = sum(int(r.sum()) * len(m.channels) for r, m in zip(rows, checked, strict=True))
-    if numbers <= problem.count:
-        raise MeasurementError(f"identify: {numbers} measured values for {problem.count} unknowns are too few")
-    coarse = _coarse(problem, scene, checked, offset, delay)
-    searched = fit = find_fit(problem, coarse, starts, seconds, robust, np.random.default_rng(seed), progress)
-    for _ in range(_WEIGHINGS):
-        if searched.interrupted or not problem.weigh(fit.residuals):
-            break
-        fit = _fit_again(problem, fit)
-    fit, structure = _settle(problem, release_limits(problem, fit))
-    parameters = judge(problem, fit, structure)
+    problem = Problem(replicas, rows, space, offset, sensor)
+    numbers = sum(int(present.sum()) for present in problem.present)
+    unknowns = problem.count + sum(design.shape[-1] for design in problem.designs)
+    if numbers <= unknowns:
+        raise MeasurementError(f"identify: {numbers} measured values for {unknowns} unknowns are too few")
+    rng = np.random.default_rng(seed)
+    fit, structure = _find(problem, _coarse(problem), starts, seconds, rng, progress)
+    found = _conclude(scene, problem, fit, structure)
     if progress is not None:
         progress(1.0)
-    count, reached = searched.starts, searched.reached
-    fit = dataclasses.replace(fit, interrupted=searched.interrupted, starts=count, reached=reached)
-    return _conclude(scene, problem, fit, parameters)
+    return found
 
 
-def _fit_again(problem: Problem, fit: Fit) -> Fit:
-    """Fit with new weights from where an earlier fit ended."""
-    soft = None if fit.soft is None else robust_size(problem, fit.unknowns)
-    again = fit_from(problem, fit.unknowns, np.zeros(problem.count, np.bool_), soft, tight=True, most=40)
-    assert again is not None  # a motion exists where the earlier fit ended
-    return again
+def _find(
+    problem: Problem,
+    coarse: Problem,
+    starts: int,
+    seconds: float,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] | None,
+) -> tuple[Fit, Structure]:
+    """Fit, and find what is determined."""
+    searched = find_fit(problem, coarse, starts, seconds, rng, progress)
+    wander = not searched.interrupted
+    fit, structure = _settle(problem, release(problem, explore_minima(problem, searched, rng) if wander else searched))
+    if wander:
+        held = np.zeros(problem.count, np.bool_)
+        held[sorted(structure.unseen | structure.held | set(structure.weak))] = True
+        fit = average_derivatives(problem, fit, held, rng)
+    return dataclasses.replace(
+        fit, interrupted=searched.interrupted, starts=searched.starts, reached=searched.reached
+    ), structure
 
 
 def _fitted_rows(sizes: Sequence[int], hold_out: float) -> list[np.ndarray]:
@@ -228,15 +149,16 @@ def _fitted_rows(sizes: Sequence[int], hold_out: float) -> list[np.ndarray]:
     return [np.arange(size) < size - int(hold_out * size) for size in sizes]
 
 
-def _coarse(problem: Problem, scene: Scene, checked: Sequence[Measurements], offset: Offset, delay: bool) -> Problem:
+def _coarse(problem: Problem) -> Problem:
     """Build the problem with the first rows of each recording; the problem itself if it is small."""
+    measured = [r.measured for r in problem.replicas]
     used = [i for i, rows in enumerate(problem.rows) if rows.any()]
-    most = max(50, _COARSE // len(used))
-    if len(used) == len(checked) and all(m.time.size <= most for m in checked):
+    most = max(50, _COARSE // sum(len(measured[i].channels) for i in used))
+    if len(used) == len(measured) and all(m.time.size <= most for m in measured):
         return problem
-    heads = [checked[i].head(most) if i in used else checked[i].head(50) for i in range(len(checked))]
-    rows = [rows[: m.time.size] for rows, m in zip(problem.rows, heads, strict=True)]
-    return Problem([Replica(scene, m, problem.space.names) for m in heads], rows, problem.space, offset, delay)
+    replicas = [r.head(most if i in used else 50) for i, r in enumerate(problem.replicas)]
+    rows = [rows[: r.measured.time.size] for rows, r in zip(problem.rows, replicas, strict=True)]
+    return Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
 
 
 def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
@@ -256,14 +178,11 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
                     moved[p] += max(shifts[0], 0.0) * space.logarithmic[p]
         for p in structure.held:
             moved[p] = origin[p]
-        again = fit_from(problem, moved, held, fit.soft, tight=True, most=40)
-        spread = max(float(np.ptp(r.measured.values)) for r in problem.replicas)
-        size = fit.residuals.fitted.size
-        allowed = fit.cost * (1.0 + _INDIFFERENT / size) + size * (1e-11 * spread) ** 2
-        if again is None or again.cost > allowed:
+        again = fit_from(problem, moved, held, tight=True, most=40)
+        if again is None or again.cost > fit.cost + _INDIFFERENT:
             return fit, structure
         later = find_structure(problem, again, structure)
-        fit = again
+        fit = dataclasses.replace(again, spread=fit.spread)
         if later.held == structure.held and later.unseen == structure.unseen and later.weak == structure.weak:
             return fit, later
         structure = later
@@ -280,24 +199,51 @@ def _shift(problem: Problem, fit: Fit, group: set[int], first: int, shift: float
         moved[members] += direction * (shift / own)
 
 
-def _conclude(scene: Scene, problem: Problem, fit: Fit, parameters: tuple[Parameter, ...]) -> Identification:
-    """Test the residuals, and collect the result."""
-    measured = [r.measured for r in problem.replicas]
-    test = residuals_of(problem, fit)
-    residuals = tuple(
-        r if rows.any() else r - _common(shape, r)
-        for r, rows, shape in zip(fit.residuals.all, problem.rows, problem.shapes, strict=True)
+def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) -> Identification:
+    """Judge the parameters, measure the misfit, and collect the result."""
+    count = problem.space.origin.size
+    below, above = find_intervals(problem, fit, structure)
+    parameters = judge(problem, fit, structure, below, above)
+    unknown = [*structure.free(count), *range(count, problem.count)]
+    covariance = np.zeros((problem.count, problem.count))
+    covariance[np.ix_(unknown, unknown)] = find_covariance(problem, fit, fit.mean_jacobian, unknown)[0]
+    sensors = judge_sensors(problem, fit, covariance)
+    misfits = tuple(measure_misfit(problem, fit.residuals))
+    score = score_held_out(problem, fit, covariance)
+    where = find_where(misfits)
+    width = np.maximum(below, above)
+    explanations = explain_misfit(problem, fit, width) if where is not None and not fit.interrupted else []
+    if where is None and score is not None and score.size > _WORSE:
+        where = score.worst
+    slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
+    used = np.concatenate([r[p] for r, p in zip(fit.residuals.all, problem.present, strict=True)])
+    noises = tuple(np.array([noise.size for noise in one]) for one in problem.noises)
+    return Identification(
+        _with_values(scene, problem, parameters),
+        tuple(remark(p, explanations) for p in parameters),
+        sensors,
+        float(np.sqrt(np.mean(used**2))),
+        float(np.sqrt(np.mean(np.concatenate(noises) ** 2))),
+        None if score is None else score.residual,
+        score,
+        where is None,
+        where,
+        misfits,
+        tuple(explanations),
+        tuple(_warn(fit, parameters, where)),
+        tuple(r.measured for r in problem.replicas),
+        fit.residuals.all,
+        problem.rows,
+        tuple(_spread(problem, fit, i, False) for i in range(len(problem.replicas))),
+        tuple(_spread(problem, fit, i, True) for i in range(len(problem.replicas))),
+        noises,
+        covariance[:count, :count] * np.outer(slope, slope),
+        fit.interrupted,
     )
-    out = [r[~rows] for r, rows in zip(residuals, problem.rows, strict=True)]
-    left = np.concatenate([r.ravel() for r in out])
-    noise = noise_of(problem, dataclasses.replace(fit, soft=None))[0]
-    noises = tuple(noise / weight for weight in problem.weights)
-    used = np.concatenate([r[rows].ravel() for r, rows in zip(residuals, problem.rows, strict=True)])
-    held_out = float(np.sqrt(np.mean(left**2))) if left.size else None
-    where = test.where
-    spread = max(float(np.ptp(m.values)) for m in measured)
-    if where is None and held_out is not None and fit.soft is None:
-        where = _held_out_failure(problem, out, max(noise, 1e-9 * spread))
+
+
+def _warn(fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[str]:
+    """Write the warnings."""
     warnings = ["interrupted: this is the best of the starts that were tried"] if fit.interrupted else []
     warnings += [
         f"{p.name} ended at its bound {p.value:.6g}; widen it with bounds if it may lie beyond"
@@ -309,52 +255,16 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, parameters: tuple[Parame
             f"this is the best of {fit.starts} starts, and {fit.reached} of them ended here: if the model is right, it "
             "is a local minimum, which more time for starts may leave"
         )
-        parameters = tuple(without_trust(p, where) for p in parameters)
-    return Identification(
-        _with_values(scene, problem, parameters),
-        parameters,
-        float(np.sqrt(np.mean(used**2))),
-        float(np.sqrt(np.mean(np.concatenate(noises) ** 2))),
-        held_out,
-        where is None,
-        test.p_value,
-        where,
-        tuple(warnings),
-        tuple(measured),
-        residuals,
-        problem.rows,
-        tuple(problem.added(fit.unknowns)),
-        tuple(float(d) for d in problem.delays(fit.unknowns)),
-        noises,
-        fit.interrupted,
-    )
+    return warnings
 
 
-def _common(shape: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """Compute the part of residuals that offsets explain, of a recording that was not fitted, shape (M,)."""
-    if shape.shape[1] == 0:
-        return np.zeros(shape.shape[0])
-    return np.asarray(shape @ np.linalg.lstsq(shape, residuals.mean(axis=0), rcond=None)[0])
-
-
-def _held_out_failure(problem: Problem, out: Sequence[np.ndarray], noise: float) -> str | None:
-    """Determine whether weighted residuals that were not fitted are larger than noise; describe where."""
-    from scipy.stats import f
-
-    weighted = [r * weight for r, weight in zip(out, problem.weights, strict=True)]
-    count = sum(r.size for r in weighted)
-    freedom = sum(int(rows.sum()) * r.shape[1] for rows, r in zip(problem.rows, out, strict=True))
-    size = float(np.sqrt(sum(float((r**2).sum()) for r in weighted) / count))
-    if f.sf((size / noise) ** 2, count, freedom) >= _HELD_OUT_LEVEL:
-        return None
-    worst = max((i for i in range(len(out)) if out[i].size), key=lambda i: float(np.abs(weighted[i]).max()))
-    row, column = np.unravel_index(int(np.abs(weighted[worst]).argmax()), out[worst].shape)
-    measured = problem.replicas[worst].measured
-    time = measured.time[~problem.rows[worst]][row]
-    return (
-        f"{measured.name}: held-out rows have residuals of {size:.3g} m, the fitted ones {noise:.3g} m; the "
-        f"largest is that of {measured.channels[column]} at {time:.4g} s"
-    )
+def _spread(problem: Problem, fit: Fit, i: int, drifts: bool) -> np.ndarray:
+    """Read what offsets add to each channel of a recording, or drifts over the whole of it, shape (M,)."""
+    count, linear = problem.offsets[i], fit.residuals.linear[i]
+    if not drifts:
+        return np.asarray(problem.designs[i][0, :, :count] @ linear[:count])
+    part = problem.designs[i][-1, :, count:] - problem.designs[i][0, :, count:]
+    return np.asarray(part @ linear[count:])
 
 
 def _with_values(scene: Scene, problem: Problem, parameters: Sequence[Parameter]) -> Scene:

@@ -354,6 +354,10 @@ def test_without_mujoco_sysid_our_identification_is_measured_alone(tmp_path):
     ]
     rows = json.loads(done.stdout)["rows"]
     assert json.loads((tmp_path / "identify.json").read_text())["rows"] == rows
+    cameras = [row for row in rows if row["case"] == "coverage"]
+    assert {"white", "pixels", "dropped frames"} < {row["measurement"] for row in cameras}
+    assert all(row["covered_percent"] > 60.0 for row in cameras)
+    rows = [row for row in rows if row["case"] == "identify"]
     assert [row["called_determined"] for row in rows] == [3, 3, 0, 0, 2, 2]
     for row in rows:
         assert row["of_these_not"] == row["missed"] == 0

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import os
+import re
+from html import unescape
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 
 from crawler_command.app import main
+from crawler_command.identify.report import print_identification
 from crawler_command.identify.table_options import parse_columns, parse_units
 from crawler_command.identify.tables import read_table
-from crawler_model import Measurements, Scene, load_scene, simulate
+from crawler_model import Measurements, Scene, identify, load_scene, simulate
 from crawler_model.identify.measurements import MeasurementError, channel_names, check_measurements
 
 from .. import recordings
@@ -209,6 +214,45 @@ def test_a_wrong_model_ends_with_status_1_and_says_where(robot, tmp_path, capsys
     status, _, error = run(capsys, "identify", csv, "--scene", guess, "--fit", "friction.forward")
     assert status == 1
     assert "the model does not fit: run.csv: contact_" in error
+
+
+def numbers(text: str) -> set[str]:
+    return set(re.findall(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?", text))
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_the_page_has_every_number_of_the_screen_and_loads_nothing(robot, tmp_path, capsys, wrong):
+    guess, header, rows = robot
+    if wrong:
+        rows[150:, 1:4] += 0.01
+    csv, html = write_csv(tmp_path / "run.csv", header, rows), tmp_path / "found.html"
+    options = ("--scene", guess, "--fit", "friction.forward,friction.backward", "--html", html)
+    status, shown, _ = run(capsys, "identify", csv, *options)
+    page = unescape(html.read_text(encoding="utf-8"))
+    text = re.sub(r"<style>.*?</style>|<[^>]*>", " ", page, flags=re.DOTALL)
+    assert not numbers(shown.replace(str(html), "")) - numbers(text)
+    assert status == int("the model does not fit" in text)
+    assert status == 1 or not wrong
+    for channel in ("contact_0", "contact_1", "contact_2"):
+        assert f"<td>run.csv</td><td>{channel}</td>" in page
+    assert set(re.findall(r"(?:src|href|url)\W+(\w+)", page)) == {"data"}
+    assert "@import" not in page
+
+
+@pytest.mark.parametrize("width", [60, 80, 140])
+def test_no_number_is_cut_on_a_narrow_screen(robot, tmp_path, capsys, width):
+    guess, header, rows = robot
+    scene = load_scene(str(guess))
+    measured = read_table(write_csv(tmp_path / "run.csv", header, rows), scene)
+    found = identify(scene, [measured], ["friction.forward"])
+    console = Console(width=width, file=io.StringIO(), highlight=False)
+    print_identification(found, console)
+    text = console.file.getvalue()
+    for p in found.parameters:
+        assert f" {p.value:.6g} " in text
+        assert f"{p.interval[0]:.6g} .. {p.interval[1]:.6g} " in text
+    assert "\u2026" not in text
+    assert width < 80 or max(map(len, text.splitlines())) <= width
 
 
 @pytest.mark.parametrize("kind", ["ours", "remapped", "joint_states"])

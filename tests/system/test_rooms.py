@@ -30,6 +30,11 @@ ROOMS = {
     "crawler_pictures": ("film", "run"),
     "crawler_model": (
         "identify",
+        "identify.forecast",
+        "identify.judge",
+        "identify.fit",
+        "identify.replica",
+        "identify.sensor",
         "optimise",
         "derivative",
         "sweep",

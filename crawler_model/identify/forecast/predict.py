@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import frozen
-from ..derivative.sensitivities import check_differentiable
-from ..errors import CommandError, CrawlerError, SceneError
-from ..notebook import write_html
-from ..scene.file import coerce_scene, load_drive
-from ..scene.scene import Scene
-from ..sweep.vary import Variations, vary
+from ...arrays import frozen
+from ...derivative.sensitivities import check_differentiable
+from ...errors import CommandError, CrawlerError, SceneError
+from ...notebook import write_html
+from ...scene.file import coerce_scene, load_drive
+from ...scene.scene import Scene
+from ...sweep.vary import Variations, vary
 from .outcome import FARTHEST, TOTALS, Evaluate, Outcome, attempt, explore, find_outcome
 from .posterior import Interval, Posterior, read_posterior
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..body.body import Body
-from ..body.curves import BEGIN, END, Curve
-from ..body.names import name_every_spring
+from ...body.body import Body
+from ...body.curves import BEGIN, END, Curve
+from ...body.names import name_every_spring
 
 
 class Reached(NamedTuple):

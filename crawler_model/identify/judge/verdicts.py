@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
+from ..fit.fit import Fit
+from ..fit.problem import Problem
+from ..sensor.noise import find_rounding
 from .bounds import Held, find_bounds
-from .fit import Fit
-from .unknowns import Problem
 
 Verdict = Literal["identified", "ratio", "bound", "not excited"]
 _ZERO = 1e-11
@@ -19,6 +19,11 @@ _NULL = 1e-8
 """A singular value below this part of the largest one is zero; columns have length 1."""
 _MEMBER = 1e-5
 _WEAK_MEMBER = 0.1
+_SLOW = 0.2
+"""Part of the noise from which its slow part counts."""
+_WIDER, _WIDER_SLOW = 1.1, 1.25
+"""Factors on intervals, because the derivatives are averages over creases; where noise has a slow part, its size and
+correlation time are estimates, too. Both are calibrated by `crawler bench --identify`."""
 _WIDEST = np.log(3.0)
 """Half of a 95 % interval of a logarithm; a parameter with a wider one is not identified."""
 
@@ -113,20 +118,25 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
         The structure.
     """
     count = problem.space.origin.size
-    jacobian = effective_jacobian(problem, fit)
+    # a logarithm far below that of the scene has little effect, though the value may have much
+    values = problem.space.to_values(fit.unknowns[:count])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        larger = np.where(problem.space.logarithmic, np.maximum(problem.space.origin / values, 1.0), 1.0)
+    jacobian = effective_jacobian(problem, fit.residuals.jacobian) * larger
     found = Structure()
     if known is not None:
         found.held, found.groups = set(known.held), [set(g) for g in known.groups]
     size = np.linalg.norm(jacobian, axis=0)
     own = np.linalg.norm(fit.residuals.jacobian[:, :count], axis=0)
-    spread = max(float(np.abs(r.measured.values).max()) for r in problem.replicas)
-    largest = max(float(size.max(initial=0.0)), _ZERO * spread)
+    spread = max(float(np.nanmax(np.abs(r.measured.values))) for r in problem.replicas)
+    largest = max(float(size.max(initial=0.0)), _ZERO * spread / problem.floor)
     found.unseen = {p for p in range(count) if size[p] <= max(_ZERO * largest, _NULL * own[p])} - found.held
+    triangle: Any = np.linalg.qr(jacobian, mode="r")  # with the same singular values
     while True:
         free = found.free(count)
         if not free:
             return found
-        part = jacobian[:, free] / size[free]
+        part = triangle[:, free] / size[free]
         _, values, right = np.linalg.svd(part, full_matrices=False)
         null = right[values <= _NULL * values[0]]
         if null.shape[0]:
@@ -159,7 +169,7 @@ def _component(joined: np.ndarray, first: int) -> list[int]:
 
 def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -> tuple[list[int], float] | None:
     """Find the combination of logarithms that the noise hides most, if it hides any."""
-    covariance, quantile = find_covariance(problem, fit, jacobian, free)
+    covariance, quantile = find_covariance(problem, replace(fit, spread=np.zeros_like(fit.spread)), jacobian, free)
     logs = [i for i, p in enumerate(free) if problem.space.logarithmic[p]]
     if not logs:
         return None
@@ -171,24 +181,24 @@ def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -
     direction = np.abs(vectors[:, -1])
     members = [free[logs[i]] for i in np.flatnonzero(direction > _WEAK_MEMBER * direction.max())]
     conditional = jacobian[:, members[0]]
-    alone = quantile * noise_of(problem, fit)[0] / max(float(np.linalg.norm(conditional)), 1e-300)
+    alone = quantile / max(float(np.linalg.norm(conditional)), 1e-300)
     if len(members) > 1 and alone <= _WIDEST:
         return members, float(widths[worst])
     return [free[logs[worst]]], float(widths[worst])
 
 
-def effective_jacobian(problem: Problem, fit: Fit) -> np.ndarray:
-    """Remove from the derivatives what offsets and delays can imitate.
+def effective_jacobian(problem: Problem, jacobian: np.ndarray) -> np.ndarray:
+    """Remove from the derivatives what the unknown numbers of the sensors can imitate, as far as their priors allow.
 
     Args:
         problem: the problem.
-        fit: its end.
+        jacobian: of the whitened residuals and priors, shape (R, U).
 
     Returns:
-        Derivatives of the fitted residuals with respect to the coordinates of the parameters, shape (R, P).
+        Derivatives with respect to the coordinates of the parameters, shape (R, P).
     """
     count = problem.space.origin.size
-    jacobian, others = fit.residuals.jacobian[:, :count], fit.residuals.jacobian[:, count:]
+    jacobian, others = jacobian[:, :count], jacobian[:, count:]
     others = others[:, np.abs(others).max(axis=0, initial=0.0) > 0.0]
     if others.shape[1] == 0:
         return jacobian
@@ -197,82 +207,77 @@ def effective_jacobian(problem: Problem, fit: Fit) -> np.ndarray:
     return np.asarray(jacobian - basis @ (basis.T @ jacobian))
 
 
-def noise_of(problem: Problem, fit: Fit) -> tuple[float, int]:
-    """Estimate the standard deviation that intervals follow from.
-
-    Args:
-        problem: the problem.
-        fit: its end.
-
-    Returns:
-        The standard deviation [m], for a robust fit that of the estimator (P. J. Huber, Robust Statistics, 7.6), and
-        the degrees of freedom.
-    """
-    residuals = fit.residuals.fitted
-    freedom = max(residuals.size - problem.count, 1)
-    if fit.soft is None:
-        return float(np.sqrt(residuals @ residuals / freedom)), freedom
-    z = 1.0 + (residuals / fit.soft) ** 2
-    score, slope = residuals / np.sqrt(z), z**-1.5
-    return float(np.sqrt(score @ score / freedom) / np.mean(slope)), freedom
-
-
 def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -> tuple[np.ndarray, float]:
-    """Compute the covariance of some parameters, the others held.
+    """Compute the covariance of some unknowns, the others held.
+
+    It is a sandwich: the noise of a channel is not exactly what it was taken for. Where it has a slow part, its
+    estimate is uncertain, which a factor on the intervals covers; the rounding of pixels is a function of position.
 
     Args:
         problem: the problem.
         fit: its end.
-        jacobian: from `effective_jacobian`, shape (R, P).
-        free: the parameters.
+        jacobian: shape (R, P).
+        free: the unknowns.
 
     Returns:
         The covariance of their coordinates, shape (F, F), and the quantile of Student's t for a 95 % interval.
     """
     from scipy.stats import t
 
-    deviation, freedom = noise_of(problem, fit)
+    freedom = max(fit.residuals.fitted.size - problem.count, 1)
     part = jacobian[:, free]
-    size = np.linalg.norm(part, axis=0)
-    _, values, right = np.linalg.svd(part / size, full_matrices=False)
-    half = (right.T / np.maximum(values, 1e-300)) / size[:, None]
-    return deviation**2 * (half @ half.T), float(t.ppf(0.975, freedom))
+    size = np.maximum(np.linalg.norm(part, axis=0), 1e-300)
+    part = part / size
+    middle = part.T @ part
+    values, vectors = np.linalg.eigh(middle)
+    bread = vectors @ (vectors.T / np.maximum(values, 1e-300)[:, None])
+    for i, channels in enumerate(problem.slices()):
+        for m, rows in enumerate(channels):
+            own, noise = part[rows], problem.noises[i][m]
+            if noise.pixel > 0.0:
+                index = problem.channels[i][m].rows
+                shown = problem.replicas[i].measured.values[index, m] + fit.residuals.all[i][index, m]
+                middle += find_rounding(noise, shown / noise.pixel, own) - own.T @ own
+            else:
+                factor = _WIDER_SLOW if noise.slow > _SLOW * noise.size else _WIDER
+                middle += (factor**2 - 1.0) * (own.T @ own)
+    scale = max(1.0, fit.cost / freedom)
+    covariance = scale * (bread @ middle @ bread) / np.outer(size, size) + fit.spread[np.ix_(free, free)]
+    return covariance, float(t.ppf(0.975, freedom))
 
 
-def judge(problem: Problem, fit: Fit, structure: Structure) -> tuple[Parameter, ...]:
+def judge(
+    problem: Problem, fit: Fit, structure: Structure, below: np.ndarray, above: np.ndarray
+) -> tuple[Parameter, ...]:
     """Write the verdict on each parameter.
 
     Args:
         problem: the problem.
         fit: its end, with the held parameters at the scene's values.
         structure: from `find_structure`.
+        below: lower half widths of the 95 % intervals of the coordinates, shape (P,); inf where there is no end.
+        above: the upper ones, likewise.
 
     Returns:
         One for each parameter, in order.
     """
     space = problem.space
     count = space.origin.size
-    free = structure.free(count)
-    jacobian = effective_jacobian(problem, fit)
     coordinates = fit.unknowns[:count]
     values = space.to_values(coordinates)
-    width = np.full(count, np.inf)
-    if free:
-        covariance, quantile = find_covariance(problem, fit, jacobian, free)
-        width[free] = quantile * np.sqrt(np.diag(covariance))
-    deviation = noise_of(problem, fit)[0]
-    bounds = find_bounds(problem, fit, structure.unseen, deviation)
+    bounds = find_bounds(problem, fit, structure.unseen)
     low, high = (v[:count] for v in problem.bounds)
     parameters = []
     for p, name in enumerate(space.names):
         group = next((g for g in structure.groups if p in g), set())
         partners = tuple(space.names[q] for q in sorted(group - {p}))
-        interval = _interval(problem, coordinates[p], width[p], p)
+        interval = _interval(problem, coordinates[p], below[p], above[p], p)
         relation = f"{'ratio to' if space.logarithmic[p] else 'difference from'} {', '.join(partners)}"
         if p in structure.unseen:
             parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, ())))
         elif p in structure.weak:
-            why = f"the noise hides it: its 95 % interval would span a factor of {np.exp(2.0 * structure.weak[p]):.3g}"
+            factor = np.exp(min(2.0 * structure.weak[p], 700.0))
+            why = f"the noise hides it: its 95 % interval would span a factor of {factor:.3g}"
             parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
         elif p in structure.held:
             why = f"only its {relation} is determined; it is kept at {values[p]:.6g}"
@@ -287,28 +292,36 @@ def judge(problem: Problem, fit: Fit, structure: Structure) -> tuple[Parameter, 
             side = f"{'at most' if at_most else 'at least'} {values[p]:.6g}"
             why = f"{side}: the fit ended at this bound"
             parameters.append(Parameter(name, "bound", float(values[p]), ends, (), why))
+        elif None in interval:
+            end = interval[0] if interval[0] is not None else interval[1]
+            if end is None:
+                why = "the noise hides it"
+                parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
+            else:
+                why = f"{'at least' if interval[1] is None else 'at most'} {end:.6g}: values beyond fit as well"
+                parameters.append(Parameter(name, "bound", end, interval, (), why))
         else:
             why = "the motion determines it"
             parameters.append(Parameter(name, "identified", float(values[p]), interval, (), why))
     return tuple(parameters)
 
 
-def _interval(problem: Problem, coordinate: float, width: float, p: int) -> tuple[float | None, float | None]:
+def _interval(
+    problem: Problem, coordinate: float, below: float, above: float, p: int
+) -> tuple[float | None, float | None]:
     """Convert the interval of a coordinate to one of the value."""
-    if not np.isfinite(width):
-        return (None, None)
-    space = problem.space
-    low, high = coordinate - width, coordinate + width
-    if space.logarithmic[p]:
-        return float(np.exp(low)), float(np.exp(high))
-    return float(low * space.scale[p]), float(high * space.scale[p])
+    ends = np.array([coordinate - below, coordinate + above])
+    with np.errstate(over="ignore"):
+        values = np.exp(ends) if problem.space.logarithmic[p] else ends * problem.space.scale[p]
+    low, high = (float(v) if np.isfinite(e) else None for v, e in zip(values, ends, strict=True))
+    return low, high
 
 
 def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: tuple[Held, ...]) -> Parameter:
     """Write the verdict on a parameter without effect on the fitted rows."""
     name = problem.space.names[p]
     if np.abs(fit.residuals.jacobian[:, p]).max(initial=0.0) > 0.0 and not bounds:
-        why = "an unknown offset or delay has the same effect"
+        why = "an unknown offset, lag or scale has the same effect"
         return Parameter(name, "not excited", None, (None, None), (), why)
     if not bounds:
         return Parameter(name, "not excited", None, (None, None), (), "the measured motion does not depend on it")
@@ -318,24 +331,3 @@ def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: tuple[Held, ...]) 
         for b in bounds
     ]
     return Parameter(name, "bound", bounds[0].value, (ends.get(True), ends.get(False)), (), "; ".join(reasons))
-
-
-def without_trust(parameter: Parameter, where: str) -> Parameter:
-    """Withdraw a verdict on values, because the model does not fit.
-
-    Args:
-        parameter: the parameter.
-        where: where the model fails.
-
-    Returns:
-        The same parameter, with its best value but without an interval; no bound remains, as the forces of a wrong
-        model are wrong.
-    """
-    if parameter.verdict == "not excited":
-        return parameter
-    value = None if parameter.verdict == "bound" else parameter.value
-    kind = "it has no bound" if value is None else "the value is only the best one that was found"
-    why = f"the model does not repeat the measurements ({where}); {kind}"
-    return dataclasses.replace(
-        parameter, verdict="not excited", value=value, interval=(None, None), partners=(), why=why
-    )

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import frozen
-from ..errors import CrawlerError, SceneError
-from ..scene.scene import Scene
-from ..sweep.vary import Variations
+from ...arrays import frozen
+from ...errors import CrawlerError, SceneError
+from ...scene.scene import Scene
+from ...sweep.vary import Variations
 
 _ROUNDING = 1e-9
 """Part of the variances by which a covariance may differ from a symmetric, positive semidefinite one."""

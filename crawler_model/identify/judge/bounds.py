@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .fit import Fit, cost_of
-from .knots import find_limits
-from .unknowns import Problem
+from ..fit.fit import Fit, cost_of
+from ..fit.problem import Problem
+from ..replica.knots import find_limits
 
 _BEYOND = (1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.3)
 """Factors by which a parameter is moved beyond its bound to confirm it."""
@@ -16,7 +16,8 @@ _CHI_SQUARE = 3.84
 """95 % quantile of chi-square with one degree of freedom."""
 _RELEASE = 0.25
 """Part of its value by which a limit is moved to see whether it is passed at all."""
-_ROUNDING = 1e-11
+_FIRM = 300.0
+"""Standard deviations by which a parameter is released that is certainly seen."""
 _MUCH = np.log(10.0)
 
 
@@ -39,7 +40,7 @@ class Held:
     event: str
 
 
-def find_bounds(problem: Problem, fit: Fit, unseen: set[int], deviation: float) -> dict[int, tuple[Held, ...]]:
+def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, tuple[Held, ...]]:
     """Find least and largest values of parameters without effect on the motion, as friction held and springs moved.
 
     A bound counts only as far as the residuals grow by more than noise beyond it, whatever the other parameters
@@ -49,7 +50,6 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int], deviation: float) 
         problem: the problem.
         fit: its end.
         unseen: these parameters.
-        deviation: standard deviation of the measurements [m].
 
     Returns:
         For each parameter its lower and upper bound, as far as there is one.
@@ -70,17 +70,17 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int], deviation: float) 
     result: dict[int, tuple[Held, ...]] = {}
     for (p, _), bound in found.items():
         if space.low[p] < bound.value < space.high[p] or not bound.at_least:
-            confirmed = _confirm(problem, fit, raised, p, bound, deviation)
+            confirmed = _confirm(problem, fit, raised, p, bound)
             if confirmed is not None:
                 result[p] = (*result.get(p, ()), confirmed)
     return result
 
 
-def release_limits(problem: Problem, fit: Fit) -> Fit:
-    """Move limits of springs that the fit has reached to where none is reached, if the measurements fit as well.
+def release(problem: Problem, fit: Fit) -> Fit:
+    """Move frictions and limits that the fit has just reached to where they are not reached, if it fits as well.
 
-    A fit that began with a limit within reach ends where the limit is just passed, although the measurements may show
-    no more than that it is not passed.
+    A fit that began with a limit within reach, or with a friction that does not hold, ends where it is just passed,
+    although the measurements may show no more than that it is not passed.
 
     Args:
         problem: the problem.
@@ -89,9 +89,13 @@ def release_limits(problem: Problem, fit: Fit) -> Fit:
     Returns:
         The fit.
     """
-    deviation = float(np.sqrt(fit.cost / fit.residuals.fitted.size))
-    for p in sorted({p for replica in problem.replicas for p in replica.limits}):
-        for factor in (1.0 + _RELEASE, 1.0 - _RELEASE):
+    frictions = [p for p, name in enumerate(problem.space.names) if name.startswith("friction")]
+    factors: dict[int, tuple[float, ...]] = dict.fromkeys(frictions, (1.0 + _RELEASE,))
+    limits = [p for replica in problem.replicas for p in replica.limits]
+    factors |= dict.fromkeys(limits, (1.0 + _RELEASE, 1.0 - _RELEASE))
+    size = np.linalg.norm(fit.residuals.jacobian, axis=0)
+    for p in sorted(p for p in factors if _RELEASE * size[p] < _FIRM):
+        for factor in factors[p]:
             unknowns = fit.unknowns.copy()
             value = problem.space.to_values(unknowns[: problem.space.origin.size])
             value[p] = np.clip(value[p] * factor, problem.space.low[p], problem.space.high[p])
@@ -99,9 +103,9 @@ def release_limits(problem: Problem, fit: Fit) -> Fit:
             now = problem.compute(unknowns)
             if now is None or np.abs(now.jacobian[:, p]).max() > 0.0:
                 continue
-            cost = cost_of(now.fitted, fit.soft)
-            if cost <= fit.cost + _CHI_SQUARE * deviation**2:
-                fit = replace(fit, unknowns=unknowns, cost=cost, residuals=now)
+            cost = cost_of(now)
+            if cost <= fit.cost + _CHI_SQUARE:
+                fit = replace(fit, unknowns=unknowns, cost=cost, residuals=now, mean_jacobian=now.jacobian)
                 break
     return fit
 
@@ -117,19 +121,16 @@ def _raise_others(problem: Problem, fit: Fit, unseen: set[int]) -> np.ndarray:
     return unknowns
 
 
-def _confirm(problem: Problem, fit: Fit, raised: np.ndarray, p: int, bound: Held, deviation: float) -> Held | None:
+def _confirm(problem: Problem, fit: Fit, raised: np.ndarray, p: int, bound: Held) -> Held | None:
     """Move a parameter beyond its bound until the residuals grow by more than noise; None if they never do."""
     space = problem.space
     if not space.logarithmic[p]:
         return bound
-    spread = max(float(np.ptp(r.measured.values)) for r in problem.replicas)
-    size = fit.residuals.fitted.size
-    allowed = _CHI_SQUARE * deviation**2 + size * (_ROUNDING * spread) ** 2
     for factor in _BEYOND:
         unknowns = raised.copy()
         beyond = bound.value * factor if bound.at_least else bound.value / factor
         unknowns[p] = np.log(beyond)
         now = problem.compute(unknowns)
-        if now is None or cost_of(now.fitted, fit.soft) > fit.cost + allowed:
+        if now is None or cost_of(now) > fit.cost + _CHI_SQUARE:
             return bound if factor == _BEYOND[0] else replace(bound, value=beyond)
     return None

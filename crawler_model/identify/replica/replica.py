@@ -6,6 +6,7 @@ scene is assembled anew at every value.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from ..body.curves import BEGIN, END
-from ..body.drive import NS, Drive
-from ..body.names import name_joints
-from ..derivative.parameters import Derivatives, constant_arrays, differentiate_arrays
-from ..derivative.path import TangentPath, build_vertices
-from ..errors import CommandError, SceneError
-from ..scene.scene import Scene
-from ..sweep.vary import Variations, vary
+from ...body.curves import BEGIN, END
+from ...body.drive import NS, Drive
+from ...derivative.parameters import Derivatives, constant_arrays, differentiate_arrays
+from ...derivative.path import TangentPath, build_vertices
+from ...errors import CommandError, SceneError
+from ...scene.scene import Scene
+from ...sweep.vary import Variations, vary
+from ..measurements import MeasurementError, Measurements, observation
+from .changes import Change, add_changes, apply_gain, differentiate_gain
 from .knots import describe, find_distances
-from .measurements import MeasurementError, Measurements, observation
+from .playback import is_admissible, replay_scene
 
 _MOST_NUMBERS = 200_000_000
-_EXCESS = 1e-9
 _AFFINE = 1e-12
 _CALLER = "identify"
 
@@ -36,7 +37,7 @@ class Prediction:
 
     Attributes:
         values: shape (T, M) [m].
-        jacobian: their derivatives with respect to the parameters, shape (T, M, P).
+        jacobian: their derivatives with respect to the parameters, the gain and changes, shape (T, M, P + ...).
         velocity: their rates of change, shape (T, M) [m/s].
         one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
     """
@@ -63,32 +64,6 @@ class Slack:
     distance: np.ndarray
     derivative: np.ndarray
     events: tuple[str, ...]
-
-
-def replay_scene(scene: Scene, measured: Measurements) -> Scene:
-    """Build the scene whose drive is replaced by the first recorded command.
-
-    Args:
-        scene: the scene.
-        measured: the recording.
-
-    Returns:
-        The scene itself if no commands were recorded.
-
-    Raises:
-        SceneError: if its start is not admissible under this command.
-    """
-    if not measured.command_names:
-        return scene
-    place = {name: c for c, name in enumerate(measured.command_names)}
-    document = scene.document()
-    parts = len(document["body"].get("segments", ()))
-    links = name_joints(scene.body)
-    if scene.columns.lengths != scene.columns.links + parts:
-        raise SceneError(f"{_CALLER}: {scene.name}: the strain of a segment varies along it; commands must be constant")
-    row = [float(measured.commands[0, place[name]]) for name in links]
-    document["drive"] = {"times": [0.0, 1.0], "actuation": [row, row]}
-    return Scene.model_validate(document)
 
 
 class Replica:
@@ -131,6 +106,48 @@ class Replica:
         except SceneError:
             self._affine = False
 
+    def select(self, rows: slice) -> Replica:
+        """Build the replica of some rows.
+
+        Args:
+            rows: the rows.
+
+        Returns:
+            A replica with the same commands.
+        """
+        measured = self.measured
+        chosen = copy.copy(self)
+        chosen.measured = dataclasses.replace(measured, time=measured.time[rows], values=measured.values[rows])
+        return chosen
+
+    def head(self, rows: int) -> Replica:
+        """Build the replica of the first rows.
+
+        Args:
+            rows: their number.
+
+        Returns:
+            A replica with all commands that matter for them.
+        """
+        chosen = copy.copy(self)
+        chosen.measured = self.measured.head(rows)
+        return chosen
+
+    def at(self, values: np.ndarray) -> tuple[Scene, np.ndarray] | None:
+        """Build the scene at some values, and its motion at the rows of the recording.
+
+        Args:
+            values: of the parameters, shape (P,).
+
+        Returns:
+            The scene with the recorded drive, and the displacement, shape (T, N) [m]; None if there is no motion.
+        """
+        plan = self._plan(values)
+        if plan is None:
+            return None
+        found = self._follow(plan[0], plan[1], self.measured.time)
+        return None if found is None else (plan[0], found[0])
+
     def _derive(self, values: np.ndarray | None) -> Derivatives:
         """Differentiate the arrays of the scene at some values."""
         scene = self._base if values is None else self._scene_at(values)
@@ -148,30 +165,61 @@ class Replica:
         return self._local.values
 
     @property
+    def is_affine(self) -> bool:
+        """Whether all arrays of the scene are affine in the parameters, so that an evaluation costs little."""
+        return self._affine
+
+    @property
     def limits(self) -> list[int]:
         """The parameters that move a limit, a stop or another knot of a spring."""
         knots = self._local.pieces[:, (BEGIN, END)]
         return np.flatnonzero(knots.any(axis=(0, 1))).tolist()
 
-    def predict(self, values: np.ndarray, delay: float = 0.0) -> Prediction | None:
+    def predict(
+        self,
+        values: np.ndarray,
+        lag: float = 0.0,
+        gain: float = 0.0,
+        with_gain: bool = False,
+        changes: Sequence[Change] = (),
+    ) -> Prediction | None:
         """Follow the recorded commands.
 
         Args:
             values: of the parameters, shape (P,).
-            delay: the recording shows the state of this long ago [s].
+            lag: the recording shows the state of this long ago [s].
+            gain: error of the gain of the actuators [1].
+            with_gain: whether the derivatives with respect to the gain are computed, too.
+            changes: changes of the model whose first-order effects are computed, too.
 
         Returns:
-            The prediction; None if the values are not valid or the motion has too many events.
+            The prediction, with a column for each parameter, the gain, and each change. None if the values are not
+            valid or the motion has too many events.
         """
         plan = self._plan(values)
         if plan is None:
             return None
-        scene, derivatives = plan
-        at = self.measured.time - delay
+        scene, derivatives = apply_gain(*plan, gain)
+        changes = (*([differentiate_gain(plan[0])] if with_gain else []), *changes)
+        derivatives = add_changes(scene, derivatives, changes)
+        found = self._follow(scene, derivatives, self.measured.time - lag)
+        if found is None:
+            return None
+        x, dx, velocity, one_sided = found
+        matrix, added = self.observation
+        return Prediction(
+            x @ matrix.T + added,
+            dx if np.array_equal(matrix, np.eye(*matrix.shape)) else matrix @ dx,
+            velocity @ matrix.T,
+            one_sided[: len(self._keys)],
+        )
+
+    def _follow(self, scene: Scene, derivatives: Derivatives, at: np.ndarray) -> tuple[np.ndarray, ...] | None:
+        """Compute displacements, their derivatives and velocities at some times, and which are one-sided somewhere."""
         ns = np.rint(np.maximum(at, 0.0) * NS).astype(np.int64)
         ticks = np.unique(ns[ns > 0])
         path = TangentPath(scene, derivatives)
-        n, columns = scene.body.contacts, len(self._keys)
+        n = scene.body.contacts
         x = np.tile(scene.start_displacement, (ns.size, 1))
         dx = np.tile(path.dx, (ns.size, 1, 1))
         velocity = np.zeros((ns.size, n))
@@ -187,15 +235,11 @@ class Replica:
             speed = stretch.speed[place] / duration[place, None]
             late = np.where(at[rows] > 0.0, at[rows] - ns[rows] / NS, 0.0)
             x[rows] = stretch.x[place] + stretch.rest[place] + speed * late[:, None]
-            dx[rows] = stretch.dx[place] - speed[:, :, None] * vertices.d_time[place][:, None, :]
+            dx[rows] = stretch.dx[place]
+            if vertices.d_time.any():
+                dx[rows] -= speed[:, :, None] * vertices.d_time[place][:, None, :]
             velocity[rows] = speed
-        matrix, added = self.observation
-        return Prediction(
-            x @ matrix.T + added,
-            np.einsum("mn,tnp->tmp", matrix, dx).reshape(ns.size, -1, columns),
-            velocity @ matrix.T,
-            path.one_sided,
-        )
+        return x, dx, velocity, path.one_sided
 
     def balance(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...] | None:
         """Compute forces and their bounds at given positions.
@@ -290,13 +334,15 @@ class Replica:
         step = values - local.values
         body = dataclasses.replace(base.body, stiffness=base.body.stiffness + local.stiffness @ step)
         start = base.start_displacement + local.start @ step
-        drive, local = self._drive(base, local, step)
-        if (body.stiffness <= 0.0).any() or not _is_admissible(body, drive, start):
+        drive, local = self._drive(base, local, step, with_derivatives)
+        if (body.stiffness <= 0.0).any() or not is_admissible(body, drive, start):
             return None
         changed: Any = dataclasses.replace(base, body=body, drive=drive, start_displacement=start)
         return changed, local
 
-    def _drive(self, base: Scene, local: Derivatives, step: np.ndarray) -> tuple[Drive, Derivatives]:
+    def _drive(
+        self, base: Scene, local: Derivatives, step: np.ndarray, with_derivatives: bool
+    ) -> tuple[Drive, Derivatives]:
         """Build the recorded commands with what the scene determines of them, and their derivatives."""
         if not self.measured.command_names:
             return base.drive, local  # the step is zero
@@ -324,6 +370,8 @@ class Replica:
             d_target[springs : springs + n] -= d_target[-n:]
             d_target[springs + n : springs + 2 * n] += d_target[-n:]
         drive = Drive(self.measured.command_time, None, rows, dataclasses.replace(columns, slope_load=slope))
+        if not with_derivatives:
+            return drive, local
         count = rows.shape[0]
         targets = np.ascontiguousarray(np.broadcast_to(d_target, (count, *d_target.shape)))
         none = np.zeros((count, step.size))
@@ -337,17 +385,3 @@ def _agree(one: Derivatives, other: Derivatives) -> bool:
         if np.abs(a - b).max(initial=0.0) > _AFFINE * (1.0 + np.abs(a).max(initial=0.0)):
             return False
     return True
-
-
-def _is_admissible(body: Any, drive: Drive, start: np.ndarray) -> bool:
-    """Determine whether the start is in equilibrium, no friction is negative, and friction holds all loads."""
-    columns, target, n = drive.columns, drive.targets[0], body.contacts
-    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
-    if (drive.rows[:, frictions] < 0.0).any():
-        return False
-    if columns.slope_load is not None and columns.lacks_equilibrium(drive.targets).any():
-        return False
-    force = body.spring_force(body.tension(body.elongation(start), target[: body.springs]))
-    forward, backward = target[body.springs :][:n], target[body.springs + n :][:n]
-    size = _EXCESS * (np.abs(force).max() + np.abs(forward).max() + np.abs(backward).max())
-    return bool((force <= forward + size).all() and (force >= -backward - size).all())

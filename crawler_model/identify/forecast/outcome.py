@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..derivative.sensitivities import sensitivities
-from ..errors import SceneError
-from ..run.cycle import limit_cycle
-from ..run.simulate import simulate
-from ..scene.scene import Scene
+from ...derivative.sensitivities import sensitivities
+from ...errors import SceneError
+from ...run.cycle import limit_cycle
+from ...run.simulate import simulate
+from ...scene.scene import Scene
 from .posterior import Interval, beyond_bound
 
 TOTALS = 4

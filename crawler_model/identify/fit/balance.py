@@ -13,18 +13,26 @@ from typing import Any
 
 import numpy as np
 
-from .knots import find_limits
-from .replica import Replica
-from .unknowns import Space
+from ..replica.knots import find_limits
+from ..replica.replica import Replica
+from ..sensor.noise import find_floor, find_pixel, guess_noise
+from ..sensor.sensor import Sensor
+from .space import Space
 
-_MOST_ROWS = 1000
+_MOST_ROWS = 400
 _SLIDES = 0.2
 """A contact slides where it moves by this part of the largest step of any contact, before and after a row."""
+_CLEAR = 30.0
+"""The largest step of any contact between rows that are compared, in units of the noise."""
+_NOISE = 4.0
+"""Steps of this many times the noise are no rest."""
 _LOOSE = 1e-4
 _MORE = 1.5
 """Factor for bounds at which no contact slides, as the balance only tells what they held."""
 _INSIDE = 0.2
 """Part of the largest tension or elongation by which a limit is moved to where it is reached."""
+_WIDEST = 3.0
+"""Standard deviations of the lag within which it is searched."""
 _TOWARDS_ORIGIN = 1e-3
 """Weight that fixes the scale where only ratios follow from the balance."""
 
@@ -57,12 +65,18 @@ def see(replica: Replica, rows: np.ndarray) -> Seen | None:
         What is seen; None if the measurements do not determine the position of every contact.
     """
     matrix, added = replica.observation
+    rows = rows & np.isfinite(replica.measured.values).all(axis=1)
     if np.linalg.matrix_rank(matrix) < matrix.shape[1] or rows.sum() < 3:
         return None
-    values = replica.measured.values[rows] - added
-    x = values @ np.linalg.pinv(matrix).T
+    values, time = replica.measured.values[rows], replica.measured.time[rows]
+    noise = max(guess_noise(column, find_pixel(column), find_floor(values))[0].white for column in values.T)
+    x = (values - added) @ np.linalg.pinv(matrix).T
+    stride = 1
+    while np.abs(np.diff(x[::stride], axis=0)).max() < _CLEAR * noise and time.size > 100 * stride:
+        stride *= 2
+    x, time = x[::stride], time[::stride]
     step = np.diff(x, axis=0)
-    least = _SLIDES * float(np.abs(step).max())
+    least = max(_SLIDES * float(np.abs(step).max()), _NOISE * noise)
     before, after = step[:-1], step[1:]
     sliding = np.where((before > least) & (after > least), 1, 0) - np.where((before < -least) & (after < -least), 1, 0)
     rest = (np.abs(before) < least) & (np.abs(after) < least)
@@ -71,46 +85,56 @@ def see(replica: Replica, rows: np.ndarray) -> Seen | None:
     keep = keep[:: max(1, keep.size // _MOST_ROWS)]
     if not (sliding != 0).any():
         return None
-    return Seen(replica, replica.measured.time[rows][1:-1][keep], x[1:-1][keep], sliding[keep])
+    return Seen(replica, time[1:-1][keep], x[1:-1][keep], sliding[keep])
 
 
-def estimate(seen: list[Seen], space: Space, start: np.ndarray, limited: bool) -> np.ndarray | None:
+def estimate(
+    seen: list[Seen], space: Space, start: np.ndarray, sensor: Sensor, limited: bool
+) -> tuple[np.ndarray, float] | None:
     """Estimate the parameters from the balance of forces.
 
     Args:
         seen: the recordings.
         space: the parameters.
         start: their first values, shape (P,).
+        sensor: the prior of the lag.
         limited: whether limits that no spring reaches are moved to where one does.
 
     Returns:
-        Their values, shape (P,); None if the arrays of the scene are not valid at the start.
+        Their values, shape (P,), and the lag [s]; None if the arrays of the scene are not valid at the start.
     """
     from scipy.optimize import least_squares  # loads in 0.2 s
 
     origin = space.to_coordinates(space.origin)
     start = _reach_limits(seen, space, start) if limited else start
 
-    def errors(coordinates: np.ndarray) -> np.ndarray:
-        values = space.to_values(coordinates)
-        parts = [_errors(one, values) for one in seen]
+    mean, deviation = sensor.lag
+
+    def errors(unknowns: np.ndarray) -> np.ndarray:
+        coordinates = unknowns[: origin.size]
+        values, lag = space.to_values(coordinates), mean + deviation * float(unknowns[-1])
+        parts = [_errors(one, values, lag) for one in seen]
         if any(part is None for part in parts):
             return np.full(size, np.inf)
-        return np.concatenate([*parts, _TOWARDS_ORIGIN * (coordinates - origin)])  # type: ignore[list-item]
+        away = np.append(coordinates - origin, unknowns[-1])
+        return np.concatenate([*parts, _TOWARDS_ORIGIN * away])  # type: ignore[list-item]
 
-    size = sum(one.x.size for one in seen) + origin.size
-    first = space.to_coordinates(start)
+    size = sum(one.x.size for one in seen) + origin.size + 1
+    first = np.append(space.to_coordinates(start), 0.0)
     if not np.isfinite(errors(first)).all():
         return None
-    low, high = space.to_coordinates(space.low), space.to_coordinates(space.high)
+    low = np.append(space.to_coordinates(space.low), -_WIDEST)
+    high = np.append(space.to_coordinates(space.high), _WIDEST)
     options: Any = {"loss": "soft_l1", "f_scale": 0.02, "max_nfev": 60, "x_scale": 1.0}
     try:
         found: Any = least_squares(errors, np.clip(first, low, high), "2-point", bounds=(low, high), **options)
     except ValueError:  # a difference stepped to values that are not valid
         return None
-    slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(origin.size, np.bool_)])
-    loose = space.logarithmic & (np.abs(found.jac[slides]).max(axis=0) <= _LOOSE * np.abs(found.jac[slides]).max())
-    return space.to_values(np.minimum(np.where(loose, found.x + np.log(_MORE), found.x), high))
+    slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(origin.size + 1, np.bool_)])
+    jacobian, coordinates = np.abs(found.jac[slides, :-1]), found.x[:-1]
+    loose = space.logarithmic & (jacobian.max(axis=0) <= _LOOSE * jacobian.max())
+    values = space.to_values(np.minimum(np.where(loose, coordinates + np.log(_MORE), coordinates), high[:-1]))
+    return values, mean + deviation * float(found.x[-1])
 
 
 def _reach_limits(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray:
@@ -128,9 +152,9 @@ def _reach_limits(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarr
     return np.clip(values, space.low, space.high)
 
 
-def _errors(seen: Seen, values: np.ndarray) -> np.ndarray | None:
+def _errors(seen: Seen, values: np.ndarray, lag: float) -> np.ndarray | None:
     """Compute by how much each contact is out of balance, relative to the mean force, shape (T N,)."""
-    found = seen.replica.balance(values, seen.time, seen.x)
+    found = seen.replica.balance(values, seen.time - lag, seen.x)
     if found is None:
         return None
     force, forward, backward = found

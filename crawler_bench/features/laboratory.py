@@ -1,0 +1,230 @@
+"""Coverage of `identify` on random robots, measured as a laboratory would.
+
+Each robot is simulated exactly, seen by an imperfect sensor, and identified from a first guess 30 % off. A 95 %
+interval should contain the truth 95 times in 100, whatever the sensor does.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from crawler_model import Measurements, Scene, identify, simulate
+
+from ..bench import THREADS
+
+ROBOTS, QUICK_ROBOTS = 200, 2
+_RATE, _PERIOD, _CYCLES, _WAYPOINTS = 50.0, 2.0, 8, 8
+_SPACING, _STIFFNESS, _STROKE = 0.1, 20.0, 0.05
+_FRICTION = (0.1, 0.6)
+_OFF = 0.3
+_WHITE, _TRACKED, _PIXEL, _LAG = 2e-4, 2.3e-4, 5e-4, 0.02
+KEYS = ("friction.forward", "friction.backward")
+
+
+def _white(rng: np.random.Generator, shape: tuple[int, ...], size: float = _WHITE) -> np.ndarray:
+    return size * rng.normal(size=shape)
+
+
+def _tracked(rng: np.random.Generator, shape: tuple[int, ...], memory: float = 0.9) -> np.ndarray:
+    """Noise of a tracker's filter, AR(1), shape (T, N)."""
+    found = _TRACKED * rng.normal(size=shape)
+    for k in range(1, shape[0]):
+        found[k] = memory * found[k - 1] + np.sqrt(1.0 - memory**2) * found[k]
+    return found
+
+
+def _rounded(values: np.ndarray, step: float = _PIXEL, shift: float = 0.0) -> np.ndarray:
+    return step * np.rint((values + shift) / step) - shift
+
+
+def _walked(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    return np.cumsum(rng.normal(size=shape), axis=0) * 1e-3 / np.sqrt(shape[0]) + _white(rng, shape)
+
+
+def _spoil(kind: str, rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
+    """Measure positions, shape (T, N) [m], as a sensor of some kind."""
+    shape = x.shape
+    y = x + rng.uniform(-0.01, 0.01, shape[1])
+    part = np.linspace(-0.5, 0.5, shape[0])[:, None]
+    if kind == "pixels":
+        return _rounded(y, shift=float(rng.uniform(0.0, _PIXEL)))
+    if kind == "tracker, AR(0.9)":
+        return np.asarray(y + _tracked(rng, shape))
+    if kind == "pixels, tracker, lag":
+        return _rounded(y + _tracked(rng, shape))
+    if kind == "linear drift":
+        return np.asarray(y + part * rng.normal(0.0, 2e-3, shape[1]) + _white(rng, shape))
+    if kind == "random-walk drift":
+        return np.asarray(y + _walked(rng, shape))
+    if kind == "1 % outliers":
+        return np.asarray(y + _white(rng, shape) + np.where(rng.random(shape) < 0.01, rng.normal(0, 0.02, shape), 0.0))
+    if kind == "unequal noise":
+        return np.asarray(y + _white(rng, shape) * rng.uniform(0.3, 3.0, shape[1]))
+    if kind == "scale":
+        return np.asarray(y * (1.0 + rng.normal(0.0, 3e-3)) + _white(rng, shape))
+    if kind == "dropped frames":
+        lost = np.logical_or(rng.random(shape) < 0.05, rng.random((shape[0], 1)) < 0.1)
+        return np.where(lost, np.nan, y + _white(rng, shape))
+    if kind == "nine digits":
+        return np.asarray(np.round(y, 9))
+    return np.asarray(y + _white(rng, shape))
+
+
+KINDS = (
+    *("white", "pixels", "tracker, AR(0.9)", "lag", "pixels, tracker, lag", "linear drift", "random-walk drift"),
+    *("1 % outliers", "unequal noise", "scale", "dropped frames", "nine digits"),
+)
+
+
+def build_robot(seed: int) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
+    """Draw a robot of three to five contacts and periodic commands.
+
+    Args:
+        seed: of the random numbers.
+
+    Returns:
+        The scene's document without a drive, the times of the commands, shape (K,) [s], and the commands, shape
+        (K, links) [m].
+    """
+    rng = np.random.default_rng(seed)
+    contacts = 3 + seed % 3
+    document = {
+        "name": f"robot_{seed}",
+        "body": {
+            "contacts": [_SPACING * i for i in range(contacts)],
+            "links": {"stiffness": rng.uniform(0.7 * _STIFFNESS, 1.3 * _STIFFNESS, contacts - 1).tolist()},
+        },
+        "friction": {side: rng.uniform(*_FRICTION, contacts).tolist() for side in ("forward", "backward")},
+    }
+    turn = 2.0 * np.pi * np.arange(_WAYPOINTS * _CYCLES + 1)[:, None] / _WAYPOINTS
+    phase = rng.uniform(0.0, 2.0 * np.pi, contacts - 1)
+    rows = rng.uniform(0.5, 1.0, contacts - 1) * _STROKE * (np.sin(turn + phase) - np.sin(phase))
+    return document, np.arange(rows.shape[0]) * _PERIOD / _WAYPOINTS, rows
+
+
+def measure_robot(seed: int, kind: str) -> tuple[dict[str, Any], Measurements]:
+    """Simulate a robot and measure it.
+
+    Args:
+        seed: of the robot and of its noise.
+        kind: of the sensor, one of `KINDS`.
+
+    Returns:
+        The true scene's document, and the measurements.
+    """
+    document, times, rows = build_robot(seed)
+    scene = Scene.model_validate(document | {"drive": {"times": times.tolist(), "actuation": rows.tolist()}})
+    run = simulate(scene, float(times[-1]), _RATE)
+    x = scene.body.position + run.displacement
+    values = _spoil(kind, np.random.default_rng([seed, KINDS.index(kind)]), x)
+    names = tuple(f"contact_{i}" for i in range(x.shape[1]))
+    commanded = tuple(f"link_{j}" for j in range(rows.shape[1]))
+    shown = run.time + (_LAG if "lag" in kind else 0.0)
+    return document, Measurements(f"{kind} {seed}", shown, names, values, commanded, rows, times)
+
+
+def guess_robot(document: dict[str, Any], seed: int) -> Scene:
+    """Build a first guess: friction up to 30 % off.
+
+    Args:
+        document: the true scene's document.
+        seed: of the random numbers.
+
+    Returns:
+        The scene.
+    """
+    rng = np.random.default_rng([seed, 99])
+    friction = {
+        side: (np.array(true) * rng.uniform(1.0 - _OFF, 1.0 + _OFF, len(true))).tolist()
+        for side, true in document["friction"].items()
+    }
+    return Scene.model_validate(document | {"friction": friction})
+
+
+def identify_robot(seed: int, kind: str) -> dict[str, Any]:
+    """Identify one robot.
+
+    Args:
+        seed: of the robot.
+        kind: of the sensor.
+
+    Returns:
+        Kind, number of intervals, how many contain the truth, their half widths relative to the values [1], the largest
+        misfit in units of noise, whether the residuals are called noise, and the time [s].
+    """
+    document, measured = measure_robot(seed, kind)
+    begin = time.perf_counter()
+    found = identify(guess_robot(document, seed), [measured], KEYS, hold_out=0.0)
+    spent = time.perf_counter() - begin
+    inside, widths = 0, []
+    for p in found.parameters:
+        low, high = p.interval
+        if p.verdict != "identified" or low is None or high is None:
+            continue
+        side, index = p.name.removeprefix("friction.").removesuffix("]").split("[")
+        true = document["friction"][side][int(index)]
+        inside += low <= true <= high
+        widths.append(0.5 * (high - low) / true)
+    return {
+        "kind": kind,
+        "intervals": len(widths),
+        "inside": inside,
+        "half_widths": widths,
+        "ratio": max(m.ratio for m in found.misfits),
+        "fits": found.model_fits,
+        "seconds": spent,
+    }
+
+
+def measure_coverage(
+    robots: int, progress: Callable[[float], None], kinds: Sequence[str] = KINDS
+) -> list[dict[str, Any]]:
+    """Identify many robots under each kind of sensor, in as many processes as there are cores.
+
+    Args:
+        robots: their number.
+        progress: called with the completed part, in [0, 1].
+        kinds: of the sensors.
+
+    Returns:
+        A row for each kind: number of robots and of intervals called identified, how many of these contain the truth
+        [%], the median half width relative to the value [%], the largest misfit in units of the noise, how many robots
+        fit, and the median and 90 % quantile of the time [s].
+    """
+    tasks = [(seed, kind) for kind in kinds for seed in range(robots)]
+    found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"), _use_one_thread) as pool:
+        for done, row in enumerate(pool.map(identify_robot, *zip(*tasks, strict=True)), 1):
+            found[row["kind"]].append(row)
+            progress(done / len(tasks))
+    return [_summarise(kind, rows) for kind, rows in found.items()]
+
+
+def _use_one_thread() -> None:
+    """Leave the cores to the processes."""
+    for name in THREADS:
+        os.environ[name] = "1"
+
+
+def _summarise(kind: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Write the row of a kind of sensor."""
+    intervals, widths = sum(row["intervals"] for row in rows), [w for row in rows for w in row["half_widths"]]
+    return {
+        "case": "coverage",
+        "measurement": kind,
+        "robots": len(rows),
+        "intervals": intervals,
+        "covered_percent": 100.0 * sum(row["inside"] for row in rows) / intervals if intervals else None,
+        "half_width_percent": 100.0 * float(np.median(widths)) if widths else None,
+        "largest_misfit": max(row["ratio"] for row in rows),
+        "fits": sum(row["fits"] for row in rows),
+        "seconds": float(np.median([row["seconds"] for row in rows])),
+        "seconds_90": float(np.quantile([row["seconds"] for row in rows], 0.9)),
+    }

@@ -1,0 +1,1 @@
+"""Least squares over the numbers of a scene and of the sensors, from several starts."""

@@ -1,0 +1,306 @@
+"""Least squares over the unknowns, from several starts, within bounds."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import CrawlerError
+from .balance import estimate, see
+from .misfit import measure_misfit
+from .problem import Problem, Residuals
+
+_DRAWS = 6
+"""Random values that are compared for each start."""
+_NEIGHBOURS = (0.03, -0.03, 0.1, -0.1)
+"""Steps of the logarithms of neighbours of the first start."""
+_NOTHING = 1e-10
+"""A column below this part of the largest one is zero."""
+_NULL = 1e-13
+"""An eigenvalue of the normal matrix below this part of the largest one is zero."""
+_SHORTEST = 1e-16
+_DAMPING = 1e-4
+_HARDER = 20.0
+_MOST_DAMPING = 1e2
+_SAME_MINIMUM = 2e-3
+"""Part by which the sums of squares at the ends of two starts may differ if they ended at the same minimum."""
+_AGREE = 2
+"""Unrelated starts that end at the best minimum until it is taken for the global one."""
+_FITS, _NEARLY = 1.1, 1.5
+"""Residuals of at most this many times the noise are noise; or nearly, if unrelated starts agree."""
+_REFITS = (3, 2)
+_APART = 0.01
+"""Difference of the coordinates of starts that are not the same."""
+_KICK = 0.2
+"""Standard deviation of the steps from the best fit so far, for half of the coordinates."""
+_TRIES = 40
+"""Evaluations for each start."""
+_PATIENT = 200
+"""Evaluations for the best of the starts."""
+_SLOW = 1e-2
+"""Relative decrease of the sum of squares below which a start leads nowhere."""
+_EXACT = 0.05
+"""Whitened residuals whose mean square is below this are rounding."""
+_SETTLED = (1e-2, 1e-1)
+"""Decreases of the sum of squares, in units of the noise, that no interval shows; for large recordings the second."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The end of a fit.
+
+    Attributes:
+        unknowns: shape (U,).
+        cost: sum of squares of the whitened residuals [1].
+        residuals: there.
+        mean_jacobian: derivatives averaged over the posterior, because the residuals have creases at its scale, shape
+            (R, U).
+        spread: covariance of other minima that fit nearly as well, shape (U, U).
+        interrupted: whether Ctrl-C ended the search before all starts were tried.
+        starts: number of starts tried.
+        reached: how many of them ended at this minimum.
+    """
+
+    unknowns: np.ndarray
+    cost: float
+    residuals: Residuals
+    mean_jacobian: np.ndarray
+    spread: np.ndarray
+    interrupted: bool = False
+    starts: int = 1
+    reached: int = 1
+
+
+def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool, most: int = 60) -> Fit | None:
+    """Minimise the residuals from one start, by the method of Levenberg and Marquardt.
+
+    Steps have no part in null directions of the Jacobian, so that what is not determined keeps its start value.
+
+    Args:
+        problem: the problem.
+        start: unknowns, shape (U,).
+        held: unknowns that keep their start value, bool, shape (U,).
+        tight: whether to converge to rounding.
+        most: largest number of evaluations.
+
+    Returns:
+        The fit; None if no motion exists at the start.
+    """
+    low, high = problem.bounds
+    unknowns = np.clip(start, low, high)
+    now = problem.compute(unknowns)
+    if now is None:
+        return None
+    cost, damping, quiet, refused = cost_of(now), 0.0, 0, False
+    for _ in range(most):
+        step = _step(now.fitted, now.jacobian, unknowns, held, low, high, damping)
+        moved = np.clip(unknowns + step, low, high)
+        if np.abs(moved - unknowns).max(initial=0.0) <= _SHORTEST * (1.0 + np.abs(unknowns).max(initial=0.0)):
+            break
+        then = problem.compute(moved)
+        later = np.inf if then is None else cost_of(then)
+        if then is None or not later < cost:
+            damping, refused = max(_HARDER * damping, _DAMPING), True
+            if damping > _MOST_DAMPING:
+                break
+            continue
+        exact = tight and cost < _EXACT * now.fitted.size
+        enough = 1e-13 * cost if exact else _SETTLED[problem.is_large] if tight else _SLOW * cost
+        quiet = quiet + 1 if cost - later <= enough else 0
+        unknowns, now, cost = moved, then, later
+        if not refused:
+            damping = damping / _HARDER if damping > _DAMPING else 0.0
+        refused = False
+        if quiet == (2 if tight else 3):
+            break
+    return Fit(unknowns, cost, now, now.jacobian, np.zeros((unknowns.size, unknowns.size)))
+
+
+def _step(
+    residuals: np.ndarray,
+    jacobian: np.ndarray,
+    unknowns: np.ndarray,
+    held: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    damping: float,
+) -> np.ndarray:
+    """Compute a damped step of the unknowns that are neither held nor pushed out of their bounds, shape (U,)."""
+    gradient = jacobian.T @ residuals
+    out = ((unknowns <= low) & (gradient > 0.0)) | ((unknowns >= high) & (gradient < 0.0))
+    size = np.linalg.norm(jacobian, axis=0)
+    free = np.flatnonzero(~held & ~out & (size > _NOTHING * size.max(initial=0.0)))
+    step = np.zeros(unknowns.size)
+    if free.size:
+        scaled = jacobian[:, free] / size[free]
+        values, vectors = np.linalg.eigh(scaled.T @ scaled)
+        seen = values > _NULL * values[-1]
+        share = np.where(seen, 1.0 / np.where(seen, values + damping * values[-1], 1.0), 0.0)
+        step[free] = -(vectors @ (share * (vectors.T @ (gradient[free] / size[free])))) / size[free]
+    return step
+
+
+def cost_of(residuals: Residuals) -> float:
+    """Compute the sum of squares.
+
+    Args:
+        residuals: the residuals.
+
+    Returns:
+        The sum [1].
+    """
+    return float(residuals.fitted @ residuals.fitted)
+
+
+def find_fit(
+    problem: Problem,
+    coarse: Problem,
+    starts: int,
+    seconds: float,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] | None,
+) -> Fit:
+    """Fit from the balance of forces, the scene's values and random ones, until residuals are noise or two ends agree.
+
+    Args:
+        problem: the problem; its noise is estimated.
+        coarse: the same with fewer rows, on which the starts are compared.
+        starts: number of starts, unless an earlier one leads to a fit.
+        seconds: time in which more are tried as long as none does [s].
+        rng: source of random numbers.
+        progress: called with the fraction done, in [0, 1].
+
+    Returns:
+        The best fit.
+
+    Raises:
+        CrawlerError: if no motion exists at any start.
+    """
+    held = np.zeros(problem.count, np.bool_)
+    best: Fit | None = None
+    interrupted = False
+    costs: list[float] = []
+    ends: list[tuple[float, str]] = []
+    begin = time.monotonic()
+    try:
+        for k, (family, start) in enumerate(_starts(coarse, rng)):
+            spent = (time.monotonic() - begin) / seconds if seconds else np.inf
+            if k >= starts and spent >= 1.0:
+                break
+            if family == "kick" and best is not None:
+                start = _kick(coarse, best, rng)
+            found = None if start is None else fit_from(coarse, start, held, tight=False, most=_TRIES)
+            if progress is not None:
+                progress(0.6 * min((k + 1) / starts, max(spent, 0.01)))
+            costs.append(np.inf if found is None else found.cost)
+            if found is not None and (best is None or found.cost < best.cost):
+                best = found
+            if best is None:
+                continue
+            ends += [] if family == "kick" else [(costs[-1], family)]  # it is related to the best
+            same = {family for cost, family in ends if cost <= best.cost * (1.0 + _SAME_MINIMUM)}
+            size = _find_size(coarse, best)
+            if size <= _FITS or (len(same) >= _AGREE and size <= _NEARLY):
+                break
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        interrupted = True
+    if best is None:
+        raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
+    if coarse is not problem and not interrupted:  # to go on there costs less
+        best = fit_from(coarse, best.unknowns, held, tight=True, most=_PATIENT) or best
+    fit = refit(problem, best.unknowns, progress)
+    reached = sum(cost <= (1.0 + _SAME_MINIMUM) * best.cost for cost in costs)
+    return replace(fit, interrupted=interrupted, starts=len(costs), reached=reached)
+
+
+def _find_size(problem: Problem, fit: Fit) -> float:
+    """Compute the largest residual of a channel in units of the noise [1]."""
+    return max((size.ratio for size in measure_misfit(problem, fit.residuals)), default=1.0)
+
+
+def refit(problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None = None) -> Fit:
+    """Fit and estimate the noise in turn.
+
+    Args:
+        problem: the problem; its noise is estimated.
+        unknowns: the start, shape (U,), at which a motion exists.
+        progress: called with the fraction done, in [0, 1].
+
+    Returns:
+        The fit.
+    """
+    held = np.zeros(problem.count, np.bool_)
+    fit: Fit | None = None
+    for k in range(_REFITS[problem.is_large]):
+        if fit is not None:
+            problem.estimate_noise(fit.residuals)
+        fit = fit_from(problem, unknowns if fit is None else fit.unknowns, held, tight=True)
+        assert fit is not None
+        if progress is not None:
+            progress(0.6 + 0.1 * (k + 1))
+    assert fit is not None
+    return fit
+
+
+def _starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[str, np.ndarray | None]]:
+    """Generate starts without end, each with what it is related to.
+
+    These are the balance of forces, neighbours of it, the scene's values, then in turn kicks of the best fit so far
+    (None), and draws, every second one improved by the balance.
+    """
+    seen = [see(r, rows) for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
+    known = [one for one in seen if one is not None]
+    complete = len(known) == len(seen)
+    first = estimate(known, problem.space, problem.space.origin, problem.sensor, False) if complete else None
+    if first is not None:
+        yield "balance", _start_at(problem, *first)
+        for step in _NEIGHBOURS:
+            values = np.where(problem.space.logarithmic, first[0] * np.exp(step), first[0])
+            yield "balance", _start_at(problem, np.clip(values, problem.space.low, problem.space.high), first[1])
+    yield "scene", problem.unknowns(problem.space.origin)
+    earlier = [] if first is None else [problem.space.to_coordinates(first[0])]
+    for k in itertools.count():
+        yield from (("kick", None), ("kick", None))
+        values = problem.space.draw(rng)
+        balanced = estimate(known, problem.space, values, problem.sensor, True) if complete and k % 2 == 0 else None
+        if balanced is not None:
+            place = problem.space.to_coordinates(balanced[0])
+            if all(np.abs(place - one).max() > _APART for one in earlier):
+                earlier.append(place)
+                yield f"draw {k}", _start_at(problem, *balanced)
+            complete = len(earlier) > k // 2  # as long as other minima of the balance are found
+        else:
+            yield f"draw {k}", _draw(problem, rng)
+
+
+def _start_at(problem: Problem, values: np.ndarray, lag: float) -> np.ndarray:
+    """Build a start from values of the parameters and a lag, shape (U,)."""
+    unknowns = problem.unknowns(values)
+    if "lag" in problem.names:
+        unknowns[[problem.places(i)[problem.names.index("lag")] for i in range(len(problem.replicas))]] = lag
+    return unknowns
+
+
+def _kick(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarray:
+    """Move the parameters of the best fit so far, as far as a wrong minimum may be from the right one, shape (U,)."""
+    count = problem.space.origin.size
+    moved = fit.unknowns.copy()
+    moved[:count] += _KICK * rng.normal(size=count) * rng.integers(0, 2, count)
+    return np.clip(moved, *problem.bounds)
+
+
+def _draw(problem: Problem, rng: np.random.Generator) -> np.ndarray | None:
+    """Draw several values; return the unknowns with the least residuals."""
+    best, least = None, np.inf
+    for _ in range(_DRAWS):
+        unknowns = problem.unknowns(problem.space.draw(rng))
+        found = problem.compute(unknowns)
+        if found is not None and cost_of(found) < least:
+            best, least = unknowns, cost_of(found)
+    return best

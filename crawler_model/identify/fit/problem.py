@@ -1,0 +1,378 @@
+"""The residuals of a fit as functions of its unknowns: parameters, and what the sensor of each recording does.
+
+Offsets and drifts enter linearly. They are eliminated from the whitened residuals (variable projection; G. H. Golub,
+V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413), so that only parameters, lags and errors of scale are unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..replica.replica import Replica
+from ..sensor.noise import Noise, Whitening, build_whitening, estimate_noise, find_floor, find_pixel, guess_noise
+from ..sensor.sensor import Sensor, build_drift
+from .space import Space
+
+Offset = Literal["none", "frame", "each"]
+_LONGEST_LAG = 0.1
+"""As a part of the recording."""
+_LARGE = 60_000
+"""Fitted values of large recordings."""
+_WIDEST = 6.0
+"""Standard deviations of a prior within which its number is searched."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of all recordings at some unknowns.
+
+    Attributes:
+        all: simulated minus measured with the offsets and drifts that fit best, per recording, shape (T, M) [m]; NaN
+            where nothing is measured.
+        resting: whether each contact rests, elongations whether they do not change, per recording, bool, shape (T, M).
+        fitted: those that are fitted, whitened, channel by channel, then the priors, shape (R,) [1].
+        jacobian: the derivatives of `fitted` with respect to the unknowns, shape (R, U).
+        linear: offsets, then drifts that fit best, per recording, shape (Q,) [m].
+        one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
+    """
+
+    all: tuple[np.ndarray, ...]
+    resting: tuple[np.ndarray, ...]
+    fitted: np.ndarray
+    jacobian: np.ndarray
+    linear: tuple[np.ndarray, ...]
+    one_sided: np.ndarray
+
+
+@dataclass(frozen=True)
+class Channel:
+    """The fitted rows of a channel.
+
+    Attributes:
+        rows: their indices, shape (R,).
+        whitening: of their noise.
+        own: the offsets and drifts that they have, shape (K,).
+        linear: whitened derivatives with respect to these, shape (R, K).
+    """
+
+    rows: np.ndarray
+    whitening: Whitening
+    own: np.ndarray
+    linear: np.ndarray
+
+
+class Problem:
+    """Recordings, the rows that are fitted, their noise, and the unknowns."""
+
+    def __init__(
+        self,
+        replicas: Sequence[Replica],
+        rows: Sequence[np.ndarray],
+        space: Space,
+        offset: Offset,
+        sensor: Sensor,
+    ) -> None:
+        """Count the unknowns, and guess the noise.
+
+        Args:
+            replicas: the recordings.
+            rows: which of their rows are fitted, bool, each of shape (T,).
+            space: the parameters.
+            offset: "none"; "frame" for one constant per recording, added to all contacts; "each" for one per channel.
+            sensor: priors of what the sensors do.
+        """
+        self.replicas, self.rows, self.space = tuple(replicas), tuple(rows), space
+        self.offset, self.sensor = offset, sensor
+        self.names = sensor.unknown
+        self.count = space.origin.size + len(self.names) * len(self.replicas)
+        self.designs = [_build_design(r, offset, sensor) for r in replicas]
+        self.offsets = [_count_offsets(r, offset) for r in replicas]
+        self.floor = max(find_floor(r.measured.values) for r in replicas)
+        self.present = [np.isfinite(r.measured.values) & rows[:, None] for r, rows in zip(replicas, rows, strict=True)]
+        self.pixels = [_find_pixels(r, p) for r, p in zip(self.replicas, self.present, strict=True)]
+        noises, extra = [], []
+        for replica, present, pixels in zip(self.replicas, self.present, self.pixels, strict=True):
+            columns = [v[p] for v, p in zip(replica.measured.values.T, present.T, strict=True)]
+            guesses = [
+                guess_noise(v, float(q), self.floor) if v.size else (Noise(self.floor), v)
+                for v, q in zip(columns, pixels, strict=True)
+            ]
+            noises.append([noise for noise, _ in guesses])
+            extra.append([less for _, less in guesses])
+        self.set_noise(noises, extra)
+
+    def set_noise(self, noises: Sequence[Sequence[Noise]], extra: Sequence[Sequence[np.ndarray]]) -> None:
+        """Set the noise of all channels.
+
+        Args:
+            noises: for each recording, one for each channel.
+            extra: variance by which the fitted rows count less, likewise, each of shape (R,) [m^2].
+        """
+        self.noises, self.extra = [list(one) for one in noises], [list(one) for one in extra]
+        self.channels: list[list[Channel]] = []
+        for i, replica in enumerate(self.replicas):
+            time, found = replica.measured.time, []
+            for m, noise in enumerate(self.noises[i]):
+                rows = np.flatnonzero(self.present[i][:, m])
+                whitening = build_whitening(noise, time[rows], extra[i][m])
+                own = np.flatnonzero(self.designs[i][:, m].any(axis=0))
+                found.append(Channel(rows, whitening, own, whitening.apply(self.designs[i][rows, m][:, own])))
+            self.channels.append(found)
+        self.grams = [self._gram(i) for i in range(len(self.replicas))]
+        self._last: tuple[bytes, Residuals | None] | None = None
+
+    def estimate_noise(self, residuals: Residuals) -> None:
+        """Estimate the noise of all channels from residuals.
+
+        Args:
+            residuals: of a fit.
+        """
+        noises, extra = [], []
+        for i, replica in enumerate(self.replicas):
+            time, found = replica.measured.time, []
+            for m, rows in enumerate(present.nonzero()[0] for present in self.present[i].T):
+                if rows.size < 8:
+                    found.append((self.noises[i][m], np.zeros(rows.size)))
+                    continue
+                found.append(estimate_noise(time[rows], residuals.all[i][rows, m], self.pixels[i][m], self.floor))
+            noises.append([noise for noise, _ in found])
+            extra.append([less for _, less in found])
+        self._lend_noise(noises)
+        self.set_noise(noises, extra)
+
+    def _lend_noise(self, noises: list[list[Noise]]) -> None:
+        """Take the noise of channels without fitted rows from the same channels of other recordings, in place."""
+        known: dict[str, Noise] = {}
+        for replica, present, one in zip(self.replicas, self.present, noises, strict=True):
+            known |= {c: n for c, n, p in zip(replica.measured.channels, one, present.T, strict=True) if p.any()}
+        for replica, present, one in zip(self.replicas, self.present, noises, strict=True):
+            for m, channel in enumerate(replica.measured.channels):
+                if not present[:, m].any():
+                    one[m] = known.get(channel, one[m])
+
+    @property
+    def is_large(self) -> bool:
+        """Whether an evaluation takes long, so that there should be few of them."""
+        return sum(int(p.sum()) for p in self.present) > _LARGE or not all(r.is_affine for r in self.replicas)
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of all unknowns, each of shape (U,)."""
+        low, high = np.empty(self.count), np.empty(self.count)
+        count = self.space.origin.size
+        low[:count], high[:count] = (self.space.to_coordinates(v) for v in (self.space.low, self.space.high))
+        for i, replica in enumerate(self.replicas):
+            longest = _LONGEST_LAG * float(np.ptp(replica.measured.time))
+            for name, at in zip(self.names, self.places(i), strict=True):
+                mean, deviation = getattr(self.sensor, name)
+                most = max(abs(mean), longest) if name == "lag" else 0.9
+                low[at], high[at] = max(mean - _WIDEST * deviation, -most), min(mean + _WIDEST * deviation, most)
+        return low, high
+
+    def places(self, recording: int) -> range:
+        """List the indices of the unknowns of a recording's sensor.
+
+        Args:
+            recording: its index.
+
+        Returns:
+            In the order of `names`.
+        """
+        first = self.space.origin.size + len(self.names) * recording
+        return range(first, first + len(self.names))
+
+    def unknowns(self, values: np.ndarray) -> np.ndarray:
+        """Build a start from values of the parameters and the means of the priors.
+
+        Args:
+            values: shape (P,).
+
+        Returns:
+            Shape (U,).
+        """
+        sensor = [getattr(self.sensor, name).mean for name in self.names]
+        return np.concatenate([self.space.to_coordinates(values), *[sensor for _ in self.replicas]])
+
+    def sensed(self, unknowns: np.ndarray, recording: int) -> dict[str, float]:
+        """Read what the sensor of a recording does.
+
+        Args:
+            unknowns: shape (U,).
+            recording: its index.
+
+        Returns:
+            `lag` [s], `scale` [1] and `gain` [1], unknown or held.
+        """
+        found = {name: float(getattr(self.sensor, name).mean) for name in ("lag", "scale", "gain")}
+        return found | {name: float(unknowns[at]) for name, at in zip(self.names, self.places(recording), strict=True)}
+
+    def compute(self, unknowns: np.ndarray) -> Residuals | None:
+        """Compute residuals and their derivatives.
+
+        Args:
+            unknowns: shape (U,).
+
+        Returns:
+            None if no motion exists at these values.
+        """
+        key = unknowns.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self._compute(unknowns))
+        return self._last[1]
+
+    def _compute(self, unknowns: np.ndarray) -> Residuals | None:
+        count = self.space.origin.size
+        one_sided = np.zeros(count, np.bool_)
+        found, resting, linear, fitted, jacobians = [], [], [], [], []
+        for i in range(len(self.replicas)):
+            observed = self._observe(unknowns, i)
+            if observed is None:
+                return None
+            raw, rest, sided = observed
+            whitened, own = self.project(i, raw)
+            found.append(raw[..., 0] - np.einsum("tmq,q->tm", self.designs[i], own[:, 0]))
+            resting.append(rest)
+            linear.append(-own[:, 0])
+            fitted.append(whitened[:, 0])
+            wide = np.zeros((whitened.shape[0], self.count))
+            wide[:, :count], wide[:, self.places(i)] = whitened[:, 1 : 1 + count], whitened[:, 1 + count :]
+            jacobians.append(wide)
+            one_sided |= sided
+        for name in self.names:
+            mean, deviation = getattr(self.sensor, name)
+            at = [self.places(i)[self.names.index(name)] for i in range(len(self.replicas))]
+            fitted.append((unknowns[at] - mean) / deviation)
+            jacobians.append(np.eye(self.count)[at] / deviation)
+        return Residuals(
+            tuple(found),
+            tuple(resting),
+            np.concatenate(fitted),
+            np.concatenate(jacobians),
+            tuple(linear),
+            one_sided,
+        )
+
+    def _observe(self, unknowns: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Compute what the sensor of a recording would show, less what it showed, and its derivatives.
+
+        Returns:
+            Residuals and derivatives with respect to parameters and sensor, shape (T, M, 1 + P + names); which channels
+            rest, shape (T, M); parameters whose derivative is one-sided, shape (P,). None if there is no motion.
+        """
+        replica, count = self.replicas[i], self.space.origin.size
+        values = self.space.to_values(unknowns[:count])
+        sensor = self.sensed(unknowns, i)
+        predicted = replica.predict(values, sensor["lag"], sensor["gain"], "gain" in self.names)
+        if predicted is None:
+            return None
+        ground = replica.measured.on_ground
+        scale = 1.0 + sensor["scale"] * ground
+        parts = {
+            "lag": -predicted.velocity * scale,
+            "scale": predicted.values * ground,
+            "gain": predicted.jacobian[..., -1] * scale,
+        }
+        raw = np.empty((*predicted.values.shape, 1 + count + len(self.names)))
+        raw[..., 0] = predicted.values * scale - replica.measured.values
+        slope = self.space.slope(values)
+        raw[..., 1 : 1 + count] = predicted.jacobian[..., :count] * (slope * scale[:, None])
+        for k, name in enumerate(self.names):
+            raw[..., 1 + count + k] = parts[name]
+        return raw, predicted.velocity == 0.0, predicted.one_sided
+
+    def project(self, recording: int, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whiten columns, and remove what offsets and drifts explain of them.
+
+        Args:
+            recording: its index.
+            raw: shape (T, M, C) [m].
+
+        Returns:
+            The fitted rows, channel by channel, then those of the priors of drifts, shape (R, C); and the offsets and
+            drifts that explain most, shape (Q, C).
+        """
+        channels = self.channels[recording]
+        deviation = self.sensor.drift.deviation
+        parts = [c.whitening.apply(raw[c.rows, m]) for m, c in enumerate(channels)]
+        gram = self.grams[recording]
+        moment = np.zeros((gram.shape[0], raw.shape[-1]))
+        for channel, part in zip(channels, parts, strict=True):
+            moment[channel.own] += channel.linear.T @ part
+        seen = np.diag(gram) > 0.0
+        own = np.zeros(moment.shape)
+        own[seen] = np.linalg.solve(gram[np.ix_(seen, seen)], moment[seen])
+        rows = [part - channel.linear @ own[channel.own] for channel, part in zip(channels, parts, strict=True)]
+        drifts = own[self.offsets[recording] :] / deviation if deviation > 0.0 else own[:0]
+        return np.concatenate([*rows, -drifts]), own
+
+    def _gram(self, recording: int) -> np.ndarray:
+        """Compute the information on the offsets and drifts of a recording, with the priors of drifts, shape (Q, Q)."""
+        count, deviation = self.designs[recording].shape[-1], self.sensor.drift.deviation
+        found = np.zeros((count, count))
+        for channel in self.channels[recording]:
+            found[np.ix_(channel.own, channel.own)] += channel.linear.T @ channel.linear
+        drifts = range(self.offsets[recording], count)
+        found[drifts, drifts] += deviation**-2 if deviation > 0.0 else 0.0
+        return found
+
+    def differentiate(self, unknowns: np.ndarray, recording: int) -> np.ndarray:
+        """Compute the derivatives of what a sensor shows with respect to the parameters and its own numbers.
+
+        Args:
+            unknowns: shape (U,), at which a motion exists.
+            recording: its index.
+
+        Returns:
+            Shape (T, M, P + names) [m].
+        """
+        observed = self._observe(unknowns, recording)
+        assert observed is not None
+        return observed[0][..., 1:]
+
+    def slices(self) -> list[list[slice]]:
+        """List the rows of `Residuals.fitted` that belong to each channel of each recording.
+
+        Returns:
+            For each recording, one for each channel.
+        """
+        found, place = [], 0
+        for i, channels in enumerate(self.channels):
+            mine = []
+            for channel in channels:
+                mine.append(slice(place, place + channel.rows.size))
+                place += channel.rows.size
+            place += self.designs[i].shape[-1] - self.offsets[i] if self.sensor.drift.deviation > 0.0 else 0
+            found.append(mine)
+        return found
+
+
+def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:
+    """Find the step of which the values of each channel are multiples, 0 if there is none, shape (M,) [m]."""
+    measured = replica.measured
+    found = np.array([find_pixel(v[p]) for v, p in zip(measured.values.T, present.T, strict=True)])
+    # a contact that hardly moves shows no step of its own, but has the camera of the others
+    ground = measured.on_ground & (found > 0.0)
+    return np.where(
+        measured.on_ground & (found == 0.0) & ground.any(), np.median(found[ground] if ground.any() else [0.0]), found
+    )
+
+
+def _count_offsets(replica: Replica, offset: Offset) -> int:
+    ground = replica.measured.on_ground
+    return ground.size if offset == "each" else int(offset == "frame" and ground.any())
+
+
+def _build_design(replica: Replica, offset: Offset, sensor: Sensor) -> np.ndarray:
+    """Build the derivatives of the channels with respect to offsets and drifts of a recording, shape (T, M, Q)."""
+    measured = replica.measured
+    ground = measured.on_ground
+    offsets = np.eye(ground.size) if offset == "each" else ground[:, None].astype(float)
+    offsets = offsets[:, : _count_offsets(replica, offset)]
+    parts = [np.broadcast_to(offsets, (measured.time.size, *offsets.shape))]
+    if sensor.drift.deviation > 0.0:
+        parts.append(build_drift(measured.time)[:, None, None] * np.eye(ground.size)[:, ground])
+    return np.concatenate(parts, axis=-1)

@@ -1,0 +1,1 @@
+"""What a fit decides: verdicts, intervals, bounds, and what a misfit means."""

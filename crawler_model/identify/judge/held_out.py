@@ -1,0 +1,133 @@
+"""How well a fit predicts the rows that were not fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..fit.fit import Fit
+from ..fit.problem import Problem
+from ..sensor.noise import find_spikes
+
+_BAND = 1.96
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """The score of the rows that were held out.
+
+    Attributes:
+        residual: root mean square of their residuals [m].
+        coverage: part of them within the 95 % bands of the prediction, single outliers aside [1].
+        size: root mean square in units of the predicted standard deviations, single outliers aside [1].
+        gain_error: error of the net translation over these rows, of the recording where it is largest, relative to the
+            measured one [1]; None without positions, or where there is none.
+        worst: where the largest residual is, in words.
+        errors: simulated minus measured, with the offsets that fit recordings of which no row was fitted, for each
+            recording, shape (T, M) [m]; NaN where nothing is measured.
+        deviations: their predicted standard deviations, for each recording, shape (T, M) [m]; empty, shape (0, M), if
+            all its rows were fitted.
+    """
+
+    residual: float
+    coverage: float
+    size: float
+    gain_error: float | None
+    worst: str
+    errors: tuple[np.ndarray, ...] = field(compare=False, repr=False)
+    deviations: tuple[np.ndarray, ...] = field(compare=False, repr=False)
+
+    def as_plain(self) -> dict[str, object]:
+        """Convert to the values that `crawler identify --json` prints.
+
+        Returns:
+            Plain numbers and text.
+        """
+        return {"residual": self.residual, "coverage": self.coverage, "size": self.size, "gain_error": self.gain_error}
+
+
+def score_held_out(problem: Problem, fit: Fit, covariance: np.ndarray) -> HeldOut | None:
+    """Score the rows that were not fitted.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+        covariance: of the unknowns, shape (U, U).
+
+    Returns:
+        The score; None if no row was held out.
+    """
+    errors, scaled, gains = [], [], []
+    all_residuals, deviations = list(fit.residuals.all), [residuals[:0] for residuals in fit.residuals.all]
+    worst, largest = "", 0.0
+    for i, replica in enumerate(problem.replicas):
+        measured = replica.measured
+        out = np.isfinite(measured.values) & ~problem.rows[i][:, None]
+        if not out.any():
+            continue
+        error = fit.residuals.all[i]
+        if not problem.rows[i].any():
+            error = error - _find_common(problem.designs[i][:, :, : problem.offsets[i]], error, out)
+        deviation = np.sqrt(_find_variance(problem, fit, i, covariance))
+        all_residuals[i], deviations[i] = error, deviation
+        errors.append(error[out])
+        scaled.append(_without_spikes(error / deviation, out))
+        gains += _find_gain_errors(measured.values, error, out[:, measured.on_ground].all(axis=1), measured.on_ground)
+        row, column = np.unravel_index(int(np.where(out, np.abs(error / deviation), 0.0).argmax()), out.shape)
+        if abs(error[row, column] / deviation[row, column]) > largest:
+            largest = abs(error[row, column] / deviation[row, column])
+            worst = (
+                f"{measured.name}: held-out rows, largest that of {measured.channels[column]} at "
+                f"{measured.time[row]:.4g} s, {abs(error[row, column]):.3g} m"
+            )
+    if not errors:
+        return None
+    all_errors, sizes = np.concatenate(errors), np.concatenate(scaled)
+    return HeldOut(
+        float(np.sqrt(np.mean(all_errors**2))),
+        float(np.mean(np.abs(sizes) <= _BAND)),
+        float(np.sqrt(np.mean(sizes**2))),
+        max(gains, key=abs) if gains else None,
+        worst,
+        tuple(all_residuals),
+        tuple(deviations),
+    )
+
+
+def _without_spikes(scaled: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Select the residuals of rows that were held out, without single outliers, which no model predicts."""
+    found = [column[rows] for column, rows in zip(scaled.T, out.T, strict=True) if rows.any()]
+    return np.concatenate([values[~find_spikes(values, 1.0)] for values in found])
+
+
+def _find_variance(problem: Problem, fit: Fit, i: int, covariance: np.ndarray) -> np.ndarray:
+    """Compute the variance of the residuals of a recording, from noise, unknowns and drifts, shape (T, M)."""
+    raw = problem.differentiate(fit.unknowns, i)
+    names = [*range(problem.space.origin.size), *problem.places(i)]
+    jacobian = raw - np.einsum("tmq,qu->tmu", problem.designs[i], problem.project(i, raw)[1])
+    own = covariance[np.ix_(names, names)]
+    variance = np.einsum("tmu,uv,tmv->tm", jacobian, own, jacobian, optimize=True)
+    # offsets and drifts follow from few independent numbers where noise is slow: their own uncertainty
+    design, gram = problem.designs[i], problem.grams[i]
+    variance += np.einsum("tmq,qr,tmr->tm", design, np.linalg.pinv(gram), design, optimize=True)
+    return np.asarray(variance + np.array([noise.size**2 for noise in problem.noises[i]]))
+
+
+def _find_common(offsets: np.ndarray, error: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Compute the part of residuals that offsets explain, of a recording that was not fitted, shape (M,)."""
+    if offsets.shape[2] == 0:
+        return np.zeros(error.shape[1])
+    return np.asarray(offsets[0] @ np.linalg.lstsq(offsets[out], error[out], rcond=None)[0])
+
+
+def _find_gain_errors(values: np.ndarray, error: np.ndarray, out: np.ndarray, ground: np.ndarray) -> list[float]:
+    """Compute the relative error of the net translation over rows that were not fitted."""
+    rows = np.flatnonzero(out)
+    if not ground.any() or rows.size < 2:
+        return []
+    edge = max(1, rows.size // 50)
+    first, last = rows[:edge], rows[-edge:]
+    moved = float(values[last][:, ground].mean() - values[first][:, ground].mean())
+    wrong = float(error[last][:, ground].mean() - error[first][:, ground].mean())
+    return [wrong / moved] if abs(moved) > 0.05 * float(np.nanmax(np.ptp(values[rows][:, ground], axis=0))) else []

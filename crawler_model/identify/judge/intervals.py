@@ -1,0 +1,87 @@
+"""Intervals by the likelihood: where the residuals have creases, derivatives alone would make them too narrow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fit.fit import Fit, cost_of
+from ..fit.problem import Problem, Residuals
+from .verdicts import Structure, find_covariance
+
+_ENOUGH = 0.5
+"""Part of the expected increase of the sum of squares at the end of an interval that confirms it."""
+_WIDER = 1.5
+_MOST = 8
+_NULL = 1e-12
+
+
+def find_intervals(problem: Problem, fit: Fit, structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the ends of all 95 % intervals.
+
+    Args:
+        problem: the problem.
+        fit: its end.
+        structure: what is determined.
+
+    Returns:
+        Lower and upper half widths for the coordinates of the parameters, each of shape (P,); inf where nothing shows
+        an end. Those of large recordings follow from the derivatives alone.
+    """
+    count = problem.space.origin.size
+    free = structure.free(count)
+    unknown = [*free, *range(count, problem.count)]
+    held = np.ones(problem.count, np.bool_)
+    held[unknown] = False
+    low, high = np.full(count, np.inf), np.full(count, np.inf)
+    if not free:
+        return low, high
+    covariance, quantile = find_covariance(problem, fit, fit.mean_jacobian, unknown)
+    part = fit.mean_jacobian[:, unknown]
+    size = np.maximum(np.linalg.norm(part, axis=0), 1e-300)
+    plain = np.diag(np.linalg.pinv((part / size).T @ (part / size), rcond=_NULL, hermitian=True)) / size**2
+    for k, p in enumerate(free):
+        width = quantile * float(np.sqrt(covariance[k, k]))
+        low[p] = high[p] = width
+        if 0.0 < width < np.inf and not problem.is_large:
+            direction = np.zeros(problem.count)
+            direction[unknown] = covariance[:, k] / covariance[k, k]
+            expected = quantile**2 * max(1.0, covariance[k, k] / plain[k])
+            low[p] = _find_end(problem, fit, held, p, -direction, width, expected)
+            high[p] = _find_end(problem, fit, held, p, direction, width, expected)
+    return low, high
+
+
+def _find_end(
+    problem: Problem, fit: Fit, held: np.ndarray, p: int, direction: np.ndarray, width: float, expected: float
+) -> float:
+    """Find how far a parameter can move until the residuals grow as expected, all others moving along; else inf."""
+    low, high = problem.bounds
+    for k in range(_MOST):
+        moved = np.clip(fit.unknowns + width * direction, low, high)
+        if _relax(problem, moved, held, p) - fit.cost >= (_ENOUGH if k == 0 else 1.0) * expected:
+            return width
+        if moved[p] in (low[p], high[p]):
+            break
+        width *= _WIDER
+    return np.inf
+
+
+def _relax(problem: Problem, moved: np.ndarray, held: np.ndarray, p: int) -> float:
+    """Compute the sum of squares after one step of the unknowns other than a given one."""
+    now = problem.compute(moved)
+    if now is None:
+        return np.inf
+    then = problem.compute(np.clip(moved + _step_of_others(now, held, p), *problem.bounds))
+    return cost_of(now) if then is None else min(cost_of(now), cost_of(then))
+
+
+def _step_of_others(now: Residuals, held: np.ndarray, p: int) -> np.ndarray:
+    """Compute the Gauss-Newton step of all unknowns but those held and one more, shape (U,)."""
+    step = np.zeros(held.size)
+    size = np.linalg.norm(now.jacobian, axis=0)
+    free = np.flatnonzero(~held & (size > _NULL * size.max(initial=0.0)) & (np.arange(held.size) != p))
+    if free.size:
+        scaled = now.jacobian[:, free] / size[free]
+        inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_NULL, hermitian=True)
+        step[free] = -inverse @ (scaled.T @ now.fitted) / size[free]
+    return step

@@ -1,0 +1,1 @@
+"""The model under recorded commands, with its derivatives."""

@@ -1,0 +1,103 @@
+"""Scenes that play a recording: with its first command, and with all of them as the drive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...body.drive import Drive
+from ...body.names import name_joints
+from ...errors import SceneError
+from ...scene.scene import Scene
+from ..measurements import Measurements
+
+_EXCESS = 1e-9
+_STRAIGHT = 1e-12
+"""A row this near to the line between its neighbours, relative to the range of its column, is left out."""
+
+
+def replay_scene(scene: Scene, measured: Measurements) -> Scene:
+    """Build the scene whose drive is replaced by the first recorded command.
+
+    Args:
+        scene: the scene.
+        measured: the recording.
+
+    Returns:
+        The scene itself if no commands were recorded.
+
+    Raises:
+        SceneError: if its start is not admissible under this command.
+    """
+    if not measured.command_names:
+        return scene
+    place = {name: c for c, name in enumerate(measured.command_names)}
+    document = scene.document()
+    parts = len(document["body"].get("segments", ()))
+    links = name_joints(scene.body)
+    if scene.columns.lengths != scene.columns.links + parts:
+        raise SceneError(f"identify: {scene.name}: the strain of a segment varies along it; commands must be constant")
+    row = [float(measured.commands[0, place[name]]) for name in links]
+    document["drive"] = {"times": [0.0, 1.0], "actuation": [row, row]}
+    return Scene.model_validate(document)
+
+
+def playback(scene: Scene, measured: Measurements) -> Scene:
+    """Build the scene whose drive is the recorded commands.
+
+    Args:
+        scene: the scene, with the values found.
+        measured: a recording of it, checked.
+
+    Returns:
+        The scene; the given one if no commands were recorded, because its own drive was played then.
+    """
+    if not measured.command_names:
+        return scene
+    base = replay_scene(scene, measured)
+    columns, names = base.columns, base.columns.names
+    rows = np.tile(base.drive.rows[0], (measured.command_time.size, 1))
+    rows[:, [names.index(name) for name in measured.command_names]] = measured.commands
+    kept = _corners(measured.command_time, rows)
+    rows = rows[kept]
+    drive: dict[str, Any] = {"times": measured.command_time[kept].tolist()}
+    drive["actuation"] = rows[:, : columns.lengths].tolist()
+    commanded = {name.rpartition("/")[2] for name in measured.command_names}
+    if commanded & {"forward", "backward"}:
+        forward, backward = np.split(rows[:, columns.lengths : columns.lengths + columns.frictions], 2, axis=1)
+        drive["friction"] = {"forward": forward.tolist(), "backward": backward.tolist()}
+    if "load" in commanded:
+        drive["loads"] = rows[:, columns.count - columns.loads :].tolist()
+    return Scene.model_validate(base.document() | {"drive": drive})
+
+
+def _corners(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """List the first row, the last one, and all that are not on the line between their neighbours."""
+    size = _STRAIGHT * (np.abs(rows).max(axis=0) + np.ptp(rows, axis=0))
+    part = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
+    off = np.abs(rows[:-2] + part * (rows[2:] - rows[:-2]) - rows[1:-1]) > size
+    return np.array([0, *(1 + np.flatnonzero(off.any(axis=1))), time.size - 1])
+
+
+def is_admissible(body: Any, drive: Drive, start: np.ndarray) -> bool:
+    """Determine whether the start is in equilibrium, no friction is negative, and friction holds all loads.
+
+    Args:
+        body: the body.
+        drive: the recorded commands.
+        start: displacement, shape (N,) [m].
+
+    Returns:
+        Whether a motion exists from there.
+    """
+    columns, target, n = drive.columns, drive.targets[0], body.contacts
+    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
+    if (drive.rows[:, frictions] < 0.0).any():
+        return False
+    if columns.slope_load is not None and columns.lacks_equilibrium(drive.targets).any():
+        return False
+    force = body.spring_force(body.tension(body.elongation(start), target[: body.springs]))
+    forward, backward = target[body.springs :][:n], target[body.springs + n :][:n]
+    size = _EXCESS * (np.abs(force).max() + np.abs(forward).max() + np.abs(backward).max())
+    return bool((force <= forward + size).all() and (force >= -backward - size).all())

@@ -1,0 +1,1 @@
+"""What a measurement does to a motion: the sensor between positions and values, and its noise."""
