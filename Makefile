@@ -65,6 +65,7 @@ docs: $(READY)
 
 figures: $(READY)
 	$(BIN)/python docs/hard_cases.py
+	$(BIN)/python docs/laboratory.py
 	$(BIN)/python docs/loads.py
 	$(BIN)/python docs/motors.py
 	$(BIN)/python docs/phase_diagram.py
