@@ -66,7 +66,7 @@ def explain_misfit(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explan
     Returns:
         The changes that explain most, the best one first.
     """
-    thin = _thin(problem, fit)
+    thin = _thin(problem)
     base = thin.compute(fit.unknowns)
     if base is None:
         return []
@@ -117,7 +117,7 @@ def _describe(name: str, amount: float) -> str:
     return f"{name}: {amount:+.3g} ms" if name.startswith("a lag") else f"{name}: {100.0 * amount:+.3g} %"
 
 
-def _thin(problem: Problem, fit: Fit) -> Problem:
+def _thin(problem: Problem) -> Problem:
     """Build the problem with evenly spaced rows of each recording, with the noise that was found."""
     strides = [max(1, r.measured.time.size // _ROWS) for r in problem.replicas]
     if max(strides) == 1:
@@ -180,7 +180,11 @@ def _differentiate(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[lis
 
 
 def _list_changes(problem: Problem, replica: Replica, values: np.ndarray) -> list[Change]:
-    """List the changes of the model that are tested on a recording."""
+    """List the changes of the model that are tested, the same ones for all recordings.
+
+    Without recorded commands the waypoints of the drive are those of one period, and what depends on time or place has
+    no effect.
+    """
     found = replica.at(values)
     if found is None:
         return []
@@ -189,11 +193,11 @@ def _list_changes(problem: Problem, replica: Replica, values: np.ndarray) -> lis
     time, zero = drive.times, np.zeros(drive.rows.shape)
     duration = float(replica.measured.time[-1])
     changes: list[Change] = []
-    replayed = bool(replica.measured.command_names)
+    replayed = 1.0 if replica.measured.command_names else 0.0
 
     def change(name: str, column: int, factor: np.ndarray) -> Change:
         rows = zero.copy()
-        rows[:, column] = factor * drive.rows[:, column]
+        rows[:, column] = replayed * factor * drive.rows[:, column]
         return Change(name, rows)
 
     for j in range(columns.lengths):
@@ -202,13 +206,11 @@ def _list_changes(problem: Problem, replica: Replica, values: np.ndarray) -> lis
             stiffness = np.zeros(scene.body.springs)
             stiffness[j] = scene.body.stiffness[j]
             changes.append(Change(f"stiffness of {label}", zero, stiffness))
-        for onset in duration * np.arange(_ONSETS) / _ONSETS if replayed else ():
+        for onset in duration * np.arange(_ONSETS) / _ONSETS:
             held = drive.rows[int(np.searchsorted(time, onset).clip(0, time.size - 1)), j]
             rows = zero.copy()
-            rows[:, j] = np.where(time >= onset, drive.rows[:, j] - held, 0.0)
+            rows[:, j] = replayed * np.where(time >= onset, drive.rows[:, j] - held, 0.0)
             changes.append(Change(f"stroke of {label} from {onset:.3g} s on", rows))
-    if not replayed:  # the drive's waypoints are those of one period
-        return changes
     along = np.stack([np.interp(time, replica.measured.time, column) for column in x.T], axis=1)
     middle, half = 0.5 * (along.max(axis=0) + along.min(axis=0)), 0.5 * np.maximum(np.ptp(along, axis=0), 1e-12)
     for c in range(columns.lengths, columns.lengths + columns.frictions):

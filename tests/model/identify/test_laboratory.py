@@ -127,3 +127,20 @@ def test_impossible_sensors_are_refused(number: str, prior: tuple[float, float],
     with pytest.raises(CrawlerError, match="sensor: ") as caught:
         Sensor(**{number: Prior(*prior)})
     assert message in str(caught.value)
+
+
+def test_recordings_with_and_without_commands_are_explained_together() -> None:
+    document, times, rows = build_robot(2)
+    drive = {"times": times.tolist(), "actuation": rows.tolist()}
+    first, *others = document["body"]["links"]["stiffness"]
+    stiffer = {"body": document["body"] | {"links": {"stiffness": [1.3 * first, *others]}}, "drive": drive}
+    scene = Scene.model_validate(document | stiffer)
+    run = simulate(scene, float(times[-1]), 50.0)
+    values = scene.body.position + run.displacement
+    contacts = tuple(f"contact_{i}" for i in range(values.shape[1]))
+    links = tuple(f"link_{j}" for j in range(rows.shape[1]))
+    own = Measurements("own drive", run.time, contacts, values)
+    played = Measurements("played", run.time, contacts, values, links, rows, times)
+    found = identify(Scene.model_validate(document | {"drive": drive}), [played, own], KEYS, starts=1, seconds=0.0)
+    assert not found.model_fits
+    assert found.explanations[0].what.startswith("stiffness of link_")
