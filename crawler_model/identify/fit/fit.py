@@ -97,7 +97,7 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
         return None
     cost, damping, quiet, refused = cost_of(now), 0.0, 0, False
     for _ in range(most):
-        step = _step(now.fitted, now.jacobian, unknowns, held, low, high, damping)
+        step = compute_step(now, unknowns, held, problem.bounds, damping)
         moved = np.clip(unknowns + step, low, high)
         if np.abs(moved - unknowns).max(initial=0.0) <= _SHORTEST * (1.0 + np.abs(unknowns).max(initial=0.0)):
             break
@@ -120,16 +120,27 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
     return Fit(unknowns, cost, now, now.jacobian, np.zeros((unknowns.size, unknowns.size)))
 
 
-def _step(
-    residuals: np.ndarray,
-    jacobian: np.ndarray,
+def compute_step(
+    now: Residuals,
     unknowns: np.ndarray,
     held: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    damping: float,
+    bounds: tuple[np.ndarray, np.ndarray],
+    damping: float = 0.0,
 ) -> np.ndarray:
-    """Compute a damped step of the unknowns that are neither held nor pushed out of their bounds, shape (U,)."""
+    """Compute a damped Gauss-Newton step of the unknowns that are neither held nor pushed out of their bounds.
+
+    Args:
+        now: residuals and their derivatives.
+        unknowns: where they are, shape (U,).
+        held: unknowns that keep their values, bool, shape (U,).
+        bounds: lower and upper bounds of the unknowns, each of shape (U,).
+        damping: relative to the largest eigenvalue of the normal matrix of scaled unknowns [1].
+
+    Returns:
+        Shape (U,).
+    """
+    residuals, jacobian = now.fitted, now.jacobian
+    low, high = bounds
     gradient = jacobian.T @ residuals
     out = ((unknowns <= low) & (gradient > 0.0)) | ((unknowns >= high) & (gradient < 0.0))
     size = np.linalg.norm(jacobian, axis=0)

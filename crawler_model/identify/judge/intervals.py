@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fit.fit import Fit, cost_of
-from ..fit.problem import Problem, Residuals
+from ..fit.fit import Fit, compute_step, cost_of
+from ..fit.problem import Problem
 from .verdicts import Structure, find_covariance
 
 _ENOUGH = 0.5
@@ -71,17 +71,8 @@ def _relax(problem: Problem, moved: np.ndarray, held: np.ndarray, p: int) -> flo
     now = problem.compute(moved)
     if now is None:
         return np.inf
-    then = problem.compute(np.clip(moved + _step_of_others(now, held, p), *problem.bounds))
+    others = held.copy()
+    others[p] = True
+    step = compute_step(now, moved, others, problem.bounds)
+    then = problem.compute(np.clip(moved + step, *problem.bounds))
     return cost_of(now) if then is None else min(cost_of(now), cost_of(then))
-
-
-def _step_of_others(now: Residuals, held: np.ndarray, p: int) -> np.ndarray:
-    """Compute the Gauss-Newton step of all unknowns but those held and one more, shape (U,)."""
-    step = np.zeros(held.size)
-    size = np.linalg.norm(now.jacobian, axis=0)
-    free = np.flatnonzero(~held & (size > _NULL * size.max(initial=0.0)) & (np.arange(held.size) != p))
-    if free.size:
-        scaled = now.jacobian[:, free] / size[free]
-        inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_NULL, hermitian=True)
-        step[free] = -inverse @ (scaled.T @ now.fitted) / size[free]
-    return step
