@@ -34,7 +34,7 @@ def predict_command(
 ) -> None:
     """Predict gain, energy and positions of an identified body under another drive, each with a 95 % band.
 
-    crawler predict robot.yaml --from fit.json --drive gait.yaml
+    `crawler identify` finds the body: `crawler predict robot.yaml --from fit.json --drive gait.yaml`.
 
     Of a drive with a period, the gain and the energy are those of a period of the limit cycle. Where the motion depends
     on a parameter that is only bounded, the band covers all values that the bound allows, and a line names it. Where it
