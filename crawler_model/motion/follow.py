@@ -161,6 +161,10 @@ def build_motion(plan: Plan) -> Motion:
     Returns:
         The motion; only its kernels are loaded.
     """
+    if getattr(plan.body, "turning", None) is not None:
+        from .turning.motion import build_turning_motion
+
+        return build_turning_motion(plan)
     if plan.body.dimension == 2:
         from .plane.motion import build_plane_motion
 
