@@ -178,6 +178,8 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
                     moved[p] += max(shifts[0], 0.0) * space.logarithmic[p]
         for p in structure.held:
             moved[p] = origin[p]
+        if np.array_equal(moved, fit.unknowns):  # there the sum of squares is least already
+            return fit, structure
         again = fit_from(problem, moved, held, tight=True, most=40)
         if again is None or again.cost > fit.cost + _INDIFFERENT:
             return fit, structure

@@ -45,6 +45,8 @@ _SLOW = 1e-2
 """Relative decrease of the sum of squares below which a start leads nowhere."""
 _EXACT = 0.05
 """Whitened residuals whose mean square is below this are rounding."""
+_ROUGH = 1e-4
+"""Likewise of a large recording before its noise is estimated."""
 _SETTLED = (1e-2, 1e-1)
 """Decreases of the sum of squares, in units of the noise, that no interval shows; for large recordings the second."""
 
@@ -75,7 +77,9 @@ class Fit:
     reached: int = 1
 
 
-def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool, most: int = 60) -> Fit | None:
+def fit_from(
+    problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool, most: int = 60, part: float = 0.0
+) -> Fit | None:
     """Minimise the residuals from one start, by the method of Levenberg and Marquardt.
 
     Steps have no part in null directions of the Jacobian, so that what is not determined keeps its start value.
@@ -86,6 +90,7 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
         held: unknowns that keep their start value, bool, shape (U,).
         tight: whether to converge to rounding.
         most: largest number of evaluations.
+        part: relative decrease of the sum of squares that is not worth another evaluation [1].
 
     Returns:
         The fit; None if no motion exists at the start.
@@ -96,8 +101,14 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
     if now is None:
         return None
     cost, damping, quiet, refused = cost_of(now), 0.0, 0, False
+    patience = 3 if not tight else 1 if problem.is_large else 2
     for _ in range(most):
         step = compute_step(now, unknowns, held, problem.bounds, damping)
+        exact = tight and cost < _EXACT * now.fitted.size
+        enough = 1e-13 * cost if exact else _SETTLED[problem.is_large] if tight else _SLOW * cost
+        enough = max(enough, part * cost)
+        if patience == 1 and damping == 0.0 and -float(now.fitted @ (now.jacobian @ step)) <= enough:
+            break
         moved = np.clip(unknowns + step, low, high)
         if np.abs(moved - unknowns).max(initial=0.0) <= _SHORTEST * (1.0 + np.abs(unknowns).max(initial=0.0)):
             break
@@ -108,14 +119,12 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
             if damping > _MOST_DAMPING:
                 break
             continue
-        exact = tight and cost < _EXACT * now.fitted.size
-        enough = 1e-13 * cost if exact else _SETTLED[problem.is_large] if tight else _SLOW * cost
         quiet = quiet + 1 if cost - later <= enough else 0
         unknowns, now, cost = moved, then, later
         if not refused:
             damping = damping / _HARDER if damping > _DAMPING else 0.0
         refused = False
-        if quiet == (2 if tight else 3):
+        if quiet == patience:
             break
     return Fit(unknowns, cost, now, now.jacobian, np.zeros((unknowns.size, unknowns.size)))
 
@@ -143,12 +152,12 @@ def compute_step(
     low, high = bounds
     gradient = jacobian.T @ residuals
     out = ((unknowns <= low) & (gradient > 0.0)) | ((unknowns >= high) & (gradient < 0.0))
-    size = np.linalg.norm(jacobian, axis=0)
+    normal = jacobian.T @ jacobian
+    size = np.sqrt(np.diag(normal))
     free = np.flatnonzero(~held & ~out & (size > _NOTHING * size.max(initial=0.0)))
     step = np.zeros(unknowns.size)
     if free.size:
-        scaled = jacobian[:, free] / size[free]
-        values, vectors = np.linalg.eigh(scaled.T @ scaled)
+        values, vectors = np.linalg.eigh(normal[np.ix_(free, free)] / np.outer(size[free], size[free]))
         seen = values > _NULL * values[-1]
         share = np.where(seen, 1.0 / np.where(seen, values + damping * values[-1], 1.0), 0.0)
         step[free] = -(vectors @ (share * (vectors.T @ (gradient[free] / size[free])))) / size[free]
@@ -225,7 +234,7 @@ def find_fit(
         raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
     if coarse is not problem and not interrupted:  # to go on there costs less
         best = fit_from(coarse, best.unknowns, held, tight=True, most=_PATIENT) or best
-    fit = refit(problem, best.unknowns, progress)
+    fit = refit(problem, best.unknowns, progress, 0.0 if coarse is problem else _ROUGH)
     reached = sum(cost <= (1.0 + _SAME_MINIMUM) * best.cost for cost in costs)
     return replace(fit, interrupted=interrupted, starts=len(costs), reached=reached)
 
@@ -235,13 +244,16 @@ def _find_size(problem: Problem, fit: Fit) -> float:
     return max((size.ratio for size in measure_misfit(problem, fit.residuals)), default=1.0)
 
 
-def refit(problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None = None) -> Fit:
+def refit(
+    problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None = None, part: float = 0.0
+) -> Fit:
     """Fit and estimate the noise in turn.
 
     Args:
         problem: the problem; its noise is estimated.
         unknowns: the start, shape (U,), at which a motion exists.
         progress: called with the fraction done, in [0, 1].
+        part: as for `fit_from`, as long as the noise is not estimated [1].
 
     Returns:
         The fit.
@@ -251,7 +263,8 @@ def refit(problem: Problem, unknowns: np.ndarray, progress: Callable[[float], No
     for k in range(_REFITS[problem.is_large]):
         if fit is not None:
             problem.estimate_noise(fit.residuals)
-        fit = fit_from(problem, unknowns if fit is None else fit.unknowns, held, tight=True)
+        at, rough = (unknowns, part) if fit is None else (fit.unknowns, 0.0)
+        fit = fit_from(problem, at, held, tight=True, part=rough)
         assert fit is not None
         if progress is not None:
             progress(0.6 + 0.1 * (k + 1))

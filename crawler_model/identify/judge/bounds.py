@@ -94,7 +94,7 @@ def release(problem: Problem, fit: Fit) -> Fit:
     limits = [p for replica in problem.replicas for p in replica.limits]
     factors |= dict.fromkeys(limits, (1.0 + _RELEASE, 1.0 - _RELEASE))
     size = np.linalg.norm(fit.residuals.jacobian, axis=0)
-    for p in sorted(p for p in factors if _RELEASE * size[p] < _FIRM):
+    for p in sorted(p for p in factors if 0.0 < _RELEASE * size[p] < _FIRM):
         for factor in factors[p]:
             unknowns = fit.unknowns.copy()
             value = problem.space.to_values(unknowns[: problem.space.origin.size])

@@ -83,7 +83,7 @@ def judge_sensors(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[S
 def _find_covariance_of_offsets(problem: Problem, fit: Fit, i: int, covariance: np.ndarray) -> np.ndarray:
     """Compute the covariance of the offsets and drifts of a recording, shape (Q, Q)."""
     names = [*range(problem.space.origin.size), *problem.places(i)]
-    moved = problem.project(i, problem.differentiate(fit.unknowns, i))[1]
+    moved = fit.residuals.d_linear[i]
     return np.asarray(np.linalg.pinv(problem.grams[i]) + moved @ covariance[np.ix_(names, names)] @ moved.T)
 
 
