@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...errors import CrawlerError
-from .balance import estimate, see
 from .misfit import measure_misfit
 from .problem import Problem, Residuals
+from .starts import generate_starts, kick, reach_held
 
-_DRAWS = 6
-"""Random values that are compared for each start."""
-_NEIGHBOURS = (0.03, -0.03, 0.1, -0.1)
-"""Steps of the logarithms of neighbours of the first start."""
 _NOTHING = 1e-10
 """A column below this part of the largest one is zero."""
 _NULL = 1e-13
@@ -33,10 +28,6 @@ _AGREE = 2
 _FITS, _NEARLY = 1.1, 1.5
 """Residuals of at most this many times the noise are noise; or nearly, if unrelated starts agree."""
 _REFITS = (3, 2)
-_APART = 0.01
-"""Difference of the coordinates of starts that are not the same."""
-_KICK = 0.2
-"""Standard deviation of the steps from the best fit so far, for half of the coordinates."""
 _TRIES = 40
 """Evaluations for each start."""
 _PATIENT = 200
@@ -205,14 +196,18 @@ def find_fit(
     interrupted = False
     costs: list[float] = []
     ends: list[tuple[float, str]] = []
+    nearby: list[np.ndarray] = []
+    left = np.inf
     begin = time.monotonic()
     try:
-        for k, (family, start) in enumerate(_starts(coarse, rng)):
+        for k, (family, start) in enumerate(generate_starts(coarse, rng)):
             spent = (time.monotonic() - begin) / seconds if seconds else np.inf
             if k >= starts and spent >= 1.0:
                 break
             if family == "kick" and best is not None:
-                start = _kick(coarse, best, rng)
+                if best.cost < left * (1.0 - _SAME_MINIMUM):
+                    left, nearby = best.cost, reach_held(coarse, best.unknowns, best.residuals.jacobian)
+                start = nearby.pop() if nearby else kick(coarse, best.unknowns, rng)
             found = None if start is None else fit_from(coarse, start, held, tight=False, most=_TRIES)
             if progress is not None:
                 progress(0.6 * min((k + 1) / starts, max(spent, 0.01)))
@@ -270,61 +265,3 @@ def refit(
             progress(0.6 + 0.1 * (k + 1))
     assert fit is not None
     return fit
-
-
-def _starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[str, np.ndarray | None]]:
-    """Generate starts without end, each with what it is related to.
-
-    These are the balance of forces, neighbours of it, the scene's values, then in turn kicks of the best fit so far
-    (None), and draws, every second one improved by the balance.
-    """
-    seen = [see(r, rows) for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
-    known = [one for one in seen if one is not None]
-    complete = len(known) == len(seen)
-    first = estimate(known, problem.space, problem.space.origin, problem.sensor, False) if complete else None
-    if first is not None:
-        yield "balance", _start_at(problem, *first)
-        for step in _NEIGHBOURS:
-            values = np.where(problem.space.logarithmic, first[0] * np.exp(step), first[0])
-            yield "balance", _start_at(problem, np.clip(values, problem.space.low, problem.space.high), first[1])
-    yield "scene", problem.unknowns(problem.space.origin)
-    earlier = [] if first is None else [problem.space.to_coordinates(first[0])]
-    for k in itertools.count():
-        yield from (("kick", None), ("kick", None))
-        values = problem.space.draw(rng)
-        balanced = estimate(known, problem.space, values, problem.sensor, True) if complete and k % 2 == 0 else None
-        if balanced is not None:
-            place = problem.space.to_coordinates(balanced[0])
-            if all(np.abs(place - one).max() > _APART for one in earlier):
-                earlier.append(place)
-                yield f"draw {k}", _start_at(problem, *balanced)
-            complete = len(earlier) > k // 2  # as long as other minima of the balance are found
-        else:
-            yield f"draw {k}", _draw(problem, rng)
-
-
-def _start_at(problem: Problem, values: np.ndarray, lag: float) -> np.ndarray:
-    """Build a start from values of the parameters and a lag, shape (U,)."""
-    unknowns = problem.unknowns(values)
-    if "lag" in problem.names:
-        unknowns[[problem.places(i)[problem.names.index("lag")] for i in range(len(problem.replicas))]] = lag
-    return unknowns
-
-
-def _kick(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarray:
-    """Move the parameters of the best fit so far, as far as a wrong minimum may be from the right one, shape (U,)."""
-    count = problem.space.origin.size
-    moved = fit.unknowns.copy()
-    moved[:count] += _KICK * rng.normal(size=count) * rng.integers(0, 2, count)
-    return np.clip(moved, *problem.bounds)
-
-
-def _draw(problem: Problem, rng: np.random.Generator) -> np.ndarray | None:
-    """Draw several values; return the unknowns with the least residuals."""
-    best, least = None, np.inf
-    for _ in range(_DRAWS):
-        unknowns = problem.unknowns(problem.space.draw(rng))
-        found = problem.compute(unknowns)
-        if found is not None and cost_of(found) < least:
-            best, least = unknowns, cost_of(found)
-    return best

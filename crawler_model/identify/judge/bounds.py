@@ -8,7 +8,7 @@ import numpy as np
 
 from ..fit.fit import Fit, cost_of
 from ..fit.problem import Problem
-from ..replica.knots import find_limits
+from ..fit.starts import find_reached
 
 _BEYOND = (1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.3)
 """Factors by which a parameter is moved beyond its bound to confirm it."""
@@ -56,16 +56,10 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, tuple
     """
     space = problem.space
     values = space.to_values(fit.unknowns[: space.origin.size])
-    found: dict[tuple[int, bool], Held] = {}
-    for replica in problem.replicas if unseen else ():
-        slack = replica.slack(values)
-        if slack is None:
-            continue
-        for (p, at_least), limit in find_limits(values, slack.distance, slack.derivative).items():
-            known = found.get((p, at_least))
-            if p in unseen and (known is None or (limit.value > known.value) == at_least):
-                time, event = float(slack.time[limit.row]), slack.events[limit.column]
-                found[p, at_least] = Held(limit.value, at_least, replica.measured.name, time, event)
+    found = {}
+    for (p, at_least), (replica, slack, limit) in find_reached(problem, values, unseen).items():
+        time, event = float(slack.time[limit.row]), slack.events[limit.column]
+        found[p, at_least] = Held(limit.value, at_least, replica.measured.name, time, event)
     raised = _raise_others(problem, fit, unseen)
     result: dict[int, tuple[Held, ...]] = {}
     for (p, _), bound in found.items():
