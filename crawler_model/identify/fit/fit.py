@@ -181,7 +181,7 @@ def find_fit(
         problem: the problem; its noise is estimated.
         coarse: the same with fewer rows, on which the starts are compared.
         starts: number of starts, unless an earlier one leads to a fit.
-        seconds: time in which more are tried as long as none does [s].
+        seconds: time in which more are tried as long as none does [s]; 0 for the first start alone.
         rng: source of random numbers.
         progress: called with the fraction done, in [0, 1].
 
@@ -202,7 +202,7 @@ def find_fit(
     try:
         for k, (family, start) in enumerate(generate_starts(coarse, rng)):
             spent = (time.monotonic() - begin) / seconds if seconds else np.inf
-            if k >= starts and spent >= 1.0:
+            if spent >= 1.0 and (k >= starts or (seconds == 0.0 and best is not None)):
                 break
             if family == "kick" and best is not None:
                 if best.cost < left * (1.0 - _SAME_MINIMUM):

@@ -342,3 +342,17 @@ def find_rounding(noise: Noise, phase: np.ndarray, jacobian: np.ndarray) -> np.n
         waves = np.stack((np.cos(angle), np.sin(angle))) @ jacobian
         result += part * (waves.T @ waves)
     return np.asarray(result)
+
+
+def find_quantile(freedom: float) -> float:
+    """Compute the half width of a 95 % interval in standard deviations, if their size is an estimate.
+
+    Args:
+        freedom: degrees of freedom of the estimate; infinite if the size is known [1].
+
+    Returns:
+        The quantile of Student's t [1].
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.975))
