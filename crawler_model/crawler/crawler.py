@@ -12,6 +12,7 @@ from ..arrays import check_numbers, frozen
 from ..body.body import Body
 from ..body.directions import check_directions
 from ..body.plan import Plan, check_plan
+from ..body.turning import check_sides
 from ..errors import CommandError, SceneError
 from ..motion.follow import State, build_motion
 from ..motion.state import ACCOUNT_SIZE, VISITED
@@ -126,9 +127,23 @@ class Crawler:
         return frozen(self._state.gained)
 
     @property
+    def yaw(self) -> float:
+        """Angle of the heading from the x axis, whole turns counted [rad]; 0 for bodies that do not turn."""
+        return float(getattr(self._state, "yaw", 0.0))
+
+    @property
+    def stability_margin(self) -> float | None:
+        """How far the body was from buckling at the nearest in the last command [1]; None for bodies that do not turn.
+
+        It is 0 where the body loses its stability.
+        """
+        return getattr(self._state, "stability_margin", None)
+
+    @property
     def spring_force(self) -> np.ndarray:
         """g, force of the springs on each contact, shape (N,), in the plane (N, 2) [N]."""
-        return frozen(self.body.spring_force(self._state.tension))
+        force: np.ndarray | None = getattr(self._state, "force", None)
+        return frozen(self.body.spring_force(self._state.tension) if self.body.turning is None else force)
 
     @property
     def margins(self) -> np.ndarray:
@@ -252,12 +267,19 @@ class Crawler:
                 i = int(np.flatnonzero(array < 0.0)[0])
                 raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
             if columns.planar and name == "forward":
-                try:
-                    check_directions(self.scene.angles, array.reshape(sizes.size, each))
-                except SceneError as error:
-                    raise CommandError(f"forward: {error}") from None
+                self._check_friction(array.reshape(sizes.size, each))
             row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
         return row
+
+    def _check_friction(self, friction: np.ndarray) -> None:
+        """Check commanded friction that depends on the direction, shape (N, m) or, of a body that turns, (N, 4)."""
+        if self.body.turning is not None:
+            check_sides(friction, "forward", CommandError)
+            return
+        try:
+            check_directions(self.scene.angles, friction)
+        except SceneError as error:
+            raise CommandError(f"forward: {error}") from None
 
     def _target(self, row: np.ndarray) -> np.ndarray:
         """Convert a row to a target; what it leaves out stays as it is in force."""
