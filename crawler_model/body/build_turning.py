@@ -60,8 +60,8 @@ def build_turning_body(
         SceneError: if a stiffness is not positive, or the links do not connect all points.
     """
     k = spread(stiffness, ends.shape[0], "body.links.stiffness", "link")
-    for i in np.flatnonzero(~(k > 0.0)):
-        raise SceneError(f"body.links.stiffness: link {i} has {k[i]:g} N/m; it must be > 0")
+    for link in np.flatnonzero(~(k > 0.0)):
+        raise SceneError(f"body.links.stiffness: link {link} has {k[link]:g} N/m; it must be > 0")
     count = points.shape[0]
     touching = (~bare).astype(np.float64)
     body = Body(
@@ -99,8 +99,8 @@ def build_joints(
     for i, triple in enumerate(triples):
         _check_points(f"body.joints.between: joint {i}", triple, points, "an angle needs three places")
     c = spread(stiffness, len(triples), "body.joints.stiffness", "joint")
-    for i in np.flatnonzero(~(c > 0.0)):
-        raise SceneError(f"body.joints.stiffness: joint {i} has {c[i]:g} N m/rad; it must be > 0")
+    for joint in np.flatnonzero(~(c > 0.0)):
+        raise SceneError(f"body.joints.stiffness: joint {joint} has {c[joint]:g} N m/rad; it must be > 0")
     return frozen(np.array(triples, dtype=np.int64).reshape(-1, 3), np.int64), frozen(c)
 
 

@@ -5,7 +5,7 @@ sliding forward of each isolated contact (N) and of each segment (N/m), and the 
 whose strain or friction varies along it has one column per element or contact instead of a single one. If the
 scene has loads, they follow: one per isolated contact (N) and per segment (N/m). In the plane each link has two columns
 (x, y), and each contact has one friction, or one per direction, and with loads two columns (x, y). Of a body that turns
-each link has one column (m) and each joint one (rad), and each point has four frictions, forward, backward, left, right.
+each link has one column (m), each joint one (rad), and each point four frictions, forward, backward, left and right.
 
 A target is the input of the kernels: one rest length per spring, then the forward and the backward bound of
 every contact on the force of its springs. With loads f these bounds are mu_plus - f and mu_minus + f, and f follows;

@@ -23,6 +23,8 @@ from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
 from .repeats import REPEATS, determining_tension, tensions_repeat
+from .screw import Screw, find_screw, gain_in_frame
+from .transport import length_of
 
 _RATIOS = 3
 """Ratios of successive differences that have to agree on how fast the transient decays."""
@@ -33,7 +35,8 @@ class LimitCycle:
     """The periodic regime of a drive.
 
     Attributes:
-        gain: y gained in the last period [m]; in the plane shape (2,).
+        gain: y gained in the last period [m]; in the plane shape (2,); of a body that turns dx, dy [m] and dyaw [rad]
+            in its frame, as in `Trajectory.per_period`, shape (3,).
         work: work of the actuators in the last period [J].
         transient_left: estimate of how far `gain` is from that of the periodic regime [m]: where the tensions repeat,
             the rounding of the gain, and what it hides of a slow transient; the tail of a geometric series where their
@@ -42,7 +45,8 @@ class LimitCycle:
         ratio: by which the difference of the tensions shrank in each of the last periods, at worst [1]; 0 where they
             repeat.
         periods: number of periods run.
-        gains: y gained in each period, shape (periods,), in the plane (periods, 2) [m].
+        gains: y gained in each period, shape (periods,), in the plane (periods, 2), of a body that turns (periods, 3)
+            [m, rad].
     """
 
     gain: float | np.ndarray
@@ -53,6 +57,11 @@ class LimitCycle:
     periods: int
     gains: np.ndarray
 
+    @property
+    def screw(self) -> Screw | None:
+        """The motion of a body that turns in the last period, as a rotation; None for bodies that do not turn."""
+        return find_screw(self.gains[-1]) if self.gains.shape[1:] == (3,) else None
+
     def __repr__(self) -> str:
         """State the gain, and whether it has settled."""
         if self.settled:
@@ -62,7 +71,8 @@ class LimitCycle:
             end = f"not settled after {self.periods} periods: the transient shrinks by {shrinks:.2g} % a period"
         else:
             end = f"not settled after {self.periods} periods: the transient does not shrink yet"
-        return f"LimitCycle({self.gain} m a period, {end})"
+        unit = "m" if self.screw is None else "m, m, rad"
+        return f"LimitCycle({self.gain} {unit} a period, {end})"
 
     def _repr_html_(self) -> str:
         """Show the regime in a notebook."""
@@ -123,19 +133,26 @@ class _Periods:
         self.differences: list[float] = []
         self.gains: list[np.ndarray] = []
         self.work, self.travel, self.count = 0.0, 0.0, 0
+        turns = crawler.body.turning is not None
+        self.scale = np.array([1.0, 1.0, length_of(crawler.body)]) if turns else np.ones(1)  # of gains, to lengths
         self.records = np.empty((targets.shape[0], 2 * crawler.displacement.size + crawler.tension.size))
 
     def follow(self) -> None:
         """Run one more period."""
         crawler, body = self.crawler, self.crawler.body
-        start = crawler.displacement.ravel()
+        begin, yaw = crawler.displacement, crawler.yaw
+        start = begin.ravel()
         step = crawler.follow(self.targets, self.records)
         x = self.records[:, : start.size]
         self.travel = max(float(np.abs(x - start).max()), 1e-300)
         self.work = step.work
-        self.gains.append(average_displacement(body, crawler.gained[None])[0])
+        gained = average_displacement(body, crawler.gained[None])
+        if body.turning is not None:
+            gained = gain_in_frame(body, begin[None], gained, np.array([crawler.yaw - yaw]))
+        self.gains.append(gained[0])
         before, self.tension = self.tension, determining_tension(body, crawler)
-        energy = (self.tension - before) ** 2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
+        scale = np.ones(1) if body.turning is not None else body.stiffness
+        energy = (self.tension - before) ** 2 / scale.reshape(-1, *(1,) * (body.dimension - 1))
         self.differences.append(math.sqrt(float(energy.sum())))
         # a slow transient is in each period a small part of what is left of it
         part = REPEATS * (1.0 - self.shrinks)
@@ -161,7 +178,7 @@ class _Periods:
         if ratio >= 1.0:
             return math.inf
         change = max(
-            float(np.abs(b - a).max())
+            float(np.abs((b - a) * self.scale).max())
             for a, b in zip(self.gains[-_RATIOS - 1 : -1], self.gains[-_RATIOS:], strict=True)
         )
         return change * ratio / (1.0 - ratio)

@@ -89,6 +89,7 @@ def assemble_turning_body(parts: SceneParts) -> Body:
     points = np.array(given.places, dtype=np.float64).reshape(-1, 2)
     links = list_links(given)
     assert links is not None
+    stiffness: Any
     if isinstance(links, LinksPart):
         between, stiffness = links.between, links.stiffness
     else:

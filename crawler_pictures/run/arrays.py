@@ -9,7 +9,7 @@ import numpy as np
 
 from crawler_model.body.columns import Columns
 from crawler_model.body.plan import Plan
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 
 from ..recording.attachments import other_versions
 from ..recording.bag import BagError, recorded_scene
