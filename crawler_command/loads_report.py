@@ -28,6 +28,9 @@ def print_holding(run: Trajectory, screen: Console) -> None:
         screen: the console to print to.
     """
     scene, body = run.scene, run.scene.body
+    if body.turning is not None:
+        screen.print("largest tow and steepest slope that it holds at rest: not computed for bodies that turn")
+        return
     if body.dimension == 2:
         _print_planar_holding(scene, screen)
         return

@@ -114,11 +114,16 @@ def simulate_command(
     linear pieces, including ticks; energy.residual is relative to the work.
     """
     from crawler_model import load_scene
+    from crawler_model.body.plan import refuse_turning
     from crawler_model.run.arrow import load_library
+
+    from .turning_report import print_turning
 
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
+    if png is not None:
+        refuse_turning(loaded, "--png")
     for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):
         check_output(option, file, option.replace("--", "."), overwrite)
         if file is not None and file is not png:
@@ -136,6 +141,7 @@ def simulate_command(
         return
     _print_translation(run, rate)
     _print_account(run)
+    print_turning(run, screen)
     for file in filter(None, (parquet, csv)):
         screen.print(f"table: {file}", markup=False)
     if png is not None:

@@ -7,6 +7,7 @@ import numpy as np
 from crawler_model import Trajectory
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact, name_every_spring
+from crawler_model.body.plan import refuse_turning
 from crawler_model.theory.stasis import stasis_bounds
 
 from .arrays import Gains, RunArrays, planar_forces, sort_commands
@@ -21,6 +22,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
     Returns:
         The arrays; the tensions are those of all springs, with bounds on ground that is the same everywhere.
     """
+    refuse_turning(run.scene, "--png")
     scene, body, drive = run.scene, run.scene.body, run.scene.drive
     rows = drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
     least = most = np.full((run.time.size, body.springs), np.nan)
