@@ -192,8 +192,7 @@ def analyse(
     rate = find_rate(survey, robot)
     recorded = recorded_scene(survey.path, survey.attachments)
     other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
-    if scene is not None:
-        refuse_turning(scene, "replay")
+    refuse_turning(scene, "replay")
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and is_planar(survey, robot))
     finder, yields = SlipSink(), YieldSink(scene)

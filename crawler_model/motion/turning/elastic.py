@@ -1,0 +1,200 @@
+"""Forces of links and joints, and their derivatives."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled, lean
+from .frame import load_of, span
+
+
+@lean
+def stretch_link(frame, command, x, s):
+    """Compute the state of a link.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        s: the link.
+
+    Returns:
+        Its tension [N], its length [m], and its direction from a to b, two components [1].
+    """
+    e0, e1 = span(frame, x, frame.ends[s, 0], frame.ends[s, 1])
+    length = math.hypot(e0, e1)
+    return frame.stiffness[s] * (length - (frame.rest[s] + command[s])), length, e0 / length, e1 / length
+
+
+@lean
+def turn_joint(frame, command, x, j, slope):
+    """Compute the torque of a joint and the derivative of its angle.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        j: the joint.
+        slope: output: derivative of the angle by the positions of a, b, c, shape (6,) [rad/m].
+
+    Returns:
+        The torque [N m] and the angle, between -pi and pi of its rest value [rad].
+    """
+    a = frame.joints[j, 0]
+    b = frame.joints[j, 1]
+    c = frame.joints[j, 2]
+    u0, u1 = span(frame, x, a, b)
+    v0, v1 = span(frame, x, b, c)
+    uu = u0 * u0 + u1 * u1
+    vv = v0 * v0 + v1 * v1
+    slope[0] = -u1 / uu
+    slope[1] = u0 / uu
+    slope[4] = -v1 / vv
+    slope[5] = v0 / vv
+    slope[2] = -slope[0] - slope[4]
+    slope[3] = -slope[1] - slope[5]
+    k = frame.ends.shape[0] + j
+    rest = frame.rest[k] + command[k]
+    away = math.atan2(u0 * v1 - u1 * v0, u0 * v0 + u1 * v1) - rest
+    away -= 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)
+    return frame.stiffness[k] * away, rest + away
+
+
+@compiled
+def pull(frame, command, x, force, size):
+    """Compute the force that friction balances on each point: that of links, joints and loads.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        force: output, shape (N, 2) [N].
+        size: output: magnitude of the terms that are summed, shape (N,) [N].
+    """
+    for i in range(x.shape[0]):
+        size[i] = 0.0
+        for c in range(2):
+            force[i, c] = load_of(frame, command, i, c)
+            size[i] += abs(force[i, c])
+    for s in range(frame.ends.shape[0]):
+        tension, length, e0, e1 = stretch_link(frame, command, x, s)
+        a, b = frame.ends[s]
+        force[a, 0] += tension * e0
+        force[a, 1] += tension * e1
+        force[b, 0] -= tension * e0
+        force[b, 1] -= tension * e1
+        size[a] += frame.stiffness[s] * length
+        size[b] += frame.stiffness[s] * length
+    slope = np.empty(6)
+    for j in range(frame.joints.shape[0]):
+        torque, angle = turn_joint(frame, command, x, j, slope)
+        for k in range(3):
+            i = frame.joints[j, k]
+            force[i, 0] -= torque * slope[2 * k]
+            force[i, 1] -= torque * slope[2 * k + 1]
+            large = frame.stiffness[frame.ends.shape[0] + j] * (1.0 + abs(angle))
+            size[i] += large * (abs(slope[2 * k]) + abs(slope[2 * k + 1]))
+
+
+@compiled
+def energy_of(frame, command, x):
+    """Compute the energy of links and joints.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+
+    Returns:
+        The energy [J].
+    """
+    total = 0.0
+    slope = np.empty(6)
+    for s in range(frame.ends.shape[0]):
+        tension = stretch_link(frame, command, x, s)[0]
+        total += 0.5 * tension * tension / frame.stiffness[s]
+    for j in range(frame.joints.shape[0]):
+        torque = turn_joint(frame, command, x, j, slope)[0]
+        total += 0.5 * torque * torque / frame.stiffness[frame.ends.shape[0] + j]
+    return total
+
+
+@lean
+def stiffen_link(frame, command, x, s, block):
+    """Compute the second derivative of the energy of a link by the position of b; that by a and b is its negative.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        s: the link.
+        block: output, shape (2, 2) [N/m].
+    """
+    tension, length, e0, e1 = stretch_link(frame, command, x, s)
+    across = tension / length
+    along = frame.stiffness[s] - across
+    block[0, 0] = across + along * e0 * e0
+    block[0, 1] = along * e0 * e1
+    block[1, 0] = block[0, 1]
+    block[1, 1] = across + along * e1 * e1
+
+
+@compiled
+def stiffen_joint(frame, command, x, j, block):
+    """Compute the second derivative of the energy of a joint by the positions of a, b, c.
+
+    The direction of an arm e has the second derivative (d e' + e d') / |e|^4, up to its sign, with d across e.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        j: the joint.
+        block: output, shape (6, 6) [N/m].
+    """
+    slope = np.empty(6)
+    torque, _ = turn_joint(frame, command, x, j, slope)
+    k = frame.stiffness[frame.ends.shape[0] + j]
+    for p in range(6):
+        for q in range(6):
+            block[p, q] = k * slope[p] * slope[q]
+    for arm in range(2):
+        a = frame.joints[j, arm]
+        e0, e1 = span(frame, x, a, frame.joints[j, arm + 1])
+        square = (e0 * e0 + e1 * e1) ** 2
+        sign = torque if arm == 1 else -torque  # the angle is the direction of the second arm minus that of the first
+        xx = sign * 2.0 * e0 * e1 / square
+        xy = sign * (e1 * e1 - e0 * e0) / square
+        for p in range(2):
+            for q in range(2):
+                side = 1.0 if p == q else -1.0
+                at, by = 2 * (arm + p), 2 * (arm + q)
+                block[at, by] += side * xx
+                block[at, by + 1] += side * xy
+                block[at + 1, by] += side * xy
+                block[at + 1, by + 1] -= side * xx
+
+
+@compiled
+def strain(frame, command, x, found):
+    """Compute the state of all links and joints.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        found: output: tensions [N] and torques [N m]; elongations [m] and changes of angles [rad] since the reference
+            shape, shape (2, S + J).
+    """
+    slope = np.empty(6)
+    links = frame.ends.shape[0]
+    for s in range(links):
+        tension, length, _, _ = stretch_link(frame, command, x, s)
+        found[0, s] = tension
+        found[1, s] = length - frame.rest[s]
+    for j in range(frame.joints.shape[0]):
+        torque, angle = turn_joint(frame, command, x, j, slope)
+        found[0, links + j] = torque
+        found[1, links + j] = angle - frame.rest[links + j]

@@ -1,0 +1,158 @@
+"""The body as arrays for the kernels, and where the parts of a command begin.
+
+A command is a row as in a target: changes of the rest lengths of the S links and of the rest angles of the J joints,
+friction of each point (forward, backward, left, right), and the load on each point, if there are any.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...body.body import Body
+from ...compiled import lean
+
+
+class Frame(NamedTuple):
+    """What a command does not change.
+
+    Attributes:
+        position: reference positions, shape (N, 2) [m].
+        ends: points a, b of each link, int64, shape (S, 2).
+        joints: points a, b, c of each joint, which turns about b, int64, shape (J, 3).
+        stiffness: of the links [N/m], then of the joints [N m/rad], shape (S + J,).
+        rest: lengths of the links [m] and angles of the joints [rad] in the reference shape, shape (S + J,).
+        guide: the two points whose direction is the axis of a point's friction, int64, shape (N, 2).
+        offset: angle from that direction to the axis, shape (N,) [rad].
+        along_velocity: whether friction follows the law of the snake literature.
+        order: the points, neighbours close to each other, int64, shape (N,).
+        grip: how stiffly the body holds each point, shape (N,) [N/m].
+        heading: the two points whose direction is the yaw, int64, shape (2,).
+    """
+
+    position: np.ndarray
+    ends: np.ndarray
+    joints: np.ndarray
+    stiffness: np.ndarray
+    rest: np.ndarray
+    guide: np.ndarray
+    offset: np.ndarray
+    along_velocity: bool
+    order: np.ndarray
+    grip: np.ndarray
+    heading: np.ndarray
+
+
+def build_frame(body: Body) -> Frame:
+    """Build the arrays of a body that turns.
+
+    Args:
+        body: the body; its `turning` is not None.
+
+    Returns:
+        The arrays.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    turning, n = body.turning, body.contacts
+    assert turning is not None
+    ends, joints = np.array(body.ends, np.int64).reshape(-1, 2), np.array(turning.joints, np.int64).reshape(-1, 3)
+    position = np.array(body.position, np.float64)
+    spans = np.diff(position[ends], axis=1)[:, 0]
+    lengths = np.hypot(spans[:, 0], spans[:, 1])
+    arms = np.diff(position[joints], axis=1)
+    headings = np.arctan2(arms[..., 1], arms[..., 0])
+    turns = np.diff(headings, axis=1)[:, 0]
+    rest = np.concatenate((lengths, turns - 2.0 * np.pi * np.rint(turns / (2.0 * np.pi))))
+    stiffness = np.concatenate((body.stiffness, turning.joint_stiffness)).astype(np.float64)
+    grip = np.zeros(n)
+    np.add.at(grip, ends, np.repeat(stiffness[: len(ends), None], 2, axis=1))
+    squared = (arms**2).sum(axis=2)
+    for k, (a, b, c) in enumerate(joints):
+        own = turning.joint_stiffness[k] * (1.0 / squared[k])
+        grip[[a, b, c]] += own[0], own.sum(), own[1]
+    pairs = np.concatenate((ends, joints[:, :2], joints[:, 1:], joints[:, ::2]))
+    guide = np.array(turning.frame, np.int64)
+    pairs = np.concatenate((pairs, *(np.column_stack((np.arange(n), guide[:, k])) for k in range(2))))
+    graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    order = reverse_cuthill_mckee(csr_array(graph + graph.T), symmetric_mode=True).astype(np.int64)
+    offset, heading = np.array(turning.offset, np.float64), np.array(turning.heading, np.int64)
+    return Frame(
+        position, ends, joints, stiffness, rest, guide, offset, turning.along_velocity, order, grip, heading
+    )
+
+
+@lean
+def span(frame, x, a, b):
+    """Compute the vector from one point to another.
+
+    Args:
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+        a: the first point.
+        b: the second point.
+
+    Returns:
+        Its components [m].
+    """
+    position = frame.position
+    return (
+        position[b, 0] - position[a, 0] + (x[b, 0] - x[a, 0]),
+        position[b, 1] - position[a, 1] + (x[b, 1] - x[a, 1]),
+    )
+
+
+@lean
+def yaw_of(frame, x):
+    """Compute the direction of the heading.
+
+    Args:
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+
+    Returns:
+        The angle, between -pi and pi [rad].
+    """
+    e0, e1 = span(frame, x, frame.heading[0], frame.heading[1])
+    return math.atan2(e1, e0)
+
+
+@lean
+def friction_of(frame, command, i):
+    """Return where the friction of a point begins in a command, and its extremes.
+
+    Args:
+        frame: the body.
+        command: the command.
+        i: the point.
+
+    Returns:
+        Index of its forward friction; its least and its largest friction [N].
+    """
+    at = frame.stiffness.shape[0] + 4 * i
+    least = command[at]
+    most = command[at]
+    for k in range(1, 4):
+        least = min(least, command[at + k])
+        most = max(most, command[at + k])
+    return at, least, most
+
+
+@lean
+def load_of(frame, command, i, c):
+    """Return a component of the load on a point.
+
+    Args:
+        frame: the body.
+        command: the command.
+        i: the point.
+        c: 0 for x, 1 for y.
+
+    Returns:
+        The load, 0 in a command without loads [N].
+    """
+    at = frame.stiffness.shape[0] + 4 * frame.position.shape[0] + 2 * i + c
+    return command[at] if at < command.shape[0] else 0.0

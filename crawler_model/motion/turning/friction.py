@@ -1,0 +1,213 @@
+"""Friction with a direction: the set of admissible forces consists of four quarter ellipses in the frame of a link.
+
+In the frame of its axis, with the friction D of the quadrant, a force has the coordinates u = D^-1 s and a displacement
+d = D w; friction balances the force if u lies in the unit disc, and u = d / |d| where the point slides, that is, if
+u = P(u + rho d) with the projection P onto the unit disc. Nothing is singular where a displacement goes to zero.
+With the law along the velocity, d = w.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled, lean
+from ...rounding import EPS
+from .frame import friction_of, span
+
+_CLOSE = 32.0 * EPS
+"""Rounding error of a force, relative to the magnitude of its terms."""
+SLACK = 4.0
+"""A point sticks if it is beyond the boundary of its set by no more than so many rounding errors."""
+
+
+@lean
+def axis_of(frame, x, i):
+    """Compute the axis of the friction of a point, and what turns it.
+
+    Args:
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+        i: the point.
+
+    Returns:
+        Cosine and sine of its angle, and the derivative of the angle by the position of the second point of its guide,
+        two components [rad/m]; that by the position of the first point is its negative.
+    """
+    e0, e1 = span(frame, x, frame.guide[i, 0], frame.guide[i, 1])
+    square = e0 * e0 + e1 * e1
+    length = math.sqrt(square)
+    ahead = math.cos(frame.offset[i]) / length
+    left = math.sin(frame.offset[i]) / length
+    return e0 * ahead - e1 * left, e1 * ahead + e0 * left, -e1 / square, e0 / square
+
+
+@lean
+def resistance(frame, command, x, i, v0, v1):
+    """Compute the work against friction of a displacement of a point.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, for the axis, shape (N, 2) [m].
+        i: the point.
+        v0: its displacement along x [m].
+        v1: its displacement along y [m].
+
+    Returns:
+        The work [J].
+    """
+    at, _, most = friction_of(frame, command, i)
+    if most == 0.0 or (v0 == 0.0 and v1 == 0.0):
+        return 0.0
+    cos, sin, _, _ = axis_of(frame, x, i)
+    w0 = cos * v0 + sin * v1
+    w1 = cos * v1 - sin * v0
+    along = command[at] if w0 >= 0.0 else command[at + 1]
+    across = command[at + 2] if w1 >= 0.0 else command[at + 3]
+    if frame.along_velocity:
+        return (along * w0 * w0 + across * w1 * w1) / math.hypot(w0, w1)
+    return math.hypot(along * w0, across * w1)
+
+
+@lean
+def load_part(frame, command, x, i, f0, f1):
+    """Compute a force in the coordinates in which the admissible forces are the unit disc.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, for the axis, shape (N, 2) [m].
+        i: the point.
+        f0: the force along x [N].
+        f1: the force along y [N].
+
+    Returns:
+        Its two coordinates [1]; both infinite on a point without friction.
+    """
+    at, _, most = friction_of(frame, command, i)
+    if most == 0.0:
+        return np.inf, np.inf
+    cos, sin, _, _ = axis_of(frame, x, i)
+    s0 = cos * f0 + sin * f1
+    s1 = cos * f1 - sin * f0
+    along = command[at] if s0 >= 0.0 else command[at + 1]
+    across = command[at + 2] if s1 >= 0.0 else command[at + 3]
+    return s0 / along, s1 / across
+
+
+@compiled
+def linearise(frame, command, x, base, force, size, rows):
+    """Compute by how much each point misses the law of friction, and the derivatives of that.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        base: displacements from which the points move, shape (N, 2) [m].
+        force: from `pull`, shape (N, 2) [N].
+        size: from `pull`, shape (N,) [N].
+        rows: output, shape (N, 13): the miss, two entries [1]; its derivative by the force, four [1/N], and by the
+            negative displacement, four [1/m]; its derivative by the angle of the axis, two [1/rad]; 1 if the point is
+            free to move, 0 if it sticks.
+
+    Returns:
+        The largest miss relative to its rounding error, and the largest miss.
+    """
+    worst = 0.0
+    largest = 0.0
+    for i in range(x.shape[0]):
+        at, least, most = friction_of(frame, command, i)
+        row = rows[i]
+        row[:] = 0.0
+        if most == 0.0:
+            scale = size[i] if size[i] > 0.0 else 1.0
+            row[0] = force[i, 0] / scale
+            row[1] = force[i, 1] / scale
+            row[2] = row[5] = 1.0 / scale
+            row[12] = 1.0
+            miss = math.hypot(row[0], row[1])
+            worst = max(worst, miss / _CLOSE)
+            largest = max(largest, miss)
+            continue
+        cos, sin, _, _ = axis_of(frame, x, i)
+        v0 = x[i, 0] - base[i, 0]
+        v1 = x[i, 1] - base[i, 1]
+        s0 = cos * force[i, 0] + sin * force[i, 1]
+        s1 = cos * force[i, 1] - sin * force[i, 0]
+        w0 = cos * v0 + sin * v1
+        w1 = cos * v1 - sin * v0
+        mu0 = command[at] if s0 >= 0.0 else command[at + 1]
+        mu1 = command[at + 2] if s1 >= 0.0 else command[at + 3]
+        rho = frame.grip[i] / (least * most)
+        r0 = rho * most
+        r1 = r0
+        if not frame.along_velocity:
+            r0 = rho * (command[at] if w0 >= 0.0 else command[at + 1])
+            r1 = rho * (command[at + 2] if w1 >= 0.0 else command[at + 3])
+        u0 = s0 / mu0
+        u1 = s1 / mu1
+        z0 = u0 + r0 * w0
+        z1 = u1 + r1 * w1
+        length = math.hypot(z0, z1)
+        rounding = _CLOSE * (1.0 + size[i] / least)
+        if length <= 1.0 + SLACK * rounding:
+            miss = math.hypot(r0 * w0, r1 * w1)
+            row[0] = -r0 * w0
+            row[1] = -r1 * w1
+            worst = max(worst, miss / rounding)
+            largest = max(largest, miss)
+            continue
+        n0 = z0 / length
+        n1 = z1 / length
+        row[0] = u0 - n0
+        row[1] = u1 - n1
+        rounding += _CLOSE * max(r0, r1) * (abs(x[i, 0]) + abs(x[i, 1])) / length
+        miss = math.hypot(row[0], row[1])
+        worst = max(worst, miss / rounding)
+        largest = max(largest, miss)
+        e00 = n1 * n1 / length
+        e01 = -n0 * n1 / length
+        e11 = n0 * n0 / length
+        f00 = 1.0 - e00
+        f11 = 1.0 - e11
+        row[2] = f00 * cos / mu0 + e01 * sin / mu1
+        row[3] = f00 * sin / mu0 - e01 * cos / mu1
+        row[4] = -e01 * cos / mu0 - f11 * sin / mu1
+        row[5] = -e01 * sin / mu0 + f11 * cos / mu1
+        row[6] = e00 * r0 * cos - e01 * r1 * sin
+        row[7] = e00 * r0 * sin + e01 * r1 * cos
+        row[8] = e01 * r0 * cos - e11 * r1 * sin
+        row[9] = e01 * r0 * sin + e11 * r1 * cos
+        u_by0 = s1 / mu0
+        u_by1 = -s0 / mu1
+        d_by0 = r0 * w1
+        d_by1 = -r1 * w0
+        row[10] = f00 * u_by0 - e01 * u_by1 - (e00 * d_by0 + e01 * d_by1)
+        row[11] = -e01 * u_by0 + f11 * u_by1 - (e01 * d_by0 + e11 * d_by1)
+        row[12] = 1.0
+    return worst, largest
+
+
+@compiled
+def measure_margins(frame, command, x, force, margins):
+    """Compute how far forces are from the boundaries of their sets, along themselves.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        force: that friction balances, shape (N, 2) [N].
+        margins: output, 0 on points without friction, shape (N,) [N].
+    """
+    for i in range(x.shape[0]):
+        at, least, _ = friction_of(frame, command, i)
+        u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
+        size = math.hypot(u0, u1)
+        if size == np.inf:
+            margins[i] = 0.0
+        elif size > 0.0:
+            margins[i] = (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size
+        else:
+            margins[i] = least

@@ -1,0 +1,231 @@
+"""The motion of a body in the plane that turns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ...body.body import Body
+from ...body.plan import Plan
+from ...errors import CommandError
+from ..jump import Jump
+from ..state import EVENTS, OVERSPENT, SPENT, VISITED, record_spent
+from .elastic import pull, strain
+from .frame import Frame, build_frame
+from .friction import measure_margins
+from .ramp import follow_ramp
+
+DEFAULT_TOLERANCE = 1e-5
+"""Default error of a ramp, relative to its largest change of length."""
+_SHARE = 0.25
+"""Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
+
+
+@dataclass(eq=False)
+class TurningState:
+    """The state of a body that turns.
+
+    Attributes:
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+        gained: displacement gained in the last command, shape (N, 2) [m].
+        command: the command in force, as in a target, shape (C,).
+        turned: the yaw, unwrapped, shape (1,) [rad].
+        stability: least stability margin of the last command, shape (1,) [1].
+    """
+
+    frame: Frame
+    x: np.ndarray
+    gained: np.ndarray
+    command: np.ndarray
+    turned: np.ndarray
+    stability: np.ndarray
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Displacement x, shape (N, 2) [m]."""
+        return self.x
+
+    @property
+    def yaw(self) -> float:
+        """Direction of the heading, unwrapped [rad]."""
+        return float(self.turned[0])
+
+    @property
+    def stability_margin(self) -> float:
+        """Least stability margin of the last command [1]."""
+        return float(self.stability[0])
+
+    @property
+    def shape(self) -> np.ndarray:
+        """Elongations of the links [m], then changes of the angles of the joints [rad], shape (S + J,)."""
+        return self._strained[1]
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Tensions of the links [N], then torques of the joints [N m], shape (S + J,)."""
+        return self._strained[0]
+
+    @property
+    def _strained(self) -> np.ndarray:
+        found = np.empty((2, self.frame.rest.size))
+        strain(self.frame, self.command, self.x, found)
+        return found
+
+    @property
+    def actuation(self) -> np.ndarray:
+        """Changes of the rest lengths [m], then of the rest angles [rad], in force, shape (S + J,)."""
+        return self.command[: self.frame.rest.size]
+
+    @property
+    def friction(self) -> np.ndarray:
+        """Friction in force: forward, backward, left and right of each point in turn, shape (4 N,) [N]."""
+        first = self.frame.rest.size
+        return self.command[first : first + 4 * self.x.shape[0]]
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """The same as `friction`."""
+        return self.friction
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Loads in force, the slope's share included, shape (N, 2) [N]; shape (0, 2) without loads."""
+        return self.command[self.frame.rest.size + 4 * self.x.shape[0] :].reshape(-1, 2)
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force of links and joints on each point, shape (N, 2) [N]."""
+        force, size = np.empty_like(self.x), np.empty(self.x.shape[0])
+        pull(self.frame, self.command, self.x, force, size)
+        return force - self.loads if self.loads.size else force
+
+    @property
+    def contact_state(self) -> np.ndarray:
+        """1 if a point slid in the last command, 0 stuck; int8, shape (N,)."""
+        return (np.abs(self.gained).max(axis=1) > 0.0).astype(np.int8)
+
+    def margins(self, force: np.ndarray) -> np.ndarray:
+        """Compute the distance, along the force, of the forces from the boundary of the admissible friction forces.
+
+        Args:
+            force: of links and joints, shape (N, 2) [N].
+
+        Returns:
+            Shape (N,) [N].
+        """
+        margins = np.empty(self.x.shape[0])
+        measure_margins(self.frame, self.command, self.x, force + self.loads if self.loads.size else force, margins)
+        return margins
+
+    def visited_margin(self, force: np.ndarray) -> float:
+        """Compute how close all contacts are to sliding at once.
+
+        Args:
+            force: of links and joints, shape (N, 2) [N].
+
+        Returns:
+            The margin [1].
+        """
+        total = float(self.friction.reshape(-1, 4).mean(axis=1).sum())
+        return float(np.maximum(self.margins(force), 0.0).sum()) / total if total > 0.0 else 0.0
+
+    def copy(self) -> TurningState:
+        """Copy the state.
+
+        Returns:
+            An independent state with the same numbers.
+        """
+        arrays = (self.x, self.gained, self.command, self.turned, self.stability)
+        return TurningState(self.frame, *(array.copy() for array in arrays))
+
+    def bits(self) -> bytes:
+        """Return all numbers as bytes, for comparison.
+
+        Returns:
+            The bytes of all arrays, one after another.
+        """
+        return b"".join(array.tobytes() for array in (self.x, self.gained, self.command, self.turned))
+
+
+@dataclass(frozen=True, eq=False)
+class TurningMotion:
+    """A body that turns, followed by extrapolated implicit steps, to a tolerance.
+
+    Attributes:
+        body: the body.
+        frame: its arrays.
+        tolerance: largest error of a ramp [m].
+    """
+
+    methods: ClassVar[tuple[str, ...]] = ("catch_up",)
+    samples_margin: ClassVar[bool] = True
+    body: Body
+    frame: Frame
+    tolerance: float
+
+    def start(self, x: np.ndarray, target: np.ndarray) -> TurningState:
+        """Build the state at rest, see `Motion`."""
+        x = np.array(x, np.float64)
+        a, b = self.frame.heading
+        e = self.frame.position[b] - self.frame.position[a] + (x[b] - x[a])
+        yaw = np.array([np.arctan2(e[1], e[0])])
+        return TurningState(self.frame, x, np.zeros_like(x), np.array(target, np.float64), yaw, np.full(1, np.inf))
+
+    def scratch(self) -> np.ndarray:
+        """Allocate the velocities with which a ramp begins, see `Motion`."""
+        return np.zeros((self.body.contacts, 2))
+
+    def follow(
+        self,
+        state: TurningState,
+        scratch: np.ndarray,
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+    ) -> tuple[Jump, ...]:
+        """Follow straight ramps to each of the targets in turn, see `Motion`; `exact` and `budget` have no effect."""
+        moving = state.copy()
+        moving.gained[:] = 0.0
+        moving.stability[:] = np.inf
+        arrays = moving.x, moving.gained, moving.command, moving.turned
+        n, parts = self.body.contacts, self.frame.rest.size
+        jumps: list[Jump] = []
+        for v, target in enumerate(targets):
+            scratch[:] = 0.0
+            progress = np.zeros(2)
+            while not follow_ramp(self.frame, arrays, target, self.tolerance, scratch, account, progress):
+                raise CommandError("command: the body has no stable equilibrium there")
+            account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
+            if records.shape[0]:
+                records[v, : 2 * n] = moving.x.ravel()
+                records[v, 2 * n : 4 * n] = 0.0
+                records[v, 4 * n : 4 * n + parts] = moving.tension
+                if records.shape[1] > 4 * n + parts:
+                    record_spent(account, records[v])
+        state.x, state.gained, state.command, state.turned = arrays
+        state.stability = moving.stability
+        if account[VISITED] == np.inf:  # no command changed
+            account[VISITED] = state.visited_margin(state.force)
+        return tuple(jumps)
+
+
+def build_turning_motion(plan: Plan) -> TurningMotion:
+    """Build the motion of a plan; its tolerance is relative to the changes of length that its drive commands.
+
+    Args:
+        plan: the body, its drive and its tolerance.
+
+    Returns:
+        The motion.
+    """
+    frame = build_frame(plan.body)
+    links, joints = frame.ends.shape[0], frame.joints.shape[0]
+    change = np.abs(np.ptp(plan.drive.targets[:, : links + joints], axis=0))
+    change[links:] *= frame.rest[:links].mean()
+    size = float(change.max(initial=0.0)) or float(frame.rest[:links].max())
+    return TurningMotion(plan.body, frame, _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size)

@@ -1,0 +1,208 @@
+"""One implicit step: the positions in which friction balances the forces, moving straight from where the points are.
+
+Solved by a semismooth Newton method. Points that stick are where they were, to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled, lean
+from ...rounding import CRITICAL
+from .band import solve_band
+from .elastic import pull, stiffen_joint, stiffen_link
+from .friction import axis_of, linearise
+
+_MOST_STEPS = 40
+_SLOW = 0.9
+"""A step that leaves more than this part of the largest miss is halved, as long as that helps."""
+_LONGEST = 0.25
+"""A point moves by no more than this part of the shortest link in a step."""
+
+
+@lean
+def _couple(rows, place, band, reach, i, j, block):
+    """Add to the matrix: how the miss of point i changes with the position of j by the force -block . change."""
+    middle = 2 * reach
+    for p in range(2):
+        r = 2 * place[i] + p
+        for q in range(2):
+            c = 2 * place[j] + q
+            band[c, middle + r - c] -= rows[i, 2 + 2 * p] * block[0, q] + rows[i, 3 + 2 * p] * block[1, q]
+
+
+@lean
+def _join(rows, place, band, reach, right, jump, i, j, block):
+    """Add the coupling of two points; a point that sticks moves by `jump`."""
+    if place[i] < 0:
+        return
+    if place[j] >= 0:
+        _couple(rows, place, band, reach, i, j, block)
+        return
+    push0 = block[0, 0] * jump[j, 0] + block[0, 1] * jump[j, 1]
+    push1 = block[1, 0] * jump[j, 0] + block[1, 1] * jump[j, 1]
+    for p in range(2):
+        right[2 * place[i] + p] += rows[i, 2 + 2 * p] * push0 + rows[i, 3 + 2 * p] * push1
+
+
+@lean
+def _distance(place, i, j):
+    return abs(place[i] - place[j]) if place[i] >= 0 and place[j] >= 0 else 0
+
+
+@compiled
+def _reach_of(frame, place):
+    """Compute the largest distance of two coupled points that move."""
+    apart = 0
+    for s in range(frame.ends.shape[0]):
+        apart = max(apart, _distance(place, frame.ends[s, 0], frame.ends[s, 1]))
+    for j in range(frame.joints.shape[0]):
+        for p in range(3):
+            apart = max(apart, _distance(place, frame.joints[j, p], frame.joints[j, (p + 1) % 3]))
+    for i in range(place.shape[0]):
+        for p in range(2):
+            apart = max(apart, _distance(place, i, frame.guide[i, p]))
+    return 2 * apart + 1
+
+
+@compiled
+def _assemble(frame, command, x, rows, place, jump, system):
+    """Write the matrix and the right side of a Newton step."""
+    band, right, reach = system
+    middle = 2 * reach
+    block = np.empty((2, 2))
+    whole = np.empty((6, 6))
+    other = np.empty((2, 2))
+    for i in range(x.shape[0]):
+        if place[i] < 0:
+            continue
+        for p in range(2):
+            r = 2 * place[i] + p
+            right[r] = -rows[i, p]
+            for q in range(2):
+                c = 2 * place[i] + q
+                own = rows[i, 2 + 2 * p + q] * frame.grip[i] * CRITICAL  # a translation may be free
+                band[c, middle + r - c] -= rows[i, 6 + 2 * p + q] + own
+    for i in range(x.shape[0]):
+        if place[i] < 0 or (rows[i, 10] == 0.0 and rows[i, 11] == 0.0):
+            continue
+        _, _, by0, by1 = axis_of(frame, x, i)
+        for end in range(2):
+            sign = 1.0 if end == 1 else -1.0
+            j = frame.guide[i, end]
+            for p in range(2):
+                r = 2 * place[i] + p
+                turn = sign * rows[i, 10 + p]
+                if place[j] >= 0:
+                    c = 2 * place[j]
+                    band[c, middle + r - c] += turn * by0
+                    band[c + 1, middle + r - c - 1] += turn * by1
+                else:
+                    right[r] -= turn * (by0 * jump[j, 0] + by1 * jump[j, 1])
+    for s in range(frame.ends.shape[0]):
+        a, b = frame.ends[s]
+        if place[a] < 0 and place[b] < 0:
+            continue
+        stiffen_link(frame, command, x, s, block)
+        other[:] = -block
+        _join(rows, place, band, reach, right, jump, a, a, block)
+        _join(rows, place, band, reach, right, jump, b, b, block)
+        _join(rows, place, band, reach, right, jump, a, b, other)
+        _join(rows, place, band, reach, right, jump, b, a, other)
+    for j in range(frame.joints.shape[0]):
+        points = frame.joints[j]
+        if place[points[0]] < 0 and place[points[1]] < 0 and place[points[2]] < 0:
+            continue
+        stiffen_joint(frame, command, x, j, whole)
+        for p in range(3):
+            for q in range(3):
+                block[:] = whole[2 * p : 2 * p + 2, 2 * q : 2 * q + 2]
+                _join(rows, place, band, reach, right, jump, points[p], points[q], block)
+
+
+@compiled
+def _find_step(frame, command, x, base, rows, step):
+    """Solve for the Newton step; return the least relative pivot."""
+    n = x.shape[0]
+    place = np.empty(n, np.int64)
+    count = 0
+    for i in frame.order:
+        place[i] = count if rows[i, 12] > 0.0 else -1
+        count += rows[i, 12] > 0.0
+    for i in range(n):
+        for c in range(2):
+            step[i, c] = base[i, c] - x[i, c]
+    if count == 0:
+        return 1.0
+    reach = min(_reach_of(frame, place), 2 * count - 1)
+    band = np.zeros((2 * count, 3 * reach + 1))
+    right = np.empty(2 * count)
+    _assemble(frame, command, x, rows, place, step, (band, right, reach))
+    pivot = solve_band(band, reach, right)
+    for i in range(n):
+        if place[i] >= 0:
+            step[i, 0] = right[2 * place[i]]
+            step[i, 1] = right[2 * place[i] + 1]
+    return pivot
+
+
+@lean
+def _shorten(frame, step):
+    """Limit a step to the part that leaves each link its direction."""
+    longest = 0.0
+    for i in range(step.shape[0]):
+        longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
+    least = np.inf
+    for s in range(frame.ends.shape[0]):
+        least = min(least, frame.rest[s])
+    return 1.0 if longest <= _LONGEST * least else _LONGEST * least / longest
+
+
+@compiled
+def solve_stage(frame, command, base, x, force, eta):
+    """Solve an implicit step.
+
+    Args:
+        frame: the body.
+        command: the command at the end of the step.
+        base: displacements at its start, shape (N, 2) [m].
+        x: changed in place: a guess of the displacements at its end, then these, shape (N, 2) [m].
+        force: output: the force that friction balances, shape (N, 2) [N].
+        eta: stiffness of springs that hold each point where it was, 0 for none [N/m].
+
+    Returns:
+        Whether it is solved to rounding, and whether its matrix is regular.
+    """
+    n = x.shape[0]
+    size = np.empty(n)
+    rows = np.empty((n, 13))
+    step = np.empty((n, 2))
+    trial = np.empty((n, 2))
+    pull(frame, command, x, force, size)
+    worst, miss = linearise(frame, command, x, base, force, size, rows)
+    pivot = 1.0
+    for _ in range(_MOST_STEPS):
+        if worst <= 1.0:
+            for i in range(n):
+                if rows[i, 12] == 0.0:
+                    x[i, 0] = base[i, 0]
+                    x[i, 1] = base[i, 1]
+            return True, pivot > CRITICAL
+        pivot = _find_step(frame, command, x, base, rows, step)
+        if not pivot > 0.0:
+            return False, False
+        part = _shorten(frame, step)
+        for halving in range(8):
+            for i in range(n):
+                for c in range(2):
+                    trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
+            pull(frame, command, trial, force, size)
+            worst, after = linearise(frame, command, trial, base, force, size, rows)
+            if after <= _SLOW * miss or after <= 1e-9:
+                break
+            part *= 0.5
+        x[:] = trial
+        miss = after
+    return False, True

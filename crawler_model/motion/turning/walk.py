@@ -1,0 +1,257 @@
+"""A part of a ramp, followed in 1, 2, 3, ... equal implicit steps and extrapolated.
+
+Displacements and energies are extrapolated by the Aitken-Neville scheme, as long as the same points slide in all steps.
+If a point starts inside the part, the part is shortened to its start instead: there the path has a kink.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled, lean
+from .elastic import stretch_link, turn_joint
+from .frame import load_of
+from .friction import load_part, resistance
+from .stage import solve_stage
+
+_WALKS = 6
+AT_ONCE = 1e-2
+"""Starts and stops of points within this part of the tolerance count as immediate."""
+_CONVERGING = 0.3
+"""Another walk follows as long as the last one reduced the error at least to this part."""
+FAILED, START, STOP, TAKEN = range(4)
+"""Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; done, with some error."""
+
+
+@lean
+def farthest(a, n):
+    """Compute the largest Euclidean norm of the first rows of an array.
+
+    Args:
+        a: shape (m, 2), m >= n.
+        n: number of rows.
+
+    Returns:
+        The norm.
+    """
+    most = 0.0
+    for i in range(n):
+        most = max(most, math.hypot(a[i, 0], a[i, 1]))
+    return most
+
+
+@lean
+def command_at(command, target, part, now):
+    """Interpolate a command on the way to its target.
+
+    Args:
+        command: the command in force, shape (C,).
+        target: end of the ramp, shape (C,).
+        part: part of the way.
+        now: output, shape (C,).
+    """
+    for k in range(command.shape[0]):
+        now[k] = target[k] if part == 1.0 else command[k] + part * (target[k] - command[k])
+
+
+@compiled
+def work_of(frame, x, before, after, slope):
+    """Compute the work of the actuators while the body does not move.
+
+    Args:
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+        before: the command before, shape (C,).
+        after: the command after, shape (C,).
+        slope: memory, shape (6,).
+
+    Returns:
+        Minus each tension and torque, in the middle of the change, times the change [J].
+    """
+    total = 0.0
+    links = frame.ends.shape[0]
+    for s in range(links):
+        change = after[s] - before[s]
+        if change != 0.0:
+            total -= (stretch_link(frame, before, x, s)[0] - 0.5 * frame.stiffness[s] * change) * change
+    for j in range(frame.joints.shape[0]):
+        change = after[links + j] - before[links + j]
+        if change != 0.0:
+            torque = turn_joint(frame, before, x, j, slope)[0]
+            total -= (torque - 0.5 * frame.stiffness[links + j] * change) * change
+    return total
+
+
+@compiled
+def _walk(frame, way, part, pieces, step, total, slid):
+    """Take part of the way in equal steps.
+
+    Args:
+        frame: the body.
+        way: displacements at the start, the command in force, the end of the ramp.
+        part: part of the way to the target.
+        pieces: number of steps.
+        step: guess of the first step, changed in place, shape (N, 2) [m].
+        total: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
+        slid: output: number of steps in which each point slid, and the longest of these steps, shape (N, 2).
+
+    Returns:
+        Whether all were solved; whether all are unique.
+    """
+    start, command, target = way
+    n = start.shape[0]
+    base = start.copy()
+    x = np.empty((n, 2))
+    force = np.empty((n, 2))
+    slope = np.empty(6)
+    before = command.copy()
+    now = np.empty(command.shape[0])
+    middle = np.empty(command.shape[0])
+    total[:] = 0.0
+    slid[:] = 0.0
+    unique = True
+    for piece in range(pieces):
+        command_at(command, target, part if piece == pieces - 1 else part * (piece + 1) / pieces, now)
+        x[:] = base + step
+        solved, regular = solve_stage(frame, now, base, x, force, 0.0)
+        if not solved:
+            return False, unique
+        unique = unique and regular
+        work = 0.5 * (work_of(frame, base, before, now, slope) + work_of(frame, x, before, now, slope))
+        middle[:] = 0.5 * (before + now)
+        for i in range(n):
+            step[i, 0] = x[i, 0] - base[i, 0]
+            step[i, 1] = x[i, 1] - base[i, 1]
+            size = math.hypot(step[i, 0], step[i, 1])
+            if size > 0.0:
+                slid[i, 0] += 1.0
+                slid[i, 1] = max(slid[i, 1], size)
+            total[n, 0] += resistance(frame, middle, x, i, step[i, 0], step[i, 1])
+            for c in range(2):
+                total[i, c] += step[i, c]
+                total[n + 1, 0] += load_of(frame, middle, i, c) * step[i, c]
+        total[n, 1] += work
+        base[:] = x
+        before[:] = now
+    return True, unique
+
+
+@lean
+def _gap_of(frame, command, x, i, force):
+    """Compute how far a force is from the boundary of its set; infinite on a point without friction, or at rest."""
+    u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
+    size = math.hypot(u0, u1)
+    return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if 0.0 < size < np.inf else np.inf
+
+
+@compiled
+def _foresee(frame, way, moved, expected, force, negligible):
+    """Find whether a point starts or stops inside a part of the way, from the forces at its start.
+
+    Returns the outcome, TAKEN if none does, an estimate of the part of the part up to there, and by how much the first
+    point to start has moved.
+    """
+    start, command, _ = way
+    first = 1.0
+    started = 0.0
+    stops = False
+    for i in range(start.shape[0]):
+        moves = math.hypot(moved[i, 0], moved[i, 1])
+        hopes = math.hypot(expected[i, 0], expected[i, 1])
+        if max(moves, hopes) <= negligible:
+            continue
+        gap = _gap_of(frame, command, start, i, force)
+        if moves <= negligible:
+            stops = stops or (moves == 0.0 and gap <= frame.grip[i] * negligible)
+        elif frame.grip[i] * negligible < gap < np.inf:
+            at = gap / (gap + frame.grip[i] * moves)
+            if at < first:
+                first = at
+                started = moves
+    if started > 0.0:
+        return START, first, started
+    return (STOP, 0.3, 0.0) if stops else (TAKEN, 1.0, 0.0)
+
+
+@lean
+def _same_points(one, slid, pieces, negligible):
+    """Return whether the same points slide in all steps of a walk as in a single step, but for negligible moves."""
+    for i in range(slid.shape[0]):
+        moves = math.hypot(one[i, 0], one[i, 1])
+        if slid[i, 0] != (pieces if moves > 0.0 else 0.0) and max(slid[i, 1], moves) > negligible:
+            return False
+    return True
+
+
+@lean
+def _growth(allowed, error, last, pieces):
+    """Choose the factor for the length of the next part: for the same number of walks or one more, at least work."""
+    if error == 0.0:
+        return 4.0
+    growth = 0.8 * (allowed / error) ** (1.0 / pieces)
+    if 2 < pieces < _WALKS and error < last:
+        more = 0.8 * (allowed * last / (error * error)) ** (1.0 / (pieces + 1.0))
+        if more * pieces > growth * (pieces + 2.0):  # the walks take pieces (pieces + 1) / 2 steps
+            growth = more
+    return growth
+
+
+@compiled
+def attempt(frame, way, part, velocity, force, limits, best):
+    """Compute the displacement over a part of the way and its error.
+
+    Args:
+        frame: the body.
+        way: displacements at the start, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
+        part: part of the way to the target.
+        velocity: at the start, shape (N, 2) [m per unit of the way].
+        force: that friction balances at the start, shape (N, 2) [N].
+        limits: the error allowed for this part, and the tolerance of the whole ramp [m].
+        best: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
+
+    Returns:
+        The outcome; the error, or by how much the point that started has moved [m]; the factor for the length of this
+        part, or of the next one where it is done; and whether the displacement is unique.
+    """
+    allowed, tolerance = limits
+    n = velocity.shape[0]
+    negligible = AT_ONCE * tolerance
+    slid = np.empty((n, 2))
+    step = part * velocity
+    solved, unique = _walk(frame, way, part, 1, step, best, slid)
+    if not solved:
+        return FAILED, np.inf, 0.5, True
+    if farthest(best, n) == 0.0:
+        return TAKEN, 0.0, 4.0, True
+    outcome, factor, moves = _foresee(frame, way, best, part * velocity, force, negligible)
+    if outcome != TAKEN:
+        return outcome, moves, factor, unique
+    one = best.copy()
+    table = np.zeros((_WALKS, n + 2, 2))
+    table[0] = best
+    newest = np.empty((n + 2, 2))
+    before = np.empty((n + 2, 2))
+    error = np.inf
+    growth = 0.0
+    for pieces in range(2, _WALKS + 1):
+        step[:] = one[:n] / pieces
+        solved, also = _walk(frame, way, part, pieces, step, newest, slid)
+        unique = unique and also
+        if not solved:
+            return FAILED, np.inf, 0.5, unique
+        if not _same_points(one, slid, pieces, negligible):
+            return STOP, np.inf, 0.5, unique
+        for column in range(pieces - 1):  # Aitken and Neville, in 1/steps
+            before[:] = newest
+            newest[:] = before + (before - table[column]) * ((pieces - column - 1.0) / (column + 1.0))
+            table[column] = before
+        table[pieces - 1] = newest
+        last = error
+        error = farthest(newest - before, n)
+        growth = _growth(allowed, error, last, pieces)
+        if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
+            break
+    best[:] = newest
+    return TAKEN, error, growth, unique
