@@ -18,6 +18,8 @@ from ..rounding import EPS
 
 SIDES = ("forward", "backward", "left", "right")
 """The directions of sliding in which a point has a friction of its own, in the order of a target."""
+TURNING_TOLERANCE = 1e-5
+"""Default error of a ramp, relative to its largest change of length."""
 MOST_RATIO = 1e4
 """Largest ratio of two frictions of a point: the search for sliding points fails beyond 1e6."""
 _RELAXATIONS, _MOST_ITERATIONS = 8, 50

@@ -3,6 +3,9 @@
 The tensions of two solutions under the same drive never move apart in the norm of the elastic energy ([G] section 4:
 the shape is a sweeping process), so that the tensions at the ends of periods settle. Often they repeat after a few
 periods, exactly; otherwise their difference shrinks by a ratio a period, from which the rest of the transient follows.
+
+A period of a body that turns may displace and turn it as a whole: the positions in its own frame have to repeat, within
+the tolerance of its steps. Loads do not turn with it, so that under loads the positions about its origin have to.
 """
 
 from __future__ import annotations
@@ -17,13 +20,14 @@ import numpy as np
 from ..arrays import frozen
 from ..body.drive import NS
 from ..body.plan import Plan, check_plan
+from ..body.turning import TURNING_TOLERANCE
 from ..crawler.crawler import Crawler
 from ..errors import CommandError
 from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
 from .repeats import REPEATS, determining_tension, tensions_repeat
-from .screw import Screw, find_screw, gain_in_frame
+from .screw import Screw, find_screw, gain_in_frame, places_in_frame
 from .transport import length_of
 
 _RATIOS = 3
@@ -90,7 +94,8 @@ def limit_cycle(
 
     Args:
         scene: a scene whose drive has a period, on ground that is the same everywhere.
-        tolerance: of the gain, relative to the largest displacement within a period [1].
+        tolerance: of the gain, relative to the largest displacement within a period [1]; of a body that turns at least
+            the tolerance of its scene, within which its periods differ.
         most_periods: number of periods to run at most.
         progress: called with the completed part of these, in [0, 1].
 
@@ -116,11 +121,11 @@ def limit_cycle(
     run = _Periods(Crawler(scene), targets)
     while run.count < most_periods:
         run.follow()
-        if run.transient_left() <= tolerance * run.travel:
+        if run.transient_left() <= max(tolerance, run.error) * run.travel:
             break
         if progress is not None:
             progress(run.count / most_periods)
-    return run.finish(tolerance)
+    return run.finish(max(tolerance, run.error))
 
 
 class _Periods:
@@ -128,14 +133,19 @@ class _Periods:
 
     def __init__(self, crawler: Crawler, targets: np.ndarray) -> None:
         self.crawler, self.targets = crawler, targets
-        self.tension = determining_tension(crawler.body, crawler)
+        self.turns = crawler.body.turning is not None
+        self.error = (crawler.scene.tolerance or TURNING_TOLERANCE) if self.turns else 0.0
+        self.tension = self.determine()
         self.shrinks = 0.0
         self.differences: list[float] = []
         self.gains: list[np.ndarray] = []
         self.work, self.travel, self.count = 0.0, 0.0, 0
-        turns = crawler.body.turning is not None
-        self.scale = np.array([1.0, 1.0, length_of(crawler.body)]) if turns else np.ones(1)  # of gains, to lengths
+        self.scale = np.array([1.0, 1.0, length_of(crawler.body)]) if self.turns else np.ones(1)  # of gains, to lengths
         self.records = np.empty((targets.shape[0], 2 * crawler.displacement.size + crawler.tension.size))
+
+    def determine(self) -> np.ndarray:
+        """Return what the motion goes on from: tensions, or positions in the frame of a body that turns."""
+        return places_in_frame(self.crawler) if self.turns else determining_tension(self.crawler.body, self.crawler)
 
     def follow(self) -> None:
         """Run one more period."""
@@ -147,16 +157,19 @@ class _Periods:
         self.travel = max(float(np.abs(x - start).max()), 1e-300)
         self.work = step.work
         gained = average_displacement(body, crawler.gained[None])
-        if body.turning is not None:
+        if self.turns:
             gained = gain_in_frame(body, begin[None], gained, np.array([crawler.yaw - yaw]))
         self.gains.append(gained[0])
-        before, self.tension = self.tension, determining_tension(body, crawler)
-        scale = np.ones(1) if body.turning is not None else body.stiffness
+        before, self.tension = self.tension, self.determine()
+        scale = np.ones(1) if self.turns else body.stiffness
         energy = (self.tension - before) ** 2 / scale.reshape(-1, *(1,) * (body.dimension - 1))
         self.differences.append(math.sqrt(float(energy.sum())))
         # a slow transient is in each period a small part of what is left of it
-        part = REPEATS * (1.0 - self.shrinks)
-        self.repeats = bool(tensions_repeat(body, self.targets, self.tension, before, part))
+        part = 1.0 - self.shrinks
+        if self.turns:  # its steps end in other places when it is turned
+            self.repeats = float(np.abs(self.tension - before).max()) <= self.error * self.travel * part
+        else:
+            self.repeats = bool(tensions_repeat(body, self.targets, self.tension, before, REPEATS * part))
         self.count += 1
         if not self.repeats and self.ratio() < 1.0:
             self.shrinks = self.ratio()
@@ -172,6 +185,8 @@ class _Periods:
 
     def transient_left(self) -> float:
         """Estimate how far the last gain is from that of the periodic regime [m]."""
+        if self.repeats and self.turns:
+            return self.error * self.travel
         if self.repeats:
             return 8.0 * EPS * self.travel / (1.0 - self.shrinks if self.differences[-1] > 0.0 else 1.0)
         ratio = self.ratio()

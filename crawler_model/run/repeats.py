@@ -2,9 +2,6 @@
 
 The tensions at the ends of periods decide, each against the scale of the forces at its own two contacts. Against the
 largest force of the body, one anchor would hide all that happens at the other contacts.
-
-Of a body that turns the positions in its own frame decide, against its size: a period may displace and turn it as a
-whole. Loads do not turn with it, so that under loads the positions about its origin decide.
 """
 
 from __future__ import annotations
@@ -15,19 +12,14 @@ from ..body.body import Body
 from ..crawler.crawler import Crawler
 from ..motion.follow import State
 from ..rounding import EPS
-from .screw import to_frame
 
 REPEATS = 1e-13
 """Part of the forces at its weaker contact within which a tension repeats."""
 _ROUNDING = 16.0 * EPS
-_PLACES_REPEAT = 1e-10
-"""Part of the size of a body that turns within which its positions repeat: that much its steps in curves differ."""
 
 
 def determining_tension(body: Body, state: Crawler | State) -> np.ndarray:
     """Compute the tensions from which the motion goes on; where a spring is bent, those of a linear one instead.
-
-    Of a body that turns it returns the positions from which the motion goes on, about its origin, shape (N, 2) [m].
 
     The tension of a bent spring that is slack or at a limit does not tell its length.
 
@@ -38,11 +30,6 @@ def determining_tension(body: Body, state: Crawler | State) -> np.ndarray:
     Returns:
         T, of bent springs k (z - L) with their largest stiffness, shape (S,), in the plane (S, 2) [N].
     """
-    if body.turning is not None:
-        x = state.displacement
-        place = body.position + x
-        place = place - body.share @ place
-        return place if state.loads.size else to_frame(body, x, place)
     tension = np.array(state.tension)
     for bend in body.bends:
         s = bend.spring
@@ -60,12 +47,8 @@ def tolerance_of_tensions(body: Body, targets: np.ndarray, tension: np.ndarray, 
         part: of the friction and the tensions at the contact where they are weaker [1].
 
     Returns:
-        Shape (S,) or (M, S) [N], of a body that turns (N,) [m]; never less than the rounding of a tension that follows
-        from displacements.
+        Shape (S,) or (M, S) [N]; never less than the rounding of a tension that follows from displacements.
     """
-    if body.turning is not None:
-        size = float(np.linalg.norm(np.ptp(body.position, axis=0)))
-        return np.full(body.contacts, max(part / REPEATS * _PLACES_REPEAT, _ROUNDING) * size)
     n, lengths = body.contacts, body.springs * body.dimension
     pull = np.linalg.norm(tension, axis=-1) if body.dimension == 2 else np.abs(tension)
     if body.dimension == 2:

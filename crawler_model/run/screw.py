@@ -81,6 +81,21 @@ def to_frame(body: Body, x: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.stack((cos * vectors[..., 0] + sin * vectors[..., 1], across), axis=-1)
 
 
+def places_in_frame(crawler: Crawler) -> np.ndarray:
+    """Compute the positions of the points in the frame of a body that turns; under loads only about its origin.
+
+    Args:
+        crawler: of a body that turns.
+
+    Returns:
+        Shape (N, 2) [m].
+    """
+    body, x = crawler.body, crawler.displacement
+    place = body.position + x
+    place = place - body.share @ place
+    return place if crawler.loads.size else to_frame(body, x, place)
+
+
 def follow_turning(crawler: Crawler, targets: np.ndarray, records: np.ndarray) -> tuple[Step, np.ndarray, np.ndarray]:
     """Follow ramps one after another: only the state after each tells how often the body turned round.
 

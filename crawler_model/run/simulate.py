@@ -176,7 +176,7 @@ class _Run:
             return self.crawler.follow(targets, records), np.zeros(ends_ns.size)
         step, yaw, margin = follow_turning(self.crawler, targets, records)
         least = int(np.argmin(margin))
-        if self.stability is None or margin[least] < self.stability[0]:
+        if np.isfinite(margin[least]) and (self.stability is None or margin[least] < self.stability[0]):
             self.stability = float(margin[least]), float(ends_ns[least]) / NS
         return step, yaw
 

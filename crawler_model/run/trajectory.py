@@ -64,7 +64,8 @@ class Trajectory(Tabular):
         energies: energies by tick.
         jumps: contacts that crossed a border onto ground that holds less, or where a body that turns lost its
             stability, in order; `Step.jumps` with times.
-        stability_margin: of a body that turns, the least of `Crawler.stability_margin` along the run [1]; else None.
+        stability_margin: of a body that turns, the least of `Crawler.stability_margin` along the run [1]; else None,
+            and where no command changed.
         stability_time: end of the ramp on which it was least [s]; None likewise.
         violation: largest amount by which a spring force exceeds its bound [N].
         unique: False if the translation was not determined on some stretch.
