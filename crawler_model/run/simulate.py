@@ -180,20 +180,23 @@ class _Run:
             self.stability = float(margin[least]), float(ends_ns[least]) / NS
         return step, yaw
 
+    def _gains(self, x: np.ndarray) -> np.ndarray:
+        """Compute the gain in each period from displacements at its ends, shape (W, ...)."""
+        body = self.crawler.body
+        if self.crawler.scene.drive.period is None:
+            return np.zeros((0, *x.shape[2:]))
+        gained = average_displacement(body, np.diff(x, axis=0) + np.diff(np.array(self.waypoint_rest), axis=0))
+        return gained if body.turning is None else gain_in_frame(body, x[:-1], gained, np.diff(self.waypoint_yaw))
+
     def finish(self, rate: float, began: float) -> Trajectory:
         """Complete the account and build the trajectory."""
         scene, drive = self.crawler.scene, self.crawler.scene.drive
         body = self.crawler.body
-        way_x, way_rest = np.array(self.waypoint_x), np.array(self.waypoint_rest)
-        per_period = np.zeros((0, *way_x.shape[2:]))
+        way_x = np.array(self.waypoint_x)
+        per_period = self._gains(way_x)
+        way_time = drive.times[self.waypoint_row]
         if drive.period is not None:
             way_time = drive.period * np.arange(len(self.waypoint_ns))
-            gain = np.diff(way_x, axis=0) + np.diff(way_rest, axis=0)
-            per_period = average_displacement(body, gain)
-            if body.turning is not None:
-                per_period = gain_in_frame(body, way_x[:-1], per_period, np.diff(self.waypoint_yaw))
-        else:
-            way_time = drive.times[self.waypoint_row]
         if drive.holds and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
