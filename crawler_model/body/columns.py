@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import CrawlerError
+from ..errors import CrawlerError, SceneError
 from .body import Body
 from .names import name_contacts, name_links, name_turning_joints
 from .planar_loads import check_planar_equilibrium
@@ -147,6 +147,18 @@ class Columns:
             aliases[f"{name}/forward"], aliases[f"{name}/backward"] = forward, forward + half
             aliases[f"{name}/friction"] = np.concatenate((forward, forward + half))
         return aliases
+
+    def check_two_sided(self, side: str) -> None:
+        """Check that friction is forward and backward alone.
+
+        Args:
+            side: the side asked for, for the error message.
+
+        Raises:
+            SceneError: if the body turns.
+        """
+        if self.joints is not None:
+            raise SceneError(f"{side}: a body that turns has friction in four directions; read `friction`")
 
     def items(self, item: str) -> str:
         """Return the noun for what a command addresses.

@@ -81,11 +81,13 @@ class Crawler:
     @property
     def forward(self) -> np.ndarray:
         """mu_plus in force, as commanded on patches of ground, shape (N,) [N]; for bodies on a line."""
+        self.scene.columns.check_two_sided("forward")
         return frozen(self._state.friction[: self.body.contacts])
 
     @property
     def backward(self) -> np.ndarray:
         """mu_minus in force, likewise, shape (N,) [N]; for bodies on a line."""
+        self.scene.columns.check_two_sided("backward")
         return frozen(self._state.friction[self.body.contacts :])
 
     @property
