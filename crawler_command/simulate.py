@@ -114,7 +114,6 @@ def simulate_command(
     linear pieces, including ticks; energy.residual is relative to the work.
     """
     from crawler_model import load_scene
-    from crawler_model.body.plan import refuse_turning
     from crawler_model.run.arrow import load_library
 
     from .turning_report import print_turning
@@ -122,8 +121,6 @@ def simulate_command(
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
-    if png is not None:
-        refuse_turning(loaded, "--png")
     for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):
         check_output(option, file, option.replace("--", "."), overwrite)
         if file is not None and file is not png:

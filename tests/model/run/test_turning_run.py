@@ -187,7 +187,6 @@ def test_check_describes_the_body(tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("simulate", "--png", "a.png"),
         ("check", "--png", "a.png"),
         ("sweep", "--vary", "friction.left=1:2:2", "--out", "a.csv"),
     ],
