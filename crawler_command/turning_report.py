@@ -32,9 +32,8 @@ def print_turning(run: Trajectory, screen: Console) -> None:
         circle = "" if screw.radius is None else f", on a circle of radius {screw.radius:.6g} m"
         screen.print(f"{text}{write_length(gain[2], _TURN)} rad{circle}")
     if run.stability_margin is not None:
-        screen.print(
-            f"stability margin: {run.stability_margin:.4g}, at the least, at {run.stability_time:g} s (it buckles at 0)"
-        )
+        grows = "; below 0 a small deviation grows along the path" if run.stability_margin < 0.0 else ""
+        screen.print(f"stability margin: at least {run.stability_margin:.4g}, at {run.stability_time:g} s{grows}")
     for jump in run.jumps[:_MOST_JUMPS]:
         screen.print(
             f"[yellow]it jumped[/] at {jump.time:g} s: its point {jump.contact} moved {jump.distance:.4g} m at once, "

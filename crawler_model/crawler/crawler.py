@@ -134,9 +134,9 @@ class Crawler:
 
     @property
     def stability_margin(self) -> float | None:
-        """How far the body was from buckling at the nearest in the last command [1]; None for bodies that do not turn.
+        """Least stability margin of the last command [1]; None for bodies that do not turn.
 
-        It is 0 where the body loses its stability.
+        Below 0 a small deviation grows along the path, as that of a contact that is pushed.
         """
         return getattr(self._state, "stability_margin", None)
 
