@@ -12,6 +12,7 @@ from ..body.body import Body
 from ..body.turning import measure_angles
 from ..crawler.crawler import Crawler
 from ..crawler.step import Step
+from ..errors import CommandError
 
 _STRAIGHT = 1e-12
 """A body that turns by less in a period goes straight [rad]."""
@@ -96,21 +97,30 @@ def places_in_frame(crawler: Crawler) -> np.ndarray:
     return place if crawler.loads.size else to_frame(body, x, place)
 
 
-def follow_turning(crawler: Crawler, targets: np.ndarray, records: np.ndarray) -> tuple[Step, np.ndarray, np.ndarray]:
+def follow_turning(
+    crawler: Crawler, targets: np.ndarray, records: np.ndarray, ends: np.ndarray
+) -> tuple[Step, np.ndarray, np.ndarray]:
     """Follow ramps one after another: only the state after each tells how often the body turned round.
 
     Args:
         crawler: of a body that turns.
         targets: rows as for `Crawler.follow`, at least one, shape (V, F).
         records: output, likewise.
+        ends: times at which the ramps end, shape (V,) [s].
 
     Returns:
         The account of all ramps; the yaw at the end of each [rad], and the stability margin of each [1], shape (V,).
+
+    Raises:
+        CommandError: if the body loses its stability and must not jump; the message contains the time.
     """
     yaw, margin = np.empty(targets.shape[0]), np.empty(targets.shape[0])
     step, jumps = None, []
     for i in range(targets.shape[0]):
-        step = crawler.follow(targets[i : i + 1], records[i : i + 1], step)
+        try:
+            step = crawler.follow(targets[i : i + 1], records[i : i + 1], step)
+        except CommandError as error:
+            raise CommandError(f"{error} (the ramp ends at {ends[i]:g} s)") from None
         yaw[i], margin[i] = crawler.yaw, crawler.stability_margin
         jumps += [dataclasses.replace(jump, ramp=i) for jump in step.jumps]
     assert step is not None

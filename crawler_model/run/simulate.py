@@ -60,7 +60,8 @@ def simulate(
         The run, sampled at every tick and at every waypoint.
 
     Raises:
-        CommandError: if duration, rate or method is out of range, or the body reaches ground on which nothing holds it.
+        CommandError: if duration, rate or method is out of range, or the body reaches ground on which nothing holds it,
+            or loses its stability with `on_instability: refuse`.
         SceneError: if `scene` is not a scene.
     """
     began = time.perf_counter()
@@ -174,7 +175,7 @@ class _Run:
         """Follow ramps; return their account, and the yaw at the end of each [rad]."""
         if self.crawler.body.turning is None:
             return self.crawler.follow(targets, records), np.zeros(ends_ns.size)
-        step, yaw, margin = follow_turning(self.crawler, targets, records)
+        step, yaw, margin = follow_turning(self.crawler, targets, records, ends_ns / NS)
         least = int(np.argmin(margin))
         if np.isfinite(margin[least]) and (self.stability is None or margin[least] < self.stability[0]):
             self.stability = float(margin[least]), float(ends_ns[least]) / NS

@@ -30,6 +30,9 @@ SNAKE: dict[str, Any] = {
     },
 }
 
+_SCATTER = 5e-4
+"""Differences between runs with other steps [m, rad]: all points slide at once now and then, and then little holds it."""
+
 
 def turned(scene: dict[str, Any], angle: float) -> dict[str, Any]:
     cos, sin = math.cos(angle), math.sin(angle)
@@ -80,7 +83,7 @@ def test_a_body_that_repeats_its_period_walks_on_the_circle_of_its_screw(run):
 def test_the_gain_does_not_depend_on_the_direction_of_the_body(run):
     other = simulate(Scene.model_validate(turned(SNAKE, 0.7)), 4.0, 20.0)
     assert other.yaw[0] == pytest.approx(0.7)
-    assert np.abs(other.per_period - run.per_period[:2]).max() < 1e-5
+    assert np.abs(other.per_period - run.per_period[:2]).max() < _SCATTER
 
 
 def test_a_limit_cycle_repeats_up_to_a_rigid_motion(run):
@@ -88,8 +91,8 @@ def test_a_limit_cycle_repeats_up_to_a_rigid_motion(run):
     assert found.settled
     assert found.periods < 20
     assert found.gains.shape == (found.periods, 3)
-    assert np.abs(found.gain - run.per_period[-1]).max() < 1e-4
-    assert found.screw.radius == pytest.approx(run.screws[-1].radius, rel=1e-3)
+    assert np.abs(found.gain - run.per_period[-1]).max() < _SCATTER
+    assert found.screw.radius == pytest.approx(run.screws[-1].radius, rel=1e-2)
     assert "m, m, rad a period" in repr(found)
 
 
@@ -111,6 +114,43 @@ def test_a_straight_body_gains_what_it_gains_on_the_line():
     found = limit_cycle(Scene.model_validate(scene))
     assert found.settled
     assert found.screw.centre is None
+
+
+ARCH: dict[str, Any] = {
+    "name": "arch",
+    "dimension": 2,
+    "body": {"points": [[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]], "springs": "length", "links": {"stiffness": 20.0}},
+    "friction": {"isotropic": [50.0, 0.0, 50.0]},
+    "loads": 0,
+    "drive": {
+        "times": [0.0, 1.0],
+        "actuation": [[0, 0], [0, 0]],
+        "loads": [[[0, 0], [0, 0], [0, 0]], [[0, 0], [0, -0.2], [0, 0]]],
+    },
+}
+
+
+def test_an_arch_snaps_through_where_its_load_is_the_largest():
+    """Of height h it carries 2 k h (l / sqrt(1 + h^2) - 1), the most where 1 + h^2 = l^(2/3)."""
+    run = simulate(Scene.model_validate(ARCH))
+    rest = math.hypot(1.0, 0.2)
+    height = math.sqrt(rest ** (2.0 / 3.0) - 1.0)
+    largest = 40.0 * height * (rest / math.hypot(1.0, height) - 1.0)
+    (jump,) = run.jumps
+    assert jump.time == pytest.approx(largest / 0.2, abs=1e-4)
+    assert (jump.contact, jump.border) == (1, None)
+    assert jump.distance > 0.3
+    assert jump.loss > 0.0
+    assert run.energies.jump_loss.sum() == run.energy.jump_loss == jump.loss
+    assert 0.0 <= run.stability_margin < 1e-3
+    assert run.stability_time == pytest.approx(jump.time, abs=0.01)
+    assert run.position[-1, 1, 1] < -0.2
+    assert json.loads(json.dumps(run.summary()))["jumps"][0]["border"] is None
+
+
+def test_a_body_that_must_not_jump_is_refused_at_that_time():
+    with pytest.raises(CommandError, match=r"on_instability: refuse; .* \(the ramp ends at 0.31 s\)"):
+        simulate(Scene.model_validate(ARCH | {"on_instability": "refuse"}))
 
 
 def test_points_without_friction_do_not_count_in_the_net_translation():
