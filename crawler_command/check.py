@@ -12,17 +12,19 @@ from rich.table import Table
 from crawler_model import Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
-from crawler_model.body.planar_loads import split_target
+from crawler_model.body.turning import SIDES
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import write_length
 
 from .loads_report import print_holding, print_limits
 from .springs_report import print_largest_force, print_limits_of_tension
+from .turning_report import print_turning
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
+_TOO_BENT = 2.0 * np.pi  # a whole turn
 
 
 def print_report(run: Trajectory, screen: Console) -> None:
@@ -60,12 +62,15 @@ def _contacts(run: Trajectory) -> Table:
         title="stasis domain: nothing moves while each contact's spring force is strictly between", title_justify="left"
     )
     loaded = scene.columns.loads > 0
+    turns, width = body.turning is not None, scene.columns.frictions // body.contacts
     friction = ["friction [N]"] if planar else ["-backward [N]", "forward [N]"]
-    if loaded:
+    if turns:
+        friction = [f"{side} [N]" for side in SIDES]
+    if loaded and not planar:
         friction = ["load [N]", "-backward - load [N]", "forward - load [N]"]
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
         table.add_column(escape(column), justify="right")
-    force = body.spring_force(run.tension[0])
+    force = body.force_at(run.displacement[0], run.tension[0])
     drive = scene.drive
     if planar and scene.columns.loads:
         force = force + drive.loads[0].reshape(-1, 2)
@@ -77,8 +82,8 @@ def _contacts(run: Trajectory) -> Table:
         last = i
         slides = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
         if planar:
-            _, per_contact, _ = split_target(body, scene.directions, drive.targets)
-            bounds = [_span(per_contact[:, i])]
+            each = drive.targets[:, body.lengths :][:, : scene.columns.frictions].reshape(-1, body.contacts, width)
+            bounds = [_span(side) for side in each[:, i].T] if turns else [_span(each[:, i])]
             slides = ["yes"] if slides else []
         else:
             bounds = [_span(-drive.backward[:, i]), _span(drive.forward[:, i])]
@@ -157,7 +162,8 @@ def _print_units(scene: Plan, screen: Console) -> None:
     """Warn about lengths far beyond that of the body, most of which are due to wrong units of length or force."""
     body, drive = scene.body, scene.drive
     length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
-    commanded = body.joint_sum(np.abs(drive.actuation).T.reshape(body.springs, -1)).max(axis=1)
+    actuation = drive.actuation if body.turning is None else drive.actuation[:, : body.springs]
+    commanded = body.joint_sum(np.abs(actuation).T.reshape(body.springs, -1)).max(axis=1)
     longest = int(commanded.argmax())
     if commanded[longest] >= _TOO_LONG * length:
         names = [f"link {i}" for i in range(body.link_springs.size)] + [f"segment {s.name}" for s in body.segments]
@@ -165,6 +171,9 @@ def _print_units(scene: Plan, screen: Console) -> None:
             f"[yellow]millimetres for metres?[/] the drive changes the length of {names[longest]} by "
             f"{commanded[longest]:g} m, but the body is {length:g} m long; lengths are in metres, strains are ratios"
         )
+    bent = float(np.abs(drive.actuation[:, body.springs :]).max(initial=0.0)) if body.turning is not None else 0.0
+    if bent > _TOO_BENT:
+        screen.print(f"[yellow]degrees for radians?[/] the drive turns a joint by {bent:g} rad; angles are in rad")
     if body.dimension == 2:
         bounds = drive.targets[:, drive.actuation.shape[1] :]
         friction = bounds[:, : bounds.shape[1] - drive.loads.shape[1]].max(axis=0)
@@ -195,7 +204,8 @@ def _print_motion(run: Trajectory, screen: Console) -> None:
     elif still:
         names = ", ".join(body.name_of(i).removeprefix("contact ") for i in still[:10])
         screen.print(f"contacts that never slide: {names}{' ...' if len(still) > 10 else ''}")
-    if run.per_period.shape[0]:
+    print_turning(run, screen)
+    if run.per_period.shape[0] and body.turning is None:
         size = float(abs(run.displacement).max()) + float(abs(scene.drive.actuation).max())
         gained = write_length(run.per_period[-1], size)
         travels = np.abs(run.per_period[-1]).max() > 1e-13 * size

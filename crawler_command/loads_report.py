@@ -28,6 +28,9 @@ def print_holding(run: Trajectory, screen: Console) -> None:
         screen: the console to print to.
     """
     scene, body = run.scene, run.scene.body
+    if body.turning is not None:
+        screen.print("largest tow and steepest slope that it holds at rest: not computed for bodies that turn")
+        return
     if body.dimension == 2:
         _print_planar_holding(scene, screen)
         return
@@ -106,10 +109,10 @@ def print_limits(scene: Plan, screen: Console) -> None:
     """Print the steepest slope and the largest tow on the last contact against which a period gains.
 
     Args:
-        scene: the scene; nothing is printed without a drive that has a period.
+        scene: the scene; nothing is printed without a drive that has a period, and for bodies that turn.
         screen: the console to print to.
     """
-    if scene.drive.holds or scene.drive.period is None:
+    if scene.drive.holds or scene.drive.period is None or scene.body.turning is not None:
         return
     if scene.body.dimension == 2:
         screen.print(

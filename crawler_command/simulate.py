@@ -116,6 +116,8 @@ def simulate_command(
     from crawler_model import load_scene
     from crawler_model.run.arrow import load_library
 
+    from .turning_report import print_turning
+
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
@@ -136,6 +138,7 @@ def simulate_command(
         return
     _print_translation(run, rate)
     _print_account(run)
+    print_turning(run, screen)
     for file in filter(None, (parquet, csv)):
         screen.print(f"table: {file}", markup=False)
     if png is not None:

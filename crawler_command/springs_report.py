@@ -23,14 +23,16 @@ def print_largest_force(run: Trajectory, screen: Console) -> None:
         screen: the console to print to.
     """
     body = run.scene.body
-    force = np.linalg.norm(run.tension.reshape(*run.tension.shape[:2], -1), axis=2)
+    tension = run.tension[:, : body.springs]
+    force = np.linalg.norm(tension.reshape(*tension.shape[:2], -1), axis=2)
     z, lengths = _states(run) if body.bends else (force, force)
     for bend in body.bends:  # the rest is carried by springs and stops beside the actuator
         force[:, bend.spring] = np.abs(bend.actuator(z[:, bend.spring] - lengths[:, bend.spring]))
-    most = force.max(axis=0)
-    screen.print(
-        f"largest force of an actuator along the drive: {most.max():.6g} N, of {name_every_spring(body)[most.argmax()]}"
-    )
+    most, names = force.max(axis=0), name_every_spring(body)
+    screen.print(f"largest force of an actuator along the drive: {most.max():.6g} N, of {names[most.argmax()]}")
+    torque = np.abs(run.tension[:, body.springs :]).max(axis=0)
+    if torque.size:
+        screen.print(f"largest torque: {torque.max():.6g} N m, of {names[body.springs + int(torque.argmax())]}")
 
 
 def _states(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:

@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from .run.account import Energy
     from .run.cycle import LimitCycle, limit_cycle
     from .run.limits import Limit, largest_tow, steepest_climb
-    from .run.simulate import Trajectory, simulate
+    from .run.simulate import simulate
     from .run.table import TrajectoryColumns
+    from .run.trajectory import Trajectory
     from .scene.file import gallery, load_scene, parse_scene
     from .scene.scene import Scene
     from .sweep.many import simulate_many
@@ -108,7 +109,7 @@ _HOMES = {
     "Sensitivities": "derivative.sensitivities",
     "Sensor": "identify.sensor.sensor",
     "Step": "crawler.step",
-    "Trajectory": "run.simulate",
+    "Trajectory": "run.trajectory",
     "TrajectoryColumns": "run.table",
     "Variations": "sweep.vary",
     "excite": "identify.excite",

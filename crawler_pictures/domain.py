@@ -12,7 +12,7 @@ import numpy as np
 
 from crawler_model import Trajectory
 from crawler_model.body.drive import NS
-from crawler_model.body.plan import Plan
+from crawler_model.body.plan import Plan, refuse_turning
 from crawler_model.body.planar_loads import split_target
 from crawler_model.motion.plane.friction import corners_of
 
@@ -43,6 +43,7 @@ def draw_domain(scene: Plan, png: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
+    refuse_turning(scene, "--png")
     contacts = scene.body.contacts
     run = simulated(scene, 2 if contacts == 2 else 3)
     draw = {2: draw_two, 3: draw_three}.get(contacts, draw_many)

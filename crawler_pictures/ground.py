@@ -11,7 +11,7 @@ import numpy as np
 from crawler_model import Scene
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 
 from .colors import JUMP
 
@@ -131,12 +131,13 @@ def draw_jumps(axis: Axes, jumps: Sequence[TimedJump]) -> None:
         axis: positions on the track over time, with a legend to come.
         jumps: the jumps.
     """
-    for border in sorted({jump.border for jump in jumps}):
+    placed = [(jump, jump.border) for jump in jumps if jump.border is not None]
+    for border in sorted({border for _, border in placed}):
         axis.axhline(border, color=JUMP, linewidth=0.6, linestyle=":", zorder=0)
-    if jumps:
-        time, start = [jump.time for jump in jumps], [jump.border for jump in jumps]
+    if placed:
+        time, start = [jump.time for jump, _ in placed], [border for _, border in placed]
         axis.plot(time, start, "D", color=JUMP, markersize=4.5, zorder=4, label="jumps over a border (dotted)")
-        ends = [jump.border + jump.distance for jump in jumps]
+        ends = [border + jump.distance for jump, border in placed]
         axis.vlines(time, start, ends, color=JUMP, linewidth=2.2, zorder=4)
 
 

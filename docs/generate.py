@@ -192,10 +192,10 @@ def _kinds(value: dict[str, Any], anchors: dict[str, str]) -> list[str]:
         elif "enum" in other or "const" in other:
             found += [code(choice) for choice in other.get("enum", [other.get("const")])]
         elif "prefixItems" in other:
-            found.append("pair")
+            found.append("pair" if len(other["prefixItems"]) == 2 else "triple")
         elif other["type"] == "array":
             inner = other["items"]
-            found.append("list of pairs" if "prefixItems" in inner else f"list of {_kinds(inner, anchors)[0]}s")
+            found.append(f"list of {_kinds(inner, anchors)[0]}s")
         else:
             found.append({"string": "text", "integer": "whole number"}[other["type"]])
     return found

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ..arrays import join
 from .curves import Bend
 from .limits import Limits, build_limits
+from .turning import Turning, find_forces, measure_shape, relax_shape, wrap
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,11 @@ class Body:
         link_springs: index of the spring of each link, in the order of the scene, shape (links,).
         segments: positions of the segments in these arrays.
         bends: the springs that are not linear, in the order of their indices.
+        turning: joints, frames and heading of a body in the plane whose springs have lengths, see `Turning`; None where
+            they are vectors, and on a line.
+
+    What is said of the plane below is different for bodies that turn: they have an elongation and a tension for each
+    link and, behind these, for each joint, an angle [rad] and a torque [N m], together shape (S + J,).
     """
 
     position: np.ndarray
@@ -86,6 +92,7 @@ class Body:
     link_springs: np.ndarray
     segments: tuple[Segment, ...]
     bends: tuple[Bend, ...] = ()
+    turning: Turning | None = None
 
     @property
     def contacts(self) -> int:
@@ -101,6 +108,16 @@ class Body:
     def dimension(self) -> int:
         """1 on a line, 2 in the plane."""
         return self.position.ndim
+
+    @property
+    def lengths(self) -> int:
+        """Number of entries of a target that hold rest lengths, or rest angles, which come first."""
+        return self.springs * self.dimension if self.turning is None else int(self.stiffnesses.size)
+
+    @property
+    def stiffnesses(self) -> np.ndarray:
+        """Stiffness of each spring, of a body that turns followed by that of each joint [N/m, N m/rad]."""
+        return self.stiffness if self.turning is None else join((self.stiffness, self.turning.joint_stiffness))
 
     @functools.cached_property
     def is_chain(self) -> bool:
@@ -138,6 +155,11 @@ class Body:
         Returns:
             z, shape (..., S), in the plane (..., S, 2) [m].
         """
+        if self.turning is not None:
+            rest = measure_shape(self.position, self.ends, self.turning.joints)
+            change = measure_shape(self.position + x, self.ends, self.turning.joints) - rest
+            change[..., self.springs :] = wrap(change[..., self.springs :])
+            return change
         axis = -1 if self.dimension == 1 else -2
         return np.take(x, self.ends[:, 1], axis=axis) - np.take(x, self.ends[:, 0], axis=axis)
 
@@ -151,6 +173,10 @@ class Body:
         Returns:
             T, same shape [N].
         """
+        if self.turning is not None:
+            change = elongation - actuation
+            change[..., self.springs :] = wrap(change[..., self.springs :])
+            return np.asarray(self.stiffnesses * change)
         stiffness = self.stiffness if self.dimension == 1 else self.stiffness[:, None]
         tension = np.asarray(stiffness * (elongation - actuation))
         for bend in self.bends:
@@ -169,6 +195,8 @@ class Body:
         Returns:
             Shape (...) [J].
         """
+        if self.turning is not None:
+            return np.asarray((0.5 * tension**2 / self.stiffnesses).sum(axis=-1))
         if self.dimension == 2:
             energy = 0.5 * tension**2 / self.stiffness[:, None]
             return np.asarray(energy.reshape(*energy.shape[:-2], -1).sum(axis=-1))
@@ -208,6 +236,20 @@ class Body:
             return force
         return self._sum_at(self.ends[:, 0], t) - self._sum_at(self.ends[:, 1], t)
 
+    def force_at(self, x: np.ndarray, tension: np.ndarray) -> np.ndarray:
+        """Compute the force of the springs on each contact of a body, which may depend on where its contacts are.
+
+        Args:
+            x: displacement, shape (..., N), in the plane (..., N, 2) [m].
+            tension: T, shape (..., S), in the plane (..., S, 2) [N].
+
+        Returns:
+            g, shape (..., N), in the plane (..., N, 2) [N].
+        """
+        if self.turning is None:
+            return self.spring_force(tension)
+        return find_forces(self.position + x, self.ends, self.turning.joints, tension)
+
     def _sum_at(self, contact: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Sum values, shape (..., K), at a contact of each, shape (K,); returns shape (..., N)."""
         if values.ndim == 1:
@@ -230,6 +272,9 @@ class Body:
         parts = [count(int(self.isolated.size), "contact")] if self.isolated.size else []
         parts += [f"segment {s.name} ({count(s.elements, 'element')})" for s in self.segments]
         parts.append(count(int(self.link_springs.size), "link"))
+        if self.turning is not None:
+            parts[0] = count(self.contacts, "point")
+            parts.append(count(self.turning.joints.shape[0], "joint"))
         return ", ".join(parts) + (" in the plane" if self.dimension == 2 else "" if self.is_chain else ", a graph")
 
     @functools.cached_property
@@ -263,6 +308,8 @@ class Body:
         Returns:
             Shape (J, ...).
         """
+        if self.turning is not None:
+            return values
         links = values[self.link_springs]
         if not self.segments:
             return links
@@ -319,6 +366,8 @@ class Body:
         Returns:
             x, shape (..., N), in the plane (N, 2) [m].
         """
+        if self.turning is not None:
+            return relax_shape(self.position, self.ends, self.turning, self.stiffnesses, actuation)
         if self.bends:
             actuation = np.array(actuation, dtype=np.float64)
             for bend in self.bends:

@@ -116,7 +116,7 @@ def build_body(
         link_springs=frozen(found[:count], np.int64),
         segments=tuple(built),
     )
-    _check_connected(body, parts, first)
+    check_connected(body, parts, first)
     return body
 
 
@@ -179,8 +179,8 @@ def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[int | 
     return [part for _, _, part in spans]
 
 
-def _name(part: int | Interval) -> str:
-    return f"contact {part}" if isinstance(part, int) else f"segment {part.name}"
+def _name(part: int | Interval, noun: str = "contact") -> str:
+    return f"{noun} {part}" if isinstance(part, int) else f"segment {part.name}"
 
 
 def _link_ends(
@@ -219,7 +219,18 @@ def _known(place: dict[int | str, int]) -> str:
     return "there are " + ", ".join(known + [f"{n}.from, {n}.to" for n in place if isinstance(n, str)])
 
 
-def _check_connected(body: Body, parts: list[int | Interval], first: np.ndarray) -> None:
+def check_connected(body: Body, parts: Sequence[int | Interval], first: np.ndarray, noun: str = "contact") -> None:
+    """Check that the springs of a body connect all its parts.
+
+    Args:
+        body: the body.
+        parts: its contacts and segments.
+        first: index of the first contact of each.
+        noun: what a contact is called.
+
+    Raises:
+        SceneError: if they do not; the message names a part that none leads to.
+    """
     if body.is_chain:
         return
     from scipy.sparse import coo_matrix
@@ -231,5 +242,6 @@ def _check_connected(body: Body, parts: list[int | Interval], first: np.ndarray)
     for part, i in zip(parts, first, strict=False):
         if label[i] != label[0]:
             raise SceneError(
-                f"body.links.between: no links lead from {_name(parts[0])} to {_name(part)}; the body must be connected"
+                f"body.links.between: no links lead from {_name(parts[0], noun)} to {_name(part, noun)}; the body must "
+                "be connected"
             )

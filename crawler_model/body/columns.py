@@ -4,7 +4,8 @@ A command row holds, in this order, the rest length of each link (m), the strain
 sliding forward of each isolated contact (N) and of each segment (N/m), and the same for sliding backward. A segment
 whose strain or friction varies along it has one column per element or contact instead of a single one. If the
 scene has loads, they follow: one per isolated contact (N) and per segment (N/m). In the plane each link has two columns
-(x, y), and each contact has one friction, or one per direction, and with loads two columns (x, y).
+(x, y), and each contact has one friction, or one per direction, and with loads two columns (x, y). Of a body that turns
+each link has one column (m), each joint one (rad), and each point four frictions, forward, backward, left and right.
 
 A target is the input of the kernels: one rest length per spring, then the forward and the backward bound of
 every contact on the force of its springs. With loads f these bounds are mu_plus - f and mu_minus + f, and f follows;
@@ -20,10 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import CrawlerError
+from ..errors import CrawlerError, SceneError
 from .body import Body
-from .names import name_contacts, name_links
+from .names import name_contacts, name_links, name_turning_joints
 from .planar_loads import check_planar_equilibrium
+from .turning import SIDES
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +36,15 @@ class Columns:
         links: number of links.
         contacts: number of isolated contacts.
         segments: for each segment its name, number of strain columns and number of friction columns per side.
-        planar: in the plane, the number of friction directions, 0 for isotropic friction; None on a line.
+        planar: in the plane, the number of friction directions, 0 for isotropic friction, 4 for a body that turns;
+            None on a line.
         index: for each entry of the target, the column from which it is read, shape (S + 2 N,), with loads (S + 3 N,).
         factor: factor by which that column is multiplied, likewise.
         slope_load: with loads, what the slope adds to the load of each contact, shape (N,), for variations (M, N), in
             the plane (N, 2) [N]; None without loads.
-        directions: in the plane, unit vectors of the friction directions, shape (m, 2); None on a line.
+        directions: in the plane, unit vectors of friction directions fixed to the ground, shape (m, 2); None on a line.
         patched: whether the ground changes with place, so that only the motion shows whether friction holds the loads.
+        joints: number of joints of a body that turns; None for all others.
     """
 
     links: int
@@ -52,10 +56,13 @@ class Columns:
     slope_load: np.ndarray | None = None
     directions: np.ndarray | None = None
     patched: bool = False
+    joints: int | None = None
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
-        """Number of columns of each link, then of each segment's strain, shape (links + segments,)."""
+        """Number of columns of each link, then of each segment's strain or of each joint."""
+        if self.joints is not None:
+            return np.ones(self.links + self.joints, dtype=np.int64)
         each = 1 if self.planar is None else 2
         return np.array([each] * self.links + [strain for _, strain, _ in self.segments], dtype=np.int64)
 
@@ -102,7 +109,10 @@ class Columns:
         contacts, names = name_contacts(self.contacts), name_links(self.links)
         if self.planar is not None:
             suffixes = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
-            names = [f"{link}/{axis}" for link in names for axis in "xy"]
+            if self.joints is None:
+                names = [f"{link}/{axis}" for link in names for axis in "xy"]
+            else:
+                names, suffixes = names + name_turning_joints(self.joints), list(SIDES)
             names += [f"{contact}/{suffix}" for contact in contacts for suffix in suffixes]
             loads = [f"{contact}/load_{axis}" for contact in contacts for axis in "xy"]
             return (*names, *loads[: self.loads])
@@ -137,6 +147,18 @@ class Columns:
             aliases[f"{name}/forward"], aliases[f"{name}/backward"] = forward, forward + half
             aliases[f"{name}/friction"] = np.concatenate((forward, forward + half))
         return aliases
+
+    def check_two_sided(self, side: str) -> None:
+        """Check that friction is forward and backward alone.
+
+        Args:
+            side: the side asked for, for the error message.
+
+        Raises:
+            SceneError: if the body turns.
+        """
+        if self.joints is not None:
+            raise SceneError(f"{side}: a body that turns has friction in four directions; read `friction`")
 
     def items(self, item: str) -> str:
         """Return the noun for what a command addresses.
@@ -250,6 +272,8 @@ class Columns:
         n = self.slope_load.size
         if self.directions is not None:
             friction = target[self.lengths : target.size - n].reshape(self.contacts, -1)
+            if self.joints is not None:  # whichever way the points are turned
+                friction = friction.max(axis=1, keepdims=True)
             check_planar_equilibrium(target[-n:].reshape(-1, 2), friction, self.directions, where, error)
             return
         forward, backward, load = target[-3 * n :].reshape(3, n)
@@ -350,3 +374,19 @@ def build_planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndar
     m = directions.shape[0]
     size = 2 * body.springs + body.contacts * (max(m, 1) + (0 if slope_load is None else 2))
     return Columns(body.springs, body.contacts, (), m, np.arange(size), np.ones(size), slope_load, directions)
+
+
+def build_turning_columns(body: Body, slope_load: np.ndarray | None = None) -> Columns:
+    """Build the command layout of a body that turns.
+
+    Args:
+        body: the body.
+        slope_load: with loads, what the slope adds to the load of each point, shape (N, 2) [N].
+
+    Returns:
+        The layout; a row equals its target but for the load of the slope.
+    """
+    size = body.lengths + body.contacts * (len(SIDES) + (0 if slope_load is None else 2))
+    joints, none = body.lengths - body.springs, np.zeros((0, 2))
+    index, factor = np.arange(size), np.ones(size)
+    return Columns(body.springs, body.contacts, (), len(SIDES), index, factor, slope_load, none, joints=joints)

@@ -53,11 +53,13 @@ class Drive:
     @property
     def forward(self) -> np.ndarray:
         """The forward bound of each contact, mu_plus less the load, shape (W, N) [N]; for bodies on a line."""
+        self.columns.check_two_sided("forward")
         return self.targets[..., self._springs : self._springs + self._contacts]
 
     @property
     def backward(self) -> np.ndarray:
         """The backward bound of each contact, mu_minus plus the load, shape (W, N) [N]; for bodies on a line."""
+        self.columns.check_two_sided("backward")
         return self.targets[..., self._springs + self._contacts :][..., : self._contacts]
 
     @property

@@ -24,8 +24,10 @@ def name_every_spring(body: Body) -> tuple[str, ...]:
         body: the body.
 
     Returns:
-        One name per spring: "link_0", or "trunk/element_7" inside a segment.
+        One name per spring: "link_0", or "trunk/element_7" inside a segment; of a body that turns, then one per joint.
     """
+    if body.turning is not None:
+        return tuple(name_joints(body))
     names = dict(zip(body.link_springs.tolist(), name_links(body.link_springs.size), strict=True))
     for segment in body.segments:
         names |= {segment.first_spring + j: f"{segment.name}/element_{j}" for j in range(segment.elements)}
@@ -44,6 +46,18 @@ def name_links(count: int) -> list[str]:
     return [f"link_{i}" for i in range(count)]
 
 
+def name_turning_joints(count: int) -> list[str]:
+    """Name the joints of a body that turns.
+
+    Args:
+        count: number of joints.
+
+    Returns:
+        joint_0, joint_1, ...
+    """
+    return [f"joint_{i}" for i in range(count)]
+
+
 def name_joints(body: Body) -> list[str]:
     """Name the joints.
 
@@ -51,9 +65,10 @@ def name_joints(body: Body) -> list[str]:
         body: the body.
 
     Returns:
-        Each link, then each segment.
+        Each link, then each segment, or each joint of a body that turns.
     """
-    return name_links(body.link_springs.size) + [segment.name for segment in body.segments]
+    joints = name_turning_joints(body.lengths - body.springs) if body.turning is not None else []
+    return name_links(body.link_springs.size) + joints + [segment.name for segment in body.segments]
 
 
 def name_every_contact(body: Body) -> tuple[str, ...]:

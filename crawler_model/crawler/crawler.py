@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import copy
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import check_numbers, frozen
+from ..arrays import frozen
 from ..body.body import Body
-from ..body.directions import check_directions
 from ..body.plan import Plan, check_plan
-from ..errors import CommandError, SceneError
+from ..errors import CommandError
 from ..motion.follow import State, build_motion
 from ..motion.state import ACCOUNT_SIZE, VISITED
 from ..notebook import write_html, write_numbers
+from .command import write_command
 from .step import Step
 
 Method = Literal["exact", "catch_up"]
@@ -81,11 +81,13 @@ class Crawler:
     @property
     def forward(self) -> np.ndarray:
         """mu_plus in force, as commanded on patches of ground, shape (N,) [N]; for bodies on a line."""
+        self.scene.columns.check_two_sided("forward")
         return frozen(self._state.friction[: self.body.contacts])
 
     @property
     def backward(self) -> np.ndarray:
         """mu_minus in force, likewise, shape (N,) [N]; for bodies on a line."""
+        self.scene.columns.check_two_sided("backward")
         return frozen(self._state.friction[self.body.contacts :])
 
     @property
@@ -126,9 +128,23 @@ class Crawler:
         return frozen(self._state.gained)
 
     @property
+    def yaw(self) -> float:
+        """Angle of the heading from the x axis, whole turns counted [rad]; 0 for bodies that do not turn."""
+        return float(getattr(self._state, "yaw", 0.0))
+
+    @property
+    def stability_margin(self) -> float | None:
+        """Least stability margin of the last command [1]; None for bodies that do not turn.
+
+        Below 0 a small deviation grows along the path, as that of a contact that is pushed.
+        """
+        return getattr(self._state, "stability_margin", None)
+
+    @property
     def spring_force(self) -> np.ndarray:
         """g, force of the springs on each contact, shape (N,), in the plane (N, 2) [N]."""
-        return frozen(self.body.spring_force(self._state.tension))
+        state: Any = self._state
+        return frozen(self.body.spring_force(state.tension) if self.body.turning is None else state.force)
 
     @property
     def margins(self) -> np.ndarray:
@@ -210,9 +226,9 @@ class Crawler:
 
         Args:
             actuation: L of each link [m], then strain of each segment [1], shape (links + segments,); in the plane
-                shape (links, 2).
+                shape (links, 2), of a body that turns of each link, then of each joint [rad], shape (links + joints,).
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
-                the plane the friction of each contact.
+                the plane the friction of each contact, of a body that turns forward, backward, left and right of each.
             backward: mu_minus, likewise; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
                 (N, 2); None leaves it unchanged. Only for scenes with loads.
@@ -223,41 +239,7 @@ class Crawler:
         Raises:
             CommandError: if a value is invalid; the message names the first one.
         """
-        return self._target(self._commanded(actuation, forward, backward, loads))
-
-    def _commanded(
-        self, actuation: ArrayLike, forward: ArrayLike | None, backward: ArrayLike | None, loads: ArrayLike | None
-    ) -> np.ndarray:
-        """Check a command and write it to a row, with NaN for what it leaves out, unless the row in force is known."""
-        columns = self.scene.columns
-        planar = columns.planar is not None
-        row = np.full(columns.count, np.nan) if self._row is None else self._row.copy()
-        half = columns.lengths + int(columns.friction_sizes.sum())
-        if planar and backward is not None:
-            raise CommandError("backward: in the plane `forward` holds the friction of each contact; omit `backward`")
-        if loads is not None and not columns.loads:
-            raise CommandError("loads: the scene has no loads; add `loads: 0` to the scene to command loads")
-        given = (
-            ("actuation", actuation, columns.actuation_sizes, 0),
-            ("forward", forward, columns.friction_sizes, columns.lengths),
-            ("backward", backward, columns.friction_sizes, half),
-            ("loads", loads, columns.load_sizes, columns.count - columns.loads),
-        )
-        for name, values, sizes, first in given:
-            if values is None and name != "actuation":
-                continue
-            each = int(sizes[0]) if planar and sizes.size else 1
-            array = check_numbers(name, values, (sizes.size,) if each == 1 else (sizes.size, each)).ravel()
-            if name in ("forward", "backward") and not (array >= 0.0).all():
-                i = int(np.flatnonzero(array < 0.0)[0])
-                raise CommandError(f"{name}: {columns.names[first + i]} is {array[i]:g}; friction must be >= 0")
-            if columns.planar and name == "forward":
-                try:
-                    check_directions(self.scene.angles, array.reshape(sizes.size, each))
-                except SceneError as error:
-                    raise CommandError(f"forward: {error}") from None
-            row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
-        return row
+        return self._target(write_command(self.scene, self._row, actuation, forward, backward, loads))
 
     def _target(self, row: np.ndarray) -> np.ndarray:
         """Convert a row to a target; what it leaves out stays as it is in force."""
@@ -288,9 +270,9 @@ class Crawler:
 
         Args:
             actuation: L of each link [m], then strain of each segment [1], shape (links + segments,); in the plane
-                shape (links, 2).
+                shape (links, 2), of a body that turns of each link, then of each joint [rad], shape (links + joints,).
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
-                the plane the friction of each contact.
+                the plane the friction of each contact, of a body that turns forward, backward, left and right of each.
             backward: mu_minus, likewise; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
                 (N, 2); None leaves it unchanged. Only for scenes with loads.
@@ -301,7 +283,7 @@ class Crawler:
         Raises:
             CommandError: if the command is invalid; the state does not change.
         """
-        row = self._commanded(actuation, forward, backward, loads)
+        row = write_command(self.scene, self._row, actuation, forward, backward, loads)
         step = self.follow(self._target(row)[None])
         self._row = None if np.isnan(row).any() else row
         return step

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import SceneError
-from ..run.simulate import Trajectory, simulate
+from ..run.simulate import simulate
+from ..run.trajectory import Trajectory
 from ..scene.parts import LEAST_TOLERANCE
 from ..scene.scene import Scene
 from ..sweep.vary import Variations, vary

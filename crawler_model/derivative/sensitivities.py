@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import frozen
 from ..body.body import Body
 from ..body.drive import NS
+from ..body.plan import refuse_turning
 from ..errors import CommandError, SceneError
 from ..notebook import write_html, write_numbers
 from ..run.simulate import default_duration
@@ -207,6 +208,7 @@ def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None
     Raises:
         SceneError: if it has no drive, is in the plane, or has patches of ground.
     """
+    refuse_turning(scene, caller)
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
     if scene.dimension == 2 and not plane:

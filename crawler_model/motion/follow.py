@@ -1,6 +1,6 @@
 """The contract of all motions, and the choice of the motion of a body.
 
-The implementations are `line` for bodies on a line and `plane` for the plane.
+The implementations are `line` for bodies on a line, `plane` for the plane and `turning` for bodies in it that can turn.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ def build_motion(plan: Plan) -> Motion:
     Returns:
         The motion; only its kernels are loaded.
     """
-    if getattr(plan.body, "turning", None) is not None:
+    if plan.body.turning is not None:
         from .turning.motion import build_turning_motion
 
         return build_turning_motion(plan)

@@ -140,6 +140,8 @@ class Total:
 def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:
     """Average displacements over a body; every isolated contact and every segment has the same weight.
 
+    Points without friction have none.
+
     Args:
         body: the body.
         x: displacements, shape (T, N), in the plane (T, N, 2) [m].
@@ -147,6 +149,6 @@ def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:
     Returns:
         y, shape (T,), in the plane (T, 2) [m].
     """
-    if not body.segments:
+    if not body.segments and body.turning is None:
         return x.mean(axis=1)
     return np.einsum("ti...,i->t...", x, body.share)  # not `@`: its last bit depends on how many rows there are

@@ -3,6 +3,9 @@
 The tensions of two solutions under the same drive never move apart in the norm of the elastic energy ([G] section 4:
 the shape is a sweeping process), so that the tensions at the ends of periods settle. Often they repeat after a few
 periods, exactly; otherwise their difference shrinks by a ratio a period, from which the rest of the transient follows.
+
+A period of a body that turns may displace and turn it as a whole: the positions in its own frame have to repeat, within
+the tolerance of its steps. Loads do not turn with it, so that under loads the positions about its origin have to.
 """
 
 from __future__ import annotations
@@ -17,12 +20,15 @@ import numpy as np
 from ..arrays import frozen
 from ..body.drive import NS
 from ..body.plan import Plan, check_plan
+from ..body.turning import TURNING_TOLERANCE
 from ..crawler.crawler import Crawler
 from ..errors import CommandError
 from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
 from .repeats import REPEATS, determining_tension, tensions_repeat
+from .screw import Screw, find_screw, gain_in_frame, places_in_frame
+from .transport import length_of
 
 _RATIOS = 3
 """Ratios of successive differences that have to agree on how fast the transient decays."""
@@ -33,7 +39,8 @@ class LimitCycle:
     """The periodic regime of a drive.
 
     Attributes:
-        gain: y gained in the last period [m]; in the plane shape (2,).
+        gain: y gained in the last period [m]; in the plane shape (2,); of a body that turns dx, dy [m] and dyaw [rad]
+            in its frame, as in `Trajectory.per_period`, shape (3,).
         work: work of the actuators in the last period [J].
         transient_left: estimate of how far `gain` is from that of the periodic regime [m]: where the tensions repeat,
             the rounding of the gain, and what it hides of a slow transient; the tail of a geometric series where their
@@ -42,7 +49,8 @@ class LimitCycle:
         ratio: by which the difference of the tensions shrank in each of the last periods, at worst [1]; 0 where they
             repeat.
         periods: number of periods run.
-        gains: y gained in each period, shape (periods,), in the plane (periods, 2) [m].
+        gains: y gained in each period, shape (periods,), in the plane (periods, 2), of a body that turns (periods, 3)
+            [m, rad].
     """
 
     gain: float | np.ndarray
@@ -53,6 +61,11 @@ class LimitCycle:
     periods: int
     gains: np.ndarray
 
+    @property
+    def screw(self) -> Screw | None:
+        """The motion of a body that turns in the last period, as a rotation; None for bodies that do not turn."""
+        return find_screw(self.gains[-1]) if self.gains.shape[1:] == (3,) else None
+
     def __repr__(self) -> str:
         """State the gain, and whether it has settled."""
         if self.settled:
@@ -62,7 +75,8 @@ class LimitCycle:
             end = f"not settled after {self.periods} periods: the transient shrinks by {shrinks:.2g} % a period"
         else:
             end = f"not settled after {self.periods} periods: the transient does not shrink yet"
-        return f"LimitCycle({self.gain} m a period, {end})"
+        unit = "m" if self.screw is None else "m, m, rad"
+        return f"LimitCycle({self.gain} {unit} a period, {end})"
 
     def _repr_html_(self) -> str:
         """Show the regime in a notebook."""
@@ -80,7 +94,8 @@ def limit_cycle(
 
     Args:
         scene: a scene whose drive has a period, on ground that is the same everywhere.
-        tolerance: of the gain, relative to the largest displacement within a period [1].
+        tolerance: of the gain, relative to the largest displacement within a period [1]; of a body that turns at least
+            the tolerance of its scene, within which its periods differ.
         most_periods: number of periods to run at most.
         progress: called with the completed part of these, in [0, 1].
 
@@ -106,11 +121,11 @@ def limit_cycle(
     run = _Periods(Crawler(scene), targets)
     while run.count < most_periods:
         run.follow()
-        if run.transient_left() <= tolerance * run.travel:
+        if run.transient_left() <= max(tolerance, run.error) * run.travel:
             break
         if progress is not None:
             progress(run.count / most_periods)
-    return run.finish(tolerance)
+    return run.finish(max(tolerance, run.error))
 
 
 class _Periods:
@@ -118,28 +133,43 @@ class _Periods:
 
     def __init__(self, crawler: Crawler, targets: np.ndarray) -> None:
         self.crawler, self.targets = crawler, targets
-        self.tension = determining_tension(crawler.body, crawler)
+        self.turns = crawler.body.turning is not None
+        self.error = (crawler.scene.tolerance or TURNING_TOLERANCE) if self.turns else 0.0
+        self.tension = self.determine()
         self.shrinks = 0.0
         self.differences: list[float] = []
         self.gains: list[np.ndarray] = []
         self.work, self.travel, self.count = 0.0, 0.0, 0
+        self.scale = np.array([1.0, 1.0, length_of(crawler.body)]) if self.turns else np.ones(1)  # of gains, to lengths
         self.records = np.empty((targets.shape[0], 2 * crawler.displacement.size + crawler.tension.size))
+
+    def determine(self) -> np.ndarray:
+        """Return what the motion goes on from: tensions, or positions in the frame of a body that turns."""
+        return places_in_frame(self.crawler) if self.turns else determining_tension(self.crawler.body, self.crawler)
 
     def follow(self) -> None:
         """Run one more period."""
         crawler, body = self.crawler, self.crawler.body
-        start = crawler.displacement.ravel()
+        begin, yaw = crawler.displacement, crawler.yaw
+        start = begin.ravel()
         step = crawler.follow(self.targets, self.records)
         x = self.records[:, : start.size]
         self.travel = max(float(np.abs(x - start).max()), 1e-300)
         self.work = step.work
-        self.gains.append(average_displacement(body, crawler.gained[None])[0])
-        before, self.tension = self.tension, determining_tension(body, crawler)
-        energy = (self.tension - before) ** 2 / body.stiffness.reshape(-1, *(1,) * (body.dimension - 1))
+        gained = average_displacement(body, crawler.gained[None])
+        if self.turns:
+            gained = gain_in_frame(body, begin[None], gained, np.array([crawler.yaw - yaw]))
+        self.gains.append(gained[0])
+        before, self.tension = self.tension, self.determine()
+        scale = np.ones(1) if self.turns else body.stiffness
+        energy = (self.tension - before) ** 2 / scale.reshape(-1, *(1,) * (body.dimension - 1))
         self.differences.append(math.sqrt(float(energy.sum())))
         # a slow transient is in each period a small part of what is left of it
-        part = REPEATS * (1.0 - self.shrinks)
-        self.repeats = bool(tensions_repeat(body, self.targets, self.tension, before, part))
+        part = 1.0 - self.shrinks
+        if self.turns:  # its steps end in other places when it is turned
+            self.repeats = float(np.abs(self.tension - before).max()) <= self.error * self.travel * part
+        else:
+            self.repeats = bool(tensions_repeat(body, self.targets, self.tension, before, REPEATS * part))
         self.count += 1
         if not self.repeats and self.ratio() < 1.0:
             self.shrinks = self.ratio()
@@ -155,13 +185,15 @@ class _Periods:
 
     def transient_left(self) -> float:
         """Estimate how far the last gain is from that of the periodic regime [m]."""
+        if self.repeats and self.turns:
+            return self.error * self.travel
         if self.repeats:
             return 8.0 * EPS * self.travel / (1.0 - self.shrinks if self.differences[-1] > 0.0 else 1.0)
         ratio = self.ratio()
         if ratio >= 1.0:
             return math.inf
         change = max(
-            float(np.abs(b - a).max())
+            float(np.abs((b - a) * self.scale).max())
             for a, b in zip(self.gains[-_RATIOS - 1 : -1], self.gains[-_RATIOS:], strict=True)
         )
         return change * ratio / (1.0 - ratio)

@@ -10,9 +10,11 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from ..body.body import Body
 from ..body.drive import NS
 from ..body.names import name_every_contact, name_every_spring
 from ..body.plan import Plan
+from ..body.turning import SIDES
 from ..errors import CrawlerError
 from .account import TickEnergies
 from .arrow import load_library
@@ -61,6 +63,11 @@ class Ran(Protocol):
         ...
 
     @property
+    def yaw(self) -> np.ndarray:
+        """Angles of the heading, shape (T,) [rad]."""
+        ...
+
+    @property
     def contact_state(self) -> np.ndarray:
         """Directions of the contacts, int8, shape (T, N)."""
         ...
@@ -80,6 +87,13 @@ class _Group(NamedTuple):
 
 
 _YIELDS = ("slack", "stalled")
+
+
+def _name_torques(body: Body) -> _Group:
+    """Name the tensions of links and the torques of joints of a body that turns."""
+    names, links, joints = name_every_spring(body), body.springs, body.lengths - body.springs
+    each = [f"{name}/{'tension' if i < links else 'torque'}" for i, name in enumerate(names)]
+    return _Group("tension", tuple(each), ("N",) * links + ("N m",) * joints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +142,7 @@ class TrajectoryColumns:
         contacts, springs = name_every_contact(body), name_every_spring(body)
         if planar:
             sides = [f"direction_{k}" for k in range(scene.columns.planar or 0)] or ["friction"]
+            sides = sides if body.turning is None else list(SIDES)
             friction = [f"{contact}/{side}" for contact in contacts for side in sides]
         else:
             friction = [f"{contact}/{side}" for side in ("forward", "backward") for contact in contacts]
@@ -150,9 +165,10 @@ class TrajectoryColumns:
             group("ground_force", each(contacts, "ground_force"), "N"),
             group("friction", friction, "N"),
             group("load", each(contacts, "load") if self._loaded else [], "N"),
-            group("tension", each(springs, "tension"), "N"),
+            group("tension", each(springs, "tension"), "N") if body.turning is None else _name_torques(body),
             group("yields", [f"{springs[k]}/{word}" for k in body.limits.index for word in _YIELDS], "1"),
             group("net_translation", [f"net_translation{axis}" for axis in axes], "m"),
+            group("yaw", ["yaw"] if body.turning is not None else [], "rad"),
             group("energies", list(_ENERGIES), "J"),
         )
         own = {name for part in found if part.values != "elongation" for name in part.names}
@@ -167,7 +183,7 @@ class TrajectoryColumns:
         columns = self.scene.columns
         segment = any(columns.names[column].split("/")[0] == name for name, _, _ in columns.segments)
         if columns.kind(column) == "actuation":
-            return "1" if segment else "m"
+            return "1" if segment else "rad" if column >= columns.links and columns.joints is not None else "m"
         return "N/m" if segment else "N"
 
     def build_schema(self, run: Ran) -> Any:
@@ -239,12 +255,13 @@ class TrajectoryColumns:
             "commands": commands[:, self.commanded],
             "velocity": velocity,
             "state": state.astype(np.int8),
-            "ground_force": -(body.spring_force(tension) + load),
+            "ground_force": -(body.force_at(x, tension) + load),
             "friction": friction,
             "load": load if self._loaded else np.zeros((len(x), 0)),
             "tension": tension,
             "yields": self._read_limits(commands, x),
             "net_translation": run.net_translation[rows],
+            "yaw": run.yaw[rows] if body.turning is not None else np.zeros((len(x), 0)),
             "energies": np.column_stack(energies),
         }
 
@@ -260,7 +277,7 @@ class TrajectoryColumns:
         """Compute friction and loads of the ground under each contact, shapes (R, F) and (R, N) or (R, N, 2) [N]."""
         scene, body = self.scene, self.scene.body
         columns, track = scene.columns, scene.ground.track
-        lengths, load = body.springs * body.dimension, np.zeros(x.shape)
+        lengths, load = body.lengths, np.zeros(x.shape)
         if columns.planar is None:
             frictions = 2 * body.contacts
         else:

@@ -32,7 +32,7 @@ def supporting_force(scene: Plan) -> np.ndarray:
     if body.dimension == 1:
         friction = 0.5 * (drive.forward + drive.backward).sum(axis=-1)  # the loads cancel
     else:
-        each = drive.targets[:, 2 * body.springs :][:, : scene.columns.frictions]
+        each = drive.targets[:, body.lengths :][:, : scene.columns.frictions]
         friction = each.reshape(each.shape[0], body.contacts, -1).mean(axis=2).sum(axis=1)
     return np.where(weight > 0.0, weight, _mean_over_a_period(friction, drive.times, drive.period))
 

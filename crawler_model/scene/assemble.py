@@ -13,6 +13,7 @@ from .assemble_body import assemble_body, assemble_columns, reuse_body, reuse_co
 from .assemble_drive import assemble_drive
 from .assemble_friction import assemble_friction, assemble_ground, planar_friction
 from .assemble_start import assemble_start, check_start, relax_loaded, starts_beyond
+from .assemble_turning import check_turning
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
 from .friction_parts import FrictionRowsPart
@@ -86,6 +87,7 @@ def _assemble(
 
 
 def _check_parts(parts: SceneParts) -> None:
+    check_turning(parts)
     if parts.dimension == 2:
         if parts.tolerance is not None and not LEAST_TOLERANCE <= parts.tolerance <= 0.5:
             raise SceneError(
@@ -99,9 +101,9 @@ def _check_parts(parts: SceneParts) -> None:
     for name in names:
         if names.count(name) > 1:
             raise SceneError(f"body.segments: two segments are named {name!r}; names must be unique")
-    if parts.body.links is None and (parts.dimension == 2 or len(parts.body.contacts) + len(names) > 1):
+    if parts.body.links is None and (parts.dimension == 2 or len(parts.body.places) + len(names) > 1):
         raise SceneError("body.links: missing; give the springs between contacts and segments as {stiffness: ...}")
-    if parts.friction is None and parts.body.contacts:
+    if parts.friction is None and parts.body.places:
         raise SceneError("friction: missing; isolated contacts need it")
 
 
@@ -113,17 +115,19 @@ def _check_planar(parts: SceneParts) -> None:
         )
     if parts.body.segments:
         raise SceneError("body.segments: segments lie on a line; a planar scene cannot have any")
-    for i, contact in enumerate(parts.body.contacts):
+    key, turns = "contact" if parts.body.points is None else "point", parts.body.springs == "length"
+    for i, contact in enumerate(parts.body.places):
         if not isinstance(contact, tuple) or len(contact) != 2:
-            raise SceneError(f"body.contacts: contact {i} is {contact}; in a planar scene each contact is [x, y]")
+            raise SceneError(f"body.{key}s: {key} {i} is {contact}; in a planar scene each {key} is [x, y]")
     friction, drive = parts.friction, parts.drive
-    if friction is not None and friction.given.isotropic is None and friction.given.directions is None:
+    if not turns and friction is not None and friction.given.isotropic is None and friction.given.directions is None:
         raise SceneError(
             "friction: in the plane use `isotropic`, or `directions` and `value`, not forward and backward"
         )
     if drive is not None and drive.times is None:
         raise SceneError("drive: a planar scene needs `times` and `actuation`; waves and strategies need a line")
-    if drive is not None and isinstance(drive.friction, FrictionRowsPart) and drive.friction.isotropic is None:
+    rows = None if drive is None or turns else drive.friction
+    if isinstance(rows, FrictionRowsPart) and rows.isotropic is None:
         raise SceneError("drive.friction: in a planar scene only `isotropic` is possible")
     if parts.ground is not None and parts.ground.patches:
         raise SceneError(

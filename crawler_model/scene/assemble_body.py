@@ -11,11 +11,12 @@ import numpy as np
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.build import End, Interval, build_body, check_span
-from ..body.columns import Columns, build_columns, build_planar_columns
+from ..body.columns import Columns, build_columns, build_planar_columns, build_turning_columns
 from ..body.directions import unit_directions
 from ..body.ground import Ground
 from ..errors import SceneError
 from .assemble_links import assemble_bends, list_links
+from .assemble_turning import assemble_turning_body
 from .friction_parts import TablePart, average, breaks_of, check_field, field_of
 from .link_parts import LinkPart, LinksPart, SegmentPart
 from .parts import SceneParts, angles_of
@@ -78,6 +79,8 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
         SceneError: if a contact, segment or link is invalid; the message names it.
     """
     given = parts.body
+    if given.springs == "length":
+        return assemble_turning_body(parts)
     for i, contact in enumerate(given.contacts):
         if isinstance(contact, tuple) and parts.dimension == 1:
             raise SceneError(
@@ -150,6 +153,8 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
         friction unless that varies along it.
     """
     drive, slope_load = parts.drive, loads_of_slope(parts, ground)
+    if body.turning is not None:
+        return build_turning_columns(body, slope_load)
     if parts.dimension == 2:
         return build_planar_columns(body, unit_directions(angles_of(parts)), slope_load)
     strain = drive is not None and drive.wave is not None

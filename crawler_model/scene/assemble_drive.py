@@ -10,9 +10,10 @@ from ..arrays import frozen, join, read_numbers, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
 from ..body.drive import Drive, build_waypoints, merge_times, strategy_waypoints, wave
+from ..body.turning import SIDES, check_sides
 from ..errors import SceneError
 from .assemble_friction import planar_loads
-from .friction_parts import FrictionRowsPart
+from .friction_parts import FrictionRowsPart, quarters
 from .parts import DrivePart, SceneParts, WavePart
 
 
@@ -50,27 +51,16 @@ def assemble_drive(
         return _build_waves(body, columns, part, friction, doubts)
     times = read_numbers(part.times)
     count = times.shape[-1]
-    if parts.dimension == 2:
+    if parts.dimension == 2 and body.turning is None:
         actuation = _planar_rows(part.actuation, count, body.springs)
     else:
-        item = "link(s) and segment" if body.segments else "link"
+        item = "link(s) and segment" if body.segments else "link" if body.turning is None else "link(s) and joint"
         given = _rows(part.actuation, count, columns.actuation_sizes.size, "drive.actuation", item)
         actuation = np.repeat(given, columns.actuation_sizes, axis=-1)
     sides, loads = friction[..., : columns.frictions], friction[..., columns.frictions :]
     if isinstance(part.friction, FrictionRowsPart):
-        if columns.planar:
-            raise SceneError("drive.friction: direction-dependent friction is constant; remove this key")
-        item = "contact(s) and segment" if body.segments else "contact"
-        names = ("isotropic", "isotropic") if part.friction.isotropic is not None else ("forward", "backward")
-        both = [
-            np.repeat(
-                _rows(table, count, columns.friction_sizes.size, f"drive.friction.{name}", item),
-                columns.friction_sizes,
-                axis=-1,
-            )
-            for name, table in zip(names, part.friction.sides, strict=True)
-        ]
-        sides = join(both[: columns.sides])
+        read = _friction_rows if body.turning is None else _turning_friction_rows
+        sides = read(part.friction, count, body, columns)
     if part.loads is not None:
         loads = _load_rows(part.loads, count, body, columns)
     return build_waypoints(times, part.period, join((actuation, sides, loads)), columns, doubts)
@@ -86,6 +76,34 @@ def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndar
             raise SceneError(f"{field}: row {i} holds lists; on a line each entry is a number (or dimension: 2)")
     each = [spread(row, columns, f"{field}: row {i}", item) for i, row in enumerate(table)]
     return np.stack(np.broadcast_arrays(*each), axis=-2)
+
+
+def _friction_rows(part: FrictionRowsPart, rows: int, body: Body, columns: Columns) -> np.ndarray:
+    if columns.planar:
+        raise SceneError("drive.friction: direction-dependent friction is constant; remove this key")
+    item = "contact(s) and segment" if body.segments else "contact"
+    names = ("isotropic", "isotropic") if part.isotropic is not None else ("forward", "backward")
+    both = [
+        np.repeat(
+            _rows(table, rows, columns.friction_sizes.size, f"drive.friction.{name}", item),
+            columns.friction_sizes,
+            axis=-1,
+        )
+        for name, table in zip(names, part.sides, strict=True)
+    ]
+    return join(both[: columns.sides])
+
+
+def _turning_friction_rows(part: FrictionRowsPart, rows: int, body: Body, columns: Columns) -> np.ndarray:
+    names = SIDES if part.isotropic is None else ("isotropic",) * len(SIDES)
+    each = [
+        _rows(table, rows, body.contacts, f"drive.friction.{name}", "point")
+        for name, table in zip(names, quarters(part), strict=True)
+    ]
+    friction = np.stack(each, axis=-1)
+    for i, row in enumerate(friction):
+        check_sides(row, f"drive.friction: row {i}", SceneError)
+    return friction.reshape(rows, columns.frictions)
 
 
 def _load_rows(table: Any, rows: int, body: Body, columns: Columns) -> np.ndarray:

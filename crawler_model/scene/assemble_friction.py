@@ -12,6 +12,7 @@ from ..body.body import Body
 from ..body.columns import Columns
 from ..body.ground import Ground, Stretches, Track
 from ..errors import SceneError
+from .assemble_turning import turning_friction
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
 from .parts import GroundPart, SceneParts, angles_of
 
@@ -202,7 +203,7 @@ def assemble_friction(
         raise SceneError("body.weights: missing; a coefficient of friction acts on the weight of each contact")
     press = ground.weight * np.cos(ground.slope)
     if parts.dimension == 2:
-        planar = planar_friction(parts)
+        planar = planar_friction(parts) if body.turning is None else turning_friction(parts)
         if _has_coefficient(parts.friction):
             planar = planar * press[:, None]
         loads = planar_loads(parts.loads or 0.0, body.contacts, "loads") if columns.loads else np.zeros(0)

@@ -33,7 +33,7 @@ def list_links(parts: BodyPart) -> tuple[LinkPart, ...] | LinksPart | None:
                 f"body.links.{joined.index(False)}.between: missing; give it for every link, or for none for the chain "
                 "of neighbours"
             )
-        count = len(parts.contacts) + len(parts.segments) - 1
+        count = len(parts.places) + len(parts.segments) - 1
         if not any(joined) and len(joined) != count:
             raise SceneError(f"body.links: {len(joined)} entries; the chain of neighbours has {count} link(s)")
     return parts.links

@@ -14,6 +14,7 @@ from ..crawler.crawler import Crawler
 from ..errors import SceneError
 from ..rounding import EPS
 from ..theory.stasis import bound_distances
+from .assemble_turning import check_turning_start
 from .assembly import Assembly
 from .parts import SceneParts
 
@@ -114,6 +115,9 @@ def check_start(assembly: Assembly) -> None:
         SceneError: if a force exceeds its bound; the message names the contact and the excess.
     """
     body, drive, x = assembly.body, assembly.drive, assembly.start_displacement
+    if body.turning is not None:
+        check_turning_start(assembly)
+        return
     if body.dimension == 2:
         _check_planar_start(assembly)
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
@@ -84,6 +84,9 @@ class TablePart(Part):
         return self
 
 
+_SIDES = ("forward", "backward", "left", "right")
+
+
 def explain_friction(value: Any) -> Any:
     """Refuse a bare number as friction.
 
@@ -102,6 +105,10 @@ def explain_friction(value: Any) -> Any:
 
 
 def _check_one_way(part: Any) -> None:
+    if (getattr(part, "left", None) is None) != (getattr(part, "right", None) is None):
+        raise ValueError("give both `left` and `right`, or neither")
+    if getattr(part, "left", None) is not None and (part.forward is None or part.backward is None):
+        raise ValueError("give `forward`, `backward`, `left` and `right` together, or `isotropic` alone")
     both = part.forward is not None and part.backward is not None
     neither = part.forward is None and part.backward is None
     if not ((both and part.isotropic is None) or (neither and part.isotropic is not None)):
@@ -112,7 +119,7 @@ def _check_one_kind(part: Any) -> None:
     """Check that friction is given as forces or as coefficients, not as both."""
     if part.coefficient is None:
         _check_one_way(part)
-    elif part.forward is not None or part.backward is not None or part.isotropic is not None:
+    elif any(getattr(part, name, None) is not None for name in (*_SIDES, "isotropic")):
         raise ValueError("give `coefficient`, or forces, not both")
 
 
@@ -120,6 +127,18 @@ def _sides(part: Any) -> tuple[Any, Any]:
     if getattr(part, "coefficient", None) is not None:
         return _sides(part.coefficient)
     return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
+
+
+def quarters(part: Any) -> tuple[Any, ...]:
+    """Return the friction of points of a body that turns.
+
+    Args:
+        part: friction as forces, as coefficients or as rows.
+
+    Returns:
+        Forward, backward, left and right.
+    """
+    return tuple(getattr(part, name) if part.isotropic is None else part.isotropic for name in _SIDES)
 
 
 class _TwoSided(Part):
@@ -152,6 +171,8 @@ class CoefficientPart(Part):
     isotropic: Annotated[
         Numbers | None, key("The same in both directions; in the plane in every direction.", "1", minimum=0)
     ] = None
+    left: Annotated[Numbers | None, key("With `springs: length`: against sliding to the left.", "1", minimum=0)] = None
+    right: Annotated[Numbers | None, key("Likewise, to the right.", "1", minimum=0)] = None
     directions: Annotated[
         tuple[Number, ...] | None, key("In the plane: angles, as for friction given as forces.", "rad")
     ] = None
@@ -167,7 +188,7 @@ class CoefficientPart(Part):
     @property
     def has_sides(self) -> bool:
         """Whether the coefficients are specified other than by directions."""
-        return any(value is not None for value in (self.forward, self.backward, self.isotropic))
+        return any(getattr(self, name) is not None for name in (*_SIDES, "isotropic"))
 
 
 class SegmentFrictionPart(Part):
@@ -207,6 +228,38 @@ class FrictionPart(Part):
     isotropic: Annotated[
         Numbers | None, key("The same in both directions; in the plane in every direction.", "N", minimum=0)
     ] = None
+    left: Annotated[
+        Numbers | None,
+        key(
+            "With `springs: length`: against sliding to the left of the frame of the point; `forward` and `backward` "
+            "are along it. One number, or one per point; 0 in all four directions for a point without friction.",
+            "N",
+            minimum=0,
+        ),
+    ] = None
+    right: Annotated[Numbers | None, key("Likewise, to the right of the frame.", "N", minimum=0)] = None
+    frame: Annotated[
+        tuple[tuple[int, int], ...] | None,
+        key(
+            "With `springs: length`: for each point the two points of a link whose direction is its forward direction. "
+            "Default: its first link."
+        ),
+    ] = None
+    angle: Annotated[
+        Numbers | None,
+        key(
+            "With `springs: length`: angle from the direction of the frame to forward, to the left positive: one "
+            "number, or one per point. Default: 0.",
+            "rad",
+        ),
+    ] = None
+    law: Annotated[
+        Literal["most_dissipative", "along_velocity"] | None,
+        key(
+            "With `springs: length`: the force of a sliding point: that which dissipates the most (default), or that "
+            "along its velocity, each part times its own friction."
+        ),
+    ] = None
     directions: Annotated[
         tuple[Number, ...] | None,
         key("In the plane: at least three angles, increasing within one turn, less than half a turn apart.", "rad"),
@@ -237,8 +290,7 @@ class FrictionPart(Part):
     @property
     def has_sides(self) -> bool:
         """Whether friction is specified other than by directions."""
-        given = (self.forward, self.backward, self.isotropic, self.coefficient)
-        return any(value is not None for value in given)
+        return any(getattr(self, name) is not None for name in (*_SIDES, "isotropic", "coefficient"))
 
     @property
     def sides(self) -> tuple[Any, Any]:
@@ -259,6 +311,10 @@ class FrictionRowsPart(_TwoSided):
         ),
     ] = None
     backward: Annotated[Table | None, key("Against sliding towards -x, likewise.", "N, N/m", minimum=0)] = None
+    left: Annotated[
+        Table | None, key("With `springs: length`: against sliding to the left, likewise.", "N", minimum=0)
+    ] = None
+    right: Annotated[Table | None, key("Likewise, to the right.", "N", minimum=0)] = None
     isotropic: Annotated[Table | None, key("The same in both directions, likewise.", "N, N/m", minimum=0)] = None
 
 

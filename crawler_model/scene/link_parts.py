@@ -175,6 +175,19 @@ class LinkPart(Bendable):
     ] = None
 
 
+class JointsPart(Part):
+    """The joints of a body in the plane whose springs have lengths: springs of the angles between its links."""
+
+    stiffness: Annotated[Numbers, key("One number, or one per joint.", "N m/rad", exclusiveMinimum=0)]
+    between: Annotated[
+        tuple[tuple[int, int, int], ...] | None,
+        key(
+            "The three points of each joint; its turning angle is that at the second, 0 where they lie on a line, "
+            "positive to the left. Default: all points that follow each other."
+        ),
+    ] = None
+
+
 def _kind_of_links(value: Any) -> str:
     return "LinkPart" if isinstance(value, (list, tuple)) else "LinksPart"
 

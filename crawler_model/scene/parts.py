@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
@@ -17,7 +17,7 @@ from .friction_parts import (
     explain_friction,
     key,
 )
-from .link_parts import Bendable, Links, LinksPart, SegmentPart
+from .link_parts import Bendable, JointsPart, Links, LinksPart, SegmentPart
 
 LEAST_TOLERANCE = 1e-7
 """Least tolerance of a body in the plane [1]: the errors of smaller ones were found to exceed them."""
@@ -30,6 +30,14 @@ class BodyPart(Part):
         tuple[Numbers, ...],
         key("Reference positions of the isolated contacts: strictly increasing, or [x, y] in the plane.", "m"),
     ] = ()
+    points: Annotated[
+        tuple[Numbers, ...] | None,
+        key("With `springs: length`, another word for `contacts`: contacts, and points without friction.", "m"),
+    ] = None
+    springs: Annotated[
+        Literal["vector", "length"],
+        key("In the plane: whether a link remembers its direction, or only its length, so that the body can turn."),
+    ] = "vector"
     segments: Annotated[
         tuple[SegmentPart, ...], key("Parts that touch the ground along their whole length; they must not overlap.")
     ] = ()
@@ -57,6 +65,9 @@ class BodyPart(Part):
             "required for two or more parts."
         ),
     ] = None
+    joints: Annotated[
+        JointsPart | None, key("With `springs: length`: springs of the angles at points. Default: none.")
+    ] = None
 
     @model_validator(mode="after")
     def _solid(self) -> BodyPart:
@@ -64,6 +75,11 @@ class BodyPart(Part):
             if radius is not None and not radius > 0.0:
                 raise ValueError(f"radius: {radius:g} m; it must be > 0")
         return self
+
+    @property
+    def places(self) -> tuple[Any, ...]:
+        """Reference positions, whichever key holds them."""
+        return self.contacts if self.points is None else self.points
 
     @property
     def is_bent(self) -> bool:
@@ -137,8 +153,9 @@ class DrivePart(Part):
     actuation: Annotated[
         Deep | None,
         key(
-            "With `times`: a row per time, a column per link (m), then per segment (strain); in the plane [x, y] each.",
-            "m, 1",
+            "With `times`: a row per time, a column per link (m), then per segment (strain); in the plane [x, y] each, "
+            "with `springs: length` a column per link (m), then per joint (rad).",
+            "m, 1, rad",
         ),
     ] = None
     friction: Annotated[
@@ -321,10 +338,19 @@ class SceneParts(Part):
         ),
     ] = None
     ground: Annotated[GroundPart | None, key("The ground; level if omitted.")] = None
+    heading: Annotated[
+        tuple[int, int] | None,
+        key("With `springs: length`: the two points whose direction is the yaw. Default: the first and the last one."),
+    ] = None
+    on_instability: Annotated[
+        Literal["jump", "refuse"] | None,
+        key("With `springs: length`: a body that buckles jumps (default), or the command is refused."),
+    ] = None
     tolerance: Annotated[
         Number | None,
         key(
-            "Only in the plane: largest error of a ramp, relative to the largest commanded change. Default: 1e-4.",
+            "Only in the plane: largest error of a ramp, relative to the largest commanded change. Default: 1e-4; with "
+            "`springs: length` 1e-5.",
             minimum=LEAST_TOLERANCE,
             maximum=0.5,
         ),

@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
 from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart
-from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, SegmentPart, StopsPart, TensionPart
+from .link_parts import CurvePart, JointsPart, LinkPart, LinksPart, PassivePart, SegmentPart, StopsPart, TensionPart
 from .parts import BodyPart, DrivePart, GroundPart, PatchPart, SceneParts, StartPart, WavePart
 
 _LONGEST = 500  # length of an error message, in characters
@@ -93,6 +93,7 @@ def known_keys(path: list[str]) -> Iterable[str]:
     parts: dict[str, type[BaseModel]] = {
         "body": BodyPart,
         "links": LinksPart,
+        "joints": JointsPart,
         "curve": CurvePart,
         "tension": TensionPart,
         "passive": PassivePart,

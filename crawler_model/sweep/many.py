@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import NS
+from ..body.plan import refuse_turning
 from ..crawler.crawler import METHODS, Crawler, Method
 from ..errors import CommandError, CrawlerError, SceneError
 from ..run.simulate import default_duration
@@ -70,6 +71,7 @@ def _check_scenes(scenes: Any) -> None:
         for i, scene in enumerate(scenes):
             if not isinstance(scene, Scene):
                 raise SceneError(f"simulate_many: entry {i} is a {type(scene).__name__}; it must be {expected}")
+            refuse_turning(scene, "simulate_many")
 
 
 def simulate_many(

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from pydantic import TypeAdapter
 
 from ..arrays import frozen
+from ..body.plan import refuse_turning
 from ..errors import SceneError
 from ..scene.file import coerce_scene
 from ..scene.parts import SceneParts
@@ -170,6 +171,7 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         SceneError: if a key does not exist in the scene or does not hold a number, or if its values are not numbers.
     """
     scene = coerce_scene(scene, "vary")
+    refuse_turning(scene, "vary")
     if not values:
         raise SceneError("vary: no key; at least one is needed, for example friction.forward")
     columns = {key: _numbers(key, given) for key, given in values.items()}

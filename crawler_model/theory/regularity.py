@@ -38,7 +38,8 @@ class Regularity:
 def check_regularity(drive: Drive) -> Regularity:
     """Compute the bounds and the rate of change of the friction of a drive.
 
-    A drive is linear between its waypoints, which therefore determine bounds and rates.
+    A drive is linear between its waypoints, which therefore determine bounds and rates. Points of a body that turns
+    that never have friction are left out.
 
     Args:
         drive: the drive.
@@ -54,7 +55,12 @@ def check_regularity(drive: Drive) -> Regularity:
         held = np.vstack((held, held[:1]))
     rate = np.abs(np.diff(held, axis=0)) / np.diff(times)[:, None]
     friction = held[:, : columns.frictions]
-    weakest = int(friction.min(axis=0).argmin())
+    places = np.arange(columns.frictions)
+    if columns.joints is not None:
+        touches = (friction > 0.0).any(axis=0).reshape(columns.contacts, -1).any(axis=1)
+        places = places.reshape(columns.contacts, -1)[touches].ravel()
+        friction = friction[:, places]
+    weakest = int(places[friction.min(axis=0).argmin()])
     return Regularity(
         float(friction.min()),
         float(friction.max()),

@@ -122,7 +122,11 @@ def film_of_run(scene: Scene, run: Trajectory) -> Film:
         The film.
     """
     body = scene.body
-    tension = run.tension if body.dimension == 1 else np.linalg.norm(run.tension, axis=2)
+    tension = run.tension[:, : body.springs]
+    if tension.ndim == 3:
+        tension = np.linalg.norm(tension, axis=2)
+    elif body.turning is not None:
+        tension = np.abs(tension)
     forward = backward = np.zeros((run.time.size, 0))
     yields, times_ns = np.zeros((run.time.size, 0), np.int8), np.rint(run.time * NS).astype(np.int64)
     if body.limits.index.size:

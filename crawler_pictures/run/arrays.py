@@ -9,7 +9,7 @@ import numpy as np
 
 from crawler_model.body.columns import Columns
 from crawler_model.body.plan import Plan
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,11 +135,12 @@ def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:
         rows: shape (T, C).
 
     Returns:
-        Rest lengths, strains, friction of contacts and of segments, and loads, where there are any.
+        Rest lengths, strains or rest angles, friction of contacts and of segments, and loads, where there are any.
     """
     names, lengths, half = columns.names, columns.lengths, int(columns.friction_sizes.sum())
     links = int(columns.actuation_sizes[: columns.links].sum())
-    found = [("change of rest length", "m", range(links)), ("strain", "1", range(links, lengths))]
+    other = ("strain", "1") if columns.joints is None else ("change of rest angle", "rad")
+    found = [("change of rest length", "m", range(links)), (*other, range(links, lengths))]
     alone = int(columns.friction_sizes[: columns.contacts].sum())
     both = [rows[:, lengths + k : lengths + half + k + 1 : half] for k in range(half)] if columns.sides == 2 else []
     kinds = [Commands(what, unit, tuple(names[k] for k in at), rows[:, at]) for what, unit, at in found if len(at)]

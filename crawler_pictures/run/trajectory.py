@@ -29,29 +29,42 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         s, n = body.springs, body.contacts
         least, most = stasis_bounds(run.tension, target[:, s : s + n], target[:, s + n : s + 2 * n])
     gains = None
-    if run.per_period.size:
+    turns = body.turning is not None
+    notes = [f"simulated: {run.method}, {run.ticks} ticks at {run.rate:g} Hz"]
+    if turns:
+        notes += _describe_turning(run)
+    if run.per_period.size and not turns:
         gained = run.per_period.reshape(run.per_period.shape[0], -1)[:, 0]
         gains = Gains(gained, np.zeros(gained.size, bool))
     period = drive.period
     places = body.position + run.displacement
     return RunArrays(
         title=scene.name,
-        notes=(f"simulated: {run.method}, {run.ticks} ticks at {run.rate:g} Hz",),
+        notes=tuple(notes),
         time=run.time,
         positions=places,
         state=run.contact_state if body.dimension == 1 else np.abs(run.contact_state),
         net_translation=run.net_translation,
-        tension=run.tension,
+        tension=run.tension[:, : body.springs],
         least=least,
         most=most,
         contacts=name_every_contact(body),
-        links=name_every_spring(body),
+        links=name_every_spring(body)[: body.springs],
         place=body.position,
         ends=body.ends,
         commands=sort_commands(drive.columns, rows),
         cycles=np.zeros(0) if period is None else np.arange(0.0, float(run.time[-1]), period),
         gains=gains,
         jumps=run.jumps,
-        scene=scene,
-        force=planar_forces(scene, run.tension, rows),
+        scene=None if turns else scene,  # the friction of a body that turns has no fixed directions to draw
+        force=None if turns else planar_forces(scene, run.tension, rows),
     )
+
+
+def _describe_turning(run: Trajectory) -> list[str]:
+    """Describe how a body turned, and its gain in the last period."""
+    found = [f"turned by {run.yaw[-1] - run.yaw[0]:.6g} rad; tensions are those of the links"]
+    if run.per_period.size:
+        dx, dy, dyaw = run.per_period[-1]
+        found.append(f"last period: {dx:.6g} m along its heading, {dy:.6g} m to the left, turned by {dyaw:.6g} rad")
+    return found

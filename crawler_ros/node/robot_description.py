@@ -15,6 +15,7 @@ import numpy as np
 from crawler_model import CrawlerError, Scene, load_scene
 from crawler_model.body.body import Body
 from crawler_model.body.names import name_joints
+from crawler_model.body.plan import refuse_turning
 
 from ..wire.states import station_names, tree_of_joints
 
@@ -36,6 +37,7 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     Returns:
         The XML text.
     """
+    refuse_turning(scene, "robot_description")
     body = scene.body
     planar = body.dimension == 2
     place = np.zeros((body.stations.size, 3))

@@ -13,7 +13,8 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
-from crawler_model.run.simulate import TimedJump
+from crawler_model.body.plan import refuse_turning
+from crawler_model.run.trajectory import TimedJump
 
 from ..recording.attachments import other_versions
 from ..recording.bag import BagError, recorded_scene
@@ -191,6 +192,7 @@ def analyse(
     rate = find_rate(survey, robot)
     recorded = recorded_scene(survey.path, survey.attachments)
     other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
+    refuse_turning(scene, "replay")
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and is_planar(survey, robot))
     finder, yields = SlipSink(), YieldSink(scene)

@@ -15,7 +15,7 @@ from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
 from .parts import parts_of

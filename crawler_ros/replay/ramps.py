@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 
 from .cycles import CommandPath, signature_weights
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 
 from .frames import FRAME_EVERY_NS, frame_of
 

@@ -19,7 +19,7 @@ from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.motion.jump import Jump
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.ground import has_stasis_bounds, local_bounds
 
 from ..recording.recorded_robot import Robot, noted_robot

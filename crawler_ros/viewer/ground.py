@@ -9,7 +9,7 @@ import numpy as np
 from crawler_model import Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.colors import JUMP, rgb
 from crawler_pictures.ground import Section, list_sections, trace_profile
 
@@ -144,7 +144,7 @@ class JumpMarks:
         self._stream.log(
             "world/jumps",
             self._rr.Arrows2D(
-                origins=[(jump.border - origin, -0.15 * self._length) for jump in self._marked],
+                origins=[((jump.border or 0.0) - origin, -0.15 * self._length) for jump in self._marked],
                 vectors=[(jump.distance, 0.0) for jump in self._marked],
                 colors=[rgb(JUMP)],
                 radii=0.008 * self._length,
@@ -158,7 +158,7 @@ class JumpMarks:
         self._stream.log(
             "world/jumps/text",
             self._rr.Points2D(
-                [(p[0].border + 0.5 * distance[k] - origin, -0.24 * self._length) for k, p in whole.items()],
+                [((p[0].border or 0.0) + 0.5 * distance[k] - origin, -0.24 * self._length) for k, p in whole.items()],
                 labels=[f"{self._names[key[0]]} jumps {distance[key]:.4g} m" for key in whole],
                 colors=[(235, 235, 235)],
                 radii=self._rr.Radius.ui_points(0.0),

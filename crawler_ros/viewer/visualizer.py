@@ -20,7 +20,7 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 
 from ..recording.recorded_robot import Robot
 from .body import PlaneView, TrackView

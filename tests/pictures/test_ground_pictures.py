@@ -13,7 +13,7 @@ pytest.importorskip("matplotlib")
 from PIL import Image
 
 from crawler_model import Crawler, Scene, load_scene, simulate
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.body import draw_body
 from crawler_pictures.colors import JUMP, rgb
 from crawler_pictures.ground import list_sections, trace_profile

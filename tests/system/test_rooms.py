@@ -48,6 +48,7 @@ ROOMS = {
         "motion.line.ground",
         "motion.plane",
         "motion.plane.parts",
+        "motion.turning",
         "motion",
         "body",
     ),

@@ -12,7 +12,7 @@ from ...body.body import Body
 from ...body.plan import Plan
 from ...errors import CommandError
 from ..jump import Jump
-from ..state import VISITED, record_spent
+from ..state import DISSIPATION, LOADS_WORK, SPENT, VISITED, WORK
 from .elastic import pull, strain
 from .frame import Frame, build_frame
 from .friction import measure_margins
@@ -207,7 +207,8 @@ class TurningMotion:
                 records[v, 2 * n : 4 * n] = 0.0
                 records[v, 4 * n : 4 * n + parts] = moving.tension
                 if records.shape[1] > 4 * n + parts:
-                    record_spent(account, records[v])
+                    lost = account[DISSIPATION] + account[LOADS_WORK]
+                    records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
         vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed
             account[VISITED] = state.visited_margin(state.force)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from crawler_model.body.drive import NS
-from crawler_model.run.simulate import TimedJump
+from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.run.pixels import join_states
 
 from ...recording.layouts import JOINT_STATE, TRAJECTORY
