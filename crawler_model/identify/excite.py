@@ -267,9 +267,8 @@ class _Search:
         predicted = self.replica.predict(values)
         if predicted is None:
             return None
-        jacobian = predicted.jacobian * (self.space.slope(values) / self.noise)
+        jacobian = predicted.jacobian * (self.space.slope(values) / self.noise)[:, None]
         contacts = self.replica.measured.on_ground
-        on_ground = jacobian[:, contacts]
-        jacobian[:, contacts] -= on_ground.mean(axis=(0, 1)) if on_ground.size else 0.0
-        flat = jacobian.reshape(-1, values.size)
-        return np.asarray(flat.T @ flat)
+        on_ground = jacobian[contacts]
+        jacobian[contacts] -= on_ground.mean(axis=(0, 2))[:, None] if on_ground.size else 0.0
+        return np.asarray(np.einsum("mpt,mqt->pq", jacobian, jacobian, optimize=True))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..scene.scene import Scene
 from .fit.misfit import Misfit
+from .forecast.posterior import Posterior
 from .judge.explain import Explanation
 from .judge.held_out import HeldOut
 from .judge.sensors import SensorNumber
@@ -40,8 +41,7 @@ class Identification:
         offsets: what was added to the model for each recording, shape (M,) [m].
         drifts: what their offsets change by over each recording, shape (M,) [m].
         noises: estimated standard deviation of each channel, for each recording, shape (M,) [m].
-        covariance: of the values of the parameters that are identified or known as ratios, shape (P, P); zero in the
-            rows and columns of others.
+        posterior: the values of the parameters as a distribution, for predictions and gaits.
         interrupted: whether Ctrl-C ended the search before all starts were tried.
     """
 
@@ -63,7 +63,7 @@ class Identification:
     offsets: tuple[np.ndarray, ...]
     drifts: tuple[np.ndarray, ...]
     noises: tuple[np.ndarray, ...]
-    covariance: np.ndarray
+    posterior: Posterior
     interrupted: bool
 
     def playback(self, recording: int = 0) -> Scene:
@@ -91,17 +91,12 @@ class Identification:
         Returns:
             Plain numbers, lists and text, schema 1.
         """
-        determined = [k for k, p in enumerate(self.parameters) if self.covariance[k, k] > 0.0]
         return {
             "schema": 1,
             "scene": self.scene.name,
             "parameters": [p.as_plain() for p in self.parameters],
             "sensors": [one.as_plain() for one in self.sensors],
-            "posterior": {
-                "names": [self.parameters[k].name for k in determined],
-                "values": [self.parameters[k].value for k in determined],
-                "covariance": self.covariance[np.ix_(determined, determined)].tolist(),
-            },
+            "posterior": self.posterior.as_plain(),
             "residual": self.residual,
             "noise": self.noise,
             "held_out": self.held_out,

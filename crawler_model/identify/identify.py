@@ -13,12 +13,12 @@ from ..derivative.sensitivities import check_differentiable
 from ..errors import CrawlerError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
-from ..sweep.vary import Variations
 from .fit.fit import Fit, find_fit, fit_from
 from .fit.minima import average_derivatives, explore_minima
 from .fit.misfit import find_where, measure_misfit
 from .fit.problem import Offset, Problem
 from .fit.space import build_space
+from .forecast.posterior import collect_posterior
 from .identification import Identification
 from .judge.bounds import release
 from .judge.explain import explain_misfit, remark
@@ -72,7 +72,7 @@ def identify(
         starts: number of starts, unless an earlier one leads to a fit.
         seed: of the random starts.
         progress: called with the fraction done, in [0, 1].
-        seconds: time in which more starts are tried as long as none leads to a fit [s].
+        seconds: time in which more starts are tried as long as none leads to a fit [s]; 0 for the first start alone.
 
     Returns:
         The result.
@@ -178,6 +178,8 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
                     moved[p] += max(shifts[0], 0.0) * space.logarithmic[p]
         for p in structure.held:
             moved[p] = origin[p]
+        if np.array_equal(moved, fit.unknowns):  # there the sum of squares is least already
+            return fit, structure
         again = fit_from(problem, moved, held, tight=True, most=40)
         if again is None or again.cost > fit.cost + _INDIFFERENT:
             return fit, structure
@@ -206,8 +208,9 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     parameters = judge(problem, fit, structure, below, above)
     unknown = [*structure.free(count), *range(count, problem.count)]
     covariance = np.zeros((problem.count, problem.count))
-    covariance[np.ix_(unknown, unknown)] = find_covariance(problem, fit, fit.mean_jacobian, unknown)[0]
-    sensors = judge_sensors(problem, fit, covariance)
+    own, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)
+    covariance[np.ix_(unknown, unknown)] = own
+    sensors = judge_sensors(problem, fit, covariance, freedom)
     misfits = tuple(measure_misfit(problem, fit.residuals))
     score = score_held_out(problem, fit, covariance)
     where = find_where(misfits)
@@ -218,8 +221,10 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
     used = np.concatenate([r[p] for r, p in zip(fit.residuals.all, problem.present, strict=True)])
     noises = tuple(np.array([noise.size for noise in one]) for one in problem.noises)
+    plain = [parameter.as_plain() for parameter in parameters]
+    posterior = collect_posterior(plain, covariance[:count, :count] * np.outer(slope, slope), freedom)
     return Identification(
-        _with_values(scene, problem, parameters),
+        posterior.apply(scene),
         tuple(remark(p, explanations) for p in parameters),
         sensors,
         float(np.sqrt(np.mean(used**2))),
@@ -237,7 +242,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         tuple(_spread(problem, fit, i, False) for i in range(len(problem.replicas))),
         tuple(_spread(problem, fit, i, True) for i in range(len(problem.replicas))),
         noises,
-        covariance[:count, :count] * np.outer(slope, slope),
+        posterior,
         fit.interrupted,
     )
 
@@ -265,16 +270,3 @@ def _spread(problem: Problem, fit: Fit, i: int, drifts: bool) -> np.ndarray:
         return np.asarray(problem.designs[i][0, :, :count] @ linear[:count])
     part = problem.designs[i][-1, :, count:] - problem.designs[i][0, :, count:]
     return np.asarray(part @ linear[count:])
-
-
-def _with_values(scene: Scene, problem: Problem, parameters: Sequence[Parameter]) -> Scene:
-    """Build the scene with the values found; those that are only bounded stay as near to the scene's as they may."""
-    values = {}
-    for p, origin in zip(parameters, problem.space.origin, strict=True):
-        low, high = p.interval
-        if p.verdict == "bound":
-            value = min(max(float(origin), -np.inf if low is None else low), np.inf if high is None else high)
-            values[p.name] = np.array([value])
-        elif p.value is not None:
-            values[p.name] = np.array([p.value])
-    return Variations(scene, values, (1,))[0] if values else scene

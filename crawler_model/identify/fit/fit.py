@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...errors import CrawlerError
-from .balance import estimate, see
 from .misfit import measure_misfit
 from .problem import Problem, Residuals
+from .starts import generate_starts, kick, reach_held
 
-_DRAWS = 6
-"""Random values that are compared for each start."""
-_NEIGHBOURS = (0.03, -0.03, 0.1, -0.1)
-"""Steps of the logarithms of neighbours of the first start."""
 _NOTHING = 1e-10
 """A column below this part of the largest one is zero."""
 _NULL = 1e-13
@@ -33,10 +28,6 @@ _AGREE = 2
 _FITS, _NEARLY = 1.1, 1.5
 """Residuals of at most this many times the noise are noise; or nearly, if unrelated starts agree."""
 _REFITS = (3, 2)
-_APART = 0.01
-"""Difference of the coordinates of starts that are not the same."""
-_KICK = 0.2
-"""Standard deviation of the steps from the best fit so far, for half of the coordinates."""
 _TRIES = 40
 """Evaluations for each start."""
 _PATIENT = 200
@@ -45,6 +36,8 @@ _SLOW = 1e-2
 """Relative decrease of the sum of squares below which a start leads nowhere."""
 _EXACT = 0.05
 """Whitened residuals whose mean square is below this are rounding."""
+_ROUGH = 1e-4
+"""Likewise of a large recording before its noise is estimated."""
 _SETTLED = (1e-2, 1e-1)
 """Decreases of the sum of squares, in units of the noise, that no interval shows; for large recordings the second."""
 
@@ -75,7 +68,9 @@ class Fit:
     reached: int = 1
 
 
-def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool, most: int = 60) -> Fit | None:
+def fit_from(
+    problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool, most: int = 60, part: float = 0.0
+) -> Fit | None:
     """Minimise the residuals from one start, by the method of Levenberg and Marquardt.
 
     Steps have no part in null directions of the Jacobian, so that what is not determined keeps its start value.
@@ -86,6 +81,7 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
         held: unknowns that keep their start value, bool, shape (U,).
         tight: whether to converge to rounding.
         most: largest number of evaluations.
+        part: relative decrease of the sum of squares that is not worth another evaluation [1].
 
     Returns:
         The fit; None if no motion exists at the start.
@@ -96,8 +92,14 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
     if now is None:
         return None
     cost, damping, quiet, refused = cost_of(now), 0.0, 0, False
+    patience = 3 if not tight else 1 if problem.is_large else 2
     for _ in range(most):
         step = compute_step(now, unknowns, held, problem.bounds, damping)
+        exact = tight and cost < _EXACT * now.fitted.size
+        enough = 1e-13 * cost if exact else _SETTLED[problem.is_large] if tight else _SLOW * cost
+        enough = max(enough, part * cost)
+        if patience == 1 and damping == 0.0 and -float(now.fitted @ (now.jacobian @ step)) <= enough:
+            break
         moved = np.clip(unknowns + step, low, high)
         if np.abs(moved - unknowns).max(initial=0.0) <= _SHORTEST * (1.0 + np.abs(unknowns).max(initial=0.0)):
             break
@@ -108,14 +110,12 @@ def fit_from(problem: Problem, start: np.ndarray, held: np.ndarray, tight: bool,
             if damping > _MOST_DAMPING:
                 break
             continue
-        exact = tight and cost < _EXACT * now.fitted.size
-        enough = 1e-13 * cost if exact else _SETTLED[problem.is_large] if tight else _SLOW * cost
         quiet = quiet + 1 if cost - later <= enough else 0
         unknowns, now, cost = moved, then, later
         if not refused:
             damping = damping / _HARDER if damping > _DAMPING else 0.0
         refused = False
-        if quiet == (2 if tight else 3):
+        if quiet == patience:
             break
     return Fit(unknowns, cost, now, now.jacobian, np.zeros((unknowns.size, unknowns.size)))
 
@@ -143,12 +143,12 @@ def compute_step(
     low, high = bounds
     gradient = jacobian.T @ residuals
     out = ((unknowns <= low) & (gradient > 0.0)) | ((unknowns >= high) & (gradient < 0.0))
-    size = np.linalg.norm(jacobian, axis=0)
+    normal = jacobian.T @ jacobian
+    size = np.sqrt(np.diag(normal))
     free = np.flatnonzero(~held & ~out & (size > _NOTHING * size.max(initial=0.0)))
     step = np.zeros(unknowns.size)
     if free.size:
-        scaled = jacobian[:, free] / size[free]
-        values, vectors = np.linalg.eigh(scaled.T @ scaled)
+        values, vectors = np.linalg.eigh(normal[np.ix_(free, free)] / np.outer(size[free], size[free]))
         seen = values > _NULL * values[-1]
         share = np.where(seen, 1.0 / np.where(seen, values + damping * values[-1], 1.0), 0.0)
         step[free] = -(vectors @ (share * (vectors.T @ (gradient[free] / size[free])))) / size[free]
@@ -181,7 +181,7 @@ def find_fit(
         problem: the problem; its noise is estimated.
         coarse: the same with fewer rows, on which the starts are compared.
         starts: number of starts, unless an earlier one leads to a fit.
-        seconds: time in which more are tried as long as none does [s].
+        seconds: time in which more are tried as long as none does [s]; 0 for the first start alone.
         rng: source of random numbers.
         progress: called with the fraction done, in [0, 1].
 
@@ -196,14 +196,18 @@ def find_fit(
     interrupted = False
     costs: list[float] = []
     ends: list[tuple[float, str]] = []
+    nearby: list[np.ndarray] = []
+    left = np.inf
     begin = time.monotonic()
     try:
-        for k, (family, start) in enumerate(_starts(coarse, rng)):
+        for k, (family, start) in enumerate(generate_starts(coarse, rng)):
             spent = (time.monotonic() - begin) / seconds if seconds else np.inf
-            if k >= starts and spent >= 1.0:
+            if spent >= 1.0 and (k >= starts or (seconds == 0.0 and best is not None)):
                 break
             if family == "kick" and best is not None:
-                start = _kick(coarse, best, rng)
+                if best.cost < left * (1.0 - _SAME_MINIMUM):
+                    left, nearby = best.cost, reach_held(coarse, best.unknowns, best.residuals.jacobian)
+                start = nearby.pop() if nearby else kick(coarse, best.unknowns, rng)
             found = None if start is None else fit_from(coarse, start, held, tight=False, most=_TRIES)
             if progress is not None:
                 progress(0.6 * min((k + 1) / starts, max(spent, 0.01)))
@@ -225,7 +229,7 @@ def find_fit(
         raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
     if coarse is not problem and not interrupted:  # to go on there costs less
         best = fit_from(coarse, best.unknowns, held, tight=True, most=_PATIENT) or best
-    fit = refit(problem, best.unknowns, progress)
+    fit = refit(problem, best.unknowns, progress, 0.0 if coarse is problem else _ROUGH)
     reached = sum(cost <= (1.0 + _SAME_MINIMUM) * best.cost for cost in costs)
     return replace(fit, interrupted=interrupted, starts=len(costs), reached=reached)
 
@@ -235,13 +239,16 @@ def _find_size(problem: Problem, fit: Fit) -> float:
     return max((size.ratio for size in measure_misfit(problem, fit.residuals)), default=1.0)
 
 
-def refit(problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None = None) -> Fit:
+def refit(
+    problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None = None, part: float = 0.0
+) -> Fit:
     """Fit and estimate the noise in turn.
 
     Args:
         problem: the problem; its noise is estimated.
         unknowns: the start, shape (U,), at which a motion exists.
         progress: called with the fraction done, in [0, 1].
+        part: as for `fit_from`, as long as the noise is not estimated [1].
 
     Returns:
         The fit.
@@ -251,67 +258,10 @@ def refit(problem: Problem, unknowns: np.ndarray, progress: Callable[[float], No
     for k in range(_REFITS[problem.is_large]):
         if fit is not None:
             problem.estimate_noise(fit.residuals)
-        fit = fit_from(problem, unknowns if fit is None else fit.unknowns, held, tight=True)
+        at, rough = (unknowns, part) if fit is None else (fit.unknowns, 0.0)
+        fit = fit_from(problem, at, held, tight=True, part=rough)
         assert fit is not None
         if progress is not None:
             progress(0.6 + 0.1 * (k + 1))
     assert fit is not None
     return fit
-
-
-def _starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[str, np.ndarray | None]]:
-    """Generate starts without end, each with what it is related to.
-
-    These are the balance of forces, neighbours of it, the scene's values, then in turn kicks of the best fit so far
-    (None), and draws, every second one improved by the balance.
-    """
-    seen = [see(r, rows) for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
-    known = [one for one in seen if one is not None]
-    complete = len(known) == len(seen)
-    first = estimate(known, problem.space, problem.space.origin, problem.sensor, False) if complete else None
-    if first is not None:
-        yield "balance", _start_at(problem, *first)
-        for step in _NEIGHBOURS:
-            values = np.where(problem.space.logarithmic, first[0] * np.exp(step), first[0])
-            yield "balance", _start_at(problem, np.clip(values, problem.space.low, problem.space.high), first[1])
-    yield "scene", problem.unknowns(problem.space.origin)
-    earlier = [] if first is None else [problem.space.to_coordinates(first[0])]
-    for k in itertools.count():
-        yield from (("kick", None), ("kick", None))
-        values = problem.space.draw(rng)
-        balanced = estimate(known, problem.space, values, problem.sensor, True) if complete and k % 2 == 0 else None
-        if balanced is not None:
-            place = problem.space.to_coordinates(balanced[0])
-            if all(np.abs(place - one).max() > _APART for one in earlier):
-                earlier.append(place)
-                yield f"draw {k}", _start_at(problem, *balanced)
-            complete = len(earlier) > k // 2  # as long as other minima of the balance are found
-        else:
-            yield f"draw {k}", _draw(problem, rng)
-
-
-def _start_at(problem: Problem, values: np.ndarray, lag: float) -> np.ndarray:
-    """Build a start from values of the parameters and a lag, shape (U,)."""
-    unknowns = problem.unknowns(values)
-    if "lag" in problem.names:
-        unknowns[[problem.places(i)[problem.names.index("lag")] for i in range(len(problem.replicas))]] = lag
-    return unknowns
-
-
-def _kick(problem: Problem, fit: Fit, rng: np.random.Generator) -> np.ndarray:
-    """Move the parameters of the best fit so far, as far as a wrong minimum may be from the right one, shape (U,)."""
-    count = problem.space.origin.size
-    moved = fit.unknowns.copy()
-    moved[:count] += _KICK * rng.normal(size=count) * rng.integers(0, 2, count)
-    return np.clip(moved, *problem.bounds)
-
-
-def _draw(problem: Problem, rng: np.random.Generator) -> np.ndarray | None:
-    """Draw several values; return the unknowns with the least residuals."""
-    best, least = None, np.inf
-    for _ in range(_DRAWS):
-        unknowns = problem.unknowns(problem.space.draw(rng))
-        found = problem.compute(unknowns)
-        if found is not None and cost_of(found) < least:
-            best, least = unknowns, cost_of(found)
-    return best

@@ -12,6 +12,8 @@ from .problem import Problem, Residuals
 
 FITS = 1.3
 """Residuals of at most this many times the noise are called noise."""
+_REPEATED = 1.2
+"""Noise at rest of at most this many times that of the cycles is noise."""
 _PHASES = 8
 _PARTS = 24
 _PERIODIC = 0.9
@@ -89,9 +91,12 @@ def measure_misfit(problem: Problem, residuals: Residuals) -> list[Misfit]:
             time, error, values = measured.time[rows], residuals.all[i][rows, m], measured.values[rows, m]
             outlier = find_spikes(error, problem.floor)
             kept = error[~outlier]
-            known = [find_noise_at_rest(error, residuals.resting[i][rows, m] & ~outlier)]
-            known += [find_noise_of_cycles(time[~outlier], kept, period)] if period else []
-            shown = [one for one in known if one is not None]
+            rest = find_noise_at_rest(error, residuals.resting[i][rows, m] & ~outlier)
+            cycles = find_noise_of_cycles(time[~outlier], kept, period) if period else None
+            if rest is not None and cycles is not None:
+                # where the model rests and the contact slides, errors repeat in every cycle, which noise does not
+                rest = min(rest, _REPEATED * cycles)
+            shown = [one for one in (rest, cycles) if one is not None]
             # no misfit is white: what is white in the residuals is noise
             noise = max(*shown, problem.noises[i][m].white, problem.pixels[i][m] / np.sqrt(12.0), problem.floor)
             phases = _measure_phases(time[~outlier], kept, period)

@@ -6,6 +6,7 @@ V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413), so that only parameters, lags a
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -37,6 +38,7 @@ class Residuals:
         fitted: those that are fitted, whitened, channel by channel, then the priors, shape (R,) [1].
         jacobian: the derivatives of `fitted` with respect to the unknowns, shape (R, U).
         linear: offsets, then drifts that fit best, per recording, shape (Q,) [m].
+        d_linear: their derivatives with respect to the parameters and the sensor's numbers, shape (Q, P + names).
         one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
     """
 
@@ -45,6 +47,7 @@ class Residuals:
     fitted: np.ndarray
     jacobian: np.ndarray
     linear: tuple[np.ndarray, ...]
+    d_linear: tuple[np.ndarray, ...]
     one_sided: np.ndarray
 
 
@@ -56,7 +59,7 @@ class Channel:
         rows: their indices, shape (R,).
         whitening: of their noise.
         own: the offsets and drifts that they have, shape (K,).
-        linear: whitened derivatives with respect to these, shape (R, K).
+        linear: whitened derivatives with respect to these, shape (K, R).
     """
 
     rows: np.ndarray
@@ -120,7 +123,7 @@ class Problem:
                 rows = np.flatnonzero(self.present[i][:, m])
                 whitening = build_whitening(noise, time[rows], extra[i][m])
                 own = np.flatnonzero(self.designs[i][:, m].any(axis=0))
-                found.append(Channel(rows, whitening, own, whitening.apply(self.designs[i][rows, m][:, own])))
+                found.append(Channel(rows, whitening, own, whitening.apply(self.designs[i][rows, m][:, own].T)))
             self.channels.append(found)
         self.grams = [self._gram(i) for i in range(len(self.replicas))]
         self._last: tuple[bytes, Residuals | None] | None = None
@@ -227,40 +230,47 @@ class Problem:
     def _compute(self, unknowns: np.ndarray) -> Residuals | None:
         count = self.space.origin.size
         one_sided = np.zeros(count, np.bool_)
-        found, resting, linear, fitted, jacobians = [], [], [], [], []
+        found, resting, linears, parts = [], [], [], []
         for i in range(len(self.replicas)):
             observed = self._observe(unknowns, i)
             if observed is None:
                 return None
             raw, rest, sided = observed
             whitened, own = self.project(i, raw)
-            found.append(raw[..., 0] - np.einsum("tmq,q->tm", self.designs[i], own[:, 0]))
+            found.append(raw[:, 0].T - np.einsum("tmq,q->tm", self.designs[i], own[:, 0]))
             resting.append(rest)
-            linear.append(-own[:, 0])
-            fitted.append(whitened[:, 0])
-            wide = np.zeros((whitened.shape[0], self.count))
-            wide[:, :count], wide[:, self.places(i)] = whitened[:, 1 : 1 + count], whitened[:, 1 + count :]
-            jacobians.append(wide)
+            linears.append(-own)
+            parts.append(whitened)
             one_sided |= sided
-        for name in self.names:
+        fitted, jacobian = self._join(unknowns, parts)
+        linear, d_linear = tuple(one[:, 0] for one in linears), tuple(one[:, 1:] for one in linears)
+        return Residuals(tuple(found), tuple(resting), fitted, jacobian.T, linear, d_linear, one_sided)
+
+    def _join(self, unknowns: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Join the residuals of all recordings and priors, shape (R,), and their derivatives, shape (U, R)."""
+        count, names = self.space.origin.size, len(self.names)
+        size = sum(part.shape[1] for part in parts) + names * len(parts)
+        fitted, jacobian = np.empty(size), np.zeros((self.count, size))
+        place = 0
+        for i, part in enumerate(parts):
+            rows = slice(place, place + part.shape[1])
+            fitted[rows] = part[0]
+            jacobian[:count, rows] = part[1 : 1 + count]
+            jacobian[self.places(i), rows] = part[1 + count :]
+            place = rows.stop
+        for k, name in enumerate(self.names):
             mean, deviation = getattr(self.sensor, name)
-            at = [self.places(i)[self.names.index(name)] for i in range(len(self.replicas))]
-            fitted.append((unknowns[at] - mean) / deviation)
-            jacobians.append(np.eye(self.count)[at] / deviation)
-        return Residuals(
-            tuple(found),
-            tuple(resting),
-            np.concatenate(fitted),
-            np.concatenate(jacobians),
-            tuple(linear),
-            one_sided,
-        )
+            for i in range(len(parts)):
+                at = self.places(i)[k]
+                fitted[place], jacobian[at, place] = (unknowns[at] - mean) / deviation, 1.0 / deviation
+                place += 1
+        return fitted, jacobian
 
     def _observe(self, unknowns: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Compute what the sensor of a recording would show, less what it showed, and its derivatives.
 
         Returns:
-            Residuals and derivatives with respect to parameters and sensor, shape (T, M, 1 + P + names); which channels
+            Residuals and derivatives with respect to parameters and sensor, shape (M, 1 + P + names, T); which channels
             rest, shape (T, M); parameters whose derivative is one-sided, shape (P,). None if there is no motion.
         """
         replica, count = self.replicas[i], self.space.origin.size
@@ -272,16 +282,16 @@ class Problem:
         ground = replica.measured.on_ground
         scale = 1.0 + sensor["scale"] * ground
         parts = {
-            "lag": -predicted.velocity * scale,
-            "scale": predicted.values * ground,
-            "gain": predicted.jacobian[..., -1] * scale,
+            "lag": (-predicted.velocity * scale).T,
+            "scale": (predicted.values * ground).T,
+            "gain": predicted.jacobian[:, -1] * scale[:, None],
         }
-        raw = np.empty((*predicted.values.shape, 1 + count + len(self.names)))
-        raw[..., 0] = predicted.values * scale - replica.measured.values
-        slope = self.space.slope(values)
-        raw[..., 1 : 1 + count] = predicted.jacobian[..., :count] * (slope * scale[:, None])
+        raw = np.empty((ground.size, 1 + count + len(self.names), predicted.values.shape[0]))
+        raw[:, 0] = (predicted.values * scale - replica.measured.values).T
+        slopes = (self.space.slope(values) * scale[:, None])[:, :, None]
+        np.multiply(predicted.jacobian[:, :count], slopes, out=raw[:, 1 : 1 + count])
         for k, name in enumerate(self.names):
-            raw[..., 1 + count + k] = parts[name]
+            raw[:, 1 + count + k] = parts[name]
         return raw, predicted.velocity == 0.0, predicted.one_sided
 
     def project(self, recording: int, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -289,32 +299,36 @@ class Problem:
 
         Args:
             recording: its index.
-            raw: shape (T, M, C) [m].
+            raw: shape (M, C, T) [m].
 
         Returns:
-            The fitted rows, channel by channel, then those of the priors of drifts, shape (R, C); and the offsets and
+            The fitted rows, channel by channel, then those of the priors of drifts, shape (C, R); and the offsets and
             drifts that explain most, shape (Q, C).
         """
-        channels = self.channels[recording]
-        deviation = self.sensor.drift.deviation
-        parts = [c.whitening.apply(raw[c.rows, m]) for m, c in enumerate(channels)]
-        gram = self.grams[recording]
-        moment = np.zeros((gram.shape[0], raw.shape[-1]))
-        for channel, part in zip(channels, parts, strict=True):
-            moment[channel.own] += channel.linear.T @ part
+        channels, gram = self.channels[recording], self.grams[recording]
+        ends = np.cumsum([0, *(channel.rows.size for channel in channels)])
+        places = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
+        whitened = np.empty((raw.shape[1], ends[-1] + self._count_drifts(recording)))
+        moment = np.zeros((gram.shape[0], raw.shape[1]))
+        for channel, rows, part in zip(channels, places, raw, strict=True):
+            shown = part if channel.rows.size == part.shape[1] else part[:, channel.rows]
+            channel.whitening.apply(shown, whitened[:, rows])
+            moment[channel.own] += channel.linear @ whitened[:, rows].T
         seen = np.diag(gram) > 0.0
         own = np.zeros(moment.shape)
         own[seen] = np.linalg.solve(gram[np.ix_(seen, seen)], moment[seen])
-        rows = [part - channel.linear @ own[channel.own] for channel, part in zip(channels, parts, strict=True)]
-        drifts = own[self.offsets[recording] :] / deviation if deviation > 0.0 else own[:0]
-        return np.concatenate([*rows, -drifts]), own
+        for channel, rows in zip(channels, places, strict=True):
+            whitened[:, rows] -= own[channel.own].T @ channel.linear
+        if self.sensor.drift.deviation > 0.0:
+            whitened[:, ends[-1] :] = -own[self.offsets[recording] :].T / self.sensor.drift.deviation
+        return whitened, own
 
     def _gram(self, recording: int) -> np.ndarray:
         """Compute the information on the offsets and drifts of a recording, with the priors of drifts, shape (Q, Q)."""
         count, deviation = self.designs[recording].shape[-1], self.sensor.drift.deviation
         found = np.zeros((count, count))
         for channel in self.channels[recording]:
-            found[np.ix_(channel.own, channel.own)] += channel.linear.T @ channel.linear
+            found[np.ix_(channel.own, channel.own)] += channel.linear @ channel.linear.T
         drifts = range(self.offsets[recording], count)
         found[drifts, drifts] += deviation**-2 if deviation > 0.0 else 0.0
         return found
@@ -327,11 +341,11 @@ class Problem:
             recording: its index.
 
         Returns:
-            Shape (T, M, P + names) [m].
+            Shape (M, P + names, T) [m].
         """
         observed = self._observe(unknowns, recording)
         assert observed is not None
-        return observed[0][..., 1:]
+        return observed[0][:, 1:]
 
     def slices(self) -> list[list[slice]]:
         """List the rows of `Residuals.fitted` that belong to each channel of each recording.
@@ -345,9 +359,14 @@ class Problem:
             for channel in channels:
                 mine.append(slice(place, place + channel.rows.size))
                 place += channel.rows.size
-            place += self.designs[i].shape[-1] - self.offsets[i] if self.sensor.drift.deviation > 0.0 else 0
+            place += self._count_drifts(i)
             found.append(mine)
         return found
+
+    def _count_drifts(self, recording: int) -> int:
+        """Count the priors of the drifts of a recording."""
+        known = self.sensor.drift.deviation > 0.0
+        return self.designs[recording].shape[-1] - self.offsets[recording] if known else 0
 
 
 def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,7 @@ class Posterior:
         held: parameters whose value in the scene fixes the scale of ratios, with this value.
         groups: parameters of which only ratios are known, those that are held included.
         unknown: parameters that the record does not excite.
+        freedom: degrees of freedom from which the size of the covariance was estimated; infinite if it is known [1].
     """
 
     names: tuple[str, ...]
@@ -44,6 +45,7 @@ class Posterior:
     held: Mapping[str, float] = field(default_factory=dict)
     groups: tuple[tuple[str, ...], ...] = ()
     unknown: tuple[str, ...] = ()
+    freedom: float = np.inf
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -65,6 +67,10 @@ class Posterior:
             if not np.isfinite(array).all():
                 place = np.argwhere(~np.isfinite(array))[0].tolist()
                 raise CrawlerError(f"posterior: {what}{place}: {array[tuple(place)]}; it must be finite")
+        if not self.freedom >= 1.0:
+            raise CrawlerError(
+                f"posterior: freedom: {self.freedom:g}; it must be at least 1, or null if it is not known"
+            )
         covariance = covariance.reshape(count, count)
         _check_covariance(names, covariance)
         object.__setattr__(self, "names", names)
@@ -81,6 +87,7 @@ class Posterior:
             "names": list(self.names),
             "values": self.values.tolist(),
             "covariance": self.covariance.tolist(),
+            "freedom": self.freedom if np.isfinite(self.freedom) else None,
         }
 
     def known_numbers(self) -> tuple[str, ...]:
@@ -260,6 +267,32 @@ def read_posterior(source: str | Path | Mapping[str, Any], scene: Scene | None =
     return posterior
 
 
+def collect_posterior(parameters: Sequence[Mapping[str, Any]], covariance: np.ndarray, freedom: float) -> Posterior:
+    """Collect what an identification knows.
+
+    Args:
+        parameters: the verdicts, as `crawler identify --json` prints them.
+        covariance: of the values of all parameters, shape (P, P); zero in the rows and columns of those that are held.
+        freedom: degrees of freedom from which the size of the covariance was estimated [1].
+
+    Returns:
+        The posterior.
+    """
+    known = np.array([parameter["verdict"] in ("identified", "ratio") for parameter in parameters], np.bool_)
+    determined = np.flatnonzero(known & (np.diag(covariance) > 0.0)).tolist()
+    own = covariance[np.ix_(determined, determined)]
+    size = np.sqrt(np.diag(own))
+    values, vectors = np.linalg.eigh(0.5 * (own + own.T) / np.outer(size, size))  # its rounding may be negative
+    own = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size)
+    entry = {
+        "names": [parameters[k]["name"] for k in determined],
+        "values": [parameters[k]["value"] for k in determined],
+        "covariance": own,
+        "freedom": freedom,
+    }
+    return _from_plain(entry, parameters)
+
+
 def _read_json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
@@ -271,12 +304,13 @@ def _read_json(path: Path) -> Any:
         raise CrawlerError(f"{path}: not JSON in line {error.lineno}: {error.msg}") from None
 
 
-def _from_plain(entry: Mapping[str, Any], listed: list[Mapping[str, Any]]) -> Posterior:
+def _from_plain(entry: Mapping[str, Any], listed: Sequence[Mapping[str, Any]]) -> Posterior:
     """Build a posterior from the entries `posterior` and `parameters`."""
     names = tuple(str(name) for name in entry["names"])
     values = np.array(entry["values"], dtype=np.float64).reshape(-1)
     covariance = np.array(entry["covariance"], dtype=np.float64)
-    posterior = Posterior(names, values, covariance)
+    freedom = entry.get("freedom")
+    posterior = Posterior(names, values, covariance, freedom=np.inf if freedom is None else float(freedom))
     bounds: dict[str, Interval] = {}
     held: dict[str, float] = {}
     groups: list[tuple[str, ...]] = []

@@ -17,11 +17,10 @@ from ...notebook import write_html
 from ...scene.file import coerce_scene, load_drive
 from ...scene.scene import Scene
 from ...sweep.vary import Variations, vary
+from ..sensor.noise import find_quantile
 from .outcome import FARTHEST, TOTALS, Evaluate, Outcome, attempt, explore, find_outcome
 from .posterior import Interval, Posterior, read_posterior
 
-_QUANTILE = 1.959963984540054
-"""Half width of a 95 % interval in standard deviations."""
 _SAMPLES = 400
 """Samples of the positions unless a rate is given."""
 _PERIODS = 10
@@ -165,8 +164,9 @@ def predict(
 ) -> Forecast:
     """Predict what a drive does with an identified body.
 
-    The variance of a result r is g^T C g with its exact derivatives g = dr/dp and the covariance C of the parameters.
-    Where the motion depends on a parameter that is only bounded, the band covers all values that the bound allows.
+    The variance of a result r is g^T C g with its exact derivatives g = dr/dp and the covariance C of the parameters,
+    and its band is that of Student's t with the degrees of freedom from which the noise was estimated. Where the
+    motion depends on a parameter that is only bounded, the band covers all values that the bound allows.
 
     Args:
         scene: the scene that was fitted, on a line, a path or a gallery name.
@@ -284,10 +284,10 @@ def _bands(posterior: Posterior, names: tuple[str, ...], outcomes: list[Outcome]
     """Compute the ends of the bands, of several outcomes those of all together, shape (M,)."""
     rows = [i for i, name in enumerate(posterior.names) if name in names]
     columns = [names.index(posterior.names[i]) for i in rows]
-    factor = posterior.factor[rows]
+    factor, quantile = posterior.factor[rows], find_quantile(posterior.freedom)
     ends = []
     for outcome in outcomes:
-        half = _QUANTILE * np.linalg.norm(outcome.slopes[:, columns] @ factor, axis=1)
+        half = quantile * np.linalg.norm(outcome.slopes[:, columns] @ factor, axis=1)
         half[0] += outcome.transient_left if np.isfinite(outcome.transient_left) else 0.0
         ends.append((outcome.results - half, outcome.results + half))
     return np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..fit.fit import Fit, cost_of
 from ..fit.problem import Problem
-from ..replica.knots import find_limits
+from ..fit.starts import find_reached
 
 _BEYOND = (1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.3)
 """Factors by which a parameter is moved beyond its bound to confirm it."""
@@ -56,16 +56,10 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, tuple
     """
     space = problem.space
     values = space.to_values(fit.unknowns[: space.origin.size])
-    found: dict[tuple[int, bool], Held] = {}
-    for replica in problem.replicas if unseen else ():
-        slack = replica.slack(values)
-        if slack is None:
-            continue
-        for (p, at_least), limit in find_limits(values, slack.distance, slack.derivative).items():
-            known = found.get((p, at_least))
-            if p in unseen and (known is None or (limit.value > known.value) == at_least):
-                time, event = float(slack.time[limit.row]), slack.events[limit.column]
-                found[p, at_least] = Held(limit.value, at_least, replica.measured.name, time, event)
+    found = {}
+    for (p, at_least), (replica, slack, limit) in find_reached(problem, values, unseen).items():
+        time, event = float(slack.time[limit.row]), slack.events[limit.column]
+        found[p, at_least] = Held(limit.value, at_least, replica.measured.name, time, event)
     raised = _raise_others(problem, fit, unseen)
     result: dict[int, tuple[Held, ...]] = {}
     for (p, _), bound in found.items():
@@ -94,7 +88,7 @@ def release(problem: Problem, fit: Fit) -> Fit:
     limits = [p for replica in problem.replicas for p in replica.limits]
     factors |= dict.fromkeys(limits, (1.0 + _RELEASE, 1.0 - _RELEASE))
     size = np.linalg.norm(fit.residuals.jacobian, axis=0)
-    for p in sorted(p for p in factors if _RELEASE * size[p] < _FIRM):
+    for p in sorted(p for p in factors if 0.0 < _RELEASE * size[p] < _FIRM):
         for factor in factors[p]:
             unknowns = fit.unknowns.copy()
             value = problem.space.to_values(unknowns[: problem.space.origin.size])

@@ -166,10 +166,10 @@ def _differentiate(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[lis
             predicted = replica.predict(values, sensor["lag"], sensor["gain"], False, lists[i][some])
             if predicted is None:
                 return
-            scale = (1.0 + sensor["scale"] * replica.measured.on_ground)[:, None]
-            parts.append(problem.project(i, predicted.jacobian[..., count:] * scale)[0])
+            scale = (1.0 + sensor["scale"] * replica.measured.on_ground)[:, None, None]
+            parts.append(problem.project(i, predicted.jacobian[:, count:] * scale)[0].T)
             if first == 0 and lags:
-                late = problem.project(i, -1e-3 * predicted.velocity[..., None])[0]
+                late = problem.project(i, -1e-3 * predicted.velocity.T[:, None])[0].T
                 parts[-1] = np.hstack((parts[-1], late))
         size = sum(part.shape[0] for part in parts)
         left = problem.compute(unknowns)

@@ -105,9 +105,9 @@ def _find_variance(problem: Problem, fit: Fit, i: int, covariance: np.ndarray) -
     """Compute the variance of the residuals of a recording, from noise, unknowns and drifts, shape (T, M)."""
     raw = problem.differentiate(fit.unknowns, i)
     names = [*range(problem.space.origin.size), *problem.places(i)]
-    jacobian = raw - np.einsum("tmq,qu->tmu", problem.designs[i], problem.project(i, raw)[1])
+    jacobian = raw - np.einsum("tmq,qu->mut", problem.designs[i], problem.project(i, raw)[1])
     own = covariance[np.ix_(names, names)]
-    variance = np.einsum("tmu,uv,tmv->tm", jacobian, own, jacobian, optimize=True)
+    variance = np.einsum("mut,uv,mvt->tm", jacobian, own, jacobian, optimize=True)
     # offsets and drifts follow from few independent numbers where noise is slow: their own uncertainty
     design, gram = problem.designs[i], problem.grams[i]
     variance += np.einsum("tmq,qr,tmr->tm", design, np.linalg.pinv(gram), design, optimize=True)

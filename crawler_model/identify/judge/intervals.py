@@ -6,6 +6,7 @@ import numpy as np
 
 from ..fit.fit import Fit, compute_step, cost_of
 from ..fit.problem import Problem
+from ..sensor.noise import find_quantile
 from .verdicts import Structure, find_covariance
 
 _ENOUGH = 0.5
@@ -35,7 +36,8 @@ def find_intervals(problem: Problem, fit: Fit, structure: Structure) -> tuple[np
     low, high = np.full(count, np.inf), np.full(count, np.inf)
     if not free:
         return low, high
-    covariance, quantile = find_covariance(problem, fit, fit.mean_jacobian, unknown)
+    covariance, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)
+    quantile = find_quantile(freedom)
     part = fit.mean_jacobian[:, unknown]
     size = np.maximum(np.linalg.norm(part, axis=0), 1e-300)
     plain = np.diag(np.linalg.pinv((part / size).T @ (part / size), rcond=_NULL, hermitian=True)) / size**2

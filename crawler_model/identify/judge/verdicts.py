@@ -9,7 +9,7 @@ import numpy as np
 
 from ..fit.fit import Fit
 from ..fit.problem import Problem
-from ..sensor.noise import find_rounding
+from ..sensor.noise import find_quantile, find_rounding
 from .bounds import Held, find_bounds
 
 Verdict = Literal["identified", "ratio", "bound", "not excited"]
@@ -169,7 +169,8 @@ def _component(joined: np.ndarray, first: int) -> list[int]:
 
 def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -> tuple[list[int], float] | None:
     """Find the combination of logarithms that the noise hides most, if it hides any."""
-    covariance, quantile = find_covariance(problem, replace(fit, spread=np.zeros_like(fit.spread)), jacobian, free)
+    covariance, freedom = find_covariance(problem, replace(fit, spread=np.zeros_like(fit.spread)), jacobian, free)
+    quantile = find_quantile(freedom)
     logs = [i for i, p in enumerate(free) if problem.space.logarithmic[p]]
     if not logs:
         return None
@@ -220,10 +221,8 @@ def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list
         free: the unknowns.
 
     Returns:
-        The covariance of their coordinates, shape (F, F), and the quantile of Student's t for a 95 % interval.
+        The covariance of their coordinates, shape (F, F), and the degrees of freedom of the noise.
     """
-    from scipy.stats import t
-
     freedom = max(fit.residuals.fitted.size - problem.count, 1)
     part = jacobian[:, free]
     size = np.maximum(np.linalg.norm(part, axis=0), 1e-300)
@@ -243,7 +242,7 @@ def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list
                 middle += (factor**2 - 1.0) * (own.T @ own)
     scale = max(1.0, fit.cost / freedom)
     covariance = scale * (bread @ middle @ bread) / np.outer(size, size) + fit.spread[np.ix_(free, free)]
-    return covariance, float(t.ppf(0.975, freedom))
+    return covariance, float(freedom)
 
 
 def judge(

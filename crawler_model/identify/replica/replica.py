@@ -17,12 +17,12 @@ import numpy as np
 from ...body.curves import BEGIN, END
 from ...body.drive import NS, Drive
 from ...derivative.parameters import Derivatives, constant_arrays, differentiate_arrays
-from ...derivative.path import TangentPath, build_vertices
-from ...errors import CommandError, SceneError
+from ...errors import SceneError
 from ...scene.scene import Scene
 from ...sweep.vary import Variations, vary
 from ..measurements import MeasurementError, Measurements, observation
 from .changes import Change, add_changes, apply_gain, differentiate_gain
+from .follow import begin_path, follow_times
 from .knots import describe, find_distances
 from .playback import is_admissible, replay_scene
 
@@ -37,7 +37,7 @@ class Prediction:
 
     Attributes:
         values: shape (T, M) [m].
-        jacobian: their derivatives with respect to the parameters, the gain and changes, shape (T, M, P + ...).
+        jacobian: their derivatives with respect to the parameters, the gain and changes, shape (M, P + ..., T).
         velocity: their rates of change, shape (T, M) [m/s].
         one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
     """
@@ -86,7 +86,7 @@ class Replica:
         self._keys = tuple(keys)
         self._base = replay_scene(scene, measured)
         for key in keys:
-            if measured.command_names and key.startswith("drive."):
+            if self._is_recorded and key.startswith("drive."):
                 raise SceneError(f"{caller}: {key}: no effect, as the commands of {measured.name} replace the drive")
         try:
             vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
@@ -102,7 +102,7 @@ class Replica:
         far = self._local.values * 1.37 + 0.011 * (self._local.values == 0.0)
         try:
             agrees = not self._base.body.bends and _agree(self._local, self._derive(far))
-            self._affine = agrees and measured.command_names != ()
+            self._affine = agrees and self._is_recorded
         except SceneError:
             self._affine = False
 
@@ -145,7 +145,7 @@ class Replica:
         plan = self._plan(values)
         if plan is None:
             return None
-        found = self._follow(plan[0], plan[1], self.measured.time)
+        found = follow_times(*plan, self.measured.time, self._is_recorded)
         return None if found is None else (plan[0], found[0])
 
     def _derive(self, values: np.ndarray | None) -> Derivatives:
@@ -158,6 +158,10 @@ class Replica:
     def _scene_at(self, values: np.ndarray) -> Scene:
         columns = {key: np.array([value]) for key, value in zip(self._keys, values, strict=True)}
         return Variations(self._base, columns, (1,))[0]
+
+    @property
+    def _is_recorded(self) -> bool:
+        return self.measured.command_names != ()
 
     @property
     def start_values(self) -> np.ndarray:
@@ -202,44 +206,17 @@ class Replica:
         scene, derivatives = apply_gain(*plan, gain)
         changes = (*([differentiate_gain(plan[0])] if with_gain else []), *changes)
         derivatives = add_changes(scene, derivatives, changes)
-        found = self._follow(scene, derivatives, self.measured.time - lag)
+        found = follow_times(scene, derivatives, self.measured.time - lag, self._is_recorded)
         if found is None:
             return None
         x, dx, velocity, one_sided = found
         matrix, added = self.observation
         return Prediction(
             x @ matrix.T + added,
-            dx if np.array_equal(matrix, np.eye(*matrix.shape)) else matrix @ dx,
+            dx if np.array_equal(matrix, np.eye(*matrix.shape)) else np.tensordot(matrix, dx, axes=1),
             velocity @ matrix.T,
             one_sided[: len(self._keys)],
         )
-
-    def _follow(self, scene: Scene, derivatives: Derivatives, at: np.ndarray) -> tuple[np.ndarray, ...] | None:
-        """Compute displacements, their derivatives and velocities at some times, and which are one-sided somewhere."""
-        ns = np.rint(np.maximum(at, 0.0) * NS).astype(np.int64)
-        ticks = np.unique(ns[ns > 0])
-        path = TangentPath(scene, derivatives)
-        n = scene.body.contacts
-        x = np.tile(scene.start_displacement, (ns.size, 1))
-        dx = np.tile(path.dx, (ns.size, 1, 1))
-        velocity = np.zeros((ns.size, n))
-        if ticks.size:
-            try:
-                vertices = build_vertices(scene.drive, derivatives, 0, ticks)
-                stretch = path.follow(vertices)
-            except CommandError:
-                return None
-            duration = np.diff(vertices.time_ns, prepend=0) / NS
-            rows = np.flatnonzero(ns > 0)
-            place = np.searchsorted(vertices.time_ns, ns[rows])
-            speed = stretch.speed[place] / duration[place, None]
-            late = np.where(at[rows] > 0.0, at[rows] - ns[rows] / NS, 0.0)
-            x[rows] = stretch.x[place] + stretch.rest[place] + speed * late[:, None]
-            dx[rows] = stretch.dx[place]
-            if vertices.d_time.any():
-                dx[rows] -= speed[:, :, None] * vertices.d_time[place][:, None, :]
-            velocity[rows] = speed
-        return x, dx, velocity, path.one_sided
 
     def balance(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...] | None:
         """Compute forces and their bounds at given positions.
@@ -279,8 +256,7 @@ class Replica:
         body, measured = scene.body, self.measured
         times = np.concatenate((measured.time, measured.command_time[measured.command_time <= measured.time[-1]]))
         ticks = np.unique(np.rint(times[times > 0.0] * NS).astype(np.int64))
-        path = TangentPath(scene, derivatives)
-        vertices = build_vertices(scene.drive, derivatives, 0, ticks)
+        path, vertices = begin_path(scene, derivatives, ticks, self._is_recorded)
         stretch = path.follow(vertices)
         springs, n = body.springs, body.contacts
         x = np.vstack((scene.start_displacement, stretch.x + stretch.rest))
@@ -344,7 +320,7 @@ class Replica:
         self, base: Scene, local: Derivatives, step: np.ndarray, with_derivatives: bool
     ) -> tuple[Drive, Derivatives]:
         """Build the recorded commands with what the scene determines of them, and their derivatives."""
-        if not self.measured.command_names:
+        if not self._is_recorded:
             return base.drive, local  # the step is zero
         columns, springs, n = base.columns, base.body.springs, base.body.contacts
         raw, d_raw = base.drive.targets[0] + local.targets[0] @ step, local.targets[0].copy()
@@ -373,8 +349,8 @@ class Replica:
         if not with_derivatives:
             return drive, local
         count = rows.shape[0]
-        targets = np.ascontiguousarray(np.broadcast_to(d_target, (count, *d_target.shape)))
-        none = np.zeros((count, step.size))
+        targets = np.broadcast_to(d_target, (count, *d_target.shape))  # the same for all rows, and not copied
+        none = np.broadcast_to(0.0, (count, step.size))
         return drive, dataclasses.replace(local, targets=targets, times=none, period=np.zeros(step.size))
 
 

@@ -69,22 +69,27 @@ class Whitening:
     decay: np.ndarray | None
     factor: np.ndarray
 
-    def apply(self, columns: np.ndarray) -> np.ndarray:
-        """Whiten columns.
+    def apply(self, rows: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Whiten rows of numbers over time.
 
         Args:
-            columns: shape (T, C) [m].
+            rows: shape (C, T) [m].
+            out: where the result is stored, shape (C, T); None for a new array.
 
         Returns:
-            Shape (T, C) [1].
+            The result, shape (C, T) [1].
         """
-        from scipy.linalg import solve_banded
+        from scipy.linalg.lapack import dtbtrs
 
         if self.decay is None:
-            return np.asarray(columns / self.factor[:, None])
-        differences = columns.copy()
-        differences[1:] -= self.decay[1:, None] * columns[:-1]
-        return np.asarray(solve_banded((1, 0), self.factor, differences, overwrite_b=True, check_finite=False))
+            return np.divide(rows, self.factor, out=out)
+        differences = rows.copy()
+        differences[:, 1:] -= self.decay[1:] * rows[:, :-1]
+        whitened = dtbtrs(self.factor, differences.T, uplo="L", overwrite_b=1)[0].T
+        if out is None:
+            return np.asarray(whitened)
+        out[...] = whitened
+        return out
 
     @property
     def log_determinant(self) -> float:
@@ -211,7 +216,7 @@ def estimate_noise(time: np.ndarray, residuals: np.ndarray, pixel: float, floor:
         noise = _maximise_likelihood(time[rows], residuals[rows], extra[rows], floor)
         whitening = build_whitening(noise, time, extra)
         spread = whitening.factor if whitening.decay is None else whitening.factor[0]
-        surprise = np.abs(whitening.apply(residuals[:, None])[:, 0]) * spread
+        surprise = np.abs(whitening.apply(residuals[None])[0]) * spread
         extra = _less(surprise, np.sqrt(spread**2 - extra))
     return noise, extra
 
@@ -248,7 +253,7 @@ def _maximise_likelihood(time: np.ndarray, residuals: np.ndarray, extra: np.ndar
     def examine(noise: Noise) -> tuple[float, float]:
         """Compute the loss, and the size at which it is least."""
         whitening = build_whitening(noise, time, extra / rms**2)
-        size = float(np.sqrt(np.mean(whitening.apply(residuals[:, None]) ** 2)))
+        size = float(np.sqrt(np.mean(whitening.apply(residuals[None]) ** 2)))
         return time.size * float(np.log(size)) + 0.5 * whitening.log_determinant, size
 
     memories = (3.0 * step, 15.0 * step, 0.05 * duration, 0.3 * duration)
@@ -337,3 +342,17 @@ def find_rounding(noise: Noise, phase: np.ndarray, jacobian: np.ndarray) -> np.n
         waves = np.stack((np.cos(angle), np.sin(angle))) @ jacobian
         result += part * (waves.T @ waves)
     return np.asarray(result)
+
+
+def find_quantile(freedom: float) -> float:
+    """Compute the half width of a 95 % interval in standard deviations, if their size is an estimate.
+
+    Args:
+        freedom: degrees of freedom of the estimate; infinite if the size is known [1].
+
+    Returns:
+        The quantile of Student's t [1].
+    """
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.975))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,12 +16,16 @@ from ..state import DISSIPATION, LOADS_WORK, SPENT, VISITED, WORK
 from .elastic import pull, strain
 from .frame import Frame, build_frame
 from .friction import measure_margins
-from .ramp import follow_ramp
+from .jump import jump
+from .ramp import LENGTH, MARGIN, PLACE, follow_ramp
 
 DEFAULT_TOLERANCE = 1e-5
 """Default error of a ramp, relative to its largest change of length."""
 _SHARE = 0.25
 """Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
+
+_AHEAD = 1e-6
+"""Part of a ramp by which commands go on where the body jumps."""
 
 
 @dataclass(eq=False)
@@ -192,14 +197,10 @@ class TurningMotion:
         moving = state.copy()
         moving.gained[:] = 0.0
         moving.stability[:] = np.inf
-        arrays = moving.x, moving.gained, moving.command, moving.turned
         n, parts = self.body.contacts, self.frame.rest.size
         jumps: list[Jump] = []
         for v, target in enumerate(targets):
-            scratch[:] = 0.0
-            progress = np.zeros(2)
-            while not follow_ramp(self.frame, arrays, target, self.tolerance, scratch, account, progress):
-                raise CommandError("command: the body has no stable equilibrium there")
+            jumps += self._follow_ramp(moving, scratch, target, v, account)
             account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
             if records.shape[0]:
                 records[v, : 2 * n] = moving.x.ravel()
@@ -208,11 +209,38 @@ class TurningMotion:
                 if records.shape[1] > 4 * n + parts:
                     lost = account[DISSIPATION] + account[LOADS_WORK]
                     records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
-        state.x, state.gained, state.command, state.turned = arrays
-        state.stability = moving.stability
+        vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed
             account[VISITED] = state.visited_margin(state.force)
         return tuple(jumps)
+
+    def _follow_ramp(
+        self, state: TurningState, velocity: np.ndarray, target: np.ndarray, ramp: int, account: np.ndarray
+    ) -> Iterator[Jump]:
+        """Follow one ramp through its jumps."""
+        arrays = state.x, state.gained, state.command, state.turned
+        progress = np.array([0.0, 0.0, 1.0, self.tolerance, state.stability_margin, 0.0])
+        velocity[:] = 0.0
+        ahead = landed = 0.0
+        while not follow_ramp(self.frame, arrays, target, self.tolerance, velocity, account, progress):
+            assert self.body.turning is not None
+            place = progress[PLACE]
+            if not self.body.turning.jumps:
+                raise CommandError(
+                    f"command: at {100.0 * place:.4g} % of the ramp no stable equilibrium is left, and the scene has "
+                    "on_instability: refuse; jump lets the body move to another one"
+                )
+            ahead = 4.0 * ahead if place <= landed else _AHEAD
+            part = min(ahead / (1.0 - place), 1.0)
+            found, contact, distance, loss = jump(self.frame, arrays, target, part, velocity, account)
+            if not found:
+                raise CommandError(f"command: no equilibrium was found at {100.0 * place:.4g} % of the ramp")
+            progress[PLACE] = landed = 1.0 if part == 1.0 else place + ahead
+            progress[LENGTH] = ahead
+            velocity[:] = 0.0
+            if distance > self.tolerance:
+                yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))
+        state.stability[0] = progress[MARGIN]
 
 
 def build_turning_motion(plan: Plan) -> TurningMotion:

@@ -6,24 +6,33 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
-from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, LOADS_WORK, OVERSPENT, RESIDUAL, VIOLATION, WORK
+from ...compiled import compiled, lean, merged
+from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, LOADS_WORK, RESIDUAL, VIOLATION, WORK
 from .elastic import energy_of, pull
 from .frame import yaw_of
 from .friction import load_part, resistance
+from .stability import decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
-from .walk import AT_ONCE, FAILED, START, TAKEN, attempt, command_at
+from .walk import AT_ONCE, FAILED, START, TAKEN, attempt, command_at, farthest, gap_of
 
 _GLANCE = 1e-6
 """Part of a ramp in which velocities are measured."""
 _BAND = 1e-9
 """A point this close to the boundary of its set, relative to its size, is on it."""
-LEAST_PART = 1e-9
-"""Shortest part of a ramp that is tried before a body is called unstable."""
+_LEAST_PART = 1e-9
+"""Shortest part of a ramp that is tried before the body jumps."""
+_LEAST_FALL = 1e-6
+"""Shortest part of a ramp in whose end an equilibrium may become unstable."""
 _BEYOND = 0.3 * AT_ONCE
 """A part ends where a point that starts has moved by this part of the tolerance."""
-_MOST_PARTS = 1 << 14
-"""Upper limit of parts of a ramp that are tried."""
+_SPENT, _AT_ONCE = 0.02, 0.125
+"""Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
+that it may take."""
+_MOST_TRIALS = 100
+"""Upper limit of lengths that are tried at a place of a ramp."""
+PLACE, TRIALS, LENGTH, LEFT, MARGIN, LOWEST = range(6)
+"""Entries of the progress on a ramp: the place, 0 to 1; parts tried; length of the next one; the error that is left
+[m]; the least stability margin and its place."""
 
 
 @lean
@@ -38,90 +47,105 @@ def _time_to_reach(u0, u1, rate0, rate1):
     return inside / bottom if bottom > 0.0 else np.inf
 
 
-@compiled
-def glance(frame, x, command, target, velocity, force):
+@merged
+def glance(frame, way, negligible, velocity, force):
     """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
 
     Args:
         frame: the body.
-        x: displacements, shape (N, 2) [m].
-        command: in force, shape (C,).
-        target: end of the ramp, shape (C,).
+        way: displacements, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
+        negligible: a point that starts and moves by no more is taken to have started before [m].
         velocity: changed in place: a guess, then the velocities, shape (N, 2) [m per unit of the ramp].
         force: output: the force that friction balances at the start, shape (N, 2) [N].
 
     Returns:
         Whether there is a solution, and the part of the ramp.
     """
+    x, command, target = way
     n = x.shape[0]
     now = np.empty(command.shape[0])
     size = np.empty(n)
     after = np.empty((n, 2))
     pull(frame, command, x, force, size)
     command_at(command, target, _GLANCE, now)
-    moved = x + _GLANCE * velocity
+    moved = x.copy()
+    for i in range(n):
+        for c in range(2):
+            moved[i, c] += _GLANCE * velocity[i, c]
     solved, _ = solve_stage(frame, now, x, moved, after, 0.0)
     if not solved:
-        velocity[:] = 0.0
         return False, np.inf
     first = np.inf
     for i in range(n):
         velocity[i, 0] = (moved[i, 0] - x[i, 0]) / _GLANCE
         velocity[i, 1] = (moved[i, 1] - x[i, 1]) / _GLANCE
-        if velocity[i, 0] != 0.0 or velocity[i, 1] != 0.0:
-            continue
-        u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
-        if u0 < np.inf:
+        speed = math.hypot(velocity[i, 0], velocity[i, 1])
+        gap = gap_of(frame, command, x, i, force)
+        if gap < np.inf and speed == 0.0:
+            u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
             v0, v1 = load_part(frame, now, moved, i, after[i, 0], after[i, 1])
             first = min(first, _time_to_reach(u0, u1, (v0 - u0) / _GLANCE, (v1 - u1) / _GLANCE))
+        elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
+            first = min(first, _GLANCE * gap / (gap + frame.grip[i] * _GLANCE * speed))
     return True, first
 
 
-@compiled
-def _take(frame, state, target, part, best, account):
-    """Apply a part of a ramp to the state; return whether friction balances the forces afterwards."""
-    x, gained, command, yaw = state
+@merged
+def _settle(frame, state, target, part, best, after):
+    """Solve for the end of a part of a ramp, where friction balances the forces; return whether it is stable."""
+    x, _, command, _ = state
     n = x.shape[0]
     force = np.empty((n, 2))
     now = np.empty(command.shape[0])
-    stored = energy_of(frame, command, x)
     command_at(command, target, part, now)
-    base = x + best[:n]
-    after = base.copy()
-    solved, regular = solve_stage(frame, now, base, after, force, 0.0)
+    base = np.empty((n, 2))
+    for i in range(n):
+        for c in range(2):
+            base[i, c] = after[i, c] = x[i, c] + best[i, c]
+    solved, _ = solve_stage(frame, now, base, after, force, 0.0)
     if not solved:
         return False
+    matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
+    return not decreases(frame, now, matrix, owner)[0]
+
+
+@merged
+def _take(frame, state, target, part, best, after, account):
+    """Apply a part of a ramp to the state, and write its account."""
+    x, gained, command, yaw = state
+    n = x.shape[0]
+    force = np.empty((n, 2))
+    size = np.empty(n)
+    now = np.empty(command.shape[0])
+    stored = energy_of(frame, command, x)
+    command_at(command, target, part, now)
+    pull(frame, now, after, force, size)
+    before = yaw_of(frame, x)
     dissipated, worked, pulled = best[n, 0], best[n, 1], best[n + 1, 0]
     for i in range(n):
-        change0 = after[i, 0] - base[i, 0]
-        change1 = after[i, 1] - base[i, 1]
-        lost = resistance(frame, now, after, i, change0, change1)
-        dissipated += lost
-        u0, u1 = load_part(frame, now, after, i, force[i, 0], force[i, 1])
-        size = math.hypot(force[i, 0], force[i, 1])
-        if u0 < np.inf:
-            over = math.hypot(u0, u1)
-            account[VIOLATION] = max(account[VIOLATION], (over - 1.0) / over * size if over > 1.0 else 0.0)
-        else:
-            account[VIOLATION] = max(account[VIOLATION], size)
+        corrected = after[i, 0] - (x[i, 0] + best[i, 0]), after[i, 1] - (x[i, 1] + best[i, 1])
+        dissipated += resistance(frame, now, after, i, corrected[0], corrected[1])
+        gap = gap_of(frame, now, after, i, force)
+        strength = math.hypot(force[i, 0], force[i, 1])
+        account[VIOLATION] = max(account[VIOLATION], -gap if gap < np.inf else strength)
         moved0 = after[i, 0] - x[i, 0]
         moved1 = after[i, 1] - x[i, 1]
         lost = resistance(frame, now, after, i, moved0, moved1) - force[i, 0] * moved0 - force[i, 1] * moved1
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
         gained[i, 0] += moved0
         gained[i, 1] += moved1
-    before = yaw_of(frame, x)
+        best[i, 0] = moved0
+        best[i, 1] = moved1
+        x[i, 0] = after[i, 0]
+        x[i, 1] = after[i, 1]
     turned = yaw_of(frame, after) - before
     yaw[0] += turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
-    x[:] = after
-    command[:] = now
+    command_at(command, now, 1.0, command)
     account[WORK] += worked
     account[DISSIPATION] += dissipated - pulled
     account[LOADS_WORK] += pulled
-    account[RESIDUAL] += energy_of(frame, now, after) - stored + dissipated - worked - pulled
+    account[RESIDUAL] += energy_of(frame, now, x) - stored + dissipated - worked - pulled
     account[EVENTS] += 1.0
-    account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if regular else 1.0)
-    return True
 
 
 @lean
@@ -144,9 +168,54 @@ def _find_start(length, moved, later, guess, beyond):
     return min(max(length - (moved - beyond) / speed, 0.1 * length), 0.999 * length)
 
 
+@merged
+def _advance(frame, state, target, tolerance, velocity, books, best):
+    """Follow a ramp to the next event, or as far as the tolerance allows; return the part of the way, 0 if none."""
+    account, progress = books
+    way = state[0], state[2], target
+    n = velocity.shape[0]
+    rest = 1.0 - progress[PLACE]
+    force = np.empty((n, 2))
+    after = np.empty((n, 2))
+    _, first = glance(frame, way, AT_ONCE * tolerance, velocity, force)
+    fastest = farthest(velocity, n)
+    if first < np.inf and fastest > 0.0:
+        first += _BEYOND * tolerance / fastest
+    aim = first * rest
+    wanted = progress[LENGTH]
+    later = moved = np.inf
+    for _ in range(_MOST_TRIALS):
+        length = min(wanted, aim, rest)
+        part = 1.0 if length >= rest else length / rest
+        progress[TRIALS] += 1.0
+        limits = max(tolerance * length, _SPENT * progress[LEFT]), tolerance
+        outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
+        if outcome == START:
+            aim = _find_start(length, error, (later, moved), growth, _BEYOND * tolerance)
+            later = length
+            moved = error
+        else:
+            paid = max(error - tolerance * length, 0.0)
+            if outcome == TAKEN and paid <= _AT_ONCE * progress[LEFT]:
+                if _settle(frame, state, target, part, best, after):
+                    progress[LEFT] -= paid
+                    growth = min(max(growth, 0.3), 4.0) * length
+                    progress[LENGTH] = max(wanted, growth) if length >= aim else growth
+                    _take(frame, state, target, part, best, after, account)
+                    account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
+                    return part
+                if length < _LEAST_FALL:
+                    break
+                growth = 0.5
+            wanted = (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length
+        if min(aim, wanted) < _LEAST_PART:
+            break
+    return 0.0
+
+
 @compiled
 def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
-    """Follow a ramp of the commands, until it ends or the body becomes unstable.
+    """Follow a ramp of the commands, until it ends or no equilibrium is left to follow.
 
     Args:
         frame: the body.
@@ -154,52 +223,30 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
             (1,) [rad]; changed in place.
         target: end of the ramp, shape (C,).
         tolerance: largest error of the displacements [m].
-        velocity: of the points along the ramp, a guess, changed in place, shape (N, 2) [m].
+        velocity: of the points along the ramp, a guess, changed in place: how far they moved last, where the body
+            jumps, shape (N, 2) [m].
         account: added to, shape (14,).
-        progress: place on the ramp, changed in place; parts tried, shape (2,).
+        progress: changed in place, shape (6,), see `PLACE`.
 
     Returns:
         Whether the end was reached.
     """
-    x, _, command, _ = state
-    n = x.shape[0]
-    best = np.empty((n + 2, 2))
-    force = np.empty((n, 2))
-    length = 1.0
-    aim = np.inf
-    while progress[0] < 1.0:
-        rest = 1.0 - progress[0]
-        solved, first = glance(frame, x, command, target, velocity, force)
-        fastest = 0.0
-        for i in range(n):
-            fastest = max(fastest, math.hypot(velocity[i, 0], velocity[i, 1]))
-        if first < np.inf and fastest > 0.0:
-            first += _BEYOND * tolerance / fastest
-        aim = first * rest
-        wanted = length
-        later = moved = np.inf
-        while True:
-            length = min(wanted, aim, rest)
-            part = 1.0 if length >= rest else length / rest
-            progress[1] += 1.0
-            limits = max(tolerance * length, 1e-14), tolerance
-            outcome, error, growth, unique = attempt(frame, (x, command, target), part, velocity, force, limits, best)
-            if outcome == TAKEN and error <= limits[0] and _take(frame, state, target, part, best, account):
-                break
-            if outcome == START:
-                aim = _find_start(length, error, (later, moved), growth, _BEYOND * tolerance)
-                later = length
-                moved = error
-            else:
-                wanted = min(max(growth, 0.05), 0.9) * length if outcome == TAKEN or outcome > FAILED else 0.5 * length
-            if min(aim, wanted) < LEAST_PART or progress[1] > _MOST_PARTS:
-                return False
-        if not unique and part * rest > _GLANCE:
-            account[AMBIGUOUS] = 1.0
-        scale = 1.0 - part
+    n = velocity.shape[0]
+    best = np.zeros((n + 2, 2))
+    while progress[PLACE] < 1.0:
+        part = _advance(frame, state, target, tolerance, velocity, (account, progress), best)
+        if part == 0.0:
+            for i in range(n):
+                for c in range(2):
+                    velocity[i, c] = best[i, c]
+            return False
         for i in range(n):
             for c in range(2):
-                velocity[i, c] *= scale
-        progress[0] = 1.0 if part == 1.0 else progress[0] + length
-        length = max(wanted, min(max(growth, 0.3), 4.0) * length) if length >= aim else min(max(growth, 0.3), 4.0) * length
+                velocity[i, c] *= 1.0 - part
+        rest = 1.0 - progress[PLACE]
+        progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
+        margin = least_eigenvalue(stiffness_of(frame, state[2], state[0], best, 2.0)[0])
+        if margin < progress[MARGIN]:
+            progress[MARGIN] = margin
+            progress[LOWEST] = progress[PLACE]
     return True

@@ -9,13 +9,18 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import compiled, lean, merged
 from ...rounding import CRITICAL
 from .band import solve_band
 from .elastic import pull, stiffen_joint, stiffen_link
 from .friction import axis_of, linearise
 
 _MOST_STEPS = 40
+_BOLD = 15
+"""Steps that may let the largest miss grow, up to `_FAR`, before steps are halved until it shrinks."""
+_FAR = 0.5
+_RUNGS, _SOFTER = 12, 0.25
+"""Searches with springs where the first one fails, and the stiffness of a spring relative to that of the one before."""
 _SLOW = 0.9
 """A step that leaves more than this part of the largest miss is halved, as long as that helps."""
 _LONGEST = 0.25
@@ -67,10 +72,10 @@ def _reach_of(frame, place):
     return 2 * apart + 1
 
 
-@compiled
+@merged
 def _assemble(frame, command, x, rows, place, jump, system):
     """Write the matrix and the right side of a Newton step."""
-    band, right, reach = system
+    band, right, reach, eta = system
     middle = 2 * reach
     block = np.empty((2, 2))
     whole = np.empty((6, 6))
@@ -83,7 +88,7 @@ def _assemble(frame, command, x, rows, place, jump, system):
             right[r] = -rows[i, p]
             for q in range(2):
                 c = 2 * place[i] + q
-                own = rows[i, 2 + 2 * p + q] * frame.grip[i] * CRITICAL  # a translation may be free
+                own = rows[i, 2 + 2 * p + q] * (frame.grip[i] * CRITICAL + eta)  # a translation may be free
                 band[c, middle + r - c] -= rows[i, 6 + 2 * p + q] + own
     for i in range(x.shape[0]):
         if place[i] < 0 or (rows[i, 10] == 0.0 and rows[i, 11] == 0.0):
@@ -106,7 +111,9 @@ def _assemble(frame, command, x, rows, place, jump, system):
         if place[a] < 0 and place[b] < 0:
             continue
         stiffen_link(frame, command, x, s, block)
-        other[:] = -block
+        for p in range(2):
+            for q in range(2):
+                other[p, q] = -block[p, q]
         _join(rows, place, band, reach, right, jump, a, a, block)
         _join(rows, place, band, reach, right, jump, b, b, block)
         _join(rows, place, band, reach, right, jump, a, b, other)
@@ -118,12 +125,13 @@ def _assemble(frame, command, x, rows, place, jump, system):
         stiffen_joint(frame, command, x, j, whole)
         for p in range(3):
             for q in range(3):
-                block[:] = whole[2 * p : 2 * p + 2, 2 * q : 2 * q + 2]
+                for r in range(4):
+                    block[r // 2, r % 2] = whole[2 * p + r // 2, 2 * q + r % 2]
                 _join(rows, place, band, reach, right, jump, points[p], points[q], block)
 
 
-@compiled
-def _find_step(frame, command, x, base, rows, step):
+@merged
+def _find_step(frame, command, x, base, rows, step, eta):
     """Solve for the Newton step; return the least relative pivot."""
     n = x.shape[0]
     place = np.empty(n, np.int64)
@@ -139,7 +147,7 @@ def _find_step(frame, command, x, base, rows, step):
     reach = min(_reach_of(frame, place), 2 * count - 1)
     band = np.zeros((2 * count, 3 * reach + 1))
     right = np.empty(2 * count)
-    _assemble(frame, command, x, rows, place, step, (band, right, reach))
+    _assemble(frame, command, x, rows, place, step, (band, right, reach, eta))
     pivot = solve_band(band, reach, right)
     for i in range(n):
         if place[i] >= 0:
@@ -160,9 +168,59 @@ def _shorten(frame, step):
     return 1.0 if longest <= _LONGEST * least else _LONGEST * least / longest
 
 
+@lean
+def _hold(eta, base, x, force):
+    """Add the forces of springs that hold each point where it was."""
+    if eta > 0.0:
+        for i in range(x.shape[0]):
+            for c in range(2):
+                force[i, c] -= eta * (x[i, c] - base[i, c])
+
+
+@compiled
+def _search(frame, command, base, x, force, eta):
+    """Search the solution of an implicit step from a guess; the arguments are `solve_stage`'s."""
+    n = x.shape[0]
+    size = np.empty(n)
+    rows = np.empty((n, 13))
+    step = np.empty((n, 2))
+    trial = np.empty((n, 2))
+    pull(frame, command, x, force, size)
+    _hold(eta, base, x, force)
+    worst, miss = linearise(frame, command, x, base, force, size, rows)
+    pivot = 1.0
+    for turn in range(_MOST_STEPS):
+        if worst <= 1.0:
+            for i in range(n):
+                if rows[i, 12] == 0.0:
+                    x[i, 0] = base[i, 0]
+                    x[i, 1] = base[i, 1]
+            return True, pivot > CRITICAL
+        pivot = _find_step(frame, command, x, base, rows, step, eta)
+        if not pivot > 0.0:
+            return False, False
+        part = _shorten(frame, step)
+        for _ in range(8):
+            for i in range(n):
+                for c in range(2):
+                    trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
+            pull(frame, command, trial, force, size)
+            _hold(eta, base, trial, force)
+            worst, after = linearise(frame, command, trial, base, force, size, rows)
+            if after <= _SLOW * miss or (after <= _FAR and turn < _BOLD):
+                break
+            part *= 0.5
+        for i in range(n):
+            for c in range(2):
+                x[i, c] = trial[i, c]
+        miss = after
+    return False, True
+
 @compiled
 def solve_stage(frame, command, base, x, force, eta):
     """Solve an implicit step.
+
+    Where the search fails, springs hold each point where it was, and become softer from one search to the next.
 
     Args:
         frame: the body.
@@ -176,33 +234,17 @@ def solve_stage(frame, command, base, x, force, eta):
         Whether it is solved to rounding, and whether its matrix is regular.
     """
     n = x.shape[0]
-    size = np.empty(n)
-    rows = np.empty((n, 13))
-    step = np.empty((n, 2))
-    trial = np.empty((n, 2))
-    pull(frame, command, x, force, size)
-    worst, miss = linearise(frame, command, x, base, force, size, rows)
-    pivot = 1.0
-    for _ in range(_MOST_STEPS):
-        if worst <= 1.0:
+    hold = 0.0
+    for i in range(n):
+        hold = max(hold, frame.grip[i])
+    solved = regular = False
+    for rung in range(-1, _RUNGS + 1):
+        if rung == 0:
             for i in range(n):
-                if rows[i, 12] == 0.0:
-                    x[i, 0] = base[i, 0]
-                    x[i, 1] = base[i, 1]
-            return True, pivot > CRITICAL
-        pivot = _find_step(frame, command, x, base, rows, step)
-        if not pivot > 0.0:
-            return False, False
-        part = _shorten(frame, step)
-        for halving in range(8):
-            for i in range(n):
-                for c in range(2):
-                    trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
-            pull(frame, command, trial, force, size)
-            worst, after = linearise(frame, command, trial, base, force, size, rows)
-            if after <= _SLOW * miss or after <= 1e-9:
-                break
-            part *= 0.5
-        x[:] = trial
-        miss = after
-    return False, True
+                x[i, 0] = base[i, 0]
+                x[i, 1] = base[i, 1]
+        more = hold * _SOFTER**rung if 0 <= rung < _RUNGS else 0.0
+        solved, regular = _search(frame, command, base, x, force, max(eta, more))
+        if solved and rung in (-1, _RUNGS):
+            break
+    return solved, regular

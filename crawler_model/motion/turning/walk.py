@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import compiled, lean, merged
 from .elastic import stretch_link, turn_joint
 from .frame import load_of
 from .friction import load_part, resistance
@@ -114,13 +114,15 @@ def _walk(frame, way, part, pieces, step, total, slid):
     unique = True
     for piece in range(pieces):
         command_at(command, target, part if piece == pieces - 1 else part * (piece + 1) / pieces, now)
-        x[:] = base + step
+        for i in range(n):
+            for c in range(2):
+                x[i, c] = base[i, c] + step[i, c]
         solved, regular = solve_stage(frame, now, base, x, force, 0.0)
         if not solved:
             return False, unique
         unique = unique and regular
         work = 0.5 * (work_of(frame, base, before, now, slope) + work_of(frame, x, before, now, slope))
-        middle[:] = 0.5 * (before + now)
+        command_at(before, now, 0.5, middle)
         for i in range(n):
             step[i, 0] = x[i, 0] - base[i, 0]
             step[i, 1] = x[i, 1] - base[i, 1]
@@ -132,15 +134,26 @@ def _walk(frame, way, part, pieces, step, total, slid):
             for c in range(2):
                 total[i, c] += step[i, c]
                 total[n + 1, 0] += load_of(frame, middle, i, c) * step[i, c]
+                base[i, c] = x[i, c]
         total[n, 1] += work
-        base[:] = x
-        before[:] = now
+        command_at(before, now, 1.0, before)
     return True, unique
 
 
 @lean
-def _gap_of(frame, command, x, i, force):
-    """Compute how far a force is from the boundary of its set; infinite on a point without friction, or at rest."""
+def gap_of(frame, command, x, i, force):
+    """Compute how far a force is from the boundary of its set, along itself.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        i: the point.
+        force: of all points, shape (N, 2) [N].
+
+    Returns:
+        The gap; infinite on a point without friction or force [N].
+    """
     u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
     size = math.hypot(u0, u1)
     return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if 0.0 < size < np.inf else np.inf
@@ -162,7 +175,7 @@ def _foresee(frame, way, moved, expected, force, negligible):
         hopes = math.hypot(expected[i, 0], expected[i, 1])
         if max(moves, hopes) <= negligible:
             continue
-        gap = _gap_of(frame, command, start, i, force)
+        gap = gap_of(frame, command, start, i, force)
         if moves <= negligible:
             stops = stops or (moves == 0.0 and gap <= frame.grip[i] * negligible)
         elif frame.grip[i] * negligible < gap < np.inf:
@@ -186,11 +199,37 @@ def _same_points(one, slid, pieces, negligible):
 
 
 @lean
+def _extrapolate(table, newest, pieces, n):
+    """Add a walk to the Aitken-Neville scheme in 1/steps.
+
+    Returns by how much the displacement of a point changes at most; `newest` becomes the extrapolated walk.
+    """
+    error = 0.0
+    for i in range(newest.shape[0]):
+        change = 0.0
+        for c in range(2):
+            value = newest[i, c]
+            before = value
+            for column in range(pieces - 1):
+                before = value
+                value = before + (before - table[column, i, c]) * ((pieces - column - 1.0) / (column + 1.0))
+                table[column, i, c] = before
+            table[pieces - 1, i, c] = value
+            newest[i, c] = value
+            change = math.hypot(change, value - before)
+        if i < n:
+            error = max(error, change)
+    return error
+
+
+@lean
 def _growth(allowed, error, last, pieces):
     """Choose the factor for the length of the next part: for the same number of walks or one more, at least work."""
     if error == 0.0:
         return 4.0
     growth = 0.8 * (allowed / error) ** (1.0 / pieces)
+    if pieces == 2 and error <= allowed:
+        return max(growth, 2.0)  # parts for which two walks suffice would stay short
     if 2 < pieces < _WALKS and error < last:
         more = 0.8 * (allowed * last / (error * error)) ** (1.0 / (pieces + 1.0))
         if more * pieces > growth * (pieces + 2.0):  # the walks take pieces (pieces + 1) / 2 steps
@@ -198,7 +237,7 @@ def _growth(allowed, error, last, pieces):
     return growth
 
 
-@compiled
+@merged
 def attempt(frame, way, part, velocity, force, limits, best):
     """Compute the displacement over a part of the way and its error.
 
@@ -219,39 +258,40 @@ def attempt(frame, way, part, velocity, force, limits, best):
     n = velocity.shape[0]
     negligible = AT_ONCE * tolerance
     slid = np.empty((n, 2))
-    step = part * velocity
-    solved, unique = _walk(frame, way, part, 1, step, best, slid)
-    if not solved:
-        return FAILED, np.inf, 0.5, True
-    if farthest(best, n) == 0.0:
-        return TAKEN, 0.0, 4.0, True
-    outcome, factor, moves = _foresee(frame, way, best, part * velocity, force, negligible)
-    if outcome != TAKEN:
-        return outcome, moves, factor, unique
-    one = best.copy()
+    expected = np.empty((n, 2))
+    step = np.empty((n, 2))
+    one = np.empty((n, 2))
     table = np.zeros((_WALKS, n + 2, 2))
-    table[0] = best
-    newest = np.empty((n + 2, 2))
-    before = np.empty((n + 2, 2))
     error = np.inf
     growth = 0.0
-    for pieces in range(2, _WALKS + 1):
-        step[:] = one[:n] / pieces
-        solved, also = _walk(frame, way, part, pieces, step, newest, slid)
+    unique = True
+    for i in range(n):
+        for c in range(2):
+            expected[i, c] = step[i, c] = part * velocity[i, c]
+    for pieces in range(1, _WALKS + 1):
+        solved, also = _walk(frame, way, part, pieces, step, best, slid)
         unique = unique and also
         if not solved:
-            return FAILED, np.inf, 0.5, unique
-        if not _same_points(one, slid, pieces, negligible):
-            return STOP, np.inf, 0.5, unique
-        for column in range(pieces - 1):  # Aitken and Neville, in 1/steps
-            before[:] = newest
-            newest[:] = before + (before - table[column]) * ((pieces - column - 1.0) / (column + 1.0))
-            table[column] = before
-        table[pieces - 1] = newest
+            return FAILED, np.inf, 0.5, True
         last = error
-        error = farthest(newest - before, n)
-        growth = _growth(allowed, error, last, pieces)
-        if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
-            break
-    best[:] = newest
+        if pieces == 1:
+            if farthest(best, n) == 0.0:
+                return TAKEN, 0.0, 4.0, True
+            outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
+            if outcome != TAKEN:
+                return outcome, moves, factor, unique
+            for i in range(n):
+                one[i, 0] = best[i, 0]
+                one[i, 1] = best[i, 1]
+            _extrapolate(table, best, pieces, n)
+        else:
+            if not _same_points(one, slid, pieces, negligible):
+                return STOP, np.inf, 0.5, unique
+            error = _extrapolate(table, best, pieces, n)
+            growth = _growth(allowed, error, last, pieces)
+            if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
+                break
+        for i in range(n):
+            for c in range(2):
+                step[i, c] = one[i, c] / (pieces + 1.0)
     return TAKEN, error, growth, unique

@@ -415,7 +415,7 @@ def test_a_fit_that_ends_at_a_bound_is_reported() -> None:
         guess["friction"]["forward"][0] *= 0.4
         most = part * truth(document, key)
         one = measure(document, times, rows, noise=noise)
-        found = identify(Scene.model_validate(guess), [one], [key], {key: (0.01, most)}, starts=2, seconds=0.0)
+        found = identify(Scene.model_validate(guess), [one], [key], {key: (0.01, most)}, starts=2, seconds=1e-9)
         assert found.model_fits == fits
         assert "ended at its bound" in found.warnings[0]
         p = found[key]
@@ -434,7 +434,7 @@ def test_more_starts_are_tried_as_long_as_none_fits(seed: int, forward: float, b
     times, rows = walk(2, 4.0, seed)
     one = measure(document, times, rows, noise=1e-5, seed=seed)
     guess = scaled(document, {"friction.forward": forward, "friction.backward": backward})
-    lost = identify(guess, [one], FRICTION, starts=1, seconds=0.0)
+    lost = identify(guess, [one], FRICTION, seconds=0.0)
     assert not lost.model_fits
     assert "the best of 1 starts, and 1 of them ended here" in lost.warnings[-1]
     found = identify(guess, [one], FRICTION, starts=1, seconds=600.0)

@@ -22,6 +22,14 @@ def test_intervals_contain_the_truth_whatever_the_camera_does(kind: str) -> None
     assert np.median([width for row in rows for width in row["half_widths"]]) < 0.08
 
 
+@pytest.mark.parametrize("seed", [17, 61, 79])
+def test_a_contact_that_never_slides_in_a_wrong_minimum_slides_in_the_right_one(seed: int) -> None:
+    row = identify_robot(seed, "white")
+    assert row["fits"]
+    assert row["ratio"] < 1.1
+    assert row["inside"] >= row["intervals"] - 1
+
+
 def sensors(found: Identification) -> dict[str, float]:
     return {one.name: one.value for one in found.sensors}
 

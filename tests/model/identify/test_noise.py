@@ -38,7 +38,7 @@ def test_whitened_noise_has_the_inverse_covariance(noise: Noise) -> None:
     extra = np.where(rng.random(60) < 0.1, 1e-5, 0.0)
     dense = covariance(noise, time, extra)
     whitening = build_whitening(noise, time, extra)
-    whitened = whitening.apply(np.eye(60))
+    whitened = whitening.apply(np.eye(60)).T
     assert whitened.T @ whitened @ dense == pytest.approx(np.eye(60), abs=1e-8)
     assert whitening.log_determinant == pytest.approx(np.linalg.slogdet(dense)[1], abs=1e-9)
 

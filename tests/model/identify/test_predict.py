@@ -208,6 +208,28 @@ def test_draws_have_the_covariance_and_keep_positive_numbers_positive():
     assert (offset.draw(np.random.default_rng(0), 100) < 0.0).any()
 
 
+def test_bands_are_wider_if_the_noise_follows_from_few_numbers():
+    sure, unsure = (predict(robot(), posterior(freedom=freedom)) for freedom in (np.inf, 5.0))
+    assert sure.gain.high - sure.gain.value == pytest.approx(
+        (unsure.gain.high - unsure.gain.value) * 1.95996 / 2.57058, rel=1e-4
+    )
+    assert read_posterior(printed(posterior(freedom=5.0))).freedom == 5.0
+    assert read_posterior(printed(posterior())).freedom == np.inf
+    with pytest.raises(CrawlerError, match="posterior: freedom: 0; it must be at least 1"):
+        posterior(freedom=0.0)
+
+
+def test_an_identification_knows_its_posterior():
+    truth = chain()
+    measured = measure(truth, *walk(2, 6.0, 3), noise=1e-4)
+    found = identify(scaled(truth, {"friction.forward": 1.1}), [measured], ["friction.forward"], hold_out=0.0)
+    written = read_posterior(found.summary())
+    assert written.names == found.posterior.names
+    np.testing.assert_array_equal(written.covariance, found.posterior.covariance)
+    assert written.freedom == measured.values.size + 2 + 3 - 5  # with priors of lag, scale and three drifts
+    assert found.scene == written.apply(found.scene)
+
+
 def test_the_scene_gets_the_values_and_stays_within_bounds():
     known = posterior(without=(LEFT,), bounds={LEFT: (0.8, None)})
     changed = known.apply(varied(robot(), {NAMES[0]: 0.4}))

@@ -1,0 +1,266 @@
+"""Whether an equilibrium is stable, by the second derivative of the energy at the points that are free to move.
+
+Two matrices are of interest, both relative to how stiffly the body holds its points. In all directions, a negative
+eigenvalue means that a small deviation grows along the path, as of a contact that is pushed. In the directions in which
+contacts slide, and in both where a point has no friction, the energy must not decrease along any forward motion: where
+it does, there is no equilibrium to follow any more, and the body jumps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...compiled import compiled, lean
+from .band import solve_band
+from .elastic import stiffen_joint, stiffen_link
+from .frame import friction_of
+
+UNSTABLE = -1e-7
+"""An eigenvalue below this one is negative."""
+_INVERSIONS = 4
+_ROUNDS, _DOWNHILL = 40, 0.3
+"""Rounds of the search for a forward motion in which the energy decreases, and the length of its steps."""
+
+
+@compiled
+def _list_axes(frame, command, moved, freedom, owner, axis, first):
+    """List the directions in which points are free; return their number.
+
+    Args:
+        frame: the body.
+        command: the command.
+        moved: last displacements of the points, shape (N, 2) [m].
+        freedom: 1 if contacts are free along their displacements only, 2 in both directions.
+        owner: output: point of each direction, shape (2 N,).
+        axis: output: the directions, shape (2 N, 2).
+        first: output: number of the first direction of each point and of the next one, shape (N + 1, 2).
+    """
+    count = 0
+    for i in frame.order:
+        _, _, most = friction_of(frame, command, i)
+        size = math.hypot(moved[i, 0], moved[i, 1])
+        first[i, 0] = count
+        if most == 0.0 or (size > 0.0 and freedom > 1.0):
+            for c in range(2):
+                owner[count] = i
+                axis[count, c] = 1.0
+                axis[count, 1 - c] = 0.0
+                count += 1
+        elif size > 0.0:
+            owner[count] = i
+            axis[count, 0] = moved[i, 0] / size
+            axis[count, 1] = moved[i, 1] / size
+            count += 1
+        first[i, 1] = count
+    return count
+
+
+@lean
+def _add(matrix, axis, first, i, j, block):
+    """Add the coupling of two points, in the lower band."""
+    for p in range(first[i, 0], first[i, 1]):
+        for q in range(first[j, 0], first[j, 1]):
+            if p >= q:
+                push0 = block[0, 0] * axis[q, 0] + block[0, 1] * axis[q, 1]
+                push1 = block[1, 0] * axis[q, 0] + block[1, 1] * axis[q, 1]
+                matrix[p, p - q] += axis[p, 0] * push0 + axis[p, 1] * push1
+
+
+@compiled
+def stiffness_of(frame, command, x, moved, freedom):
+    """Build the second derivative of the energy in the directions in which points are free, relative to their grip.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        moved: last displacements of the points, shape (N, 2) [m].
+        freedom: 1 if contacts are free along their displacements only, 2 in both directions.
+
+    Returns:
+        The lower band: element (p, p - d) at [p, d], shape (D, width); point of each direction, shape (D,); the
+        directions, shape (D, 2).
+    """
+    n = x.shape[0]
+    owner = np.empty(2 * n, np.int64)
+    axis = np.empty((2 * n, 2))
+    first = np.empty((n, 2), np.int64)
+    count = _list_axes(frame, command, moved, freedom, owner, axis, first)
+    width = 2
+    for s in range(frame.ends.shape[0]):
+        a, b = frame.ends[s]
+        width = max(width, max(first[a, 1] - first[b, 0], first[b, 1] - first[a, 0]))
+    for j in range(frame.joints.shape[0]):
+        for p in range(3):
+            a = frame.joints[j, p]
+            b = frame.joints[j, (p + 1) % 3]
+            width = max(width, max(first[a, 1] - first[b, 0], first[b, 1] - first[a, 0]))
+    matrix = np.zeros((count, min(width, max(count, 1))))
+    block = np.empty((2, 2))
+    whole = np.empty((6, 6))
+    for s in range(frame.ends.shape[0]):
+        a, b = frame.ends[s]
+        stiffen_link(frame, command, x, s, block)
+        _add(matrix, axis, first, a, a, block)
+        _add(matrix, axis, first, b, b, block)
+        for p in range(2):
+            for q in range(2):
+                block[p, q] = -block[p, q]
+        _add(matrix, axis, first, a, b, block)
+        _add(matrix, axis, first, b, a, block)
+    for j in range(frame.joints.shape[0]):
+        stiffen_joint(frame, command, x, j, whole)
+        for p in range(3):
+            for q in range(3):
+                for r in range(4):
+                    block[r // 2, r % 2] = whole[2 * p + r // 2, 2 * q + r % 2]
+                _add(matrix, axis, first, frame.joints[j, p], frame.joints[j, q], block)
+    for p in range(count):
+        for d in range(min(p + 1, matrix.shape[1])):
+            matrix[p, d] /= math.sqrt(frame.grip[owner[p]] * frame.grip[owner[p - d]])
+    return matrix, owner[:count], axis[:count]
+
+
+@compiled
+def _has_below(matrix, shift, work):
+    """Return whether an eigenvalue lies below a shift, by the signs of the pivots."""
+    count, width = matrix.shape
+    for p in range(count):
+        for d in range(width):
+            work[p, d] = matrix[p, d]
+    for p in range(count):
+        for d in range(min(p, width - 1), 0, -1):
+            q = p - d
+            total = work[p, d]
+            for e in range(1, min(q, width - 1 - d) + 1):
+                total -= work[p, d + e] * work[q, e] * work[q - e, 0]
+            work[p, d] = total / work[q, 0]
+        pivot = matrix[p, 0] - shift
+        for d in range(1, min(p, width - 1) + 1):
+            pivot -= work[p, d] * work[p, d] * work[p - d, 0]
+        if not pivot > 0.0:
+            return True
+        work[p, 0] = pivot
+    return False
+
+
+@compiled
+def least_eigenvalue(matrix):
+    """Find the least eigenvalue of a symmetric band matrix by bisection.
+
+    Args:
+        matrix: the lower band, shape (D, width).
+
+    Returns:
+        The eigenvalue, to three digits; infinite without rows.
+    """
+    count, width = matrix.shape
+    if count == 0:
+        return np.inf
+    work = np.empty_like(matrix)
+    low = high = matrix[0, 0]
+    radius = np.zeros(count)
+    for p in range(count):
+        high = min(high, matrix[p, 0])
+        for d in range(1, min(p, width - 1) + 1):
+            radius[p] += abs(matrix[p, d])
+            radius[p - d] += abs(matrix[p, d])
+    for p in range(count):
+        low = min(low, matrix[p, 0] - radius[p])
+    if low < 0.0 < high and not _has_below(matrix, 0.0, work):
+        low = 0.0
+    elif low < 0.0:
+        high = min(high, 0.0)
+    while high - low > 1e-3 * max(abs(high), abs(low)) + 1e-9:
+        middle = 0.5 * (low + high)
+        if _has_below(matrix, middle, work):
+            high = middle
+        else:
+            low = middle
+    return 0.5 * (low + high)
+
+
+@compiled
+def _eigenvector_of(matrix, value):
+    """Compute the eigenvector of an eigenvalue by inverse iteration."""
+    count, width = matrix.shape
+    reach = width - 1
+    found = np.empty(count)
+    for p in range(count):
+        found[p] = 1.0 + 0.1 * (p % 7)  # no symmetry
+    for _ in range(_INVERSIONS):
+        band = np.zeros((count, 3 * reach + 1))
+        for p in range(count):
+            band[p, 2 * reach] = matrix[p, 0] - value
+            for d in range(1, min(p, reach) + 1):
+                band[p, 2 * reach - d] = matrix[p, d]
+                band[p - d, 2 * reach + d] = matrix[p, d]
+        solve_band(band, reach, found)
+        size = 0.0
+        for p in range(count):
+            size += found[p] * found[p]
+        for p in range(count):
+            found[p] /= math.sqrt(size)
+    return found
+
+
+@lean
+def _push(matrix, one_sided, motion, slope):
+    """Make a motion forward and of length 1; write half the derivative of its energy, and return the energy."""
+    count, width = matrix.shape
+    size = 0.0
+    for p in range(count):
+        motion[p] = max(motion[p], 0.0) if one_sided[p] else motion[p]
+        size += motion[p] * motion[p]
+        slope[p] = 0.0
+    value = 0.0
+    for p in range(count):
+        motion[p] /= math.sqrt(size) if size > 0.0 else 1.0
+        slope[p] += matrix[p, 0] * motion[p]
+        for d in range(1, min(p, width - 1) + 1):
+            slope[p] += matrix[p, d] * motion[p - d]
+            slope[p - d] += matrix[p, d] * motion[p]
+    for p in range(count):
+        value += slope[p] * motion[p]
+    return value
+
+
+@compiled
+def decreases(frame, command, matrix, owner):
+    """Determine whether the energy decreases along a forward motion.
+
+    Args:
+        frame: the body.
+        command: the command.
+        matrix: from `stiffness_of`, along the displacements.
+        owner: point of each direction, shape (D,).
+
+    Returns:
+        Whether it does; a motion forward in which it decreases most, as far as was found, shape (D,).
+    """
+    count = owner.size
+    best = np.zeros(count)
+    if count == 0 or not _has_below(matrix, UNSTABLE, np.empty_like(matrix)):
+        return False, best
+    one_sided = np.empty(count, np.bool_)
+    for p in range(count):
+        one_sided[p] = friction_of(frame, command, owner[p])[2] > 0.0
+    value = least_eigenvalue(matrix)
+    vector = _eigenvector_of(matrix, value - 1e-3 * abs(value))
+    least = UNSTABLE
+    motion = np.empty(count)
+    slope = np.empty(count)
+    for sign in (1.0, -1.0):
+        for p in range(count):
+            motion[p] = sign * vector[p]
+        for _ in range(_ROUNDS):
+            value = _push(matrix, one_sided, motion, slope)
+            if value < least:
+                least = value
+                for p in range(count):
+                    best[p] = motion[p]
+            for p in range(count):
+                motion[p] -= _DOWNHILL * slope[p]
+    return least < UNSTABLE, best
