@@ -254,7 +254,9 @@ def test_motion_does_not_depend_on_the_view(seed):
 def test_a_point_that_sticks_stays_where_it_is_to_the_bit():
     scene, _ = wriggle(2)
     count = len(scene["points"])
-    body = Crawler(build(**scene, drive={"times": [0, 1], "actuation": [[0] * (2 * count - 3), [0.1] * (2 * count - 3)]}))
+    body = Crawler(
+        build(**scene, drive={"times": [0, 1], "actuation": [[0] * (2 * count - 3), [0.1] * (2 * count - 3)]})
+    )
     body.advance([0.05] * (2 * count - 3))
     before = body.displacement
     rng = np.random.default_rng(0)
