@@ -18,6 +18,7 @@ from crawler_model.run.account import average_displacement
 from crawler_model.run.trajectory import TimedJump
 from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
+from ..wire.messages import find_orientation
 from .parts import parts_of
 from .ramps import Piece
 
@@ -123,7 +124,7 @@ class RampRows:
         self.joints.append(joints)
         self.contacts.append(contacts)
         x, y = np.resize(np.append(crawler.net_translation, 0.0), 2).tolist()
-        self.poses.append((x, y, 0.0, 0.0, 0.0, 0.0, 1.0))
+        self.poses.append((x, y, 0.0, 0.0, 0.0, *find_orientation(crawler.yaw)))
 
     def piece(self, shown: np.ndarray) -> Piece:
         """Build a piece of all ramps.
