@@ -52,6 +52,8 @@ class TurningTree:
         """
         assert body.turning is not None
         self._position, self._springs = body.position, body.springs
+        self.joints = body.lengths - body.springs
+        """Number of joints of the body."""
         ends, joints = body.ends.tolist(), body.turning.joints.tolist()
         link_of = {frozenset(pair): link for link, pair in enumerate(ends)}
         branches: list[Branch] = []

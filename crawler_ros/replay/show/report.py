@@ -130,9 +130,12 @@ def _print_jumps(replay: Replay, screen: Console) -> None:
         return
     longest = max(jumps, key=lambda jump: abs(jump["distance"]))
     loss = sum(jump["loss"] for jump in jumps)
+    turns = replay.scene is not None and replay.scene.body.turning is not None
+    why = "where stability was lost" if turns else "onto ground that holds less"
+    border = "" if longest["border"] is None else f" from the border at {longest['border']:g} m"
     screen.print(
-        f"{len(jumps)} jump(s) onto ground that holds less, {loss:.6g} J lost; the longest: {longest['contact']} at "
-        f"{longest['time']:g} s, {longest['distance']:.6g} m from the border at {longest['border']:g} m"
+        f"{len(jumps)} jump(s) {why}, {loss:.6g} J lost; the longest: {longest['contact']} at "
+        f"{longest['time']:g} s, {longest['distance']:.6g} m{border}"
     )
 
 
