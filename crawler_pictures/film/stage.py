@@ -9,7 +9,8 @@ import numpy as np
 from ..run.kymograph import MOST_LINES, MOST_NAMED, draw_positions, draw_states
 from .film import Film
 from .moving_set import moving_set
-from .panels import LinePanel, PlanePanel, Rolling, SetPanel
+from .panels import LinePanel, Rolling, SetPanel
+from .plane_panel import PlanePanel
 from .pixels import Clock, RollingAxis
 
 if TYPE_CHECKING:
