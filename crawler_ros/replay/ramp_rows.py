@@ -15,6 +15,7 @@ from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
+from crawler_model.run.screw import to_frame
 from crawler_model.run.trajectory import TimedJump
 from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
@@ -150,7 +151,7 @@ class RampRows:
         # a contact that reaches its bound as a ramp ends may move by rounding: that is not a slip
         noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(body.position, axis=0).max()))
         gained = np.where(np.abs(gained) > noise, gained, 0.0)
-        forward, backward = self._parts.slid(gained)
+        forward, backward = self._parts.slid(gained if body.turning is None else to_frame(body, x, gained))
         return Piece(
             run=np.array(self.run, np.int64),
             start_ns=np.array(self.start_ns, np.int64),

@@ -74,7 +74,8 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
     source = "the drive's periods" if replay.cycle_source == "drive" else "by recurrence of the commands"
     table = Table(title=f"{len(cycles)} cycle(s), {source}; {transient} transient", title_justify="left")
     known = cycles[0].energy is not None
-    columns = ["time [s]", "translation [m]", "slip forward [m]", "slip back [m]"]
+    turns = cycles[0].turned is not None
+    columns = ["time [s]", "translation [m]", *["turned [rad]"] * turns, "slip forward [m]", "slip back [m]"]
     columns += ["work [J]", "dissipation [J]", "residual", "least margin [N]"] if known else []
     columns += [""] if transient else []
     for column in columns:
@@ -96,6 +97,8 @@ def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:
     size = max(size, cycle.slip_forward, cycle.slip_backward)
     lengths = (cycle.translation, cycle.slip_forward, cycle.slip_backward)
     row = [f"{cycle.start:g} .. {cycle.end:g}", *(write_length(value, size) for value in lengths)]
+    if cycle.turned is not None:
+        row.insert(2, f"{cycle.turned:.6g}")
     if known and cycle.energy is not None:
         energy, margin = cycle.energy, cycle.least_margin or 0.0
         row += [f"{energy.work:.6g}", f"{energy.dissipation:.6g}", f"{energy.residual:.0e}"]
