@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..colors import FORWARD, GREY, STICK
+from ..colors import BACK, FORWARD, GREY, STICK
 from ..strokes import WORDS, friction_strokes
 from .camera import watch_plane
 from .film import Film
@@ -49,7 +49,7 @@ class PlanePanel:
         (self._path,) = axes.plot([], [], color=_DARK, linewidth=1.8, zorder=1.6)
         (self._links,) = axes.plot([], [], color=_DARK, linewidth=1.3, zorder=2)
         turns = self._body.turning is not None and chosen.size <= MOST_ARROWS
-        (self._strokes,) = axes.plot([], [], color=STICK, linewidth=1.8, zorder=2.5)
+        (self._strokes,) = axes.plot([], [], color=BACK, linewidth=1.8, zorder=2.5)
         size = float(np.clip(500.0 / chosen.size, 3.0, 14.0))
         self._dots = {
             state: axes.plot([], [], "o", color=color, markersize=size, markeredgecolor=_DARK, zorder=3)[0]
@@ -76,7 +76,8 @@ class PlanePanel:
             self._arrows,
         ]
         title = "from above; contacts: grey stick, green slide, arrows along the motion; + mean of the contacts"
-        axes.set_title(f"{title}\n{WORDS}" if turns else title, loc="left", fontsize=10)
+        short = f"from above; grey stick, green slide, arrows along the motion; + mean; {WORDS}"
+        axes.set_title(short if turns else title, loc="left", fontsize=9 if turns else 10)
 
     def move(self, k: int) -> None:
         """Move everything to a frame.
@@ -98,7 +99,7 @@ class PlanePanel:
             past = np.concatenate((self._place[: k + 1], np.full((1, place.shape[0], 2), np.nan)))
             self._trails.set_data(*past.transpose(1, 0, 2).reshape(-1, 2).T)
             arrow = self._velocity[k] * slides[:, None] * (0.2 * self._reach / self._most)
-            strokes = friction_strokes(self._body, place, 2.0 * width)
+            strokes = friction_strokes(self._body, place, 3.5 * width)
             self._strokes.set_data(*np.insert(strokes, 2, np.nan, axis=1).reshape(-1, 2).T)
             self._arrows.set_offsets(place)
             self._arrows.set_UVC(*arrow.T)

@@ -249,11 +249,12 @@ class PlaneView:
         reach = 2.2 * self._shape.radius * directions * (1.0, -1.0)
         lines: Any = [[p, p + d] for p in points for d in reach]
         if turns:
-            strokes = friction_strokes(self._scene.body, points * (1.0, -1.0), 2.6 * self._shape.radius)
+            strokes = friction_strokes(self._scene.body, points * (1.0, -1.0), 3.0 * self._shape.radius)
             lines = list(strokes * (1.0, -1.0))
+        color, order = (TEXT, 1.5) if turns else (FAINT, -2.0)
         self._stream.log(
             "world/friction",
-            self._rr.LineStrips2D(lines, colors=[FAINT], radii=self._rr.Radius.ui_points(1.5), draw_order=-2.0),
+            self._rr.LineStrips2D(lines, colors=[color], radii=self._rr.Radius.ui_points(1.5), draw_order=order),
         )
 
 
