@@ -1,8 +1,8 @@
 """A tree of links through all points of a body that turns: from elongations and angles to positions.
 
 The direction of each link of the tree is that of the link before it, turned by the reference angle between them and by
-the change of that angle. The change is that of a joint, or, where no joint connects both links, an angle of its own. The
-first link is turned from the x axis. Links that close a loop are not in the tree.
+the change of that angle. The change is that of a joint, or, where no joint connects both links, an angle of its own.
+The first link is turned from the x axis. Links that close a loop are not in the tree.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Branch:
         end: the point that it leads to.
         before: number of the branch from whose direction its own is turned; -1 for the x axis.
         joint: the joint whose change of angle turns it; -1 if none does.
-        sign: 1.0 if the angle of the joint turns it to the left, -1.0 to the right.
+        sign: 1.0 if the angle of the joint turns it to the left, -1.0 to the right [1].
         heading: reference angle from the direction before [rad].
         length: reference length [m].
     """
@@ -130,7 +130,9 @@ def _over_joints(
                         yield link, b, new, i, joint, sign
 
 
-def _over_any(branches: list[Branch], reached: set[int], ends: list[list[int]]) -> tuple[int, int, int, int, int, float]:
+def _over_any(
+    branches: list[Branch], reached: set[int], ends: list[list[int]]
+) -> tuple[int, int, int, int, int, float]:
     """Find any link to a new point; its direction is turned from that of the link that reached its start."""
     for link, pair in enumerate(ends):
         for start, end in (pair, pair[::-1]):

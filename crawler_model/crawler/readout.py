@@ -106,7 +106,14 @@ class Readout:
 
 
 def find_turn(crawler: Crawler) -> float:
-    """Compute by how much the heading turned in the last command, less than half a turn [rad]; 0 for other bodies."""
+    """Compute by how much the heading turned in the last command, less than half a turn.
+
+    Args:
+        crawler: the crawler.
+
+    Returns:
+        The angle [rad]; 0 for bodies that do not turn.
+    """
     turning = crawler.body.turning
     if turning is None:
         return 0.0

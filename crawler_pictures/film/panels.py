@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..colors import BACK, FORWARD, GREY, STALLED, STICK
+from ..colors import BACK, FORWARD, GREY, STALLED
 from ..domain_text import FACE, SECTION
 from ..ground import list_sections
 from .camera import watch_set, watch_track

@@ -10,8 +10,8 @@ from ..run.kymograph import MOST_LINES, MOST_NAMED, draw_positions, draw_states
 from .film import Film
 from .moving_set import moving_set
 from .panels import LinePanel, Rolling, SetPanel
-from .plane_panel import PlanePanel
 from .pixels import Clock, RollingAxis
+from .plane_panel import PlanePanel
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -165,7 +165,8 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
         level = WARN
         message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time lags"
     if node.scene.body.turning is not None and counts.jumps > before[4]:
-        level, message = WARN, f"{counts.jumps - before[4]} jump(s) where stability was lost; where they end is a choice"
+        message = f"{counts.jumps - before[4]} jump(s) where stability was lost; where they end is a choice"
+        level = WARN
     if counts.ambiguous > before[0]:
         level, message = WARN, "the translation was not determined in some ticks; the one nearest to zero was taken"
     if counts.overspent > before[1]:

@@ -85,8 +85,8 @@ class Outgoing:
         if outlets["pose"].wanted or outlets["odom"].wanted:
             y = crawler.net_translation
         if outlets["pose"].wanted:
-            place = (y,) if isinstance(y, float) else y
-            outlets["pose"].send(self._pose.encode(now_ns, *place, yaw=crawler.yaw))
+            place = (y, 0.0) if isinstance(y, float) else y
+            outlets["pose"].send(self._pose.encode(now_ns, place[0], place[1], crawler.yaw))
         if outlets["odom"].wanted:
             gain = crawler.body.share @ crawler.gained
             if crawler.body.turning is not None:  # a twist is one in the frame that it moves

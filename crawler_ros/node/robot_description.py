@@ -94,12 +94,12 @@ def _add_turning(
         if branch.before >= 0 and tree.branches[branch.before].start == branch.start:  # its end has another frame
             parent = f"{names[tree.branches[branch.before].link]}_frame"
         if branch.joint < 0:
-            kind, limits = (next(free), "continuous"), {}
+            kind, limits = (next(free), "continuous"), dict[str, str]()
         else:
             kind, limits = (names[springs + branch.joint], "revolute"), {"lower": _text(-np.pi), "upper": _text(np.pi)}
         turn = np.zeros(3), branch.heading
         joint = _add_joint(robot, kind, (parent, start), turn, (0.0, 0.0, branch.sign))
-        ET.SubElement(joint, "limit", **limits, effort=_text(_EFFORT), velocity="1e9")
+        ET.SubElement(joint, "limit", {**limits, "effort": _text(_EFFORT), "velocity": "1e9"})
         along = (branch.length, 0.0, 0.0), 0.0
         joint = _add_joint(robot, (name, "prismatic"), (start, frames[branch.end]), along, (1.0, 0.0, 0.0))
         _add_limits(joint, sizes[0], _EFFORT)

@@ -34,9 +34,9 @@ class Frame:
     """One instant to draw, of the stations and joints of a body (see `crawler_model.body.body.Body`).
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
-    tension of each link and segment, in the plane its size; bounds of the spring forces on each station where a chain has no
-    segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame before;
-    of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
+    tension of each link and segment, in the plane its size; bounds of the spring forces on each station where a chain
+    has no segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame
+    before; of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
     """
 
     time_ns: int

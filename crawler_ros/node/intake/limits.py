@@ -81,8 +81,8 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     """Compute the limits of a scene's commands.
 
     A strain is limited so that its segment lengthens by no more than a link may, and a friction per length so that its
-    segment has no more friction than a contact may. The angle of a joint may change by a whole turn, or by as much as in
-    the scene's drive if that is more.
+    segment has no more friction than a contact may. The angle of a joint may change by a whole turn, or by as much as
+    in the scene's drive if that is more.
 
     Args:
         scene: the scene that is commanded.

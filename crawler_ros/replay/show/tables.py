@@ -107,9 +107,9 @@ def _schema(table: str, planar: bool, turns: bool = False) -> pa.Schema:
 
 
 class TableWriter:
-    """Writes ticks, contacts, links, joints piece by piece; at the end slips, cycles, and jumps, rests, refusals if any.
+    """Writes ticks, contacts and links piece by piece; at the end slips, cycles, and jumps, rests, refusals if any.
 
-    Joints are those of a body that turns; other bodies have none.
+    The joints of a body that turns have a table of their own.
     """
 
     def __init__(self, folder: Path, scene: Scene | None) -> None:
@@ -153,9 +153,9 @@ class TableWriter:
         """Write the links, and of a body that turns the joints, where tensions are known."""
         both = piece.elongation[rows], piece.tension[rows]
         if self._turns and piece.tension.shape[1]:
-            links = piece.least.shape[1]
-            self._write_long("joints", at, [values[:, links:] for values in both])
-            self._write_long("links", at, [*(v[:, :links] for v in both), piece.least[rows], piece.most[rows]])
+            count = piece.least.shape[1]
+            self._write_long("joints", at, [values[:, count:] for values in both])
+            self._write_long("links", at, [*(v[:, :count] for v in both), piece.least[rows], piece.most[rows]])
         elif piece.tension.shape[1]:
             values = [a for v in both for a in self._axes(v)]
             self._write_long("links", at, [*values, piece.least[rows], piece.most[rows]])
