@@ -156,9 +156,11 @@ class _Periods:
         x = self.records[:, : start.size]
         self.travel = max(float(np.abs(x - start).max()), 1e-300)
         self.work = step.work
-        gained = average_displacement(body, crawler.gained[None])
+        moved = crawler.gained[None]
         if self.turns:
-            gained = gain_in_frame(body, begin[None], gained, np.array([crawler.yaw - yaw]))
+            gained = gain_in_frame(body, begin[None], moved, np.array([crawler.yaw - yaw]))
+        else:
+            gained = average_displacement(body, moved)
         self.gains.append(gained[0])
         before, self.tension = self.tension, self.determine()
         scale = np.ones(1) if self.turns else body.stiffness

@@ -48,18 +48,20 @@ def find_screw(gain: np.ndarray) -> Screw:
     return Screw(centre, math.hypot(*centre))
 
 
-def gain_in_frame(body: Body, x: np.ndarray, gained: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """Turn net translations into the frame of the body before each of them.
+def gain_in_frame(body: Body, x: np.ndarray, moved: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    """Compute gains in the frame of the body before each of them: its origin lies between the points of the heading.
 
     Args:
         body: a body that turns.
         x: displacements before, shape (P, N, 2) [m].
-        gained: y gained, shape (P, 2) [m].
+        moved: displacement gained, shape (P, N, 2) [m].
         turned: change of the yaw, shape (P,) [rad].
 
     Returns:
         dx, dy along and across the heading [m], and dyaw [rad], shape (P, 3).
     """
+    assert body.turning is not None
+    gained = moved[:, body.turning.heading].mean(axis=1)
     along, across = to_frame(body, x, gained[:, None])[:, 0].T
     return np.column_stack((along, across, turned))
 

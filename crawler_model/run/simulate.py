@@ -186,8 +186,10 @@ class _Run:
         body = self.crawler.body
         if self.crawler.scene.drive.period is None:
             return np.zeros((0, *x.shape[2:]))
-        gained = average_displacement(body, np.diff(x, axis=0) + np.diff(np.array(self.waypoint_rest), axis=0))
-        return gained if body.turning is None else gain_in_frame(body, x[:-1], gained, np.diff(self.waypoint_yaw))
+        moved = np.diff(x, axis=0) + np.diff(np.array(self.waypoint_rest), axis=0)
+        if body.turning is not None:
+            return gain_in_frame(body, x[:-1], moved, np.diff(self.waypoint_yaw))
+        return average_displacement(body, moved)
 
     def finish(self, rate: float, began: float) -> Trajectory:
         """Complete the account and build the trajectory."""

@@ -56,7 +56,7 @@ class Trajectory(Tabular):
         waypoint_net_translation: y at these times, shape (W,), in the plane (W, 2) [m].
         per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m]; of a body that turns dx and dy
             [m] in its frame at the start of the period and the angle dyaw [rad] by which it turned, shape (P, 3). The
-            origin of that frame is the mean of all points with friction, its x axis the heading.
+            origin of that frame lies in the middle of the heading, whose direction is its x axis.
         yaw: angle of the heading at the times of `time`, whole turns counted, shape (T,) [rad]; 0 for bodies that do
             not turn.
         waypoint_yaw: likewise at the times of `waypoint_time`, shape (W,) [rad].

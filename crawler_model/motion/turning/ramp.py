@@ -28,6 +28,10 @@ _BEYOND = 0.3 * AT_ONCE
 _SPENT, _AT_ONCE = 0.02, 0.125
 """Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
 that it may take."""
+_BALANCED, _ROUNDING = 0.01, 1e-12
+"""The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
+_EDGE = 1e-6
+"""A length that is a power of 2 but for rounding is not rounded down to the next one."""
 _MOST_TRIALS = 100
 """Upper limit of lengths that are tried at a place of a ramp."""
 PLACE, TRIALS, LENGTH, LEFT, MARGIN, LOWEST = range(6)
@@ -90,23 +94,43 @@ def glance(frame, way, negligible, velocity, force):
     return True, first
 
 
+@lean
+def _dyadic(length):
+    """Round a length down to a power of 2: rounding errors must not decide about the length of a part."""
+    return 2.0 ** math.floor(math.log2(length) + _EDGE)
+
+
 @merged
-def _settle(frame, state, target, part, best, after):
-    """Solve for the end of a part of a ramp, where friction balances the forces; return whether it is stable."""
+def _settle(frame, state, target, part, best, after, allowed):
+    """Solve for the end of a part of a ramp, where friction balances the forces.
+
+    The displacement and the dissipation in `best` become those to that end.
+
+    Returns whether it is stable and the energies balance: where they do not, the body has jumped; and their residual.
+    """
     x, _, command, _ = state
     n = x.shape[0]
     force = np.empty((n, 2))
     now = np.empty(command.shape[0])
-    command_at(command, target, part, now)
     base = np.empty((n, 2))
+    command_at(command, target, part, now)
     for i in range(n):
         for c in range(2):
             base[i, c] = after[i, c] = x[i, c] + best[i, c]
     solved, _ = solve_stage(frame, now, base, after, force, 0.0)
-    if not solved:
-        return False
+    most = 0.0
+    for i in range(n):
+        best[n, 0] += resistance(frame, now, after, i, after[i, 0] - base[i, 0], after[i, 1] - base[i, 1])
+        best[i, 0] = after[i, 0] - x[i, 0]
+        best[i, 1] = after[i, 1] - x[i, 1]
+        most = max(most, math.hypot(force[i, 0], force[i, 1]))
+    stored = energy_of(frame, command, x)
+    gained = energy_of(frame, now, after) - stored
+    spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
+    residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
+    balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
-    return not decreases(frame, now, matrix, owner)[0]
+    return solved and balanced and not decreases(frame, now, matrix, owner)[0], residual
 
 
 @merged
@@ -116,35 +140,25 @@ def _take(frame, state, target, part, best, after, account):
     n = x.shape[0]
     force = np.empty((n, 2))
     size = np.empty(n)
-    now = np.empty(command.shape[0])
-    stored = energy_of(frame, command, x)
-    command_at(command, target, part, now)
-    pull(frame, now, after, force, size)
+    command_at(command, target, part, command)
     before = yaw_of(frame, x)
-    dissipated, worked, pulled = best[n, 0], best[n, 1], best[n + 1, 0]
     for i in range(n):
-        corrected = after[i, 0] - (x[i, 0] + best[i, 0]), after[i, 1] - (x[i, 1] + best[i, 1])
-        dissipated += resistance(frame, now, after, i, corrected[0], corrected[1])
-        gap = gap_of(frame, now, after, i, force)
+        for c in range(2):
+            gained[i, c] += best[i, c]
+            x[i, c] = after[i, c]
+    pull(frame, command, x, force, size)
+    for i in range(n):
+        gap = gap_of(frame, command, x, i, force)
         strength = math.hypot(force[i, 0], force[i, 1])
         account[VIOLATION] = max(account[VIOLATION], -gap if gap < np.inf else strength)
-        moved0 = after[i, 0] - x[i, 0]
-        moved1 = after[i, 1] - x[i, 1]
-        lost = resistance(frame, now, after, i, moved0, moved1) - force[i, 0] * moved0 - force[i, 1] * moved1
+        lost = resistance(frame, command, x, i, best[i, 0], best[i, 1])
+        lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
-        gained[i, 0] += moved0
-        gained[i, 1] += moved1
-        best[i, 0] = moved0
-        best[i, 1] = moved1
-        x[i, 0] = after[i, 0]
-        x[i, 1] = after[i, 1]
-    turned = yaw_of(frame, after) - before
+    turned = yaw_of(frame, x) - before
     yaw[0] += turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
-    command_at(command, now, 1.0, command)
-    account[WORK] += worked
-    account[DISSIPATION] += dissipated - pulled
-    account[LOADS_WORK] += pulled
-    account[RESIDUAL] += energy_of(frame, now, x) - stored + dissipated - worked - pulled
+    account[WORK] += best[n, 1]
+    account[DISSIPATION] += best[n, 0] - best[n + 1, 0]
+    account[LOADS_WORK] += best[n + 1, 0]
     account[EVENTS] += 1.0
 
 
@@ -197,17 +211,19 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         else:
             paid = max(error - tolerance * length, 0.0)
             if outcome == TAKEN and paid <= _AT_ONCE * progress[LEFT]:
-                if _settle(frame, state, target, part, best, after):
+                settled, residual = _settle(frame, state, target, part, best, after, limits[0])
+                if settled:
+                    account[RESIDUAL] += residual
                     progress[LEFT] -= paid
                     growth = min(max(growth, 0.3), 4.0) * length
-                    progress[LENGTH] = max(wanted, growth) if length >= aim else growth
+                    progress[LENGTH] = max(wanted, _dyadic(growth)) if length >= aim else _dyadic(growth)
                     _take(frame, state, target, part, best, after, account)
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
                     return part
                 if length < _LEAST_FALL:
                     break
                 growth = 0.5
-            wanted = (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length
+            wanted = _dyadic((0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
         if min(aim, wanted) < _LEAST_PART:
             break
     return 0.0

@@ -48,7 +48,7 @@ def run() -> Trajectory:
 def origin_and_yaw(run: Trajectory, x: np.ndarray) -> tuple[complex, float]:
     place = run.scene.body.position + x
     heading = place[3] - place[0]
-    origin = run.scene.body.share @ place
+    origin = 0.5 * (place[0] + place[3])
     return complex(*origin), math.atan2(heading[1], heading[0])
 
 
