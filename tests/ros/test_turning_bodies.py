@@ -14,6 +14,7 @@ from std_msgs.msg import Float64MultiArray
 from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene
 from crawler_ros.replay import analyse
+from crawler_ros.replay.analysis import find_jumps
 
 from .graph import graph, seconds
 from .machine import value
@@ -29,15 +30,12 @@ body:
   joints: {stiffness: 2.0}
 friction: {forward: 0.1, backward: 1.0, left: 0.5, right: 0.5}
 """
-BUCKLING = """
-name: strut
+ARCH = """
+name: arch
 dimension: 2
-body:
-  points: [[0.0, 0.0], [1.0, 0.002], [2.0, 0.0]]
-  springs: length
-  links: {stiffness: 20}
-  joints: {stiffness: 0.1}
-friction: {forward: [5.0, 0.01, 5.0], backward: [5.0, 0.01, 5.0], left: [5.0, 0.3, 5.0], right: [5.0, 0.3, 5.0]}
+body: {points: [[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]], springs: length, links: {stiffness: 20.0}}
+friction: {isotropic: [50.0, 0.0, 50.0]}
+loads: 0
 """
 NAMES = ["link_0", "link_1", "link_2", "joint_0", "joint_1"]
 GAIT = ((0.2, [0.0, 0.01, 0.0, 0.4, 0.0]), (0.4, [0.01, 0.0, 0.0, 0.4, 0.5]), (0.6, [0.0, 0.0, 0.01, -0.3, 0.5]))
@@ -62,9 +60,13 @@ def yaw_of(pose):
 
 def test_pose_and_odometry_turn_with_the_body(ros, tmp_path):
     scene = write(tmp_path, SCENE)
-    ros.simulator(f"scene:={scene}", "publish.odom:=true", "rate:=50.0", hear=("odom", "pose", "joint_states"))
+    ros.simulator(f"scene:={scene}", "publish.odom:=true", "rate:=50.0", hear=("odom", "pose", "applied_commands"))
     ros.publish("joint_trajectory", trajectory(NAMES, *GAIT))
-    wait_until(lambda: abs(ros.heard["joint_states"][-1].effort[7] - 0.0) < np.inf and len(ros.heard["odom"]) > 60)
+    wait_until(
+        lambda: any(list(p.positions)[:5] == GAIT[-1][1] for m in ros.heard["applied_commands"] for p in m.points)
+    )
+    ends = seconds(ros.heard["applied_commands"][-1])
+    wait_until(lambda: seconds(ros.heard["odom"][-1]) > ends and seconds(ros.heard["pose"][-1]) > ends)
     odom, pose = ros.heard["odom"], {seconds(p): p for p in ros.heard["pose"]}
     assert max(abs(yaw_of(o.pose.pose)) for o in odom) > 0.01
     for before, after in itertools.pairwise(odom):
@@ -157,22 +159,44 @@ def test_friction_arrays_have_four_numbers_a_point_and_others_are_refused_in_one
     wait_until(lambda: "this topic takes only links and joints" in simulator.said)
 
 
+def press(ros, count):
+    """Load the arch with some more in each tick, in lock-step; yields the load on its middle [N]."""
+    for k, load in enumerate(np.linspace(-0.02, -0.2, count), 1):
+        ros.publish("joint_trajectory", trajectory(["contact_1/load_y"], (0.0, [load])))
+        wait_until(lambda n=k: len(ros.heard["joint_states"]) > n, what=f"the state after command {k}")
+        yield load
+
+
 def test_a_jump_is_counted_and_found_again(ros, tmp_path):
-    scene = write(tmp_path, BUCKLING)
+    scene = write(tmp_path, ARCH)
     simulator = ros.simulator(
         f"scene:={scene}", "lock_step:=true", f"record:={tmp_path / 'bags'}", hear=("joint_states", "/diagnostics")
     )
     alone = Crawler(load_scene(scene))
     jumps = []
-    for k, length in enumerate(np.linspace(0.02, 0.2, 10), 1):
-        ros.publish("actuation_controller/commands", Float64MultiArray(data=[length, length, 0.0]))
-        wait_until(lambda n=k: len(ros.heard["joint_states"]) > n, what=f"the state after command {k}")
-        jumps += alone.advance([length, length, 0.0]).jumps
-    assert jumps
-    wait_until(lambda: value(ros, "simulation", "jumps where stability was lost") == str(len(jumps)))
+    for load in press(ros, 10):
+        jumps += alone.advance([0.0, 0.0], loads=[[0.0, 0.0], [0.0, load], [0.0, 0.0]]).jumps
+        assert list(ros.heard["joint_states"][-1].position)[3:5] == list(alone.shape)
+    (jump,) = jumps
+    wait_until(lambda: value(ros, "simulation", "jumps where stability was lost") == "1")
+    assert float(value(ros, "simulation", "energy lost in jumps [J]")) == pytest.approx(jump.loss, rel=1e-3)
+    assert any("jump(s) where stability was lost" in s.message for m in ros.heard["/diagnostics"] for s in m.status)
     assert simulator.end() == 0
     (path,) = (tmp_path / "bags").iterdir()
     found = analyse(path)
     assert found.comparison.identical
-    assert [jump["contact"] for jump in found.plain_jumps()] == [f"contact_{jump.contact}" for jump in jumps]
-    assert found.energy.jump_loss == pytest.approx(sum(jump.loss for jump in jumps), rel=1e-9)
+    (again,) = found.plain_jumps()
+    assert (again["contact"], again["border"]) == ("contact_1", None)
+    assert found.energy.jump_loss == pytest.approx(jump.loss, rel=1e-9)
+    assert [jump.contact for _, jump in find_jumps(path)] == [1]
+
+
+def test_a_body_that_must_not_jump_rests_and_the_node_goes_on(ros, tmp_path):
+    scene = write(tmp_path, f"{ARCH}on_instability: refuse\n")
+    simulator = ros.simulator(f"scene:={scene}", "lock_step:=true", hear=("joint_states", "/diagnostics"))
+    for _ in press(ros, 10):
+        pass
+    wait_until(lambda: int(value(ros, "simulation", "ticks refused because stability would be lost")) > 0)
+    assert "the commands of a tick are refused: command: at" in simulator.said
+    assert value(ros, "simulation", "jumps where stability was lost") == "0"
+    assert ros.heard["joint_states"][-1].position == ros.heard["joint_states"][-2].position

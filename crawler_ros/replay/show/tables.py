@@ -166,10 +166,9 @@ class TableWriter:
             self._names = {"contacts": name_contacts(contacts), "links": name_links(joints)}
         else:
             names = contact_names(self._scene.body)[:: self._scene.dimension]
-            links = len(self._scene.body.joints)
-            joints = name_joints(self._scene.body)
+            count, both = len(self._scene.body.joints), name_joints(self._scene.body)
             self._names = {"contacts": [n.removesuffix("/x") for n in names]}
-            self._names |= {"links": joints[:links], "joints": joints[links:]}
+            self._names |= {"links": both[:count], "joints": both[count:]}
         for name in ("ticks", "contacts", "links", *["joints"] * self._turns):
             self._open_one(name)
 
