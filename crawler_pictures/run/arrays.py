@@ -139,8 +139,8 @@ def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:
     """
     names, lengths, half = columns.names, columns.lengths, int(columns.friction_sizes.sum())
     links = int(columns.actuation_sizes[: columns.links].sum())
-    other = ("strain", "1") if columns.joints is None else ("change of rest angle", "rad")
-    found = [("change of rest length", "m", range(links)), (*other, range(links, lengths))]
+    strain = ("strain", "1") if columns.joints is None else ("change of rest angle", "rad")
+    found = [("change of rest length", "m", range(links)), (*strain, range(links, lengths))]
     alone = int(columns.friction_sizes[: columns.contacts].sum())
     both = [rows[:, lengths + k : lengths + half + k + 1 : half] for k in range(half)] if columns.sides == 2 else []
     kinds = [Commands(what, unit, tuple(names[k] for k in at), rows[:, at]) for what, unit, at in found if len(at)]

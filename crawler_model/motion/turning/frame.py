@@ -80,9 +80,7 @@ def build_frame(body: Body) -> Frame:
     graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     order = reverse_cuthill_mckee(csr_array(graph + graph.T), symmetric_mode=True).astype(np.int64)
     offset, heading = np.array(turning.offset, np.float64), np.array(turning.heading, np.int64)
-    return Frame(
-        position, ends, joints, stiffness, rest, guide, offset, turning.along_velocity, order, grip, heading
-    )
+    return Frame(position, ends, joints, stiffness, rest, guide, offset, turning.along_velocity, order, grip, heading)
 
 
 @lean

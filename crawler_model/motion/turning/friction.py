@@ -202,7 +202,7 @@ def measure_margins(frame, command, x, force, margins):
         margins: output, 0 on points without friction, shape (N,) [N].
     """
     for i in range(x.shape[0]):
-        at, least, _ = friction_of(frame, command, i)
+        _, least, _ = friction_of(frame, command, i)
         u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
         size = math.hypot(u0, u1)
         if size == np.inf:

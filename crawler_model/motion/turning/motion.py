@@ -10,6 +10,7 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.plan import Plan
+from ...body.turning import TURNING_TOLERANCE
 from ...errors import CommandError
 from ..jump import Jump
 from ..state import DISSIPATION, LOADS_WORK, SPENT, VISITED, WORK
@@ -19,11 +20,11 @@ from .friction import measure_margins
 from .jump import jump
 from .ramp import LENGTH, MARGIN, PLACE, follow_ramp
 
-DEFAULT_TOLERANCE = 1e-5
-"""Default error of a ramp, relative to its largest change of length."""
 _SHARE = 0.25
 """Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
 
+_ROUNDING = 1e-13
+"""Least tolerance, relative to the size of the body."""
 _AHEAD = 1e-6
 """Part of a ramp by which commands go on where the body jumps."""
 
@@ -221,7 +222,7 @@ class TurningMotion:
         arrays = state.x, state.gained, state.command, state.turned
         progress = np.array([0.0, 0.0, 1.0, self.tolerance, state.stability_margin, 0.0])
         velocity[:] = 0.0
-        ahead = landed = 0.0
+        ahead, landed = _AHEAD, -1.0
         while not follow_ramp(self.frame, arrays, target, self.tolerance, velocity, account, progress):
             assert self.body.turning is not None
             place = progress[PLACE]
@@ -257,4 +258,5 @@ def build_turning_motion(plan: Plan) -> TurningMotion:
     change = np.abs(np.ptp(plan.drive.targets[:, : links + joints], axis=0))
     change[links:] *= frame.rest[:links].mean()
     size = float(change.max(initial=0.0)) or float(frame.rest[:links].max())
-    return TurningMotion(plan.body, frame, _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size)
+    least = _ROUNDING * float(np.abs(frame.position).max() + frame.rest[:links].sum())
+    return TurningMotion(plan.body, frame, max(_SHARE * (plan.tolerance or TURNING_TOLERANCE) * size, least))

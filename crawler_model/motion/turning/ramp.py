@@ -30,6 +30,8 @@ _SPENT, _AT_ONCE = 0.02, 0.125
 that it may take."""
 _BALANCED, _ROUNDING = 0.01, 1e-12
 """The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
+_EDGE = 1e-6
+"""A length that is a power of 2 but for rounding is not rounded down to the next one."""
 _MOST_TRIALS = 100
 """Upper limit of lengths that are tried at a place of a ramp."""
 PLACE, TRIALS, LENGTH, LEFT, MARGIN, LOWEST = range(6)
@@ -90,6 +92,12 @@ def glance(frame, way, negligible, velocity, force):
         elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
             first = min(first, _GLANCE * gap / (gap + frame.grip[i] * _GLANCE * speed))
     return True, first
+
+
+@lean
+def _dyadic(length):
+    """Round a length down to a power of 2: rounding errors must not decide about the length of a part."""
+    return 2.0 ** math.floor(math.log2(length) + _EDGE)
 
 
 @merged
@@ -208,14 +216,14 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                     account[RESIDUAL] += residual
                     progress[LEFT] -= paid
                     growth = min(max(growth, 0.3), 4.0) * length
-                    progress[LENGTH] = max(wanted, growth) if length >= aim else growth
+                    progress[LENGTH] = max(wanted, _dyadic(growth)) if length >= aim else _dyadic(growth)
                     _take(frame, state, target, part, best, after, account)
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
                     return part
                 if length < _LEAST_FALL:
                     break
                 growth = 0.5
-            wanted = (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length
+            wanted = _dyadic((0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
         if min(aim, wanted) < _LEAST_PART:
             break
     return 0.0

@@ -28,28 +28,23 @@ _LONGEST = 0.25
 
 
 @lean
-def _couple(rows, place, band, reach, i, j, block):
-    """Add to the matrix: how the miss of point i changes with the position of j by the force -block . change."""
-    middle = 2 * reach
+def _join(system, i, j, block):
+    """Add how the miss of point i changes with the position of j, by the force -block . change.
+
+    A point that sticks moves by `jump`, which belongs to the right side.
+    """
+    rows, place, jump, band, right, reach = system
+    if place[i] < 0:
+        return
     for p in range(2):
         r = 2 * place[i] + p
         for q in range(2):
-            c = 2 * place[j] + q
-            band[c, middle + r - c] -= rows[i, 2 + 2 * p] * block[0, q] + rows[i, 3 + 2 * p] * block[1, q]
-
-
-@lean
-def _join(rows, place, band, reach, right, jump, i, j, block):
-    """Add the coupling of two points; a point that sticks moves by `jump`."""
-    if place[i] < 0:
-        return
-    if place[j] >= 0:
-        _couple(rows, place, band, reach, i, j, block)
-        return
-    push0 = block[0, 0] * jump[j, 0] + block[0, 1] * jump[j, 1]
-    push1 = block[1, 0] * jump[j, 0] + block[1, 1] * jump[j, 1]
-    for p in range(2):
-        right[2 * place[i] + p] += rows[i, 2 + 2 * p] * push0 + rows[i, 3 + 2 * p] * push1
+            change = rows[i, 2 + 2 * p] * block[0, q] + rows[i, 3 + 2 * p] * block[1, q]
+            if place[j] >= 0:
+                c = 2 * place[j] + q
+                band[c, 2 * reach + r - c] -= change
+            else:
+                right[r] += change * jump[j, q]
 
 
 @lean
@@ -73,9 +68,9 @@ def _reach_of(frame, place):
 
 
 @merged
-def _assemble(frame, command, x, rows, place, jump, system):
+def _assemble(frame, command, x, eta, system):
     """Write the matrix and the right side of a Newton step."""
-    band, right, reach, eta = system
+    rows, place, jump, band, right, reach = system
     middle = 2 * reach
     block = np.empty((2, 2))
     whole = np.empty((6, 6))
@@ -114,10 +109,10 @@ def _assemble(frame, command, x, rows, place, jump, system):
         for p in range(2):
             for q in range(2):
                 other[p, q] = -block[p, q]
-        _join(rows, place, band, reach, right, jump, a, a, block)
-        _join(rows, place, band, reach, right, jump, b, b, block)
-        _join(rows, place, band, reach, right, jump, a, b, other)
-        _join(rows, place, band, reach, right, jump, b, a, other)
+        _join(system, a, a, block)
+        _join(system, b, b, block)
+        _join(system, a, b, other)
+        _join(system, b, a, other)
     for j in range(frame.joints.shape[0]):
         points = frame.joints[j]
         if place[points[0]] < 0 and place[points[1]] < 0 and place[points[2]] < 0:
@@ -127,7 +122,7 @@ def _assemble(frame, command, x, rows, place, jump, system):
             for q in range(3):
                 for r in range(4):
                     block[r // 2, r % 2] = whole[2 * p + r // 2, 2 * q + r % 2]
-                _join(rows, place, band, reach, right, jump, points[p], points[q], block)
+                _join(system, points[p], points[q], block)
 
 
 @merged
@@ -147,7 +142,7 @@ def _find_step(frame, command, x, base, rows, step, eta):
     reach = min(_reach_of(frame, place), 2 * count - 1)
     band = np.zeros((2 * count, 3 * reach + 1))
     right = np.empty(2 * count)
-    _assemble(frame, command, x, rows, place, step, (band, right, reach, eta))
+    _assemble(frame, command, x, eta, (rows, place, step, band, right, reach))
     pivot = solve_band(band, reach, right)
     for i in range(n):
         if place[i] >= 0:
@@ -215,6 +210,7 @@ def _search(frame, command, base, x, force, eta):
                 x[i, c] = trial[i, c]
         miss = after
     return False, True
+
 
 @compiled
 def solve_stage(frame, command, base, x, force, eta):

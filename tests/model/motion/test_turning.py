@@ -1,0 +1,282 @@
+"""Bodies that turn, beside closed forms: rods, towed contacts, columns, snakes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_model import Crawler, Scene, Step, simulate
+
+FINE = 1e-7
+
+
+def build(points: Any, links: Any, **more: Any) -> Scene:
+    """Build a scene; `more` may replace the friction, the joints, the drive."""
+    body = {"points": np.asarray(points, float).tolist(), "springs": "length", "links": links}
+    if "joints" in more:
+        body["joints"] = more.pop("joints")
+    return Scene.model_validate({"name": "x", "dimension": 2, "body": body, "tolerance": FINE, **more})
+
+
+def chain_of(count: int, stiffness: float = 10.0) -> dict[str, Any]:
+    joints = [[i, i + 1, i + 2] for i in range(count - 2)]
+    return {"stiffness": stiffness, "between": joints}
+
+
+def rotate(points: np.ndarray, angle: float) -> np.ndarray:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.asarray(points) @ np.array([[cos, sin], [-sin, cos]])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_a_straight_chain_moves_as_on_the_line(angle):
+    rng = np.random.default_rng(1)
+    count = 5
+    forward, backward = rng.uniform(0.3, 2.0, (2, count))
+    friction = {"forward": forward.tolist(), "backward": backward.tolist(), "left": 0.7, "right": 0.7}
+    points = rotate(np.column_stack((np.arange(count), np.zeros(count))), angle)
+    drive = {"times": [0, 1], "actuation": [[0] * 7, [0.4, -0.4, 0.4, 0.4, 0, 0, 0]]}
+    body = Crawler(build(points, {"stiffness": 10.0}, joints=chain_of(count, 0.5), friction=friction, drive=drive))
+    line = {"name": "line", "body": {"contacts": list(range(count)), "links": {"stiffness": 10.0}}}
+    friction = {"forward": forward.tolist(), "backward": backward.tolist()}
+    exact = Crawler(Scene.model_validate({**line, "friction": friction}))
+    for _ in range(12):
+        lengths = rng.normal(size=count - 1) * 0.4
+        body.advance([*lengths, 0, 0, 0])
+        exact.advance(lengths)
+        x = rotate(body.displacement, -angle)
+        assert x[:, 0] == pytest.approx(exact.displacement, abs=2e-8)
+        assert np.abs(x[:, 1]).max() < (1e-15 if angle == 0.0 else 1e-9)
+
+
+RODS = [(3, None, 1.0, 1.5), (5, None, 0.75, 7 / 3), (6, None, 0.8, 2.75), (3, (1.0, 2.5, 1.0), 0.5, 2.0)]
+
+
+@pytest.mark.parametrize(("count", "weights", "centre", "force"), RODS)
+def test_a_rod_that_is_pulled_sideways_turns_about_a_contact(count, weights, centre, force):
+    """F = sum w |x - a| / a; a is the first contact at which sum w x is half of the whole."""
+    place = np.linspace(0.0, 1.0, count)
+    mu = np.ones(count) if weights is None else np.array(weights)
+    points = [[x, 0.0] for x in place] + [[0.0, -30.0]]
+    between = [[i, i + 1] for i in range(count - 1)] + [[0, count]]
+    links = {"stiffness": [1e5] * (count - 1) + [1.0], "between": between}
+    joints = {"stiffness": 1e5, "between": [[i, i + 1, i + 2] for i in range(count - 2)]}
+    friction = {"isotropic": [*mu, 1e3]}
+    drive = {"times": [0, 1], "actuation": [[0] * (2 * count - 2), [0] * (count - 1) + [-4.0] + [0] * (count - 2)]}
+    body = Crawler(build(points, links, joints=joints, friction=friction, drive=drive))
+    for shorter in np.arange(0.05, 4.0, 0.05):
+        body.advance([0] * (count - 1) + [-shorter] + [0] * (count - 2))
+        if abs(body.displacement[0, 1]) > 1e-2:
+            break
+    y = body.displacement[:count, 1]
+    pivot = place[0] - y[0] * (place[1] - place[0]) / (y[1] - y[0])
+    assert pivot == pytest.approx(centre, abs=1e-3)
+    assert body.tension[count - 1] == pytest.approx(force, rel=0.01)
+    assert force == pytest.approx(float((mu * np.abs(place - centre)).sum()) / centre)
+
+
+def towed(law: str, side: float) -> tuple[Scene, float]:
+    """Build a rear contact that a hand tows; the hand is held by four long links, each of half its stiffness."""
+    offset, hand, far = 0.6, 200.0, 3e4
+    cos, sin = math.cos(offset), math.sin(offset)
+    pull = (cos**2 + sin**2 / 9.0) ** -0.5 if law == "most_dissipative" else 0.0
+    points = [[0.0, -1.0], [0.0, 0.0], *(np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]) * far).tolist()]
+    links = {"stiffness": [50.0, *[hand / 2] * 4], "between": [[0, 1], [1, 2], [1, 3], [1, 4], [1, 5]]}
+    big = 1e6
+    friction = {
+        "forward": [1.0, 0, *[big] * 4],
+        "backward": [1.0, 0, *[big] * 4],
+        "left": [3.0, 0, *[big] * 4],
+        "right": [3.0, 0, *[big] * 4],
+        "angle": [offset, 0, 0, 0, 0, 0],
+        "law": law,
+    }
+    drive = {"times": [0, 1], "actuation": [[0] * 5, [0, -side, side, 0, 0]]}
+    return build(points, links, friction=friction, drive=drive), pull
+
+
+def test_a_towed_contact_follows_its_tractrix():
+    """tan((psi + kap) / 2) decays as exp(-X / (a cos kap)), from where the contact begins to slide."""
+    way, offset = 3.0, 0.6
+    scene, pull = towed("most_dissipative", way)
+    body = Crawler(scene)
+    body.advance([0, -way, way, 0, 0])
+    arm = 1.0 + pull / 40.0
+    kap = offset + math.atan2(-math.sin(offset) / 9.0, math.cos(offset))
+    first = math.sqrt(arm**2 - 1.0)  # the way of the hand until the contact slides
+    decay = math.exp(-(way - first) / (arm * math.cos(kap)))
+    psi = 2.0 * math.atan(math.tan(0.5 * (math.atan2(1.0, first) + kap)) * decay) - kap
+    rear = body.displacement[0] + [0.0, -1.0]
+    assert arm == pytest.approx(1.0295325238, abs=1e-10)
+    assert kap == pytest.approx(0.5241307067, abs=1e-10)
+    assert rear == pytest.approx([way - arm * math.cos(psi), -arm * math.sin(psi)], abs=1e-6)
+
+
+@pytest.mark.parametrize(("law", "end"), [("along_velocity", (2.0019146640, 0.2525131274))])
+def test_the_law_along_the_velocity_tows_otherwise(law, end):
+    body = Crawler(towed(law, 3.0)[0])
+    body.advance([0, -3.0, 3.0, 0, 0])
+    rear = body.displacement[0] + [0.0, -1.0]
+    assert rear == pytest.approx(end, abs=2e-3)  # the reference begins under tension
+
+
+def column(count: int, longer: float, stiffness: float = 200.0, bending: float = 0.3) -> dict[str, Any]:
+    drive = {"times": [0, 1], "actuation": [[0.0] * (2 * count - 1), [longer] * count + [0.0] * (count - 1)]}
+    friction = {"isotropic": [100.0, *[0.0] * (count - 1), 100.0]}
+    points = [[float(i), 0.0] for i in range(count + 1)]
+    joints = chain_of(count + 1, bending)
+    return {"points": points, "links": {"stiffness": stiffness}, "joints": joints, "friction": friction, "drive": drive}
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 8])
+def test_a_column_buckles_under_the_load_of_euler(count):
+    run = simulate(build(**column(count, 0.01)), 1.0, 1.0)
+    load = 4.0 * 0.3 * math.sin(0.5 * math.pi / count) ** 2
+    assert 200.0 * 0.01 * run.jumps[0].time == pytest.approx(load, abs=5e-4)
+    assert run.jumps[0].loss == pytest.approx(0.0, abs=1e-7)
+    assert abs(run.displacement[-1, 1:-1, 1]).max() > 0.05
+
+
+def test_a_column_that_begins_beyond_its_load_falls_to_one_side():
+    scene = column(2, 0.1, 20.0)
+    scene["drive"]["actuation"] = [[0.1, 0.1, 0.0], [0.1, 0.1, 1e-9]]
+    run = simulate(build(**scene), 1.0, 1.0)
+    (jump,) = run.jumps
+    assert jump.loss == pytest.approx(0.1028392070, abs=1e-8)
+    assert run.displacement[-1, 1, 1] == pytest.approx(0.3899754391, abs=1e-8)
+    again = simulate(build(**scene, on_instability="jump"), 1.0, 1.0)
+    assert again.displacement.tobytes() == run.displacement.tobytes()
+
+
+SNAKES = [
+    ((1.0, 1.0, 1.0, 1.0), (-0.0802105, -0.0007422, 0.0185047)),
+    ((1.0, 1.0, 5.0, 5.0), (-0.5223432, 0.0890908, -0.3378685)),
+    ((0.11, 0.14, 0.20, 0.20), (-0.1770053, -0.0043676, 0.0493400)),
+]
+
+
+def snake(mu: tuple[float, ...], stiffness: float) -> Scene:
+    """Build three links with contacts at their quarters; two joints are driven, the others keep links straight."""
+    points = sorted({0.0, *(j + part for j in range(3) for part in (0.25, 0.75, 1.0))})
+    count = len(points)
+    touching = [point % 1.0 != 0.0 for point in points]
+    sides = zip(("forward", "backward", "left", "right"), mu, strict=True)
+    frame = [[3 * min(max(i - 1, 0) // 3, 2) + 1, 3 * min(max(i - 1, 0) // 3, 2) + 2] for i in range(count)]
+    friction: dict[str, Any] = {side: [value * on for on in touching] for side, value in sides}
+    corners = [(-0.4, -0.4), (1.2, -0.4), (1.2, 1.2), (-0.4, 1.2), (-0.4, -0.4)]
+    rows = np.zeros((5, 2 * count - 3))
+    rows[:, [count - 1 + 2, count - 1 + 5]] = corners
+    drive = {"times": [0, 1, 2, 3, 4], "period": 4.0, "actuation": rows.tolist()}
+    return build(
+        [[x, 0.0] for x in points],
+        {"stiffness": stiffness},
+        joints=chain_of(count, 0.1 * stiffness),
+        friction={**friction, "frame": frame},
+        drive=drive,
+        heading=[4, 5],
+        start="relaxed",
+    )
+
+
+@pytest.mark.parametrize(("mu", "gain"), SNAKES)
+def test_a_snake_of_three_stiff_links_gains_what_a_rigid_one_does(mu, gain):
+    run = simulate(snake(mu, 2e5 * max(mu)), 8.0, 1.0)
+    assert run.per_period[-1] == pytest.approx(gain, abs=2e-3)
+    assert run.energy.relative_residual == pytest.approx(0.0, abs=1e-5)
+
+
+def wriggle(seed: int) -> tuple[dict[str, Any], np.ndarray]:
+    """Draw a chain of 4 to 12 points, some without friction, and commands."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(4, 13))
+    turns = np.cumsum(rng.normal(size=count - 1) * 0.3)
+    lengths = rng.uniform(0.7, 1.3, count - 1)
+    steps = np.column_stack((lengths * np.cos(turns), lengths * np.sin(turns)))
+    mu = rng.uniform(0.1, 1.0, (4, count))
+    mu[:, (rng.random(count) < 0.2) & (np.arange(count) > 1)] = 0.0
+    scene = {
+        "points": np.vstack(([[0.0, 0.0]], np.cumsum(steps, axis=0))),
+        "links": {"stiffness": float(rng.uniform(5, 50))},
+        "joints": {**chain_of(count), "stiffness": rng.uniform(1, 20, count - 2).tolist()},
+        "friction": dict(zip(("forward", "backward", "left", "right"), mu.tolist(), strict=True)),
+    }
+    goals = np.hstack((rng.normal(size=(4, count - 1)) * 0.1, rng.normal(size=(4, count - 2)) * 0.4))
+    return scene, goals
+
+
+def follow(scene: dict[str, Any], goals: np.ndarray, tolerance: float = 1e-5) -> tuple[Crawler, list[Step]]:
+    rows = [[0.0] * goals.shape[1], *goals.tolist()]
+    drive = {"times": list(range(len(rows))), "actuation": rows}
+    body = Crawler(build(**{**scene, "drive": drive, "tolerance": tolerance}))
+    return body, [body.advance(goal) for goal in goals]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_work_is_stored_dissipated_or_lost_in_jumps(seed):
+    _, steps = follow(*wriggle(seed))
+    total = sum(step.work for step in steps)
+    residual = sum(step.certificate.energy_residual + step.jump_loss * 0.0 for step in steps)
+    assert abs(residual) < 1e-4 * total
+    assert max(step.certificate.violation for step in steps) < 1e-9
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5])
+def test_a_finer_tolerance_is_kept(seed):
+    scene, goals = wriggle(seed)
+    fine = follow(scene, goals, 1e-7)[0].displacement
+    for tolerance in (1e-3, 1e-4, 1e-5):
+        assert np.abs(follow(scene, goals, tolerance)[0].displacement - fine).max() < tolerance * 0.4 * 3.0
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_motion_does_not_depend_on_the_view(seed):
+    """Turned, mirrored, in other units of length and force: the same motion."""
+    scene, goals = wriggle(seed)
+    joints = len(scene["joints"]["between"])
+    x = follow(scene, goals)[0].displacement
+    turned = follow({**scene, "points": rotate(scene["points"], 0.7)}, goals)[0].displacement
+    assert turned == pytest.approx(rotate(x, 0.7), abs=1e-10)
+    sides = {**scene["friction"], "left": scene["friction"]["right"], "right": scene["friction"]["left"]}
+    mirror = np.array([1.0, -1.0])
+    flip = np.concatenate((np.ones(goals.shape[1] - joints), -np.ones(joints)))
+    mirrored = follow({**scene, "points": scene["points"] * mirror, "friction": sides}, goals * flip)[0].displacement
+    assert mirrored == pytest.approx(x * mirror, abs=1e-10)
+    strong = {side: (4.0 * np.array(value)).tolist() for side, value in scene["friction"].items()}
+    links = {"stiffness": 4.0 * scene["links"]["stiffness"]}
+    stiff = {**scene["joints"], "stiffness": (4.0 * np.array(scene["joints"]["stiffness"])).tolist()}
+    forces = follow({**scene, "friction": strong, "links": links, "joints": stiff}, goals)[0].displacement
+    assert forces == pytest.approx(x, abs=1e-10)
+
+
+def test_a_point_that_sticks_stays_where_it_is_to_the_bit():
+    scene, _ = wriggle(2)
+    count = len(scene["points"])
+    body = Crawler(
+        build(**scene, drive={"times": [0, 1], "actuation": [[0] * (2 * count - 3), [0.1] * (2 * count - 3)]})
+    )
+    body.advance([0.05] * (2 * count - 3))
+    before = body.displacement
+    rng = np.random.default_rng(0)
+    at = body.actuation
+    for _ in range(500):
+        body.advance(at + 1e-4 * rng.normal(size=at.size) * (scene["friction"]["forward"][0] > 0.0))
+        body.advance(at)
+    stuck = np.abs(body.displacement - before).max(axis=1) == 0.0
+    assert stuck.sum() >= 1
+
+
+def test_a_contact_that_is_pushed_is_unstable():
+    """A force T along a link of length l holds its end across with T / l, as a part of its stiffness k."""
+    margins = []
+    for way in (0.5, -0.5):
+        drive = {"times": [0, 1], "actuation": [[0], [way]]}
+        friction = {"isotropic": [10.0, 1.0]}
+        body = Crawler(build([[0.0, 0.0], [1.0, 0.0]], {"stiffness": 50.0}, friction=friction, drive=drive))
+        body.advance([way])
+        margins.append(body.stability_margin)
+    length = 1.0 + 0.5 - 1.0 / 50.0, 1.0 - 0.5 + 1.0 / 50.0
+    assert margins == pytest.approx([-1.0 / 50.0 / (1.0 - 1.0 / 50.0), 1.0 / 50.0 / length[1]], rel=0.5)
+    assert margins[0] < 0.0 < margins[1]
