@@ -181,7 +181,9 @@ def _serialise(table: pa.Table) -> bytes:
 
 
 def _build_tables(replay: Replay, identity: Identity) -> dict[str, pa.Table]:
-    cycles = _with_two_axes(_renamed(cycles_table(replay), {"run": "reset", "translation_x": "translation"}))
+    found = cycles_table(replay)
+    found = found.drop_columns(["turned"]) if "turned" in found.column_names else found  # as for all other bodies
+    cycles = _with_two_axes(_renamed(found, {"run": "reset", "translation_x": "translation"}))
     slips = _renamed(slips_table(replay), {"run": "reset"})
     at = slips.column_names.index("contact")
     contact = pa.field("contact", pa.string(), metadata=slips.schema.field(at).metadata)

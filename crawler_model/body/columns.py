@@ -130,9 +130,12 @@ class Columns:
 
     @functools.cached_property
     def aliases(self) -> dict[str, np.ndarray]:
-        """Columns set by each name: names of single columns, of whole segments, and of both sides together."""
+        """Columns set by each name: names of single columns, of whole segments, and of all sides together."""
         # direction-dependent friction cannot be commanded, as it has to stay convex
         aliases = {name: np.array([i]) for i, name in enumerate(self.names) if "/direction_" not in name}
+        if self.joints is not None:
+            for i, contact in enumerate(name_contacts(self.contacts)):
+                aliases[f"{contact}/friction"] = self.lengths + len(SIDES) * i + np.arange(len(SIDES))
         if self.planar is not None:
             return aliases
         first = self.links

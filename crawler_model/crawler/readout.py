@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Body
+from ..body.turning import measure_angles, wrap
+from ..body.turning_tree import TurningTree
 from ..compiled import compiled
 from ..motion.line.records import zeros
 from .crawler import Crawler
@@ -32,6 +34,7 @@ class Readout:
         self.shown = shown
         self._root = int(body.stations[0])
         self._pairs = body.stations[body.joints]
+        self._tree = None if body.turning is None else TurningTree(body)
         if body.dimension == 1:
             springs = [*body.link_springs, *(s.first_spring for s in body.segments)]
             root = [[self._root, 0, 0]]
@@ -46,11 +49,16 @@ class Readout:
             crawler: the crawler.
             seconds: duration of its last command [s]; infinite before the first command.
             of_joints: output: displacement of the root and elongations [m]; their velocities [m/s]; force of the
-                ground on the root and tensions [N]; shape (3, 1 + J), in the plane (3, 2 + 2 J).
+                ground on the root and tensions [N]; shape (3, 1 + J), in the plane (3, 2 + 2 J). Of a body that turns
+                two entries for the root, the angle of the first link [rad], elongations of links, angles of joints,
+                and the other angles of its `TurningTree`; the effort of angles is a torque [N m].
             of_contacts: output: positions [m], velocities [m/s] and forces of the ground [N], shape (3, M), in the
                 plane (3, 2 M).
         """
         body = self._body
+        if self._tree is not None:
+            self._read_turning(self._tree, crawler, seconds, of_joints, of_contacts)
+            return
         if body.dimension == 2:
             self._read_planar(crawler, seconds, of_joints, of_contacts)
             return
@@ -66,16 +74,57 @@ class Readout:
             of_joints[2, 1 + links :] = crawler.joint_tension[links:]
 
     def _read_planar(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
-        x, force, velocity = crawler.displacement, crawler.spring_force, crawler.gained / seconds
-        if crawler.loads.size:  # the ground carries the loads, too
-            force = force + crawler.loads
-        root, (first, second), shown = slice(self._root, self._root + 1), self._pairs.T, self.shown
+        x, velocity, ground = crawler.displacement, crawler.gained / seconds, _force_of_ground(crawler)
+        root, (first, second) = slice(self._root, self._root + 1), self._pairs.T
         of_joints[0] = np.concatenate((x[root], crawler.joint_elongation)).ravel()
         of_joints[1] = np.concatenate((velocity[root], velocity[second] - velocity[first])).ravel()
-        of_joints[2] = np.concatenate((-force[root], crawler.joint_tension)).ravel()
-        of_contacts[0] = (self._body.position + x)[shown].ravel()
-        of_contacts[1] = velocity[shown].ravel()
-        of_contacts[2] = -force[shown].ravel()
+        of_joints[2] = np.concatenate((ground[root], crawler.joint_tension)).ravel()
+        self._read_planar_contacts(x, velocity, ground, of_contacts)
+
+    def _read_planar_contacts(
+        self, x: np.ndarray, velocity: np.ndarray, ground: np.ndarray, of_contacts: np.ndarray
+    ) -> None:
+        of_contacts[0] = (self._body.position + x)[self.shown].ravel()
+        of_contacts[1] = velocity[self.shown].ravel()
+        of_contacts[2] = ground[self.shown].ravel()
+
+    def _read_turning(
+        self, tree: TurningTree, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray
+    ) -> None:
+        """Read a body that turns; velocities are differences over the command, as those of contacts."""
+        x, ground, root = crawler.displacement, _force_of_ground(crawler), self._root
+        before, links = x - crawler.gained, self._body.springs
+        velocity, elongation = crawler.gained / seconds, crawler.joint_elongation
+        change = elongation - self._body.elongation(before)
+        change[links:] = wrap(change[links:])
+        angles = tree.find_free_angles(self._body.position + x)
+        turned = wrap(angles - tree.find_free_angles(self._body.position + before))
+        of_joints[0] = np.concatenate((x[root], angles[:1], elongation, angles[1:]))
+        of_joints[1] = np.concatenate((velocity[root], turned[:1] / seconds, change / seconds, turned[1:] / seconds))
+        of_joints[2] = np.concatenate((ground[root], [0.0], crawler.joint_tension, np.zeros(angles.size - 1)))
+        self._read_planar_contacts(x, velocity, ground, of_contacts)
+
+
+def find_turn(crawler: Crawler) -> float:
+    """Compute by how much the heading turned in the last command, less than half a turn.
+
+    Args:
+        crawler: the crawler.
+
+    Returns:
+        The angle [rad]; 0 for bodies that do not turn.
+    """
+    turning = crawler.body.turning
+    if turning is None:
+        return 0.0
+    place, heading = crawler.body.position + crawler.displacement, turning.heading[None]
+    return float(wrap(measure_angles(place, heading) - measure_angles(place - crawler.gained, heading))[0])
+
+
+def _force_of_ground(crawler: Crawler) -> np.ndarray:
+    """Compute the force of the ground on each contact in the plane, which carries the loads, too, (N, 2) [N]."""
+    force = crawler.spring_force
+    return -(force + crawler.loads) if crawler.loads.size else -force
 
 
 @compiled

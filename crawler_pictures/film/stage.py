@@ -9,8 +9,9 @@ import numpy as np
 from ..run.kymograph import MOST_LINES, MOST_NAMED, draw_positions, draw_states
 from .film import Film
 from .moving_set import moving_set
-from .panels import LinePanel, PlanePanel, Rolling, SetPanel
+from .panels import LinePanel, Rolling, SetPanel
 from .pixels import Clock, RollingAxis
+from .plane_panel import PlanePanel
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

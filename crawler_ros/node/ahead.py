@@ -16,7 +16,6 @@ import numpy as np
 
 from crawler_model import Crawler, Scene, prepare
 from crawler_model.body.drive import NS
-from crawler_model.body.plan import refuse_turning
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
 from crawler_model.crawler.yields import YieldTimes
@@ -244,7 +243,6 @@ def compile_ticks(scene: Scene) -> None:
     Args:
         scene: the scene that will run.
     """
-    refuse_turning(scene, "simulator")
     _skip_blas()
     prepare(scene)
     joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])

@@ -89,6 +89,6 @@ def certificates_of(scene: Scene, method: str) -> Certificates:
     """
     body = scene.body
     extent = body_length(body)
-    friction = np.abs(scene.columns.target(scene.drive.rows))[:, body.springs * body.dimension :]
+    friction = np.abs(scene.columns.target(scene.drive.rows))[:, body.lengths :]
     force = float(friction.max(initial=0.0)) or float(body.stiffness.max(initial=0.0)) * extent
     return Certificates(force, force * extent, _FINE.get(method, _COARSE))

@@ -18,22 +18,30 @@ class Counts:
         ambiguous: ticks whose translation was not determined.
         overspent: ticks over the budget of work.
         unsolved: ticks that were not solved.
-        jumps: jumps on patches of ground.
+        jumps: jumps on patches of ground, or of a body that turns and loses its stability.
+        jump_loss: energy lost in them [J].
         unheld: ticks that were refused because nothing would hold the body.
+        stability: least stability margin of a body that turns [1].
     """
 
     ambiguous: int = 0
     overspent: int = 0
     unsolved: int = 0
     jumps: int = 0
+    jump_loss: float = 0.0
     unheld: int = 0
+    stability: float = np.inf
 
-    def add(self, step: Step) -> None:
-        """Add the account of a tick."""
+    def add(self, step: Step, stability: float | None = None) -> None:
+        """Add the account of a tick, and its stability margin if the body turns."""
         self.ambiguous += not step.unique
         self.overspent += step.overspent
         self.unsolved += step.unsolved
-        self.jumps += len(step.jumps)
+        if step.jumps:
+            self.jumps += len(step.jumps)
+            self.jump_loss += step.jump_loss
+        if stability is not None:
+            self.stability = min(self.stability, stability)
 
     def add_many(self, accounts: np.ndarray) -> None:
         """Add the accounts of several ticks without jumps, shape (K, 14)."""

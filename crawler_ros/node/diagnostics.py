@@ -31,7 +31,7 @@ class Diagnosed(Protocol):
     """The part of a simulator that its diagnostics read: its state, its counts, and the counts last reported."""
 
     counts: Counts
-    reported: tuple[int, int, int, int]
+    reported: tuple[int, int, int, int, int]
     reported_commands: tuple[int, int, int, int]
     certificates: Certificates
     commands: CommandQueue
@@ -101,11 +101,26 @@ def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
 
 
 def _orientation(node: Diagnosed) -> list[tuple[str, str]]:
-    """Write the orientation of a shape in the plane; that of the pose is the identity, because springs are vectors."""
+    """Write the orientation of a shape in the plane; if springs are vectors, that of the pose is the identity."""
     if node.scene.body.dimension == 1:
         return []
+    if node.scene.body.turning is not None:
+        return [("yaw [rad]", f"{node.crawler.yaw:.6g}")]
     angle = float(shape_orientation(node.scene.body.position, node.crawler.displacement))
     return [("orientation of the shape [rad]", f"{angle:.6g}")]
+
+
+def _stability(node: Diagnosed) -> list[tuple[str, str]]:
+    """Write how stable a body that turns is, and how often it jumped; below 0 a small deviation grows."""
+    if node.scene.body.turning is None:
+        return []
+    return [
+        ("stability margin", f"{node.crawler.stability_margin:.6g}"),
+        ("least stability margin", f"{node.counts.stability:.6g}"),
+        ("jumps where stability was lost", str(node.counts.jumps)),
+        ("energy lost in jumps [J]", f"{node.counts.jump_loss:.3e}"),
+        ("ticks refused because stability would be lost", str(node.counts.unheld)),
+    ]
 
 
 def _pace(node: Diagnosed) -> list[tuple[str, str]]:
@@ -144,11 +159,14 @@ def _reasons(intake: Intake) -> list[tuple[str, str]]:
 def _simulation(node: Diagnosed, rival: str) -> Part:
     late, counts = node.stepper.late, node.counts
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
-    before, node.reported = node.reported, (counts.ambiguous, counts.overspent, counts.unsolved, late)
+    before, node.reported = node.reported, (counts.ambiguous, counts.overspent, counts.unsolved, late, counts.jumps)
     finite, inaccurate = node.certificates.judge()
     if late > before[3]:
         level = WARN
         message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time lags"
+    if node.scene.body.turning is not None and counts.jumps > before[4]:
+        message = f"{counts.jumps - before[4]} jump(s) where stability was lost; where they end is a choice"
+        level = WARN
     if counts.ambiguous > before[0]:
         level, message = WARN, "the translation was not determined in some ticks; the one nearest to zero was taken"
     if counts.overspent > before[1]:
@@ -178,6 +196,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("ticks not solved", str(counts.unsolved)),
             *_orientation(node),
             *_on_patches(node),
+            *_stability(node),
             ("largest energy residual of a tick [J]", residual),
             ("largest violation of a bound [N]", violation),
             ("largest complementarity [J]", complementarity),
@@ -198,8 +217,11 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         node.warn_once(rival)
     if intake.lost > before[1]:
         message = f"{intake.lost - before[1]} message(s) lost: they arrived faster than they could be read; {message}"
+    unheld = "no equilibrium holds their loads"
+    if node.scene.body.turning is not None and not node.scene.columns.loads:
+        unheld = "the frictions of a point do not fit together"
     if node.commands.unheld > before[3]:
-        message = f"{node.commands.unheld - before[3]} row(s) dropped: no equilibrium holds their loads; {message}"
+        message = f"{node.commands.unheld - before[3]} row(s) dropped: {unheld}; {message}"
     if rival or any(a > b for a, b in zip(now, before, strict=True)):
         level = WARN
     counts = intake.refusals.counts
@@ -209,7 +231,7 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         [
             ("refused", str(refused)),
             ("refused because the queue was full", str(node.commands.full)),
-            ("dropped because no equilibrium holds their loads", str(node.commands.unheld)),
+            (f"dropped because {unheld}", str(node.commands.unheld)),
             ("lost", str(intake.lost)),
             ("rows waiting", f"{node.commands.waiting} of {node.commands.most_waiting}"),
             *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),

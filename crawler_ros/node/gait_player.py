@@ -20,7 +20,6 @@ from rclpy.serialization import deserialize_message
 
 from crawler_model import CrawlerError, load_scene
 from crawler_model.body.drive import NS, Drive
-from crawler_model.body.plan import refuse_turning
 
 from ..wire.messages import TrajectoryMessage, encode_diagnostics, read_stamp
 from ..wire.states import joint_state_names
@@ -73,7 +72,6 @@ class GaitPlayer(QuietNode):
         bounds = [IntegerRange(from_value=0, to_value=10**9)]
         path = self.declare_parameter("scene", DEFAULT_SCENE, ParameterDescriptor(**text)).value
         scene = load_scene(expand_home(path))
-        refuse_turning(scene, "gait_player")
         descriptor = ParameterDescriptor(**whole, integer_range=bounds)
         self.periods = int(self.declare_parameter("periods", 0, descriptor).value)
         meaning = (

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene
-from crawler_model.crawler.readout import Readout
+from crawler_model.crawler.readout import Readout, find_turn
+from crawler_model.run.screw import to_frame
 
 from ..wire.messages import (
     CLOCK,
@@ -84,11 +85,14 @@ class Outgoing:
         if outlets["pose"].wanted or outlets["odom"].wanted:
             y = crawler.net_translation
         if outlets["pose"].wanted:
-            place = (y,) if isinstance(y, float) else y
-            outlets["pose"].send(self._pose.encode(now_ns, *place))
+            place = (y, 0.0) if isinstance(y, float) else y
+            outlets["pose"].send(self._pose.encode(now_ns, place[0], place[1], crawler.yaw))
         if outlets["odom"].wanted:
             gain = crawler.body.share @ crawler.gained
-            outlets["odom"].send(self._odometry.encode(now_ns, y, gain / seconds))
+            if crawler.body.turning is not None:  # a twist is one in the frame that it moves
+                gain = to_frame(crawler.body, crawler.displacement, gain[None])[0]
+            rate = find_turn(crawler) / seconds
+            outlets["odom"].send(self._odometry.encode(now_ns, y, gain / seconds, crawler.yaw, rate))
         if outlets["/clock"].wanted:
             outlets["/clock"].send(encode_clock(now_ns))
 

@@ -1,23 +1,27 @@
 """The robot description: a URDF of a scene's body, so that robot_state_publisher, RViz and Foxglove show it.
 
 Contacts are boxes on the ground. The joint `contact_0` moves the root along the ground, and the joint of a link or
-segment moves every other station; all joints are prismatic and named as in joint_states. A URDF is a tree: a link that
-closes a loop of the body has no joint in it, and its elongation follows from the other joints.
+segment moves every other station; all joints are named as in joint_states, and prismatic unless the body turns. A URDF
+is a tree: a link that closes a loop of the body has no joint in it, and its elongation follows from the other joints.
+
+Each link of a body that turns has a frame at its start, whose x axis is the link: a revolute joint turns it from the
+frame of the link before it, and a prismatic joint moves the point at its end along it.
 """
 
 from __future__ import annotations
 
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 
 import numpy as np
 
 from crawler_model import CrawlerError, Scene, load_scene
 from crawler_model.body.body import Body
 from crawler_model.body.names import name_joints
-from crawler_model.body.plan import refuse_turning
+from crawler_model.body.turning_tree import TurningTree
 
-from ..wire.states import station_names, tree_of_joints
+from ..wire.states import free_angle_names, station_names, tree_of_joints
 
 _CONTACT_COLOUR = "0.16 0.47 0.71 1"
 _BODY_COLOUR = "0.55 0.55 0.58 1"
@@ -37,7 +41,6 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     Returns:
         The XML text.
     """
-    refuse_turning(scene, "robot_description")
     body = scene.body
     planar = body.dimension == 2
     place = np.zeros((body.stations.size, 3))
@@ -54,13 +57,72 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     for link in links:
         _add_box(link, (size, size, size), (0.0, 0.0, 0.5 * size), "contact")
     _add_joints(robot, stations[0], world, frames[0], place[0], 1.0, (_REACH * span, _EFFORT), planar)
+    if body.turning is not None:
+        _add_turning(robot, TurningTree(body), joints, frames, (_REACH * span, size))
+        return _write(robot)
     efforts = _largest_efforts(body)
     for known, new, joint, sign in tree_of_joints(body):
         offset, limits = place[new] - place[known], (_REACH * span, efforts.get(joint, _EFFORT))
         _add_joints(robot, joints[joint], frames[known], frames[new], offset, sign, limits, planar)
         _add_rod(links[known], offset, size)
+    return _write(robot)
+
+
+def _write(robot: ET.Element) -> str:
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_turning(
+    robot: ET.Element, tree: TurningTree, names: list[str], frames: list[str], sizes: tuple[float, float]
+) -> None:
+    """Add the links of a body that turns.
+
+    Args:
+        robot: the robot, with the frames of the points.
+        tree: the tree of the body.
+        names: of links, then of joints.
+        frames: of the points.
+        sizes: reach of prismatic joints and size of a contact [m].
+    """
+    springs, free = len(names) - tree.joints, iter(free_angle_names(tree))
+    for branch in tree.branches:
+        start, name = f"{names[branch.link]}_frame", names[branch.link]
+        rod = ET.SubElement(robot, "link", name=start)
+        _add_rod(rod, np.array([branch.length, 0.0, 0.0]), sizes[1])
+        parent = frames[branch.start]
+        if branch.before >= 0 and tree.branches[branch.before].start == branch.start:  # its end has another frame
+            parent = f"{names[tree.branches[branch.before].link]}_frame"
+        if branch.joint < 0:
+            kind, limits = (next(free), "continuous"), dict[str, str]()
+        else:
+            kind, limits = (names[springs + branch.joint], "revolute"), {"lower": _text(-np.pi), "upper": _text(np.pi)}
+        turn = np.zeros(3), branch.heading
+        joint = _add_joint(robot, kind, (parent, start), turn, (0.0, 0.0, branch.sign))
+        ET.SubElement(joint, "limit", {**limits, "effort": _text(_EFFORT), "velocity": "1e9"})
+        along = (branch.length, 0.0, 0.0), 0.0
+        joint = _add_joint(robot, (name, "prismatic"), (start, frames[branch.end]), along, (1.0, 0.0, 0.0))
+        _add_limits(joint, sizes[0], _EFFORT)
+
+
+def _add_joint(
+    robot: ET.Element,
+    kind: tuple[str, str],
+    frames: tuple[str, str],
+    origin: tuple[Iterable[float], float],
+    axis: tuple[float, float, float],
+) -> ET.Element:
+    """Add a joint of a name and a type between a parent and a child, at a place and an angle about z in the parent."""
+    joint = ET.SubElement(robot, "joint", name=kind[0], type=kind[1])
+    ET.SubElement(joint, "parent", link=frames[0])
+    ET.SubElement(joint, "child", link=frames[1])
+    ET.SubElement(joint, "origin", xyz=_text(*origin[0]), rpy=_text(0.0, 0.0, origin[1]))
+    ET.SubElement(joint, "axis", xyz=_text(*axis))
+    return joint
+
+
+def _add_limits(joint: ET.Element, reach: float, effort: float) -> None:
+    ET.SubElement(joint, "limit", lower=_text(-reach), upper=_text(reach), effort=_text(effort), velocity="1e9")
 
 
 def _largest_efforts(body: Body) -> dict[int, float]:
@@ -127,18 +189,14 @@ def _add_joints(
     axes = (
         [(name, (sign, 0.0, 0.0))] if not planar else [(f"{name}/x", (sign, 0.0, 0.0)), (f"{name}/y", (0.0, sign, 0.0))]
     )
-    reach, effort = limits[0], _text(limits[1])
     for i, (joint_name, axis) in enumerate(axes):
         last = i == len(axes) - 1
         to = child if last else f"{child}_x"
         if not last:
             ET.SubElement(robot, "link", name=to)
-        joint = ET.SubElement(robot, "joint", name=joint_name, type="prismatic")
-        ET.SubElement(joint, "parent", link=parent)
-        ET.SubElement(joint, "child", link=to)
-        ET.SubElement(joint, "origin", xyz=_text(*(offset if i == 0 else np.zeros(3))), rpy="0 0 0")
-        ET.SubElement(joint, "axis", xyz=_text(*axis))
-        ET.SubElement(joint, "limit", lower=_text(-reach), upper=_text(reach), effort=effort, velocity="1e9")
+        place = offset if i == 0 else np.zeros(3)
+        joint = _add_joint(robot, (joint_name, "prismatic"), (parent, to), (place, 0.0), axis)
+        _add_limits(joint, *limits)
         parent = to
 
 

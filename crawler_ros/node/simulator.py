@@ -76,7 +76,7 @@ class Simulator(QuietNode):
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
         self.certificates = certificates_of(self.scene, self.crawler.method)
         self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
-        self.reported = (0, 0, 0, 0)
+        self.reported = (0, 0, 0, 0, 0)
         self.reported_commands = (0, 0, 0, 0)
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
@@ -162,7 +162,7 @@ class Simulator(QuietNode):
             self.commands.reset(self.start.row)
             self.certificates = certificates_of(self.scene, self.crawler.method)
             self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
-            self.reported = (0, 0, 0, self.reported[3])
+            self.reported = (0, 0, 0, self.reported[3], 0)
             self._send_start()
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
@@ -295,7 +295,7 @@ class Simulator(QuietNode):
             dues = [max(v.due_ns, start_ns) for v in vertices]
             self.feed.show(end_ns, self.crawler, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
         self.certificates.add(step.account)
-        self.counts.add(step)
+        self.counts.add(step, self.crawler.stability_margin)
         if self.yields is not None:
             self.yields.add(self.crawler, end_ns - start_ns)
 

@@ -13,7 +13,6 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
-from crawler_model.body.plan import refuse_turning
 from crawler_model.run.trajectory import TimedJump
 
 from ..recording.attachments import other_versions
@@ -139,7 +138,7 @@ class Replay:
         }
 
     def plain_jumps(self) -> list[dict[str, Any]]:
-        """List the jumps on patches of ground as plain values.
+        """List the jumps, on patches of ground or of a body that turns, as plain values.
 
         Returns:
             The run, and the attributes of `crawler_model.run.simulate.TimedJump`, with the name of the contact.
@@ -192,7 +191,6 @@ def analyse(
     rate = find_rate(survey, robot)
     recorded = recorded_scene(survey.path, survey.attachments)
     other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
-    refuse_turning(scene, "replay")
     table = RampTable()
     planar = (scene is not None and scene.dimension == 2) or (scene is None and is_planar(survey, robot))
     finder, yields = SlipSink(), YieldSink(scene)
@@ -264,13 +262,13 @@ def simulate_again(path: Path) -> Comparison:
 
 
 def find_jumps(path: Path) -> list[tuple[int, TimedJump]]:
-    """Find the jumps of a recording on patches of ground, for a picture of it.
+    """Find the jumps of a recording, on patches of ground or of a body that turns, for a picture of it.
 
     Args:
         path: a bag folder or an .mcap file.
 
     Returns:
-        The number of the run and each jump; none where the ground is the same everywhere or the scene is not known.
+        The number of the run and each jump; none where nothing can jump or the scene is not known.
 
     Raises:
         BagError: when the file is not a recording of a crawler.
@@ -280,7 +278,8 @@ def find_jumps(path: Path) -> list[tuple[int, TimedJump]]:
     head = bag.Bag({})
     next(iter(bag.read(path, head)), None)  # attachments precede the first message
     scene = recorded_scene(path, head.attachments)
-    return [] if scene is None or scene.ground.track is None else analyse(path).table.jumps
+    jumps = scene is not None and (scene.ground.track is not None or scene.body.turning is not None)
+    return analyse(path).table.jumps if jumps else []
 
 
 def _follow(

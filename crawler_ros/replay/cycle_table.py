@@ -9,6 +9,7 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
+from crawler_model.body.turning import TURNING_TOLERANCE
 
 from .cycles import ROUNDING, find_cycles, signature_weights
 from .ramps import RampTable
@@ -57,6 +58,8 @@ class Cycle:
         energy: its energy account; None when the scene is not known.
         least_margin: least distance of a spring force from its bound [N]; None when the scene is not known.
         transient: whether its shape or translation still differs from the steady cycle.
+        turned: angle by which the body turned [rad], whose translation is in its own frame at the start: along its
+            heading and to the left; None for a body that does not turn.
     """
 
     run: int
@@ -68,6 +71,7 @@ class Cycle:
     energy: EnergyBalance | None
     least_margin: float | None
     transient: bool
+    turned: float | None = None
 
     def as_plain(self) -> dict[str, Any]:
         """Convert to plain values for JSON.
@@ -78,6 +82,8 @@ class Cycle:
         energy = dict.fromkeys(field.name for field in fields(EnergyBalance))
         plain = {**self.__dict__, **(energy if self.energy is None else self.energy.as_plain())}
         del plain["energy"]
+        if self.turned is None:
+            del plain["turned"]
         plain["translation"] = list(self.translation) if isinstance(self.translation, tuple) else self.translation
         return plain
 
@@ -126,15 +132,19 @@ def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle,
         first, path = table.path(run)
         for stretch in find_cycles(path, drive, signature_weights(count)):
             sources.append(stretch.source)
-            cycles += _tabulate(table, run, first + np.array(stretch.bounds))
+            cycles += _tabulate(table, run, first + np.array(stretch.bounds), scene)
     return tuple(cycles), "none" if not cycles else sources[0]
 
 
-def _tabulate(table: RampTable, run: int, rows: np.ndarray) -> list[Cycle]:
+def _tabulate(table: RampTable, run: int, rows: np.ndarray, scene: Scene | None) -> list[Cycle]:
     y, shape = table.net_translation, table.shape
-    gained = y[rows[1:]] - y[rows[:-1]]
+    gained, equal, turned = y[rows[1:]] - y[rows[:-1]], ROUNDING, None
+    if scene is not None and scene.body.turning is not None:  # its steps end in other places when it is turned
+        equal, turned = scene.tolerance or TURNING_TOLERANCE, np.diff(table.yaw[rows])
+        cos, sin = np.cos(table.yaw[rows[:-1]]), np.sin(table.yaw[rows[:-1]])
+        gained = np.column_stack((cos * gained[:, 0] + sin * gained[:, 1], cos * gained[:, 1] - sin * gained[:, 0]))
     # rounding is judged against the largest elongation, and against the largest translation of a cycle
-    near = ROUNDING * max(table.shape_size, float(np.abs(gained).max(initial=0.0)))
+    near = equal * max(table.shape_size, float(np.abs(gained).max(initial=0.0)))
     closes = np.abs(shape[rows[1:]] - shape[rows[:-1]]).max(axis=1) <= near
     steady = closes & (np.abs(gained - gained[-1]).max(axis=1) <= near)
     known = bool(np.isfinite(table.work[rows[0] + 1 : rows[-1] + 1]).all())
@@ -153,6 +163,7 @@ def _tabulate(table: RampTable, run: int, rows: np.ndarray) -> list[Cycle]:
                 account_of(table, first, last) if known else None,
                 float(table.margin[inside].min()) if known else None,
                 not bool(steady[k]),
+                None if turned is None else float(turned[k]),
             )
         )
     return made

@@ -58,7 +58,7 @@ class Parts:
             gained: displacement of each contact, shape (R, M), in the plane (R, M, 2) [m].
 
         Returns:
-            Distances forward and backward, each shape (R,) [m]; in the plane by the sign of x.
+            Distances forward and backward, each shape (R,) [m]; in the plane by the sign of the first component.
         """
         size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
         ahead = (gained if gained.ndim == 2 else gained[..., 0]) > 0.0

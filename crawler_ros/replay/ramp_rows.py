@@ -15,9 +15,11 @@ from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
 from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
+from crawler_model.run.screw import to_frame
 from crawler_model.run.trajectory import TimedJump
 from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
+from ..wire.messages import find_orientation
 from .parts import parts_of
 from .ramps import Piece
 
@@ -51,6 +53,8 @@ class RampRows:
         self._places: list[np.ndarray | None] = []
         self._accounts: list[np.ndarray] = []
         self._losses: list[float] = []
+        self._own_margins: list[np.ndarray] = []
+        self._yaw: list[float] = []
         self._jumps: list[tuple[int, TimedJump]] = []
         self.joints: list[np.ndarray] = []
         self.contacts: list[np.ndarray] = []
@@ -91,6 +95,9 @@ class RampRows:
         self._gained.append(crawler.gained.copy())
         self._places.append(crawler.places)
         self._accounts.append(_NO_ACCOUNT if step is None else step.account)
+        if crawler.body.turning is not None:  # they depend on the frames of the points
+            self._own_margins.append(crawler.margins)
+            self._yaw.append(crawler.yaw)
         self._losses.append(0.0 if step is None else step.jump_loss)
         for jump in () if step is None else step.jumps:
             when = (start_ns + jump.part * (end_ns - start_ns)) / NS
@@ -123,7 +130,7 @@ class RampRows:
         self.joints.append(joints)
         self.contacts.append(contacts)
         x, y = np.resize(np.append(crawler.net_translation, 0.0), 2).tolist()
-        self.poses.append((x, y, 0.0, 0.0, 0.0, 0.0, 1.0))
+        self.poses.append((x, y, 0.0, 0.0, 0.0, *find_orientation(crawler.yaw)))
 
     def piece(self, shown: np.ndarray) -> Piece:
         """Build a piece of all ramps.
@@ -137,14 +144,14 @@ class RampRows:
         body = self._scene.body
         x, tension, gained = np.array(self._x), np.array(self._tension), np.array(self._gained)
         shape, target, account = np.array(self._shape), self._local_targets(), np.array(self._accounts)
-        force = body.spring_force(tension)
+        force = body.force_at(x, tension)
         ground = -(force + self._loads(target))
         margins = self._margins(force, target)
         least, most = self._bounds(tension, target)
         # a contact that reaches its bound as a ramp ends may move by rounding: that is not a slip
         noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(body.position, axis=0).max()))
         gained = np.where(np.abs(gained) > noise, gained, 0.0)
-        forward, backward = self._parts.slid(gained)
+        forward, backward = self._parts.slid(gained if body.turning is None else to_frame(body, x, gained))
         return Piece(
             run=np.array(self.run, np.int64),
             start_ns=np.array(self.start_ns, np.int64),
@@ -157,21 +164,22 @@ class RampRows:
             forward=forward,
             backward=backward,
             ground=ground[:, shown],
-            elongation=_over_joints(body.joint_sum, shape),
-            tension=_over_joints(body.joint_mean, tension),
+            elongation=shape if body.turning is not None else _over_joints(body.joint_sum, shape),
+            tension=tension if body.turning is not None else _over_joints(body.joint_mean, tension),
             least=least,
             most=most,
-            net_translation=average_displacement(body, x) if body.dimension == 1 else x.mean(axis=1),
+            net_translation=average_displacement(body, x),
             work=account[:, WORK],
             loads_work=account[:, LOADS_WORK],
             dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
             jump_loss=np.array(self._losses),
-            stored=body.energy(tension, x, target[:, : body.springs * body.dimension]),
+            stored=body.energy(tension, x, target[:, : body.lengths]),
             margin=margins.min(axis=1),
             nearest=margins.argmin(axis=1),
             visited=account[:, VISITED],
             unique=account[:, AMBIGUOUS] == 0.0,
             jumps=tuple(self._jumps),
+            yaw=np.array(self._yaw) if body.turning is not None else None,
         )
 
     def _local_targets(self) -> np.ndarray:
@@ -185,10 +193,12 @@ class RampRows:
     def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""
         body, scene = self._scene.body, self._scene
-        n, lengths = body.contacts, body.springs * body.dimension
+        n, lengths = body.contacts, body.lengths
         if body.dimension == 1:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n : lengths + 2 * n]
             return bound_distances(force, forward, backward)
+        if body.turning is not None:
+            return np.array(self._own_margins)
         _, friction, _ = split_target(body, scene.directions, target)
         force = force + self._loads(target)
         if scene.directions.size == 0:

@@ -48,6 +48,10 @@ class Piece:
         visited: how near all contacts came to sliding at once, shape (R,).
         unique: whether the translation was determined, shape (R,).
         jumps: the number of its run and each jump in the ramps, in order.
+        yaw: yaw at the end, whole turns counted, shape (R,) [rad]; None where the body does not turn or is not known.
+
+    Of a body that turns, elongation and tension have shape (R, S + J): of links, then angles of joints [rad] and their
+    torques [N m].
     """
 
     run: np.ndarray
@@ -76,6 +80,7 @@ class Piece:
     visited: np.ndarray
     unique: np.ndarray
     jumps: tuple[tuple[int, TimedJump], ...] = ()
+    yaw: np.ndarray | None = None
 
 
 Sink = Callable[[Piece], None]
@@ -102,6 +107,8 @@ class RampTable:
         """Distances slid, all contacts and segments together, shape (R,) [m]."""
         self.net_translation = np.zeros((0, 1))
         """Shape (R, d) [m]."""
+        self.yaw = np.zeros(0)
+        """Yaw at the end of each ramp, shape (R,) [rad]; 0 where the body does not turn or is not known."""
         self.place = self.shape = np.zeros((0, 2))
         """Commands and elongations as two combinations, shape (R, 2)."""
         self.shape_size = 0.0
@@ -113,6 +120,7 @@ class RampTable:
         made = {name: getattr(piece, name) for name in _COPIED}
         rows = piece.run.size
         made["net_translation"] = piece.net_translation.reshape(rows, -1)
+        made["yaw"] = np.zeros(rows) if piece.yaw is None else piece.yaw
         made["place"] = piece.command @ signature_weights(piece.command.shape[1])
         shape = piece.elongation.reshape(rows, -1)
         made["shape"] = shape @ signature_weights(shape.shape[1])

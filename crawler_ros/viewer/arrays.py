@@ -80,10 +80,10 @@ def run_of_frames(scene: Scene, frames: Sequence[Frame]) -> RunArrays:
         least=least,
         most=most,
         contacts=tuple(station_names(body)),
-        links=tuple(name_joints(body)),
+        links=tuple(name_joints(body)[: len(body.joints)]),
         place=film.rest,
         ends=film.ends,
         commands=sort_commands(scene.columns, np.array([f.row for f in frames])),
         jumps=[jump for frame in frames for jump in frame.jumps],
-        scene=scene,
+        scene=None if body.turning is not None else scene,  # its friction has no fixed directions to draw
     )

@@ -10,6 +10,7 @@ from crawler_model import Scene
 from crawler_pictures.colors import FORWARD, JUMP, rgb
 from crawler_pictures.film.camera import mark_ticks, round_step
 from crawler_pictures.film.panels import MOST_ARROWS, bows
+from crawler_pictures.strokes import WORDS, friction_strokes
 
 from .frames import Frame
 from .ground import JumpMarks, draw_ground
@@ -20,6 +21,7 @@ MOST_CONTACTS = 400
 _YIELDS = {-1: "thin grey slack", 1: "thick magenta stalled"}
 _MOST_WAYPOINTS = 32
 _PAGE = 1.6  # distance that the body walks before the page turns, in body lengths
+_JUMP_SHOWN_NS = 500_000_000
 _PATH_POINTS, _PATH_STEP = 2000, 0.01
 """Points of all paths in the plane, and the motion in body lengths between two of them."""
 
@@ -182,6 +184,7 @@ class PlaneView:
         self._low, self._high = low - room * self._shape.length, high + room * self._shape.length
         self._kept: list[np.ndarray] = []
         self._before: np.ndarray | None = None
+        self._jumped: dict[int, int] = {}  # contacts that jumped, and when [ns]
         far = float((self._high - self._low).max())
         step = round_step(far / 6.0)
         draw_grid(rr, stream, "world", self._low, self._high, step, "m")
@@ -198,6 +201,8 @@ class PlaneView:
             if len(self._scene.directions)
             else "friction equal in all directions"
         )
+        if self._scene.body.turning is not None:
+            directions = f"{WORDS}; magenta: jumped"
         name = f"Crawler from above{self._shape.note}: green slides, grey sticks; white: path of the mean; {directions}"
         return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
 
@@ -213,6 +218,9 @@ class PlaneView:
         points = place * (1.0, -1.0)  # y points down in rerun
         slides = frame.state[shape.chosen] != 0
         colors = [STATES[int(s)] for s in slides]
+        self._jumped |= {jump.contact: frame.time_ns for jump in frame.jumps}
+        for contact in (i for i, ns in self._jumped.items() if 0 <= frame.time_ns - ns < _JUMP_SHOWN_NS):
+            colors = [rgb(JUMP) if chosen == contact else c for c, chosen in zip(colors, shape.chosen, strict=True)]
         log_body(self._rr, self._stream, shape, points, colors, frame.yields)
         moved = np.zeros(points.shape) if self._before is None else points - self._before
         size = np.linalg.norm(moved, axis=1, keepdims=True)
@@ -235,13 +243,18 @@ class PlaneView:
     def _log_directions(self, points: np.ndarray) -> None:
         """Log short strokes along the directions of friction under each contact."""
         directions = self._scene.directions
-        if len(directions) == 0 or points.shape[0] > MOST_ARROWS:
+        turns = self._scene.body.turning is not None
+        if (len(directions) == 0 and not turns) or points.shape[0] > MOST_ARROWS:
             return
         reach = 2.2 * self._shape.radius * directions * (1.0, -1.0)
-        lines = [[p, p + d] for p in points for d in reach]
+        lines: Any = [[p, p + d] for p in points for d in reach]
+        if turns:
+            strokes = friction_strokes(self._scene.body, points * (1.0, -1.0), 3.0 * self._shape.radius)
+            lines = list(strokes * (1.0, -1.0))
+        color, order = (TEXT, 1.5) if turns else (FAINT, -2.0)
         self._stream.log(
             "world/friction",
-            self._rr.LineStrips2D(lines, colors=[FAINT], radii=self._rr.Radius.ui_points(1.5), draw_order=-2.0),
+            self._rr.LineStrips2D(lines, colors=[color], radii=self._rr.Radius.ui_points(1.5), draw_order=order),
         )
 
 

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Scene
+from crawler_model.body.body import Body
 from crawler_model.body.names import name_joints
+from crawler_model.body.turning import measure_angles, wrap
 from crawler_model.theory.stasis import stasis_bounds
 from crawler_pictures.ground import has_stasis_bounds
 from crawler_pictures.run.forces import MOST_BANDS
@@ -41,7 +43,8 @@ class Curves:
         body = scene.body
         self._planar, self.bounded = body.dimension == 2, has_stasis_bounds(body)
         self._rest = body.position[body.stations]
-        self._contacts, self._joints = station_names(body), name_joints(body)
+        self._contacts, self._joints = station_names(body), name_joints(body)[: len(body.joints)]
+        self._yaw = 0.0
         n, links = len(self._contacts), len(self._joints)
         self.as_lines = not self._planar and n <= MOST_LINES
         self._length = float(np.ptp(self._rest, axis=0).max())
@@ -71,6 +74,8 @@ class Curves:
         names = ["x", "y"] if self._planar else ["y"]
         colors = [MOVING, color_of(0)][: len(names)]
         log("net_translation", rr.SeriesLines(colors=colors, names=names, widths=[2.0] * len(names)), static=True)
+        if body_turns(self._scene):
+            log("yaw", rr.SeriesLines(colors=[MOVING], names=["yaw"], widths=[2.0]), static=True)
         for kind, columns in self.commands.items():
             shown = columns[:_MOST_CURVES]
             names = [self._scene.columns.names[k] for k in shown]
@@ -94,6 +99,9 @@ class Curves:
         y = self._share @ (place - self._rest)
         unit = _RESOLUTION * self._length
         log("net_translation", rr.Scalars(np.atleast_1d(np.round(y / unit) * unit)))
+        if body_turns(self._scene):
+            self._yaw = follow_yaw(self._scene.body, place, self._yaw)
+            log("yaw", rr.Scalars([self._yaw]))
         least, most = stasis_bounds(frame.tension, frame.forward, frame.backward) if self.bounded else (None, None)
         if self._links is not None:
             log("tensions", rr.Scalars(np.asarray(self._links[0], float)), self._color_tensions(frame, least, most))
@@ -181,12 +189,35 @@ class Curves:
         named = "Net translation" + (", from the ends of segments" if self._scene.body.segments else "") + " [m]"
         named += ": white along x, blue along y" if self._planar else ""
         right = [rrb.TimeSeriesView(origin="net_translation", name=named, **common)]
+        if body_turns(self._scene):
+            right.append(rrb.TimeSeriesView(origin="yaw", name="Yaw [rad]", **common))
         for kind, columns in self.commands.items():
-            unit = {"strains": "1", "rest_lengths": "m"}.get(kind, "N")
+            unit = {"strains": "1", "rest_lengths": "m", "rest_angles": "rad"}.get(kind, "N")
             some = f", {_MOST_CURVES} of {len(columns)}" if len(columns) > _MOST_CURVES else ""
             name = f"{kind.replace('_', ' ').capitalize()} [{unit}]{some or self._name_colors(columns)}"
             right.append(rrb.TimeSeriesView(origin=f"commands/{kind}", name=name, **common))
         return left, heights, right
+
+
+def body_turns(scene: Scene) -> bool:
+    """Return whether the body of a scene turns, so that there is a yaw to draw."""
+    return scene.body.turning is not None
+
+
+def follow_yaw(body: Body, place: np.ndarray, before: float) -> float:
+    """Compute the yaw of a body that turns, counting whole turns.
+
+    Args:
+        body: the body.
+        place: positions of its points, shape (N, 2) [m].
+        before: the yaw in the frame before [rad].
+
+    Returns:
+        The yaw nearest to it [rad].
+    """
+    assert body.turning is not None
+    now = float(measure_angles(place, body.turning.heading[None])[0])
+    return before + float(wrap(np.array(now - before)))
 
 
 def _width(rows: int) -> float:
@@ -201,8 +232,8 @@ def _choose_commands(scene: Scene) -> dict[str, list[int]]:
     """
     columns, rows = scene.columns, scene.drive.rows
     links = int(columns.actuation_sizes[: columns.links].sum())
-    ends = {"rest_lengths": links, "strains": columns.lengths, "friction": columns.lengths + columns.frictions}
-    ends["loads"] = rows.shape[1]
+    ends = {"rest_lengths": links, "strains" if columns.joints is None else "rest_angles": columns.lengths}
+    ends |= {"friction": columns.lengths + columns.frictions, "loads": rows.shape[1]}
     changes, found, start = np.ptp(rows, axis=0) > 0.0, {}, 0
     for kind, end in ends.items():
         if end > start and (bool(changes[start:end].any()) or scene.drive.holds):

@@ -34,9 +34,9 @@ class Frame:
     """One instant to draw, of the stations and joints of a body (see `crawler_model.body.body.Body`).
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
-    tension of each joint, in the plane its size; bounds of the spring forces on each station where a chain has no
-    segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame before;
-    of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
+    tension of each link and segment, in the plane its size; bounds of the spring forces on each station where a chain
+    has no segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame
+    before; of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
     """
 
     time_ns: int
@@ -52,7 +52,7 @@ class Frame:
     def pack(self) -> bytes:
         """Encode the frame as bytes: the time, the number of jumps, all numbers as doubles, the jumps."""
         numbers = (self.displacement, self.tension, self.state, self.forward, self.backward, self.row, self.yields)
-        jumps = b"".join(_JUMP.pack(j.time, j.contact, j.border, j.distance, j.loss) for j in self.jumps)
+        jumps = b"".join(_pack_jump(jump) for jump in self.jumps)
         return _HEAD.pack(self.time_ns, len(self.jumps)) + np.concatenate(numbers).astype("<f8").tobytes() + jumps
 
     @staticmethod
@@ -64,8 +64,19 @@ class Frame:
             np.frombuffer(data, "<f8", int(cuts[-1]), _HEAD.size), cuts[:-1]
         )
         begin = _HEAD.size + 8 * int(cuts[-1])
-        jumps = tuple(TimedJump(*_JUMP.unpack_from(data, begin + k * _JUMP.size)) for k in range(count))
+        jumps = tuple(_unpack_jump(data, begin + k * _JUMP.size) for k in range(count))
         return Frame(ns, x, tension, state.astype(np.int8), forward, backward, row, jumps, yields.astype(np.int8))
+
+
+def _pack_jump(jump: TimedJump) -> bytes:
+    """Encode a jump; not a number stands for no border."""
+    border = np.nan if jump.border is None else jump.border
+    return _JUMP.pack(jump.time, jump.contact, border, jump.distance, jump.loss)
+
+
+def _unpack_jump(data: bytes, place: int) -> TimedJump:
+    time, contact, border, distance, loss = _JUMP.unpack_from(data, place)
+    return TimedJump(time, contact, None if np.isnan(border) else border, distance, loss)
 
 
 def read_frames(source: BinaryIO, scene: Plan) -> Iterator[Frame]:
@@ -136,7 +147,9 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
     body = crawler.body
     at = body.stations
     tension = crawler.joint_tension
-    if body.dimension == 2:
+    if body.turning is not None:
+        tension = np.abs(tension[: body.springs])
+    elif body.dimension == 2:
         tension = np.linalg.norm(tension, axis=1)
     forward = backward = np.zeros(0)
     if has_stasis_bounds(body):
@@ -211,7 +224,7 @@ def _frames(
     limited, yields = body.joint_limits.index.size > 0, np.zeros(0, np.int8)
     forward = backward = np.zeros(0)
     ahead, run, last = deque(jumps), 0, 0
-    stations = StationReader(body)
+    motion = _MotionReader(body)
     damaged = 0
 
     def decode(data: bytes, kind: str) -> Any:
@@ -221,7 +234,7 @@ def _frames(
             message = deserialize(data, kind)
             sizes = [message.position, message.velocity, message.effort] if kind.endswith("JointState") else []
             rows = [] if kind.endswith("JointState") else [point.positions for point in message.points]
-            if all(v.size == stations.size for v in sizes) and all(len(r) == row.size for r in rows):
+            if all(v.size == motion.size for v in sizes) and all(len(r) == row.size for r in rows):
                 return message
         damaged += 1
         return None
@@ -237,24 +250,41 @@ def _frames(
             if message is None:
                 continue
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-            x, v = stations.read(message.position), stations.read(message.velocity)
-            tension = message.effort[body.dimension :]
-            if body.dimension == 2:
-                v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
-            moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
+            x, state, tension = motion.read(message)
             run += stamp == 0 and last > 0
             last, passed = stamp, []
             while ahead and (ahead[0][0], round(ahead[0][1].time * NS)) <= (run, stamp):
                 passed.append(ahead.popleft()[1])
             if bounded:
                 forward, backward = local_bounds(scene, scene.columns.target(row), x)
-            state = (np.sign(v) * moving).astype(np.int8)
             if limited:
                 actuation = scene.columns.target(row)[: body.springs]
                 yields = _find_yields(body, message.position[body.dimension :], actuation)
             yield Frame(stamp, x.ravel(), tension, state, forward, backward, row, tuple(passed), yields)
     if damaged:
         print(f"{path}: left out {damaged} messages that are damaged or do not fit the scene", file=sys.stderr)
+
+
+class _MotionReader:
+    """Reads the stations and the tensions from messages of joint_states, one after another."""
+
+    def __init__(self, body: Body) -> None:
+        self._body, self._stations = body, StationReader(body)
+        self.size = self._stations.size
+        self._before = np.zeros(body.position.shape)
+
+    def read(self, message: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return displacement and state of each station, and the size of each tension."""
+        body, x = self._body, self._stations.read(message.position)
+        if body.turning is not None:  # velocities of angles do not tell exactly which stations rest
+            v, self._before = np.linalg.norm(x - self._before, axis=1), x
+            least = max(1e-9 * float(v.max(initial=0.0)), 1e-12 * float(np.ptp(body.position, axis=0).max()))
+            return x, (v > least).astype(np.int8), np.abs(message.effort[3 : 3 + body.springs])
+        v, tension = self._stations.read(message.velocity), message.effort[body.dimension :]
+        if body.dimension == 2:
+            v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
+        moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
+        return x, (np.sign(v) * moving).astype(np.int8), tension
 
 
 def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:

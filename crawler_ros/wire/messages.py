@@ -7,6 +7,7 @@ states have equal bytes.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -120,6 +121,18 @@ class JointStateMessage:
         return bytes(self._buffer)
 
 
+def find_orientation(yaw: float) -> tuple[float, float]:
+    """Compute z and w of the quaternion of a rotation about z; x and y are 0.
+
+    Args:
+        yaw: its angle [rad].
+
+    Returns:
+        sin(yaw / 2), cos(yaw / 2).
+    """
+    return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+
+
 class PoseMessage:
     """A geometry_msgs/PoseStamped on the ground."""
 
@@ -138,10 +151,11 @@ class PoseMessage:
         self._pose[6] = 1.0  # orientation.w
         self.layout = MessageLayout(bytes(self._buffer), self._stamp, place, (2,), (8,))
 
-    def encode(self, stamp_ns: int, x: float, y: float = 0.0) -> bytes:
-        """Return the bytes for position.x = x, position.y = y [m]."""
+    def encode(self, stamp_ns: int, x: float, y: float = 0.0, yaw: float = 0.0) -> bytes:
+        """Return the bytes for position.x = x, position.y = y [m] and an orientation turned by `yaw` about z [rad]."""
         self._pose[0] = x
         self._pose[1] = y
+        self._pose[5:] = find_orientation(yaw)
         _put_stamp(self._buffer, self._stamp, stamp_ns)
         return bytes(self._buffer)
 
@@ -165,10 +179,31 @@ class OdometryMessage:
         numbers = np.frombuffer(self._buffer, np.float64, 7 + 36 + 6 + 36, place)
         numbers[6] = 1.0  # orientation.w
         self._position, self._velocity = numbers[:2], numbers[43:45]
+        self._orientation, self._rate = numbers[5:7], numbers[48:49]
         self.layout = MessageLayout(bytes(self._buffer), self._stamp, place, (2, 2), (43 * 8, 8))
 
-    def encode(self, stamp_ns: int, position: np.ndarray | float, velocity: np.ndarray | float) -> bytes:
-        """Return the bytes for a net translation and its velocity: numbers on a line, shape (2,) in the plane."""
+    def encode(
+        self,
+        stamp_ns: int,
+        position: np.ndarray | float,
+        velocity: np.ndarray | float,
+        yaw: float = 0.0,
+        rate: float = 0.0,
+    ) -> bytes:
+        """Return the bytes of a message.
+
+        Args:
+            stamp_ns: the header's stamp [ns].
+            position: net translation, a number on a line, shape (2,) in the plane [m].
+            velocity: its velocity along the axes of the child frame, likewise [m/s].
+            yaw: angle of the orientation about z [rad].
+            rate: its rate [rad/s].
+
+        Returns:
+            The CDR bytes.
+        """
+        self._orientation[:] = find_orientation(yaw)
+        self._rate[0] = rate
         self._position[: 1 if isinstance(position, float) else 2] = position
         self._velocity[: 1 if isinstance(velocity, float) else 2] = velocity
         _put_stamp(self._buffer, self._stamp, stamp_ns)

@@ -6,6 +6,7 @@ import numpy as np
 
 from crawler_model.body.body import Body
 from crawler_model.body.names import name_contacts, name_every_contact, name_joints
+from crawler_model.body.turning_tree import TurningTree
 
 _AXES = ("/x", "/y")
 
@@ -34,9 +35,26 @@ def joint_state_names(body: Body) -> list[str]:
         body: the body.
 
     Returns:
-        The root, then the joints; in the plane x and y of each.
+        The root, then the joints; in the plane x and y of each. Of a body that turns x, y and yaw of the root, links,
+        joints, and the angles that no joint has.
     """
+    if body.turning is not None:
+        first, *others = free_angle_names(TurningTree(body))
+        return [*_each_axis(station_names(body)[:1], body), first, *name_joints(body), *others]
     return _each_axis([station_names(body)[0], *name_joints(body)], body)
+
+
+def free_angle_names(tree: TurningTree) -> list[str]:
+    """Name the angles of a body that turns that no joint has.
+
+    Args:
+        tree: its tree.
+
+    Returns:
+        One name per free branch: "contact_0/yaw" for that of the first link from the x axis, "link_4/yaw" for others.
+    """
+    links = [tree.branches[i].link for i in tree.free[1:]]
+    return [f"{name_contacts(1)[0]}/yaw", *(f"link_{link}/yaw" for link in links)]
 
 
 def shown_contacts(body: Body) -> np.ndarray:
@@ -102,8 +120,9 @@ class StationReader:
         Args:
             body: the body.
         """
-        self._dimension = body.dimension
-        self.size = body.dimension * (1 + len(body.joints))
+        self._dimension, self._position = body.dimension, body.position
+        self._tree = None if body.turning is None else TurningTree(body)
+        self.size = len(joint_state_names(body))
         """Number of positions in joint_states."""
         self._stations = body.stations.size
         self._steps = tree_of_joints(body)
@@ -112,11 +131,15 @@ class StationReader:
         """Add up root and joints.
 
         Args:
-            values: positions (or velocities) of joint_states.
+            values: positions of joint_states; unless the body turns, also velocities.
 
         Returns:
             One per station, in the plane two.
         """
+        if self._tree is not None:
+            first, last = self._position[0] + values[:2], values.size + 1 - len(self._tree.free)
+            free = np.append(values[2], values[last:])
+            return self._tree.find_places(first, values[3:last], free) - self._position
         table = np.asarray(values).reshape(-1, 2) if self._dimension == 2 else np.asarray(values)
         result = np.zeros((self._stations, *table.shape[1:]))
         result[0] = table[0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from crawler_model.body.columns import Columns
 from crawler_model.body.drive import NS
+from crawler_model.body.turning import SIDES, check_sides
 from crawler_model.errors import LARGEST, CommandError
 
 from .limits import Limits
@@ -40,7 +41,8 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
         found.append(columns.aliases[name])
         if only_lengths and found[-1][0] >= columns.lengths:
             kind = "friction" if columns.kind(int(found[-1][0])) == "friction" else "load"
-            raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes only links and segments")
+            items = "links and segments" if columns.joints is None else "links and joints"
+            raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes only {items}")
     taken = np.concatenate(found) if found else np.zeros(0, int)
     if np.unique(taken).size != taken.size:
         raise CommandError("trajectory: a joint is named twice")
@@ -114,7 +116,7 @@ def spread_friction(columns: Columns, values: Sequence[float] | np.ndarray) -> n
     Args:
         columns: the layout of the commands.
         values: a single value, one per isolated contact [N] and then per segment [N/m], or all forward and then all
-            backward values.
+            backward values; of a body that turns forward, backward, left and right of each point in turn.
 
     Returns:
         One value per column of friction [N, N/m].
@@ -125,6 +127,8 @@ def spread_friction(columns: Columns, values: Sequence[float] | np.ndarray) -> n
     array = np.array(values, dtype=np.float64)
     check_finite("friction command", array)
     sizes, sides = columns.friction_sizes, columns.sides
+    if columns.joints is not None:
+        return _spread_sides(columns, array)
     if columns.planar:
         raise CommandError("friction command: friction given by directions is constant in this scene")
     if array.size == 1:
@@ -140,6 +144,18 @@ def spread_friction(columns: Columns, values: Sequence[float] | np.ndarray) -> n
         raise CommandError(f"friction command: entry {i} is {array[i]:g} N; friction must be >= 0")
     parts = np.tile(array, sides) if array.size == sizes.size else array
     return np.repeat(parts, np.tile(sizes, sides))
+
+
+def _spread_sides(columns: Columns, array: np.ndarray) -> np.ndarray:
+    """Spread friction over the columns of a body that turns: one value, one per point or four per point."""
+    if array.size not in (1, columns.contacts, columns.frictions):
+        raise CommandError(
+            f"friction command has {array.size} value(s); it needs 1, {columns.contacts} (one per point) or "
+            f"{columns.frictions} ({', '.join(SIDES)} of each point in turn)"
+        )
+    row = np.tile(array, columns.frictions) if array.size == 1 else np.repeat(array, columns.frictions // array.size)
+    check_sides(row.reshape(-1, len(SIDES)), "friction command", CommandError)
+    return row
 
 
 def spread_loads(columns: Columns, values: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -170,8 +186,8 @@ def spread_loads(columns: Columns, values: Sequence[float] | np.ndarray) -> np.n
     return array
 
 
-def check_loads(columns: Columns, in_force: np.ndarray, named: list[np.ndarray], table: np.ndarray) -> None:
-    """Refuse points with loads that no equilibrium holds.
+def check_rows(columns: Columns, in_force: np.ndarray, named: list[np.ndarray], table: np.ndarray) -> None:
+    """Refuse points with loads that no equilibrium holds, or with frictions of a point that do not fit together.
 
     Args:
         columns: the layout of the commands.
@@ -180,34 +196,45 @@ def check_loads(columns: Columns, in_force: np.ndarray, named: list[np.ndarray],
         table: positions, shape (P, N).
 
     Raises:
-        CommandError: naming the first such point, with the sums that do not fit.
+        CommandError: naming the first such point, with the numbers that do not fit.
     """
-    if not columns.loads or not any(column[0] >= columns.lengths for column in named):
+    if not any(column[0] >= columns.lengths for column in named):
         return
-    for i, values in enumerate(table):
+    for i, values in enumerate(table if columns.loads or columns.joints is not None else ()):
         row = in_force.copy()
         for column, value in zip(named, values, strict=True):
             row[column] = value
-        columns.check_equilibrium(columns.target(row), f"trajectory: point {i}", CommandError)
+        _check_row(columns, row, f"trajectory: point {i}")
 
 
-def is_held(columns: Columns, row: np.ndarray) -> bool:
-    """Determine whether an equilibrium holds the loads of a row; commands checked one by one may not fit together.
+def is_held(columns: Columns, row: np.ndarray, in_force: np.ndarray) -> bool:
+    """Determine whether a row can be followed as far as its friction and loads go, as `check_rows` does.
+
+    Commands that were checked one by one may not fit together.
 
     Args:
         columns: the layout of the commands.
         row: a command row, shape (C,).
+        in_force: the row before it, shape (C,).
 
     Returns:
-        True without loads.
+        True unless a row of loads, or of four frictions a point, that differs from the one before cannot be followed.
     """
-    if not columns.loads:
+    first = columns.lengths
+    if not (columns.loads or columns.joints is not None) or row[first:].tobytes() == in_force[first:].tobytes():
         return True
     try:
-        columns.check_equilibrium(columns.target(row), "commands", CommandError)
+        _check_row(columns, row, "commands")
     except CommandError:
         return False
     return True
+
+
+def _check_row(columns: Columns, row: np.ndarray, where: str) -> None:
+    if columns.joints is not None:
+        sides = row[columns.lengths : columns.lengths + columns.frictions].reshape(-1, len(SIDES))
+        check_sides(sides, where, CommandError)
+    columns.check_equilibrium(columns.target(row), where, CommandError)
 
 
 def check_times(stamp_ns: int, now_ns: int, tick_ns: int, last_ns: int) -> None:

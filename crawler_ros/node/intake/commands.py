@@ -48,7 +48,7 @@ class CommandQueue:
         self.full = 0
         """Messages refused because the queue was full."""
         self.unheld = 0
-        """Rows dropped because no equilibrium holds their loads."""
+        """Rows dropped because no equilibrium holds their loads, or the frictions of a point do not fit together."""
         self.ended = False
         """Whether the commands ended in the tick that `take` took last: nothing that was taken goes on after it."""
         self._lengths = columns.lengths
@@ -116,7 +116,8 @@ class CommandQueue:
         """Accept a command for all links and segments.
 
         Args:
-            values: L of each link [m], then the strain of each segment; in the plane x and y of each link.
+            values: L of each link [m], then the strain of each segment; in the plane x and y of each link; of a body
+                that turns of each link, then the change of the angle of each joint [rad].
 
         Raises:
             CommandError: on a wrong length, a value that is not finite or beyond its limit, or a full queue.
@@ -127,7 +128,8 @@ class CommandQueue:
         if array.size != (self._lengths if planar else sizes.size):
             counts = f"{sizes.size}, one per {self._columns.items('link')}"
             if planar:
-                counts = f"{self._lengths}, x and y of each link"
+                turns = self._columns.joints is not None
+                counts = f"{self._lengths}, {'one per link, then per joint' if turns else 'x and y of each link'}"
             raise CommandError(f"actuation command has {array.size} value(s); it needs {counts}")
         row = array if array.size == self._lengths else np.repeat(array, sizes)
         if not self._limits.hold(row):  # both checks in one
@@ -147,7 +149,7 @@ class CommandQueue:
 
         Args:
             values: a single value, one per isolated contact [N] and then per segment [N/m], or all forward and then all
-                backward values.
+                backward values; of a body that turns one, one per point, or forward, backward, left and right of each.
 
         Raises:
             CommandError: on a wrong length, a value that is negative, not finite or beyond its limit, or a full queue.
@@ -217,7 +219,7 @@ class CommandQueue:
         table = np.array(positions, dtype=np.float64).reshape(times.size, len(names))
         checks.check_points(names, columns, times, table, self._limits)
         checks.check_times(stamp_ns, self.now_ns, self._tick_ns, int(times[-1]))
-        checks.check_loads(self._columns, self._in_force, columns, table)
+        checks.check_rows(self._columns, self._in_force, columns, table)
         trajectory = Trajectory(stamp_ns or None, columns, times, table)
         with self._lock:
             if len(self._trajectories) == MOST_TRAJECTORIES:
@@ -331,12 +333,12 @@ class CommandQueue:
         return self._pair([turn], beside, start_ns, end_ns)
 
     def _without_repeats(self, vertices: list[Vertex]) -> list[Vertex]:
-        """Leave out the vertices that only repeat the row in force; drop and count those without an equilibrium."""
+        """Leave out the vertices that only repeat the row in force; drop and count those that cannot be followed."""
         kept = []
         for vertex in vertices:
             if vertex.row.tobytes() == self._in_force.tobytes():
                 continue
-            if checks.is_held(self._columns, vertex.row):
+            if checks.is_held(self._columns, vertex.row, self._in_force):
                 kept.append(vertex)
                 self._in_force = vertex.row
             else:

@@ -20,14 +20,16 @@ class Limits:
     """The largest size of each number of a command row.
 
     Attributes:
-        largest: shape (C,) [m, 1, N, N/m].
-        lengths: number of columns that hold lengths and strains.
+        largest: shape (C,) [m, 1, rad, N, N/m].
+        lengths: number of columns that hold lengths, strains and angles.
         frictions: number of columns after them that hold friction; loads follow.
+        angles: number of the last of the lengths that are angles instead.
     """
 
     largest: np.ndarray
     lengths: int
     frictions: int
+    angles: int = 0
 
     @staticmethod
     def none(columns: Columns) -> Limits:
@@ -64,9 +66,10 @@ class Limits:
             return
         i = int(np.argmax(excess))
         column = columns + i if isinstance(columns, int) else columns[i]
-        parameter = "limit.length" if column < self.lengths else "limit.friction"
-        most = largest[i]
-        raise CommandError(f"{what}: {names[i]} is {values[i]:g}; at most {most:g} is accepted (parameter {parameter})")
+        source = "parameter limit.length" if column < self.lengths else "parameter limit.friction"
+        if self.lengths - self.angles <= column < self.lengths:
+            source = "a whole turn, or the largest angle of the drive"
+        raise CommandError(f"{what}: {names[i]} is {values[i]:g}; at most {largest[i]:g} is accepted ({source})")
 
 
 def body_length(body: Body) -> float:
@@ -78,7 +81,8 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     """Compute the limits of a scene's commands.
 
     A strain is limited so that its segment lengthens by no more than a link may, and a friction per length so that its
-    segment has no more friction than a contact may.
+    segment has no more friction than a contact may. The angle of a joint may change by a whole turn, or by as much as
+    in the scene's drive if that is more.
 
     Args:
         scene: the scene that is commanded.
@@ -94,8 +98,10 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     extent = body_length(body)
     spans = [body.position[s.last] - body.position[s.first] for s in body.segments]
     lengths_of = np.concatenate(([1.0] * columns.links, spans))
-    spread = np.repeat(lengths_of, columns.actuation_sizes)
-    longest = length or max(_LARGEST_RATIO * extent, (rows[:, : columns.lengths] * spread).max(initial=0.0))
+    angles = columns.joints or 0
+    spread = np.repeat(lengths_of, columns.actuation_sizes[: lengths_of.size])
+    longest = length or max(_LARGEST_RATIO * extent, (rows[:, : spread.size] * spread).max(initial=0.0))
+    widest = max(2.0 * np.pi, rows[:, spread.size : columns.lengths].max(initial=0.0))
     ground = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.friction_sizes)
     ground = np.tile(ground, columns.sides)
     strongest = friction or _LARGEST_RATIO * max(
@@ -103,5 +109,5 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
         body.stiffness.max(initial=0.0) * extent,
     )
     loads = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.load_sizes)[: columns.loads]
-    largest = np.concatenate((longest / spread, strongest / ground, strongest / loads))
-    return Limits(np.minimum(largest, LARGEST), columns.lengths, columns.frictions)
+    largest = np.concatenate((longest / spread, np.full(angles, widest), strongest / ground, strongest / loads))
+    return Limits(np.minimum(largest, LARGEST), columns.lengths, columns.frictions, angles)

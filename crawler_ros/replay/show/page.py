@@ -48,12 +48,14 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
     if replay.energy is not None:
         names = {"work": "work of the actuators", "dissipation": "dissipation", "stored": "stored"}
         energy = {text: samples.get(name) for name, text in names.items()}
-    y = samples.get("net_translation")
+    y, turns = samples.get("net_translation"), scene is not None and scene.body.turning is not None
     links = tuple(name_links(tension.shape[1]) if scene is None else name_joints(scene.body))
+    if scene is not None and turns:
+        tension, links = tension[:, : scene.body.springs], links[: scene.body.springs]
     place = positions[0] if scene is None else scene.body.position[shown_contacts(scene.body)]
     return RunArrays(
         title=f"{'scene not known' if scene is None else scene.name}, {replay.path.name}",
-        notes=_notes(replay),
+        notes=(*_notes(replay), *_describe_turning(replay)),
         time=samples.get("end_ns") / NS,
         positions=positions,
         state=samples.get("state"),
@@ -68,11 +70,11 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         commands=_commands(replay, samples),
         energy=energy,
         cycles=np.array([cycle.start for cycle in replay.cycles if cycle.run == 0]),
-        gains=_gains(replay),
+        gains=None if turns else _gains(replay),
         rests=[(rest.since, rest.until) for rest in replay.rests if rest.run == 0],
         jumps=samples.jumps,
-        scene=scene,
-        force=None if scene is None else planar_forces(scene, tension, samples.get("command")),
+        scene=None if turns else scene,  # the friction of a body that turns has no fixed directions to draw
+        force=None if scene is None or turns else planar_forces(scene, tension, samples.get("command")),
     )
 
 
@@ -83,6 +85,20 @@ def _notes(replay: Replay) -> tuple[str, ...]:
     if replay.table.run.size and replay.table.run[-1] > 0:
         notes.append("runs between resets one after another")
     return tuple(notes)
+
+
+def _describe_turning(replay: Replay) -> list[str]:
+    """Describe how a body that turns turned, and its gain in the last cycle."""
+    table, cycles = replay.table, replay.cycles
+    if replay.scene is None or replay.scene.body.turning is None or replay.comparison is None:
+        return []
+    last = int((table.run == 0).sum()) - 1
+    found = [f"turned by {table.yaw[last] - table.yaw[0]:.6g} rad; tensions are those of the links"]
+    if cycles and cycles[-1].turned is not None:
+        dx, dy = np.atleast_1d(cycles[-1].translation)
+        turned = f"turned by {cycles[-1].turned:.6g} rad"
+        found.append(f"last cycle: {dx:.6g} m along its heading, {dy:.6g} m to the left, {turned}")
+    return found
 
 
 def _commands(replay: Replay, samples: Samples) -> tuple[Commands, ...]:

@@ -74,7 +74,8 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
     source = "the drive's periods" if replay.cycle_source == "drive" else "by recurrence of the commands"
     table = Table(title=f"{len(cycles)} cycle(s), {source}; {transient} transient", title_justify="left")
     known = cycles[0].energy is not None
-    columns = ["time [s]", "translation [m]", "slip forward [m]", "slip back [m]"]
+    turns = cycles[0].turned is not None
+    columns = ["time [s]", "translation [m]", *["turned [rad]"] * turns, "slip forward [m]", "slip back [m]"]
     columns += ["work [J]", "dissipation [J]", "residual", "least margin [N]"] if known else []
     columns += [""] if transient else []
     for column in columns:
@@ -96,6 +97,8 @@ def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:
     size = max(size, cycle.slip_forward, cycle.slip_backward)
     lengths = (cycle.translation, cycle.slip_forward, cycle.slip_backward)
     row = [f"{cycle.start:g} .. {cycle.end:g}", *(write_length(value, size) for value in lengths)]
+    if cycle.turned is not None:
+        row.insert(2, f"{cycle.turned:.6g}")
     if known and cycle.energy is not None:
         energy, margin = cycle.energy, cycle.least_margin or 0.0
         row += [f"{energy.work:.6g}", f"{energy.dissipation:.6g}", f"{energy.residual:.0e}"]
@@ -130,9 +133,12 @@ def _print_jumps(replay: Replay, screen: Console) -> None:
         return
     longest = max(jumps, key=lambda jump: abs(jump["distance"]))
     loss = sum(jump["loss"] for jump in jumps)
+    turns = replay.scene is not None and replay.scene.body.turning is not None
+    why = "where stability was lost" if turns else "onto ground that holds less"
+    border = "" if longest["border"] is None else f" from the border at {longest['border']:g} m"
     screen.print(
-        f"{len(jumps)} jump(s) onto ground that holds less, {loss:.6g} J lost; the longest: {longest['contact']} at "
-        f"{longest['time']:g} s, {longest['distance']:.6g} m from the border at {longest['border']:g} m"
+        f"{len(jumps)} jump(s) {why}, {loss:.6g} J lost; the longest: {longest['contact']} at "
+        f"{longest['time']:g} s, {longest['distance']:.6g} m{border}"
     )
 
 

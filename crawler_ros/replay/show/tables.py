@@ -38,8 +38,11 @@ _FOUND: dict[str, list[tuple[str, Any, str]]] = {
 """Tables that are written only where there is something to write: name, type and unit of their columns."""
 
 
-def _schema(table: str, planar: bool) -> pa.Schema:
-    """Build the schema of a table: name, type, unit. In the plane lengths and forces have a column per axis."""
+def _schema(table: str, planar: bool, turns: bool = False) -> pa.Schema:
+    """Build the schema of a table: name, type, unit.
+
+    In the plane lengths and forces have a column per axis, except those of links of a body that turns.
+    """
     at = [("run", pa.int32(), "1"), ("time", pa.float64(), "s")]
 
     def each(name: str, unit: str) -> list[tuple[str, Any, str]]:
@@ -58,6 +61,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             ("margin", real, "N"),
             ("visited_margin", real, "1"),
             ("unique", pa.bool_(), "1"),
+            *[("yaw", real, "rad")] * turns,
         ],
         "contacts": [
             *at,
@@ -70,11 +74,12 @@ def _schema(table: str, planar: bool) -> pa.Schema:
         "links": [
             *at,
             ("link", label, "1"),
-            *each("elongation", "m"),
-            *each("tension", "N"),
+            *([("elongation", real, "m")] if turns else each("elongation", "m")),
+            *([("tension", real, "N")] if turns else each("tension", "N")),
             ("least_tension", real, "N"),
             ("greatest_tension", real, "N"),
         ],
+        "joints": [*at, ("joint", label, "1"), ("angle", real, "rad"), ("torque", real, "N m")],
         "slips": [
             ("run", pa.int32(), "1"),
             ("contact", label, "1"),
@@ -94,6 +99,7 @@ def _schema(table: str, planar: bool) -> pa.Schema:
             ("residual", real, "1"),
             ("least_margin", real, "N"),
             ("transient", pa.bool_(), "1"),
+            *[("turned", real, "rad")] * turns,
         ],
         **_FOUND,
     }[table]
@@ -101,7 +107,10 @@ def _schema(table: str, planar: bool) -> pa.Schema:
 
 
 class TableWriter:
-    """Writes ticks, contacts and links piece by piece; at the end slips, cycles, and jumps, rests, refusals if any."""
+    """Writes ticks, contacts and links piece by piece; at the end slips, cycles, and jumps, rests, refusals if any.
+
+    The joints of a body that turns have a table of their own.
+    """
 
     def __init__(self, folder: Path, scene: Scene | None) -> None:
         """Store the folder; files are opened with the first piece.
@@ -113,6 +122,7 @@ class TableWriter:
         self._folder, self._scene = folder, scene
         self._writers: dict[str, parquet.ParquetWriter] = {}
         self._planar = False
+        self._turns = scene is not None and scene.body.turning is not None
         self._names: dict[str, list[str]] = {}
 
     def __call__(self, piece: Piece) -> None:
@@ -130,14 +140,24 @@ class TableWriter:
         visited, unique = np.minimum.reduceat(piece.visited, before), np.logical_and.reduceat(piece.unique, before)
         at = [piece.run[rows], piece.end_ns[rows] / NS]
         numbers = [work, loads_work, dissipation, jump_loss, piece.stored[rows], piece.margin[rows], visited, unique]
+        numbers += [np.full(rows.size, np.nan) if piece.yaw is None else piece.yaw[rows]] * self._turns
         self._write("ticks", [*at, *self._axes(piece.net_translation[rows]), *numbers])
         size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
         moves = size > 1e-12 * size.max(axis=1, initial=0.0, keepdims=True)
         state = (np.sign(gained) * moves if gained.ndim == 2 else moves).astype(np.int8)
         lengths = [piece.position[rows], gained, piece.ground[rows]]
         self._write_long("contacts", at, [a for v in lengths for a in self._axes(v)] + [state])
-        values = [a for v in (piece.elongation[rows], piece.tension[rows]) for a in self._axes(v)]
-        if piece.tension.shape[1]:
+        self._write_links(piece, rows, at)
+
+    def _write_links(self, piece: Piece, rows: np.ndarray, at: list[np.ndarray]) -> None:
+        """Write the links, and of a body that turns the joints, where tensions are known."""
+        both = piece.elongation[rows], piece.tension[rows]
+        if self._turns and piece.tension.shape[1]:
+            count = piece.least.shape[1]
+            self._write_long("joints", at, [values[:, count:] for values in both])
+            self._write_long("links", at, [*(v[:, :count] for v in both), piece.least[rows], piece.most[rows]])
+        elif piece.tension.shape[1]:
+            values = [a for v in both for a in self._axes(v)]
             self._write_long("links", at, [*values, piece.least[rows], piece.most[rows]])
 
     def _open(self, contacts: int, joints: int) -> None:
@@ -146,13 +166,15 @@ class TableWriter:
             self._names = {"contacts": name_contacts(contacts), "links": name_links(joints)}
         else:
             names = contact_names(self._scene.body)[:: self._scene.dimension]
-            self._names = {"contacts": [n.removesuffix("/x") for n in names], "links": name_joints(self._scene.body)}
-        for name in ("ticks", "contacts", "links"):
+            count, both = len(self._scene.body.joints), name_joints(self._scene.body)
+            self._names = {"contacts": [n.removesuffix("/x") for n in names]}
+            self._names |= {"links": both[:count], "joints": both[count:]}
+        for name in ("ticks", "contacts", "links", *["joints"] * self._turns):
             self._open_one(name)
 
     def _open_one(self, name: str) -> None:
         path = self._folder / f"{name}.parquet"
-        self._writers[name] = parquet.ParquetWriter(path, _schema(name, self._planar), compression="zstd")
+        self._writers[name] = parquet.ParquetWriter(path, _schema(name, self._planar, self._turns), compression="zstd")
 
     def _axes(self, values: np.ndarray) -> list[np.ndarray]:
         return [values[..., 0], values[..., 1]] if self._planar else [values]
@@ -166,7 +188,7 @@ class TableWriter:
         self._write(name, [*columns, label, *(v.ravel() for v in values)])
 
     def _write(self, name: str, columns: list[Any]) -> None:
-        self._writers[name].write_table(_table(name, self._planar, columns))
+        self._writers[name].write_table(_table(name, self._planar, columns, self._turns))
 
     def finish(self, replay: Replay) -> list[str]:
         """Write slips, cycles, jumps, rests and refusals and close the files.
@@ -182,7 +204,7 @@ class TableWriter:
         for name, table in (("slips", slips_table(replay)), ("cycles", cycles_table(replay))):
             self._open_one(name)
             self._writers[name].write_table(table)
-        if self._scene is not None and self._scene.ground.track is not None:
+        if self._turns or (self._scene is not None and self._scene.ground.track is not None):
             self._open_one("jumps")
             jumps = replay.plain_jumps()
             self._write("jumps", [[jump[field.name] for jump in jumps] for field in _schema("jumps", self._planar)])
@@ -222,18 +244,18 @@ def cycles_table(replay: Replay) -> pa.Table:
     Returns:
         A row for each cycle.
     """
-    planar = _is_planar(replay)
-    rows = [_cycle_row(cycle.as_plain(), planar) for cycle in replay.cycles]
+    planar, turns = _is_planar(replay), replay.scene is not None and replay.scene.body.turning is not None
+    rows = [_cycle_row({"turned": None, **cycle.as_plain()}, planar, turns) for cycle in replay.cycles]
     columns = [list(column) for column in zip(*rows, strict=True)]
-    return _table("cycles", planar, columns or [[]] * len(_schema("cycles", planar)))
+    return _table("cycles", planar, columns or [[]] * len(_schema("cycles", planar, turns)), turns)
 
 
 def _is_planar(replay: Replay) -> bool:
     return replay.table.net_translation.shape[1] == 2
 
 
-def _table(name: str, planar: bool, columns: list[Any]) -> pa.Table:
-    schema = _schema(name, planar)
+def _table(name: str, planar: bool, columns: list[Any], turns: bool = False) -> pa.Table:
+    schema = _schema(name, planar, turns)
     arrays = [
         pa.array(c if isinstance(c, list) else np.ascontiguousarray(c), field.type, from_pandas=True)
         if not isinstance(c, pa.Array)
@@ -243,7 +265,7 @@ def _table(name: str, planar: bool, columns: list[Any]) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _cycle_row(plain: dict[str, Any], planar: bool) -> list[Any]:
+def _cycle_row(plain: dict[str, Any], planar: bool, turns: bool) -> list[Any]:
     if planar:
         plain["translation_x"], plain["translation_y"] = plain["translation"]
-    return [plain[field.name] for field in _schema("cycles", planar)]
+    return [plain[field.name] for field in _schema("cycles", planar, turns)]
