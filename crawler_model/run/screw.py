@@ -14,7 +14,7 @@ from ..crawler.crawler import Crawler
 from ..crawler.step import Step
 from ..errors import CommandError
 
-_STRAIGHT = 1e-12
+_STRAIGHT = 1e-9
 """A body that turns by less in a period goes straight [rad]."""
 
 

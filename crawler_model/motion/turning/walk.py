@@ -12,7 +12,7 @@ import numpy as np
 
 from ...compiled import compiled, lean, merged
 from .elastic import stretch_link, turn_joint
-from .frame import load_of
+from .frame import friction_of, load_of
 from .friction import load_part, resistance
 from .stage import solve_stage
 
@@ -152,11 +152,13 @@ def gap_of(frame, command, x, i, force):
         force: of all points, shape (N, 2) [N].
 
     Returns:
-        The gap; infinite on a point without friction or force [N].
+        The gap; without a force the least friction; infinite on a point without friction [N].
     """
     u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
     size = math.hypot(u0, u1)
-    return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if 0.0 < size < np.inf else np.inf
+    if size == 0.0:
+        return friction_of(frame, command, i)[1]
+    return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if size < np.inf else np.inf
 
 
 @compiled
