@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from urdf_parser_py.urdf import URDF
 
 from crawler_bench.node.processes import wait_until
-from crawler_model import Crawler, gallery, load_scene, simulate
+from crawler_model import Crawler, load_scene, simulate
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.node.robot_description import describe_robot
 from crawler_ros.recording import bag
@@ -21,6 +21,7 @@ from crawler_ros.wire.messages import OdometryMessage, encode_string
 from crawler_ros.wire.states import joint_state_names, station_names
 from crawler_ros.wire.topics import message_class
 
+from ..scenes import NOT_TURNING
 from .graph import graph, seconds
 from .test_nodes import trajectory
 from .test_recording import DECODE
@@ -43,7 +44,7 @@ def where_frames_are(robot: URDF, joint_positions: dict[str, float]) -> dict[str
     return place
 
 
-@pytest.mark.parametrize("name", gallery())
+@pytest.mark.parametrize("name", NOT_TURNING)
 def test_the_description_puts_every_station_where_it_stands(name):
     scene = load_scene(name)
     mesh = scene.body

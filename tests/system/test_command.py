@@ -14,6 +14,7 @@ from crawler_command.app import main
 from crawler_model import gallery, load_scene
 
 from ..commands import crawler
+from ..scenes import NOT_TURNING, TURNING
 
 CRAWLER = str(Path(sys.executable).parent / "crawler")
 
@@ -73,12 +74,20 @@ def test_simulate_for_people():
     assert "residual" in text
 
 
-@pytest.mark.parametrize("name", gallery())
+@pytest.mark.parametrize("name", NOT_TURNING)
 def test_check_every_scene_of_the_gallery(name, tmp_path):
     text = good("check", name, "--png", str(tmp_path / "d.png"))
     assert "valid" in text
     assert "uniqueness margin" in text
     assert (tmp_path / "d.png").stat().st_size > 5_000
+
+
+@pytest.mark.parametrize("name", TURNING)
+def test_check_every_scene_of_a_body_that_turns(name):
+    text = good("check", name)
+    assert "valid" in text
+    assert "it turned by" in text
+    assert "stability margin" in text
 
 
 def test_check_says_what_is_too_weak(tmp_path):

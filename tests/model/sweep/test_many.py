@@ -20,7 +20,6 @@ from crawler_model import (
     CrawlerError,
     Scene,
     SceneError,
-    gallery,
     load_scene,
     simulate,
     simulate_many,
@@ -29,6 +28,7 @@ from crawler_model import (
 from crawler_model.run.account import average_displacement
 from crawler_model.sweep import batch, workers
 from crawler_model.sweep.many import Settings, run_chunk
+from tests.scenes import NOT_TURNING
 
 from ..chains import coarse, scene
 
@@ -73,7 +73,7 @@ def alone(run: Any) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("name", [n for n in gallery() if not n.startswith("planar")])
+@pytest.mark.parametrize("name", [n for n in NOT_TURNING if not n.startswith("planar")])
 def test_a_row_is_what_simulate_finds_in_one_tick_to_the_bit(name):
     one = load_scene(name)
     drive = one.drive

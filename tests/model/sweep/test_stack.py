@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Scene, SceneError, gallery, load_scene, vary
+from crawler_model import Scene, SceneError, load_scene, vary
 from crawler_model.scene.assemble import assemble_together
 from crawler_model.sweep import stack as stacks
 from crawler_model.sweep.stack import Stack, stack
+from tests.scenes import NOT_TURNING
 
 ON_PATCHES = ("friction_step", "hill_top", "ice")
 BENT = ("peristaltic_stops", "silicone_chain", "stalling_inchworm", "tendon_worm")
 ALONE = ON_PATCHES + BENT
-LINES = [name for name in gallery() if not name.startswith("planar") and name not in ALONE]
+LINES = [name for name in NOT_TURNING if not name.startswith("planar") and name not in ALONE]
 KEYS = (
     "body.links.stiffness",
     "body.links.stiffness[0]",
