@@ -76,8 +76,7 @@ def _schema(table: str, planar: bool, turns: bool = False) -> pa.Schema:
             ("link", label, "1"),
             *([("elongation", real, "m")] if turns else each("elongation", "m")),
             *([("tension", real, "N")] if turns else each("tension", "N")),
-            ("least_tension", real, "N"),
-            ("greatest_tension", real, "N"),
+            *((f"{which}_tension", real, "N") for which in ("least", "greatest")),
         ],
         "joints": [*at, ("joint", label, "1"), ("angle", real, "rad"), ("torque", real, "N m")],
         "slips": [
