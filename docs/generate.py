@@ -45,9 +45,10 @@ _TOPICS = """# Topics and services
 Generated from [topics.yaml](../../msgs_config/topics.yaml), from which the node also creates its publishers,
 subscriptions and recordings. Names without a leading `/` are relative: a namespace separates one crawler from another.
 
-In the plane every joint and contact has `/x` and `/y`, but the links and joints of a body that turns have one entry each. A segment along which a wave runs has a name for each element
-(`trunk/element_3`, `trunk/contact_3/forward`). Messages are stamped with the simulated time of the end of the tick,
-except `applied_commands`, which is stamped with its start. Messages of a wrong length, with NaN or with negative
+In the plane every joint and contact has `/x` and `/y`, but the links and joints of a body that turns have one entry
+each. A segment along which a wave runs has a name for each element (`trunk/element_3`, `trunk/contact_3/forward`).
+Messages are stamped with the simulated time of the end of the tick, except `applied_commands`, which is stamped with
+its start. Messages of a wrong length, with NaN or with negative
 friction are refused as a whole, logged and counted in `/diagnostics`.
 
 ## Commands

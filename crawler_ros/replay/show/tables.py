@@ -81,9 +81,7 @@ def _schema(table: str, planar: bool, turns: bool = False) -> pa.Schema:
         ],
         "joints": [*at, ("joint", label, "1"), ("angle", real, "rad"), ("torque", real, "N m")],
         "slips": [
-            ("run", pa.int32(), "1"),
-            ("contact", label, "1"),
-            ("direction", real, "rad" if planar else "1"),
+            *[("run", pa.int32(), "1"), ("contact", label, "1"), ("direction", real, "rad" if planar else "1")],
             *interval,
             ("distance", real, "m"),
         ],
