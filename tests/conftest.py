@@ -83,6 +83,10 @@ def compile_plane() -> None:
     compile_scenes(("planar_three_points", {}))
 
 
+def compile_turning() -> None:
+    compile_scenes(("scissors", {}))
+
+
 def compile_derivatives() -> None:
     from crawler_model import load_scene, sensitivities
 
@@ -99,7 +103,7 @@ def compile_batches() -> None:
 
 KERNELS = (
     (compile_line, compile_plane),
-    (compile_patches, compile_long_chains),
+    (compile_patches, compile_long_chains, compile_turning),
     (compile_derivatives, compile_batches),
 )
 """What compiles a set of kernels; those of the last row build on the first."""

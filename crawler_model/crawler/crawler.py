@@ -373,4 +373,4 @@ def prepare(scene: Plan) -> None:
     Args:
         scene: the scene.
     """
-    Crawler(scene).follow(np.empty((0, scene.columns.index.size)))
+    Crawler(scene).follow(scene.drive.targets[:1])  # the command in force: nothing moves
