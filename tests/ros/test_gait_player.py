@@ -10,11 +10,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_model import load_scene
+from crawler_model import gallery, load_scene
 from crawler_ros.node.gait_player import list_commands
 from crawler_ros.node.intake.commands import CommandQueue
 
-from ..scenes import NOT_TURNING
 from .graph import Process, graph, wait_until
 
 PLANE = """{name: plane, dimension: 2, body: {contacts: [[0, 0], [1, 0]], links: {stiffness: 1}}, friction: {FRICTION},
@@ -45,7 +44,7 @@ def last_words(process: Process) -> str:
     return line
 
 
-@pytest.mark.parametrize("name", NOT_TURNING)
+@pytest.mark.parametrize("name", gallery())
 def test_what_is_sent_can_be_commanded(name):
     scene = load_scene(name)
     names, rows = list_commands(scene.drive)
