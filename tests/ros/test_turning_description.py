@@ -8,10 +8,12 @@ import pytest
 pytest.importorskip("rclpy")
 from urdf_parser_py.urdf import URDF
 
-from crawler_model import Crawler, Scene
+from crawler_model import Crawler, Scene, load_scene
 from crawler_model.crawler.readout import Readout
 from crawler_ros.node.robot_description import describe_robot
 from crawler_ros.wire.states import StationReader, joint_state_names
+
+from ..scenes import TURNING
 
 BODIES = {
     "chain": {
@@ -42,6 +44,8 @@ BODIES = {
 
 
 def build(name):
+    if name in TURNING:
+        return load_scene(name)
     body = {"springs": "length", "links": {"stiffness": 50}, **BODIES[name]}
     friction = {"forward": 0.1, "backward": 0.4, "left": 0.2, "right": 0.3}
     return Scene.model_validate({"name": "x", "dimension": 2, "body": body, "friction": friction})
@@ -71,7 +75,7 @@ def find_frames(robot: URDF, positions: dict[str, float]) -> dict[str, tuple[np.
     return found
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", [*BODIES, *TURNING])
 def test_the_description_bends_as_the_body_does(name):
     scene = build(name)
     body, rng = scene.body, np.random.default_rng(3)
@@ -84,7 +88,10 @@ def test_the_description_bends_as_the_body_does(name):
     crawler, readout, reader = Crawler(scene), Readout(body, np.arange(body.contacts)), StationReader(body)
     states, contacts = np.empty((3, len(names))), np.empty((3, 2 * body.contacts))
     for _ in range(5):
-        change = rng.uniform(-1.0, 1.0, body.lengths) * np.repeat([0.02, 0.8], [body.springs, len(revolute)])
+        size = 0.1 * min(np.linalg.norm(body.position[b] - body.position[a]) for a, b in body.ends)
+        change = rng.uniform(-1.0, 1.0, body.lengths) * np.repeat(
+            [size, 0.8], [body.springs, body.lengths - body.springs]
+        )
         crawler.advance(change)
         readout.read(crawler, 0.01, states, contacts)
         frames = find_frames(robot, dict(zip(names, states[0], strict=True)))
