@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean
-from .frame import load_of, span
+from .frame import load_of, span, unwind
 
 
 @lean
@@ -57,8 +57,7 @@ def turn_joint(frame, command, x, j, slope):
     slope[3] = -slope[1] - slope[5]
     k = frame.ends.shape[0] + j
     rest = frame.rest[k] + command[k]
-    away = math.atan2(u0 * v1 - u1 * v0, u0 * v0 + u1 * v1) - rest
-    away -= 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)
+    away = unwind(math.atan2(u0 * v1 - u1 * v0, u0 * v0 + u1 * v1) - rest)
     return frame.stiffness[k] * away, rest + away
 
 

@@ -104,6 +104,19 @@ def span(frame, x, a, b):
 
 
 @lean
+def unwind(angle):
+    """Subtract whole turns from an angle.
+
+    Args:
+        angle: the angle [rad].
+
+    Returns:
+        The angle between -pi and pi [rad].
+    """
+    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+
+
+@lean
 def yaw_of(frame, x):
     """Compute the direction of the heading.
 

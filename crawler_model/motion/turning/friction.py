@@ -97,6 +97,27 @@ def load_part(frame, command, x, i, f0, f1):
     return s0 / along, s1 / across
 
 
+@lean
+def gap_of(frame, command, x, i, force):
+    """Compute how far a force is from the boundary of its set, along itself.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        i: the point.
+        force: of all points, shape (N, 2) [N].
+
+    Returns:
+        The gap; without a force the least friction; infinite on a point without friction [N].
+    """
+    u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
+    size = math.hypot(u0, u1)
+    if size == 0.0:
+        return friction_of(frame, command, i)[1]
+    return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if size < np.inf else np.inf
+
+
 @compiled
 def linearise(frame, command, x, base, force, size, rows):
     """Compute by how much each point misses the law of friction, and the derivatives of that.
@@ -202,12 +223,5 @@ def measure_margins(frame, command, x, force, margins):
         margins: output, 0 on points without friction, shape (N,) [N].
     """
     for i in range(x.shape[0]):
-        _, least, _ = friction_of(frame, command, i)
-        u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
-        size = math.hypot(u0, u1)
-        if size == np.inf:
-            margins[i] = 0.0
-        elif size > 0.0:
-            margins[i] = (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size
-        else:
-            margins[i] = least
+        gap = gap_of(frame, command, x, i, force)
+        margins[i] = gap if gap < np.inf else 0.0

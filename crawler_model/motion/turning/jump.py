@@ -13,7 +13,7 @@ import numpy as np
 from ...compiled import compiled
 from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
-from .frame import load_of, yaw_of
+from .frame import load_of, unwind, yaw_of
 from .friction import resistance
 from .stability import decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
@@ -39,17 +39,15 @@ def nudge(frame, command, x, moved, tie):
         command: the command.
         x: displacements, shape (N, 2) [m].
         moved: last displacements of the points, shape (N, 2) [m].
-        tie: output: the displacements after the nudge; `x` where it is stable, shape (N, 2) [m].
-
-    Returns:
-        Whether it is unstable. Of the two directions of a motion that is free to both sides, the one is taken whose
-        largest component, of the first of these points, is positive.
+        tie: output: the displacements after the nudge; `x` where it is stable, shape (N, 2) [m]. Of the two
+            directions of a motion that is free to both sides, the one is taken whose largest component, of the first
+            of these points, is positive.
     """
     tie[:] = x
     matrix, owner, axis = stiffness_of(frame, command, x, moved, 1.0)
     falls, best = decreases(frame, command, matrix, owner)
     if not falls:
-        return False
+        return
     largest = 0
     free = True
     for p in range(best.size):
@@ -62,7 +60,6 @@ def nudge(frame, command, x, moved, tie):
     for p in range(best.size):
         for c in range(2):
             tie[owner[p], c] += size * best[p] * axis[p, c]
-    return True
 
 
 @compiled
@@ -130,8 +127,7 @@ def jump(frame, state, target, part, moved, account):
             distance = move
         for c in range(2):
             gained[i, c] += start[i, c] - x[i, c]
-    turned = yaw_of(frame, start) - yaw_of(frame, x)
-    yaw[0] += turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+    yaw[0] += unwind(yaw_of(frame, start) - yaw_of(frame, x))
     x[:] = start
     command[:] = now
     account[WORK] += work

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.plan import Plan
-from ...body.turning import TURNING_TOLERANCE
+from ...body.turning import TURNING_TOLERANCE, measure_angles
 from ...errors import CommandError
 from ..jump import Jump
 from ..state import DISSIPATION, LOADS_WORK, SPENT, VISITED, WORK
@@ -175,9 +175,7 @@ class TurningMotion:
     def start(self, x: np.ndarray, target: np.ndarray) -> TurningState:
         """Build the state at rest, see `Motion`."""
         x = np.array(x, np.float64)
-        a, b = self.frame.heading
-        e = self.frame.position[b] - self.frame.position[a] + (x[b] - x[a])
-        yaw = np.array([np.arctan2(e[1], e[0])])
+        yaw = measure_angles(self.frame.position + x, self.frame.heading[None])
         return TurningState(self.frame, x, np.zeros_like(x), np.array(target, np.float64), yaw, np.full(1, np.inf))
 
     def scratch(self) -> np.ndarray:
@@ -220,7 +218,7 @@ class TurningMotion:
     ) -> Iterator[Jump]:
         """Follow one ramp through its jumps."""
         arrays = state.x, state.gained, state.command, state.turned
-        progress = np.array([0.0, 0.0, 1.0, self.tolerance, state.stability_margin, 0.0])
+        progress = np.array([0.0, 1.0, self.tolerance, state.stability_margin])
         velocity[:] = 0.0
         ahead, landed = _AHEAD, -1.0
         while not follow_ramp(self.frame, arrays, target, self.tolerance, velocity, account, progress):

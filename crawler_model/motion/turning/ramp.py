@@ -9,11 +9,11 @@ import numpy as np
 from ...compiled import compiled, lean, merged
 from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, LOADS_WORK, RESIDUAL, VIOLATION, WORK
 from .elastic import energy_of, pull
-from .frame import yaw_of
-from .friction import load_part, resistance
+from .frame import unwind, yaw_of
+from .friction import gap_of, load_part, resistance
 from .stability import decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
-from .walk import AT_ONCE, FAILED, START, TAKEN, attempt, command_at, farthest, gap_of
+from .walk import AT_ONCE, FAILED, START, TAKEN, attempt, command_at, farthest
 
 _GLANCE = 1e-6
 """Part of a ramp in which velocities are measured."""
@@ -34,9 +34,9 @@ _EDGE = 1e-6
 """A length that is a power of 2 but for rounding is not rounded down to the next one."""
 _MOST_TRIALS = 100
 """Upper limit of lengths that are tried at a place of a ramp."""
-PLACE, TRIALS, LENGTH, LEFT, MARGIN, LOWEST = range(6)
-"""Entries of the progress on a ramp: the place, 0 to 1; parts tried; length of the next one; the error that is left
-[m]; the least stability margin and its place."""
+PLACE, LENGTH, LEFT, MARGIN = range(4)
+"""Entries of the progress on a ramp: the place, 0 to 1; length of the next part; the error that is left [m]; the least
+stability margin."""
 
 
 @lean
@@ -63,7 +63,7 @@ def glance(frame, way, negligible, velocity, force):
         force: output: the force that friction balances at the start, shape (N, 2) [N].
 
     Returns:
-        Whether there is a solution, and the part of the ramp.
+        The part of the ramp; infinite if none does, or no velocities were found.
     """
     x, command, target = way
     n = x.shape[0]
@@ -78,7 +78,7 @@ def glance(frame, way, negligible, velocity, force):
             moved[i, c] += _GLANCE * velocity[i, c]
     solved, _ = solve_stage(frame, now, x, moved, after, 0.0)
     if not solved:
-        return False, np.inf
+        return np.inf
     first = np.inf
     for i in range(n):
         velocity[i, 0] = (moved[i, 0] - x[i, 0]) / _GLANCE
@@ -91,7 +91,7 @@ def glance(frame, way, negligible, velocity, force):
             first = min(first, _time_to_reach(u0, u1, (v0 - u0) / _GLANCE, (v1 - u1) / _GLANCE))
         elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
             first = min(first, _GLANCE * gap / (gap + frame.grip[i] * _GLANCE * speed))
-    return True, first
+    return first
 
 
 @lean
@@ -154,8 +154,7 @@ def _take(frame, state, target, part, best, after, account):
         lost = resistance(frame, command, x, i, best[i, 0], best[i, 1])
         lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
-    turned = yaw_of(frame, x) - before
-    yaw[0] += turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+    yaw[0] += unwind(yaw_of(frame, x) - before)
     account[WORK] += best[n, 1]
     account[DISSIPATION] += best[n, 0] - best[n + 1, 0]
     account[LOADS_WORK] += best[n + 1, 0]
@@ -191,7 +190,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     rest = 1.0 - progress[PLACE]
     force = np.empty((n, 2))
     after = np.empty((n, 2))
-    _, first = glance(frame, way, AT_ONCE * tolerance, velocity, force)
+    first = glance(frame, way, AT_ONCE * tolerance, velocity, force)
     fastest = farthest(velocity, n)
     if first < np.inf and fastest > 0.0:
         first += _BEYOND * tolerance / fastest
@@ -201,7 +200,6 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
         part = 1.0 if length >= rest else length / rest
-        progress[TRIALS] += 1.0
         limits = max(tolerance * length, _SPENT * progress[LEFT]), tolerance
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
@@ -242,7 +240,7 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
         velocity: of the points along the ramp, a guess, changed in place: how far they moved last, where the body
             jumps, shape (N, 2) [m].
         account: added to, shape (14,).
-        progress: changed in place, shape (6,), see `PLACE`.
+        progress: changed in place, shape (4,), see `PLACE`.
 
     Returns:
         Whether the end was reached.
@@ -262,7 +260,5 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
         rest = 1.0 - progress[PLACE]
         progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
         margin = least_eigenvalue(stiffness_of(frame, state[2], state[0], best, 2.0)[0])
-        if margin < progress[MARGIN]:
-            progress[MARGIN] = margin
-            progress[LOWEST] = progress[PLACE]
+        progress[MARGIN] = min(progress[MARGIN], margin)
     return True

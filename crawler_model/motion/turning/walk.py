@@ -12,8 +12,8 @@ import numpy as np
 
 from ...compiled import compiled, lean, merged
 from .elastic import stretch_link, turn_joint
-from .frame import friction_of, load_of
-from .friction import load_part, resistance
+from .frame import load_of
+from .friction import gap_of, resistance
 from .stage import solve_stage
 
 _WALKS = 6
@@ -138,27 +138,6 @@ def _walk(frame, way, part, pieces, step, total, slid):
         total[n, 1] += work
         command_at(before, now, 1.0, before)
     return True, unique
-
-
-@lean
-def gap_of(frame, command, x, i, force):
-    """Compute how far a force is from the boundary of its set, along itself.
-
-    Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        i: the point.
-        force: of all points, shape (N, 2) [N].
-
-    Returns:
-        The gap; without a force the least friction; infinite on a point without friction [N].
-    """
-    u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
-    size = math.hypot(u0, u1)
-    if size == 0.0:
-        return friction_of(frame, command, i)[1]
-    return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if size < np.inf else np.inf
 
 
 @compiled
