@@ -165,15 +165,17 @@ def linearise(frame, command, x, base, force, size, rows):
         r0 = rho * most
         r1 = r0
         if not frame.along_velocity:
-            r0 = rho * (command[at] if w0 >= 0.0 else command[at + 1])
-            r1 = rho * (command[at + 2] if w1 >= 0.0 else command[at + 3])
+            ahead = s0 >= 0.0 if w0 == 0.0 else w0 > 0.0  # a point starts along its force
+            left = s1 >= 0.0 if w1 == 0.0 else w1 > 0.0
+            r0 = rho * (command[at] if ahead else command[at + 1])
+            r1 = rho * (command[at + 2] if left else command[at + 3])
         u0 = s0 / mu0
         u1 = s1 / mu1
         z0 = u0 + r0 * w0
         z1 = u1 + r1 * w1
         length = math.hypot(z0, z1)
         rounding = _CLOSE * (1.0 + size[i] / least)
-        if length <= 1.0 + SLACK * rounding:
+        if length <= 1.0 or (length <= 1.0 + SLACK * rounding and w0 == 0.0 and w1 == 0.0):
             miss = math.hypot(r0 * w0, r1 * w1)
             row[0] = -r0 * w0
             row[1] = -r1 * w1

@@ -15,7 +15,7 @@ from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
 from .frame import load_of, unwind, yaw_of
 from .friction import resistance
-from .stability import decreases, least_eigenvalue, stiffness_of
+from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .walk import command_at, work_of
 
@@ -27,7 +27,7 @@ _STILL = 1e-11
 _LONG = 0.02
 """After a longer step, as a part of the shortest link, the springs are stiffer; after a shorter one, softer."""
 _SOFT = 1e-9
-"""Stiffness of the springs, relative to the largest grip, at which a body at rest has arrived."""
+"""Stiffness of the springs, relative to grips, at which a body at rest has arrived."""
 
 
 @compiled
@@ -45,7 +45,7 @@ def nudge(frame, command, x, moved, tie):
     """
     tie[:] = x
     matrix, owner, axis = stiffness_of(frame, command, x, moved, 1.0)
-    falls, best = decreases(frame, command, matrix, owner)
+    falls, best = decreases(frame, command, matrix, owner, UNSTABLE)
     if not falls:
         return
     largest = 0
@@ -91,13 +91,15 @@ def jump(frame, state, target, part, moved, account):
     nudge(frame, now, x, moved, start)
     base[:] = start
     shortest = frame.rest[: frame.ends.shape[0]].min()
-    eta = frame.grip.max()
+    eta = 1.0
     dissipated = pulled = 0.0
+    least = 0.0
     done = False
     for _ in range(_MOST_STEPS):
         solved, _ = solve_stage(frame, now, base, start, force, eta)
         if not solved:
             start[:] = base
+            least = eta
             eta *= 4.0
             continue
         longest = 0.0
@@ -109,13 +111,15 @@ def jump(frame, state, target, part, moved, account):
             pulled += load_of(frame, now, i, 0) * move0 + load_of(frame, now, i, 1) * move1
         last[:] = base
         base[:] = start
-        if longest <= _STILL * shortest and eta <= _SOFT * frame.grip.max():
+        if longest <= _STILL * shortest and eta <= max(_SOFT, 2.0 * least):
             done, _ = solve_stage(frame, now, base, start, force, 0.0)
             if done:
                 break
-        falls = least_eigenvalue(stiffness_of(frame, now, start, start - last, 1.0)[0])
+        matrix, owner, _ = stiffness_of(frame, now, start, start - last, 1.0)
+        falls = least_eigenvalue(matrix) if decreases(frame, now, matrix, owner, -_SOFT)[0] else 0.0
         eta *= 0.25 if longest < _LONG * shortest else 2.0
-        eta = max(eta, max(-2.0 * falls, 0.5 * _SOFT) * frame.grip.max())  # else a step may end in a maximum
+        eta = max(eta, 2.0 * least, -2.0 * falls, 0.5 * _SOFT)  # else a step may end in a maximum
+        least *= 0.9
     if not done:
         return False, 0, 0.0, 0.0
     farthest = 0

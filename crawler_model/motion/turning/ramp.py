@@ -11,7 +11,7 @@ from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, LOADS_WORK,
 from .elastic import energy_of, pull
 from .frame import unwind, yaw_of
 from .friction import gap_of, load_part, resistance
-from .stability import decreases, least_eigenvalue, stiffness_of
+from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .walk import AT_ONCE, FAILED, START, TAKEN, attempt, command_at, farthest
 
@@ -130,7 +130,7 @@ def _settle(frame, state, target, part, best, after, allowed):
     residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
     balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
-    return solved and balanced and not decreases(frame, now, matrix, owner)[0], residual
+    return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual
 
 
 @merged

@@ -14,11 +14,12 @@ import numpy as np
 
 from ...compiled import compiled, lean
 from .band import solve_band
-from .elastic import stiffen_joint, stiffen_link
+from .elastic import pull, stiffen_joint, stiffen_link
 from .frame import friction_of
+from .friction import axis_of
 
 UNSTABLE = -1e-7
-"""An eigenvalue below this one is negative."""
+"""An equilibrium with an eigenvalue below this one is left."""
 _INVERSIONS = 4
 _ROUNDS, _DOWNHILL = 40, 0.3
 """Rounds of the search for a forward motion in which the energy decreases, and the length of its steps."""
@@ -69,8 +70,35 @@ def _add(matrix, axis, first, i, j, block):
 
 
 @compiled
+def _add_frames(frame, command, x, axis, first, matrix):
+    """Add by how much friction along the motion of a contact changes as its axis turns, the symmetric part of it.
+
+    With the direction n of the motion, the force s and J n a quarter turn ahead of n, it changes by -s . J n times the
+    angle, and by twice as much with the law along the velocity.
+    """
+    n = x.shape[0]
+    force = np.empty((n, 2))
+    pull(frame, command, x, force, np.empty(n))
+    law = 2.0 if frame.along_velocity else 1.0
+    for i in range(n):
+        p = first[i, 0]
+        if friction_of(frame, command, i)[2] == 0.0 or first[i, 1] == p:
+            continue
+        turn = law * (force[i, 0] * axis[p, 1] - force[i, 1] * axis[p, 0])
+        _, _, by0, by1 = axis_of(frame, x, i)
+        for end in range(2):
+            j = frame.guide[i, end]
+            for q in range(first[j, 0], first[j, 1]):
+                change = turn * (by0 * axis[q, 0] + by1 * axis[q, 1])
+                change = change if end == 1 else -change
+                matrix[max(p, q), abs(p - q)] += change if p == q else 0.5 * change
+
+
+@compiled
 def stiffness_of(frame, command, x, moved, freedom):
-    """Build the second derivative of the energy in the directions in which points are free, relative to their grip.
+    """Build how stiffly the body resists motions in the directions in which points are free, relative to their grip.
+
+    That is the second derivative of the energy, and along displacements how friction changes as frames turn.
 
     Args:
         frame: the body.
@@ -97,6 +125,10 @@ def stiffness_of(frame, command, x, moved, freedom):
             a = frame.joints[j, p]
             b = frame.joints[j, (p + 1) % 3]
             width = max(width, max(first[a, 1] - first[b, 0], first[b, 1] - first[a, 0]))
+    for i in range(n):
+        for p in range(2):
+            a = frame.guide[i, p]
+            width = max(width, max(first[a, 1] - first[i, 0], first[i, 1] - first[a, 0]))
     matrix = np.zeros((count, min(width, max(count, 1))))
     block = np.empty((2, 2))
     whole = np.empty((6, 6))
@@ -117,6 +149,8 @@ def stiffness_of(frame, command, x, moved, freedom):
                 for r in range(4):
                     block[r // 2, r % 2] = whole[2 * p + r // 2, 2 * q + r % 2]
                 _add(matrix, axis, first, frame.joints[j, p], frame.joints[j, q], block)
+    if freedom == 1.0:
+        _add_frames(frame, command, x, axis, first, matrix)
     for p in range(count):
         for d in range(min(p + 1, matrix.shape[1])):
             matrix[p, d] /= math.sqrt(frame.grip[owner[p]] * frame.grip[owner[p - d]])
@@ -228,7 +262,7 @@ def _push(matrix, one_sided, motion, slope):
 
 
 @compiled
-def decreases(frame, command, matrix, owner):
+def decreases(frame, command, matrix, owner, unstable):
     """Determine whether the energy decreases along a forward motion.
 
     Args:
@@ -236,20 +270,21 @@ def decreases(frame, command, matrix, owner):
         command: the command.
         matrix: from `stiffness_of`, along the displacements.
         owner: point of each direction, shape (D,).
+        unstable: an energy of a motion of length 1 below this one is a decrease [1].
 
     Returns:
         Whether it does; a motion forward in which it decreases most, as far as was found, shape (D,).
     """
     count = owner.size
     best = np.zeros(count)
-    if count == 0 or not _has_below(matrix, UNSTABLE, np.empty_like(matrix)):
+    if count == 0 or not _has_below(matrix, unstable, np.empty_like(matrix)):
         return False, best
     one_sided = np.empty(count, np.bool_)
     for p in range(count):
         one_sided[p] = friction_of(frame, command, owner[p])[2] > 0.0
     value = least_eigenvalue(matrix)
     vector = _eigenvector_of(matrix, value - 1e-3 * abs(value))
-    least = UNSTABLE
+    least = unstable
     motion = np.empty(count)
     slope = np.empty(count)
     for sign in (1.0, -1.0):
@@ -263,4 +298,4 @@ def decreases(frame, command, matrix, owner):
                     best[p] = motion[p]
             for p in range(count):
                 motion[p] -= _DOWNHILL * slope[p]
-    return least < UNSTABLE, best
+    return least < unstable, best

@@ -83,7 +83,7 @@ def _assemble(frame, command, x, eta, system):
             right[r] = -rows[i, p]
             for q in range(2):
                 c = 2 * place[i] + q
-                own = rows[i, 2 + 2 * p + q] * (frame.grip[i] * CRITICAL + eta)  # a translation may be free
+                own = rows[i, 2 + 2 * p + q] * frame.grip[i] * (CRITICAL + eta)  # a translation may be free
                 band[c, middle + r - c] -= rows[i, 6 + 2 * p + q] + own
     for i in range(x.shape[0]):
         if place[i] < 0 or (rows[i, 10] == 0.0 and rows[i, 11] == 0.0):
@@ -164,12 +164,13 @@ def _shorten(frame, step):
 
 
 @lean
-def _hold(eta, base, x, force):
+def _hold(frame, eta, base, x, force, size):
     """Add the forces of springs that hold each point where it was."""
     if eta > 0.0:
         for i in range(x.shape[0]):
             for c in range(2):
-                force[i, c] -= eta * (x[i, c] - base[i, c])
+                force[i, c] -= eta * frame.grip[i] * (x[i, c] - base[i, c])
+                size[i] += eta * frame.grip[i] * abs(x[i, c])
 
 
 @compiled
@@ -181,7 +182,7 @@ def _search(frame, command, base, x, force, eta):
     step = np.empty((n, 2))
     trial = np.empty((n, 2))
     pull(frame, command, x, force, size)
-    _hold(eta, base, x, force)
+    _hold(frame, eta, base, x, force, size)
     worst, miss = linearise(frame, command, x, base, force, size, rows)
     pivot = 1.0
     for turn in range(_MOST_STEPS):
@@ -200,11 +201,13 @@ def _search(frame, command, base, x, force, eta):
                 for c in range(2):
                     trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
             pull(frame, command, trial, force, size)
-            _hold(eta, base, trial, force)
+            _hold(frame, eta, base, trial, force, size)
             worst, after = linearise(frame, command, trial, base, force, size, rows)
             if after <= _SLOW * miss or (after <= _FAR and turn < _BOLD):
                 break
             part *= 0.5
+        else:
+            return False, True
         for i in range(n):
             for c in range(2):
                 x[i, c] = trial[i, c]
@@ -224,23 +227,19 @@ def solve_stage(frame, command, base, x, force, eta):
         base: displacements at its start, shape (N, 2) [m].
         x: changed in place: a guess of the displacements at its end, then these, shape (N, 2) [m].
         force: output: the force that friction balances, shape (N, 2) [N].
-        eta: stiffness of springs that hold each point where it was, 0 for none [N/m].
+        eta: stiffness of springs that hold each point where it was, relative to its grip, 0 for none [1].
 
     Returns:
         Whether it is solved to rounding, and whether its matrix is regular.
     """
-    n = x.shape[0]
-    hold = 0.0
-    for i in range(n):
-        hold = max(hold, frame.grip[i])
     solved = regular = False
     for rung in range(-1, _RUNGS + 1):
         if rung == 0:
-            for i in range(n):
+            for i in range(x.shape[0]):
                 x[i, 0] = base[i, 0]
                 x[i, 1] = base[i, 1]
-        more = hold * _SOFTER**rung if 0 <= rung < _RUNGS else 0.0
+        more = _SOFTER**rung if 0 <= rung < _RUNGS else 0.0
         solved, regular = _search(frame, command, base, x, force, max(eta, more))
-        if solved and rung in (-1, _RUNGS):
+        if solved == (rung < 0):
             break
     return solved, regular
