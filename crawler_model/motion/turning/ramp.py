@@ -13,7 +13,7 @@ from .frame import unwind, yaw_of
 from .friction import gap_of, load_part, resistance
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
-from .walk import AT_ONCE, FAILED, START, TAKEN, attempt, command_at, farthest
+from .walk import AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at, farthest
 
 _GLANCE = 1e-6
 """Part of a ramp in which velocities are measured."""
@@ -25,6 +25,8 @@ _LEAST_FALL = 1e-6
 """Shortest part of a ramp in whose end an equilibrium may become unstable."""
 _BEYOND = 0.3 * AT_ONCE
 """A part ends where a point that starts has moved by this part of the tolerance."""
+_SHORT_OF = 0.95
+"""A part is shortened at least by this factor where a point stops inside."""
 _SPENT, _AT_ONCE = 0.02, 0.125
 """Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
 that it may take."""
@@ -206,6 +208,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             aim = _find_start(length, error, (later, moved), growth, _BEYOND * tolerance)
             later = length
             moved = error
+        elif outcome == STOP:
+            aim = min(growth, _SHORT_OF) * length
         else:
             paid = max(error - tolerance * length, 0.0)
             if outcome == TAKEN and paid <= _AT_ONCE * progress[LEFT]:

@@ -142,10 +142,10 @@ def _walk(frame, way, part, pieces, step, total, slid):
 
 @compiled
 def _foresee(frame, way, moved, expected, force, negligible):
-    """Find whether a point starts or stops inside a part of the way, from the forces at its start.
+    """Find whether a point starts inside a part of the way, from the forces at its start, or stops at once.
 
     Returns the outcome, TAKEN if none does, an estimate of the part of the part up to there, and by how much the first
-    point to start has moved.
+    point to start has moved, infinite if a point stops.
     """
     start, command, _ = way
     first = 1.0
@@ -166,7 +166,35 @@ def _foresee(frame, way, moved, expected, force, negligible):
                 started = moves
     if started > 0.0:
         return START, first, started
-    return (STOP, 0.3, 0.0) if stops else (TAKEN, 1.0, 0.0)
+    return (TAKEN, 0.3, np.inf) if stops else (TAKEN, 1.0, 0.0)
+
+
+@compiled
+def _find_stop(expected, total, last, pieces, negligible):
+    """Estimate the part of a walk up to where the first point stops, from its velocity before and in the last step.
+
+    Steps do not show a point that stops and moves back, unless it moves back by more than it moves forward in one of
+    them. The velocity before is the expected one, or the mean of the other steps; it is taken to change evenly.
+
+    Returns the part; 1 if no point stops, but for a negligible distance before the end.
+    """
+    first = 1.0
+    for i in range(last.shape[0]):
+        size = math.hypot(total[i, 0], total[i, 1])
+        if size == 0.0:
+            continue
+        before = 0.0
+        latest = 0.0
+        for c in range(2):
+            along = total[i, c] / size
+            others = expected[i, c] if pieces == 1 else (total[i, c] - last[i, c]) * pieces / (pieces - 1.0)
+            before += others * along
+            latest += last[i, c] * pieces * along
+        slowing = 2.0 * (before - latest)
+        end = latest - 0.5 * slowing / pieces
+        if end < 0.0 < before and end * end > 2.0 * slowing * negligible:
+            first = min(first, 1.0 + end / slowing)
+    return first
 
 
 @lean
@@ -232,8 +260,9 @@ def attempt(frame, way, part, velocity, force, limits, best):
         best: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
 
     Returns:
-        The outcome; the error, or by how much the point that started has moved [m]; the factor for the length of this
-        part, or of the next one where it is done; and whether the displacement is unique.
+        The outcome; the error, infinite if points start or stop at unknown places, or by how much the point that
+        started has moved [m]; the factor for the length of this part, or of the next one where it is done; and whether
+        the displacement is unique.
     """
     allowed, tolerance = limits
     n = velocity.shape[0]
@@ -259,15 +288,19 @@ def attempt(frame, way, part, velocity, force, limits, best):
             if farthest(best, n) == 0.0:
                 return TAKEN, 0.0, 4.0, True
             outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
-            if outcome != TAKEN:
+            if outcome != TAKEN or moves > 0.0:
                 return outcome, moves, factor, unique
+        elif not _same_points(one, slid, pieces, negligible):
+            return TAKEN, np.inf, 0.5, unique
+        stop = _find_stop(expected, best, step, pieces, negligible)
+        if stop < 1.0:
+            return STOP, np.inf, stop, unique
+        if pieces == 1:
             for i in range(n):
                 one[i, 0] = best[i, 0]
                 one[i, 1] = best[i, 1]
             _extrapolate(table, best, pieces, n)
         else:
-            if not _same_points(one, slid, pieces, negligible):
-                return STOP, np.inf, 0.5, unique
             error = _extrapolate(table, best, pieces, n)
             growth = _growth(allowed, error, last, pieces)
             if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
