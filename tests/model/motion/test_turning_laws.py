@@ -1,0 +1,129 @@
+"""Laws that hold for all bodies that turn: random trees with friction and stiffness over two decades."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_model import Crawler, Scene, load_scene, simulate
+
+TOLERANCE = 1e-5
+BODIES = 200 if os.environ.get("HYPOTHESIS_PROFILE") == "soak" else 8
+TICKS = 1_000_000 if BODIES > 8 else 2_000
+
+
+def grow(rng: np.random.Generator, count: int) -> tuple[np.ndarray, list[list[int]], list[list[int]]]:
+    """Grow a tree whose points are apart; every link but the first turns against an earlier one."""
+    points, links, joints, parents = [np.zeros(2)], [], [], [-1]
+    while len(points) < count:
+        i = len(points)
+        parent = int(rng.integers(max(0, i - 2), i)) if rng.random() < 0.8 else int(rng.integers(0, i))
+        angle, length = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.5, 1.5)
+        point = points[parent] + length * np.array([math.cos(angle), math.sin(angle)])
+        if min(np.hypot(*(point - other)) for other in points) < 0.4:
+            continue
+        other = parents[parent] if parents[parent] >= 0 else next((b for a, b in links if a == parent), -1)
+        joints += [[other, parent, i]] if other >= 0 else []
+        links.append([parent, i])
+        points.append(point)
+        parents.append(parent)
+    return np.array(points), links, joints
+
+
+def tree(seed: int) -> dict[str, Any]:
+    """Build the document of a tree of 4 to 30 points with five ramps."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(4, 31))
+    points, links, joints = grow(rng, count)
+    lengths, angles = rng.normal(size=(6, len(links))) * 0.1, rng.normal(size=(6, len(joints))) * 0.3
+    actuation = np.hstack((lengths, angles))
+    actuation[0] = 0.0
+    sides = 10.0 ** rng.uniform(-1.5, 0.5, (4, count))
+    return {
+        "name": "tree",
+        "dimension": 2,
+        "body": {
+            "points": points.tolist(),
+            "springs": "length",
+            "links": {"stiffness": (10.0 ** rng.uniform(1, 3, len(links))).tolist(), "between": links},
+            "joints": {"stiffness": (10.0 ** rng.uniform(-0.5, 1.5, len(joints))).tolist(), "between": joints},
+        },
+        "friction": dict(zip(("forward", "backward", "left", "right"), sides.tolist(), strict=True)),
+        "drive": {"times": list(range(6)), "actuation": actuation.tolist()},
+        "tolerance": TOLERANCE,
+    }
+
+
+def follow(document: dict[str, Any]) -> tuple[np.ndarray, Crawler, list[Any]]:
+    """Follow all ramps; return the displacement after each, the body, and the steps."""
+    body = Crawler(Scene.model_validate(document))
+    steps, places = [], []
+    for goal in document["drive"]["actuation"][1:]:
+        steps.append(body.advance(goal))
+        places.append(body.displacement)
+    return np.array(places), body, steps
+
+
+@pytest.mark.parametrize("seed", range(BODIES))
+def test_energies_balance_and_forces_stay_in_their_sets(seed):
+    _, body, steps = follow(tree(seed))
+    work = sum(abs(step.work) for step in steps)
+    residual = sum(step.certificate.energy_residual for step in steps)
+    assert abs(residual) < 1e-4 * work
+    assert max(step.certificate.violation for step in steps) < 1e-8
+    assert body.margins.min() > -1e-8
+
+
+def turned(document: dict[str, Any], angle: float) -> dict[str, Any]:
+    cos, sin = math.cos(angle), math.sin(angle)
+    points = np.array(document["body"]["points"]) @ np.array([[cos, sin], [-sin, cos]])
+    return {**document, "body": {**document["body"], "points": points.tolist()}}
+
+
+def mirrored(document: dict[str, Any]) -> dict[str, Any]:
+    points = np.array(document["body"]["points"]) * [1.0, -1.0]
+    sides = {"left": document["friction"]["right"], "right": document["friction"]["left"]}
+    actuation = np.array(document["drive"]["actuation"])
+    actuation[:, len(document["body"]["links"]["between"]) :] *= -1.0
+    return {
+        **document,
+        "body": {**document["body"], "points": points.tolist()},
+        "friction": {**document["friction"], **sides},
+        "drive": {**document["drive"], "actuation": actuation.tolist()},
+    }
+
+
+@pytest.mark.parametrize("seed", range(2, 2 + BODIES // 2))
+def test_motion_does_not_depend_on_the_view(seed):
+    document = tree(seed)
+    places, _, _ = follow(document)
+    cos, sin = math.cos(0.7), math.sin(0.7)
+    expected = places @ np.array([[cos, sin], [-sin, cos]])
+    assert follow(turned(document, 0.7))[0] == pytest.approx(expected, abs=1e-9)
+    assert follow(mirrored(document))[0] == pytest.approx(places * [1.0, -1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.5, 1.0])
+def test_ticks_do_not_change_the_motion(friction):
+    """The feet of the star stop and start close to each other."""
+    document = load_scene("tripedal_star").document()
+    document |= {"friction": {"isotropic": [0.0, friction, friction, friction]}, "tolerance": 1e-6}
+    star = Scene.model_validate(document)
+    yaws = [simulate(star, 3.0, rate).yaw[-1] for rate in (5.0, 10.0, 20.0, 50.0)]
+    assert np.ptp(yaws) < 2e-6
+
+
+def test_a_body_that_trembles_does_not_creep():
+    """It shakes down, ever slower; then contacts that return to the boundary of their sets stay to the bit."""
+    document = tree(3)
+    body = Crawler(Scene.model_validate(document))
+    at = 0.2 * np.array(document["drive"]["actuation"][1])
+    places = []
+    for tick in range(TICKS):
+        body.advance(at if tick % 2 == 0 else 0.999 * at)
+        places += [body.displacement] if tick in (1000, TICKS - 2) else []
+    assert (places[0] == places[1]).all()
