@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean
+from ..equal_steps import farthest, find_stop
 from ..state import PLANAR_ACTUATION as ACTUATION
 from ..state import PLANAR_TENSION as TENSION
 from .friction import STUCK, corners_of, resistance
@@ -37,22 +38,6 @@ _CONVERGING = 0.3
 
 
 @lean
-def farthest(a):
-    """Compute the largest Euclidean norm of the rows of an array.
-
-    Args:
-        a: shape (n, 2).
-
-    Returns:
-        The norm.
-    """
-    most = 0.0
-    for i in range(a.shape[0]):
-        most = max(most, math.hypot(a[i, 0], a[i, 1]))
-    return most
-
-
-@lean
 def _stay(guess, moved):
     """Undo the choice of a translation where it is undetermined only at the end of a straight step.
 
@@ -66,7 +51,7 @@ def _stay(guess, moved):
             rests = i
     shift0 = guess[rests, 0] - moved[rests, 0]
     shift1 = guess[rests, 1] - moved[rests, 1]
-    near = _SAME_SHAPE * farthest(guess)
+    near = _SAME_SHAPE * farthest(guess, guess.shape[0])
     for i in range(moved.shape[0]):
         if math.hypot(guess[i, 0] - moved[i, 0] - shift0, guess[i, 1] - moved[i, 1] - shift1) > near:
             return False
@@ -323,11 +308,11 @@ def attempt(
     Returns:
         Whether all steps were solved; the displacement and, in further rows, dissipation and work, and the work of the
         loads if there are any; its error; the number of walks used, 0 if it is too long because a contact starts
-        inside; the factor for the next part.
+        or stops inside; the factor for the next part.
     """
     n = spring.shape[0]
     ok, one = _walk(1, part, springs, directions, links, friction, loads, target, *memory)
-    if not ok or farthest(one[:n]) == 0.0:
+    if not ok or farthest(one, n) == 0.0:
         return ok, one, 0.0, 1, 4.0
     bound = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, springs.compliance)
     if bound <= allowed:
@@ -339,6 +324,9 @@ def attempt(
     steady, starts = _steady_part(one[:n], motions[0], velocity, part, spring, friction, springs, loose, tolerance)
     if steady < 1.0:
         return True, one, bound, 0 if starts else 1, steady
+    stop = find_stop(velocity, part, one, memory[1][0], 1, _AT_ONCE * tolerance)
+    if stop < 1.0:
+        return True, one, bound, 0, stop
     error = bound
     table = np.zeros((_WALKS, *one.shape))
     table[0] = one
@@ -350,6 +338,10 @@ def attempt(
             return False, newest, error, pieces, 1.0
         if not _same_sliding(motions, memory[1], pieces, _AT_ONCE * tolerance):
             return True, one, bound, 1, 0.5
+        last_step = memory[1][pieces * (pieces + 1) // 2 - 1]
+        stop = find_stop(velocity, part, newest, last_step, pieces, _AT_ONCE * tolerance)
+        if stop < 1.0:
+            return True, one, bound, 0, stop
         plain = newest
         before = newest
         for column in range(pieces - 1):  # Aitken and Neville, in 1/steps
@@ -358,7 +350,7 @@ def attempt(
             table[column] = before
         table[pieces - 1] = newest
         last = error
-        error = max(farthest((newest - before)[:n]), abs(newest[n, 0] - before[n, 0]) / total if total > 0.0 else 0.0)
+        error = max(farthest(newest - before, n), abs(newest[n, 0] - before[n, 0]) / total if total > 0.0 else 0.0)
         growth = _growth(allowed, error, last, pieces)
         if error <= allowed and pieces == 2:  # otherwise steps for which two walks suffice would stay short
             return True, plain, error, 2, max(growth, 2.0)

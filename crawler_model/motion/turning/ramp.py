@@ -7,13 +7,14 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean, merged
+from ..equal_steps import farthest
 from ..state import AMBIGUOUS, COMPLEMENTARITY, DISSIPATION, EVENTS, LOADS_WORK, RESIDUAL, VIOLATION, WORK
 from .elastic import energy_of, pull
 from .frame import unwind, yaw_of
 from .friction import gap_of, load_part, resistance
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
-from .walk import AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at, farthest
+from .walk import AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at
 
 _GLANCE = 1e-6
 """Part of a ramp in which velocities are measured."""

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean, merged
+from ..equal_steps import farthest, find_stop
 from .elastic import stretch_link, turn_joint
 from .frame import load_of
 from .friction import gap_of, resistance
@@ -23,23 +24,6 @@ _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
 FAILED, START, STOP, TAKEN = range(4)
 """Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; done, with some error."""
-
-
-@lean
-def farthest(a, n):
-    """Compute the largest Euclidean norm of the first rows of an array.
-
-    Args:
-        a: shape (m, 2), m >= n.
-        n: number of rows.
-
-    Returns:
-        The norm.
-    """
-    most = 0.0
-    for i in range(n):
-        most = max(most, math.hypot(a[i, 0], a[i, 1]))
-    return most
 
 
 @lean
@@ -169,34 +153,6 @@ def _foresee(frame, way, moved, expected, force, negligible):
     return (TAKEN, 0.3, np.inf) if stops else (TAKEN, 1.0, 0.0)
 
 
-@compiled
-def _find_stop(expected, total, last, pieces, negligible):
-    """Estimate the part of a walk up to where the first point stops, from its velocity before and in the last step.
-
-    Steps do not show a point that stops and moves back, unless it moves back by more than it moves forward in one of
-    them. The velocity before is the expected one, or the mean of the other steps; it is taken to change evenly.
-
-    Returns the part; 1 if no point stops, but for a negligible distance before the end.
-    """
-    first = 1.0
-    for i in range(last.shape[0]):
-        size = math.hypot(total[i, 0], total[i, 1])
-        if size == 0.0:
-            continue
-        before = 0.0
-        latest = 0.0
-        for c in range(2):
-            along = total[i, c] / size
-            others = expected[i, c] if pieces == 1 else (total[i, c] - last[i, c]) * pieces / (pieces - 1.0)
-            before += others * along
-            latest += last[i, c] * pieces * along
-        slowing = 2.0 * (before - latest)
-        end = latest - 0.5 * slowing / pieces
-        if end < 0.0 < before and end * end > 2.0 * slowing * negligible:
-            first = min(first, 1.0 + end / slowing)
-    return first
-
-
 @lean
 def _same_points(one, slid, pieces, negligible):
     """Return whether the same points slide in all steps of a walk as in a single step, but for negligible moves."""
@@ -292,7 +248,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
                 return outcome, moves, factor, unique
         elif not _same_points(one, slid, pieces, negligible):
             return TAKEN, np.inf, 0.5, unique
-        stop = _find_stop(expected, best, step, pieces, negligible)
+        stop = find_stop(velocity, part, best, step, pieces, negligible)
         if stop < 1.0:
             return STOP, np.inf, stop, unique
         if pieces == 1:
