@@ -83,7 +83,7 @@ def optimise(
             it, always the same ones.
         robust_of: "expected" for the best mean over these bodies, "worst" for the best gait where it is worst.
         target: of "screw": dx, dy [m] and dyaw [rad] per period, in the frame of the body. An angle counts as a
-            distance by the length of the body.
+            distance by the largest distance of two points of the body.
 
     Returns:
         The best gait; after Ctrl-C or the time limit, the best so far.

@@ -182,6 +182,28 @@ def _build_turning_table(
     """Build the waypoints of a body that turns: links and joints without a stroke stay as the scene has them."""
     if friction is not None:
         raise SceneError(f"free: friction: {scene.name} turns; free a number such as friction.left instead")
+    moves, strokes = find_turning_strokes(scene, stroke)
+    low, high = np.array(strokes).T
+    column_of = np.full(scene.columns.count, -1)
+    column_of[: len(names)][moves] = np.arange(low.size)
+    held = np.where(moves, np.nan, scene.drive.rows[0, : len(names)])
+    return Table(count, period, int(low.size), False, column_of, low.copy(), high.copy(), np.ones(low.size), held)
+
+
+def find_turning_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | None) -> tuple[np.ndarray, list[Bounds]]:
+    """Find which links and joints of a body that turns move, and how far.
+
+    Args:
+        scene: the scene.
+        stroke: bounds by name [m, rad], or of all that the drive of the scene moves; None for the range of this drive.
+
+    Returns:
+        Whether each link and joint moves, bool, shape (links + joints,), and the bounds of those that do.
+
+    Raises:
+        SceneError: with one line about the first mistake.
+    """
+    names = name_joints(scene.body)
     rows = scene.drive.rows[:, : len(names)]
     moves = np.ptp(rows, axis=0) > 0.0
     if isinstance(stroke, Mapping):
@@ -192,15 +214,9 @@ def _build_turning_table(
     elif not moves.any():
         moves[:] = True
     chosen = [name for name, moved in zip(names, moves, strict=True) if moved]
-    if stroke is None and scene.parts.drive is not None and np.ptp(rows, axis=0).any():
-        strokes = [(float(column.min()), float(column.max())) for column in rows.T[moves]]
-    else:
-        strokes = find_strokes(scene, chosen, stroke)
-    low, high = np.array(strokes).T
-    column_of = np.full(scene.columns.count, -1)
-    column_of[: len(names)][moves] = np.arange(len(chosen))
-    held = np.where(moves, np.nan, rows[0])
-    return Table(count, period, len(chosen), False, column_of, low.copy(), high.copy(), np.ones(len(chosen)), held)
+    if stroke is None and np.ptp(rows, axis=0).any():
+        return moves, [(float(column.min()), float(column.max())) for column in rows.T[moves]]
+    return moves, find_strokes(scene, chosen, stroke)
 
 
 def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[str, Bounds] | None) -> list[Bounds]:

@@ -12,8 +12,8 @@ from ..body.turning import TURNING_TOLERANCE
 from ..crawler.crawler import Crawler
 from ..errors import CommandError, SceneError
 from ..run.cycle import repeat_period
+from ..run.screw import largest_distance
 from ..run.simulate import simulate
-from ..run.transport import length_of
 from ..scene.scene import Scene
 from .goal import SCREW, TURNING_OBJECTIVES, Goal
 from .regime import Regime
@@ -78,7 +78,7 @@ def turning_goal(scene: Scene, goal: Goal, target: Sequence[float] | None) -> Go
     Returns:
         The goal, which does not count differences below the tolerance of the scene.
     """
-    length, tolerance = float(length_of(scene.body)), scene.tolerance or TURNING_TOLERANCE
+    length, tolerance = largest_distance(scene.body), scene.tolerance or TURNING_TOLERANCE
     if target is not None:
         dx, dy, dyaw = (float(value) for value in target)
         goal = dataclasses.replace(goal, target=(dx, dy, dyaw, length))
