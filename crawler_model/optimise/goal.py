@@ -71,7 +71,7 @@ class Goal:
         """
         assert self.target is not None
         assert regime.motion is not None
-        dx, dy, dyaw = (is_ - to for is_, to in zip(regime.motion, self.target[:3], strict=True))
+        dx, dy, dyaw = (reached - wanted for reached, wanted in zip(regime.motion, self.target[:3], strict=True))
         return math.hypot(dx, dy, self.target[3] * dyaw)
 
     def measure(self, regime: Regime) -> float:
