@@ -37,6 +37,7 @@ setup(
             "replay = crawler_command.executables:replay",
             "speed_control = crawler_command.executables:speed_control",
             "phase_control = crawler_command.executables:phase_control",
+            "path_control = crawler_command.executables:path_control",
             "policy = crawler_command.executables:policy",
             "crawler = crawler_command.executables:crawler",
         ]

@@ -43,14 +43,11 @@ def check(
 ) -> None:
     """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
     from crawler_model import load_scene
-    from crawler_model.body.plan import refuse_turning
 
     from .check import print_report
 
     check_picture(png)
     loaded = load_scene(scene)
-    if png is not None:
-        refuse_turning(loaded, "--png")
     run = run_scene(loaded, None if not loaded.drive.holds else 0.0, 100.0, None)
     print_report(run, screen)
     if png is not None:

@@ -64,6 +64,11 @@ def phase_control() -> int:
     return _run("phase_control", "crawler_ros.examples.phase_control")
 
 
+def path_control() -> int:
+    """Run the example controller `path_control`."""
+    return _run("path_control", "crawler_ros.examples.path_control")
+
+
 def policy() -> int:
     """Run the node `policy`, which controls a crawler by a policy of the environment `Crawler-v0`."""
     return _run("policy", "crawler_gym.policy_node")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crawler_model import CrawlerError
+from crawler_model.body.plan import refuse_turning
 
 from .screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file, write_scene
 
@@ -25,6 +26,8 @@ class Objective(str, Enum):
     translation = "translation"
     cost_of_transport = "cost-of-transport"
     travel = "travel"
+    turn = "turn"
+    screw = "screw"
 
 
 class Over(str, Enum):
@@ -36,7 +39,18 @@ class Over(str, Enum):
 
 _Objective = Annotated[
     Objective,
-    typer.Option("--for", help="What is best: the largest gain per period, cost of transport, or gain / travel."),
+    typer.Option(
+        "--for",
+        help="What is best: the largest gain per period, cost of transport, or gain / travel; of bodies that turn the "
+        "largest turn to the left per period, or the motion per period that is nearest to --target.",
+    ),
+]
+_Target = Annotated[
+    str | None,
+    typer.Option(
+        metavar="DX,DY,DYAW",
+        help="Of `--for screw`: the motion per period, m and rad, in the frame of the body at its first waypoint.",
+    ),
 ]
 _Waypoints = Annotated[
     int | None, typer.Option(help="Number of evenly spaced waypoints, all unknown; 6 where it is needed.")
@@ -45,7 +59,7 @@ _Stroke = Annotated[
     list[str] | None,
     typer.Option(
         metavar="[NAME=]A:B",
-        help="Bounds of rest lengths (m) and strains, for all or for each link and segment by name; by default the "
+        help="Bounds of rest lengths (m), strains and joint angles (rad), for all or for each by name; by default the "
         "range of the scene's drive.",
     ),
 ]
@@ -98,6 +112,7 @@ _Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existi
 def optimise_command(
     scene: SceneArgument,
     objective: _Objective,
+    target: _Target = None,
     waypoints: _Waypoints = None,
     stroke: _Stroke = None,
     free: _Free = None,
@@ -136,9 +151,12 @@ def optimise_command(
         "seconds": seconds,
         "seed": seed,
     }
+    motion = None if target is None else parse_target(target)
     from crawler_model import Front, load_scene, optimise, pareto, prepare, read_posterior
 
     loaded = load_scene(scene)
+    if png is not None:
+        refuse_turning(loaded, "--png")
     if robust_to is not None:
         over = (robust_of or Over.expected).value
         limits |= {"robust_to": read_posterior(robust_to, loaded), "robust_of": over}
@@ -148,7 +166,7 @@ def optimise_command(
         if compromises:
             found = pareto(loaded, progress=progress, **limits)
         else:
-            found = optimise(loaded, objective.value, progress=progress, **limits)
+            found = optimise(loaded, objective.value, progress=progress, target=motion, **limits)
     _write(found, out, png)
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
@@ -156,6 +174,25 @@ def optimise_command(
         lines = describe_front(found) if isinstance(found, Front) else describe_optimum(found)
         lines += [f"{what}: {file}" for what, file in (("scene", out), ("picture", png)) if file is not None]
         screen.print("\n".join(lines), markup=False)
+
+
+def parse_target(text: str) -> tuple[float, float, float]:
+    """Parse the option `--target`.
+
+    Args:
+        text: DX,DY,DYAW.
+
+    Returns:
+        dx, dy [m] and dyaw [rad].
+
+    Raises:
+        CrawlerError: if it is not three numbers.
+    """
+    try:
+        dx, dy, dyaw = (float(part) for part in text.split(","))
+    except ValueError:
+        raise CrawlerError(f"--target {text}: write DX,DY,DYAW, for example 0.2,0,0.1") from None
+    return dx, dy, dyaw
 
 
 def _check_outputs(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
@@ -198,14 +235,23 @@ def describe_optimum(found: Optimum) -> list[str]:
     Returns:
         The lines.
     """
-    words = {"translation": "gain per period", "cost-of-transport": "cost of transport", "travel": "gain / travel"}
+    words = {
+        "translation": "gain per period",
+        "cost-of-transport": "cost of transport",
+        "travel": "gain / travel",
+        "turn": "turn per period",
+        "screw": "distance from the target",
+    }
     unit = "" if found.unit == "1" else f" {found.unit}"
     worst = ", the worst over the box" if found.weaknesses else ""
     if found.robustness is not None:
         kind = "the mean" if found.robustness.over == "expected" else "the worst"
         worst = f", {kind} of {found.robustness.drawn} bodies drawn from the posterior"
     lines = [f"{found.scene.name}: {words[found.objective]} {found.value:.6g}{unit}{worst}"]
-    if found.gain <= 0.0:
+    if found.motion is not None:
+        dx, dy, dyaw = found.motion
+        lines.append(f"motion per period {dx:.6g} m forward, {dy:.6g} m to the left, {dyaw:.6g} rad")
+    elif found.gain <= 0.0:
         lines.append("no gait within these bounds was found that moves forward")
     lines.append(
         f"gain {found.gain:.6g} m a period, cost of transport {found.cost_of_transport:.4g}, "
@@ -217,8 +263,9 @@ def describe_optimum(found: Optimum) -> list[str]:
     if len(shown) > _SHOWN_ROWS:
         lines.append(f"  ... and {len(shown) - _SHOWN_ROWS} more unknowns")
     slope = "one-sided derivatives" if not found.differentiable else "differentiable"
+    slope = f"{slope}, projected gradient {found.gradient_norm:.1e}" if found.motion is None else "without derivatives"
     lines.append(
-        f"{slope}, projected gradient {found.gradient_norm:.1e}; {len(found.active_bounds)} active bounds; "
+        f"{slope}; {len(found.active_bounds)} active bounds; "
         f"{'unique' if found.unique else 'not unique'} as far as the search has seen"
     )
     if found.flat:

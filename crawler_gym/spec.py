@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from crawler_model import CrawlerError, Scene
-from crawler_model.body.plan import refuse_turning
 from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
@@ -121,7 +120,10 @@ def build_spec(
         CrawlerError: if one is invalid; the message names it.
     """
     given = coerce_scene(scene, "Crawler-v0")
-    refuse_turning(given, "Crawler-v0")
+    if task == "steer":
+        raise CrawlerError("task: steer; many at a time and as a ROS node it is not available, see SteerEnv")
+    if given.body.turning is not None:
+        raise CrawlerError(f"task: {task}, but {given.name} turns; the task of bodies that turn is steer")
     ranges = read_ranges(randomise or {})
     ratio = rational_rate(rate)
     if isinstance(steps, bool) or not isinstance(steps, int) or not 0 <= steps <= MOST_STEPS:

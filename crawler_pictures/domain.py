@@ -12,12 +12,12 @@ import numpy as np
 
 from crawler_model import Trajectory
 from crawler_model.body.drive import NS
-from crawler_model.body.plan import Plan, refuse_turning
+from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
 from crawler_model.motion.plane.friction import corners_of
 
-from .colors import FORWARD
 from .domain_many import draw_many, draw_three
+from .domain_panels import MOST_PANELS, draw_path, draw_turning, make_panels
 from .domain_text import STYLE, last_period, simulated
 from .domain_two import draw_two
 
@@ -32,7 +32,7 @@ def draw_domain(scene: Plan, png: Path) -> None:
     sweeping process, with commanded friction the boxes at the waypoints; below, tension and interval over time. For
     three contacts: the polygon for each commanded friction, its sides marked with the direction that they allow. For
     more: projections onto two sections, and the range of each. In the plane: the set of admissible friction forces of
-    each contact, and the path of its spring force.
+    each contact, and the path of its spring force; of bodies that turn both in the frame of the point's friction.
 
     Args:
         scene: the scene; without a drive, only its start is drawn in the domain.
@@ -43,12 +43,11 @@ def draw_domain(scene: Plan, png: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    refuse_turning(scene, "--png")
     contacts = scene.body.contacts
     run = simulated(scene, 2 if contacts == 2 else 3)
     draw = {2: draw_two, 3: draw_three}.get(contacts, draw_many)
     if scene.body.dimension == 2:
-        draw = _draw_plane
+        draw = _draw_plane if scene.body.turning is None else draw_turning
     with matplotlib.rc_context(STYLE):
         figure = draw(scene, run)
         figure.savefig(png, dpi=100, pil_kwargs={"optimize": True})
@@ -57,18 +56,9 @@ def draw_domain(scene: Plan, png: Path) -> None:
 
 def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
     """Draw each contact's friction set and spring force, of at most nine contacts."""
-    from matplotlib import pyplot as plt
-
     body, drive = scene.body, scene.drive
-    count = min(body.contacts, 9)
-    columns = min(count, 3)
-    figure, axes = plt.subplots(
-        -(-count // columns),
-        columns,
-        figsize=(4.2 * columns, 4.4 * -(-count // columns)),
-        layout="constrained",
-        squeeze=False,
-    )
+    count = min(body.contacts, MOST_PANELS)
+    figure, axes = make_panels(count)
     figure.suptitle(
         f"{scene.name}: admissible friction forces of each contact, and its spring force over the last period"
     )
@@ -86,10 +76,7 @@ def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
         for mu in friction[:6, i]:
             outline = _friction_outline(mu, scene.directions)
             axis.fill(*outline.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
-        axis.plot(*force[:, i].T, color="black", linewidth=1.0)
-        axis.plot(
-            *np.where(slides[:, i, None], force[:, i], np.nan).T, "o-", color=FORWARD, linewidth=3.0, markersize=7
-        )
+        draw_path(axis, force[:, i], slides[:, i])
         axis.set_title(f"contact {i}: green while it slides")
         reach = 1.1 * float(friction.max())
         axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))

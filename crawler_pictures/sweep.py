@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 _INVALID = "#d8d8d8"
 _ROUNDING, _GAP = 1e-9, 2.5
-_WORDS = {"per_period": "net translation in the last period [m]", "gained": "net translation over the run [m]"}
+_WORDS = {
+    "per_period": "net translation in the last period [m]",
+    "gained": "net translation over the run [m]",
+    "dx": "forward motion in the last period [m]",
+}
 
 
 def draw_sweep(
@@ -155,7 +159,7 @@ def _draw_map(
 
 
 def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
-    """Choose the net translation to show: per period if there are periods; in the plane along x.
+    """Choose the net translation to show: per period if there are periods; in the plane along x, or along the heading.
 
     Args:
         runs: the results.
@@ -163,6 +167,8 @@ def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
     Returns:
         Its name in `ManyRuns`, and its values, shape (M,) [m].
     """
+    if np.isfinite(runs.dx).any():
+        return "dx", runs.dx
     name = "per_period" if np.isfinite(runs.per_period).any() else "gained"
     column = getattr(runs, name)
     return name, column if column.ndim == 1 else column[:, 0]

@@ -30,6 +30,7 @@ _OTHER_NODES = {
     "crawler-gait-player": "crawler_ros/node/gait_player.py",
     "crawler-speed-control": "crawler_ros/examples/speed_control.py",
     "crawler-phase-control": "crawler_ros/examples/phase_control.py",
+    "crawler-path-control": "crawler_ros/examples/path_control.py",
     "crawler-policy": "crawler_gym/policy_node.py",
 }
 
@@ -82,8 +83,8 @@ For the parameters of the quality of service, `qos_overrides./TOPIC...`, see [th
 
 ## The other nodes
 
-The gait player plays the drive of `scene`, `periods` times (0: without end). For the parameters of the two controllers
-see [their description](../controllers.md#two-controllers-to-copy), for those of the policy [Learn a gait](../learn.md).
+The gait player plays the drive of `scene`, `periods` times (0: without end). For the parameters of the controllers see
+[their description](../controllers.md#three-controllers-to-copy), for those of the policy [Learn a gait](../learn.md).
 
 {others}"""
 _COMMAND = """# The crawler command

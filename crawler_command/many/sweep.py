@@ -315,9 +315,13 @@ def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
         lines.append("stopped: the table holds the finished runs" if about["done"] else "stopped: no file is written")
     if about["best"] is not None:
         at = ", ".join(f"{key} = {value:.6g}" for key, value in about["best"]["at"].items())
-        name = "per_period" if "per_period" in about["best"] else "gained"
-        words = {"per_period": "in the last period", "gained": "over the run"}[name]
-        lines.append(f"largest net translation {words}: {about['best'][name]:.6g} m at {at}")
+        words = {
+            "per_period": "net translation in the last period",
+            "gained": "net translation over the run",
+            "dx": "forward motion in the last period",
+        }
+        name = next(name for name in words if name in about["best"])
+        lines.append(f"largest {words[name]}: {about['best'][name]:.6g} m at {at}")
     if about["not_unique"]:
         lines.append(
             f"{about['not_unique']} of them are not unique: in some interval the translation was not determined"

@@ -8,6 +8,9 @@ from crawler_model.sweep.keys import key_steps
 _UNITS = {
     "forward": "N",
     "backward": "N",
+    "left": "N",
+    "right": "N",
+    "angle": "rad",
     "isotropic": "N",
     "friction": "N",
     "stiffness": "N/m",
@@ -43,6 +46,10 @@ def unit_of(scene: Scene, key: str) -> str:
         return "1"
     if "tension" in steps:
         return "N"
+    if steps[:2] == ["body", "joints"]:
+        return "N m/rad"
+    if named[:2] == ["drive", "actuation"] and len(named) == 4 and scene.body.turning is not None:
+        return "m" if int(named[3]) < scene.body.springs else "rad"
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
     if steps[-1] in ("loads", "weights") and scene.body.segments:
         alone = int(scene.body.isolated.size)

@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike
 
 from .regime import Regime, RegimeDerivatives
 
-OBJECTIVES = {"translation": "m", "cost-of-transport": "1", "travel": "1"}
-"""Objectives and their units: gain per period, work / (distance * force), gain / travel of the actuators."""
+SCREW = "screw"
+OBJECTIVES = {"translation": "m", "cost-of-transport": "1", "travel": "1", "turn": "rad", SCREW: "m"}
+"""Objectives and their units: gain per period, work / (distance * force), gain / travel of the actuators; of bodies
+that turn also the turn per period, and the distance of the motion per period from a target."""
+TURNING_OBJECTIVES = ("translation", "cost-of-transport", "turn", SCREW)
 _WORST = 1e6
 
 
@@ -25,12 +28,16 @@ class Goal:
         rate: fastest change of a rest length allowed [m/s], or infinite.
         weights: for a compromise, an origin and a factor for the score for translation, and both for the cost of
             transport: the smaller of (score - origin) * factor counts. None for a single objective.
+        target: for "screw", dx, dy [m], dyaw [rad], and the length by which an angle becomes a distance [m].
+        resolution: of the score, the tolerance of a body that turns [unit of the score]; 0 for exact scores.
     """
 
     objective: str
     tension: float = math.inf
     rate: float = math.inf
     weights: tuple[tuple[float, float], tuple[float, float]] | None = None
+    target: tuple[float, float, float, float] | None = None
+    resolution: float = 0.0
 
     def scores(self, regime: Regime | None) -> list[float]:
         """Compute the scores of a candidate, the larger the better; the least of them counts.
@@ -48,9 +55,35 @@ class Goal:
         if excess > 0.0:
             return [-_WORST * (1.0 + excess)] * count
         if self.weights is None:
-            return [score(self.objective, regime)]
+            value = -self.distance(regime) if self.target is not None else score(self.objective, regime)
+            return [self.resolution * round(value / self.resolution) if self.resolution else value]
         pair = score("translation", regime), score("cost-of-transport", regime)
         return [(value - origin) * factor for (origin, factor), value in zip(self.weights, pair, strict=True)]
+
+    def distance(self, regime: Regime) -> float:
+        """Compute how far the motion of a period is from the target.
+
+        Args:
+            regime: of a body that turns.
+
+        Returns:
+            |(dx, dy, length * dyaw) - target| [m].
+        """
+        assert self.target is not None
+        assert regime.motion is not None
+        dx, dy, dyaw = (reached - wanted for reached, wanted in zip(regime.motion, self.target[:3], strict=True))
+        return math.hypot(dx, dy, self.target[3] * dyaw)
+
+    def measure(self, regime: Regime) -> float:
+        """Compute what the objective is named after.
+
+        Args:
+            regime: the regime.
+
+        Returns:
+            As `measure`; for "screw" the distance from the target [m].
+        """
+        return self.distance(regime) if self.target is not None else measure(self.objective, regime)
 
     def excess(self, regime: Regime) -> float:
         """Compute how far a candidate is outside of the limits.
@@ -91,11 +124,15 @@ def score(objective: str, regime: Regime) -> float:
         regime: the regime.
 
     Returns:
-        The gain [m]; gain / travel [1]; or for the cost of transport the angle between 0 and pi of which it is the
-        cotangent, which is continuous where the gain or the work passes through zero; negative for negative gains.
+        The gain [m]; the turn [rad]; gain / travel [1]; or for the cost of transport the angle between 0 and pi of
+        which it is the cotangent, which is continuous where the gain or the work passes through zero; negative for
+        negative gains.
     """
     if objective == "translation":
         return regime.gain
+    if objective == "turn":
+        assert regime.motion is not None
+        return regime.motion[2]
     if objective == "travel":
         return regime.gain / regime.travel if regime.travel > 0.0 else 0.0
     return math.atan2(regime.gain * regime.force, regime.work) if _moves(regime) else 0.0
@@ -131,7 +168,8 @@ def measure(objective: str, regime: Regime) -> float:
         regime: the regime.
 
     Returns:
-        Gain [m], cost of transport [1] or gain / travel [1]; NaN for the cost of a body that does not travel.
+        Gain [m], turn [rad], cost of transport [1] or gain / travel [1]; NaN for the cost of a body that does not
+        travel.
     """
     if objective != "cost-of-transport":
         return score(objective, regime)

@@ -6,11 +6,12 @@ import dataclasses
 import itertools
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ..body.plan import refuse_turning
 from ..derivative.sensitivities import Kink, group_kinks
 from ..errors import CommandError, CrawlerError, SceneError
 from ..run.cycle import limit_cycle
@@ -24,9 +25,12 @@ from .regime import Regime, RegimeDerivatives, differentiate_regime, find_regime
 from .request import Bounds, build_unknowns, check_bounds, given_points
 from .search import Found, search
 from .space import Evaluator, Space
+from .turning import check_turning, find_turning_peak, find_turning_regime, turning_goal
 from .unknowns import Unknowns, with_numbers
 
 _MOST_ROBUST = 5
+_TURNING_ROUNDS = 4
+"""As `_STALE_ROUNDS` of the search: one of each kind, as each gait takes a hundred times longer than on a line."""
 _NEAR = 1e-9
 _FLAT_STEP, _FLAT = 2e-3, 1e-9
 _ALTERNATIVES = 5
@@ -48,6 +52,7 @@ def optimise(
     progress: Callable[[float], None] | None = None,
     robust_to: Uncertain | None = None,
     robust_of: Over = "expected",
+    target: Sequence[float] | None = None,
 ) -> Optimum:
     """Find the periodic drive that is best in the periodic regime.
 
@@ -55,13 +60,16 @@ def optimise(
     optima in them. The search ends when several rounds found nothing better.
 
     Args:
-        scene: a scene on a line, a path or a gallery name; it needs no drive.
-        objective: "translation", the gain per period towards +x; "cost-of-transport", work / (distance * force), the
-            smaller the better; or "travel", gain / sum of all changes of rest lengths.
+        scene: a scene on a line or of a body that turns, a path or a gallery name; it needs no drive.
+        objective: "translation", the gain per period towards +x, of bodies that turn along their heading;
+            "cost-of-transport", work / (distance * force), the smaller the better; "travel", gain / sum of all changes
+            of rest lengths, on a line; of bodies that turn "turn", the turn per period to the left, or "screw", the
+            least distance of the motion per period from `target`.
         waypoints: number of evenly spaced waypoints of the drive, all unknown; None for 6, or for none if `free` names
             numbers of the scene and the scene has a periodic drive.
         stroke: bounds of the links' rest lengths [m] and of the segments' strains, or of each by name; None for the
-            range of the scene's drive.
+            range of the scene's drive. Of bodies that turn also of the joints' angles [rad]; links and joints that are
+            not named, or that the drive does not move, stay as they are.
         free: bounds of further unknowns by dotted key, as for `vary`; `friction` frees the friction of each contact [N]
             and segment [N/m] at each waypoint, the same in both directions.
         rate: fastest change of a rest length [m/s].
@@ -74,12 +82,14 @@ def optimise(
         robust_to: what is known about the numbers of the scene, a `Posterior`: the gait is best over bodies drawn from
             it, always the same ones.
         robust_of: "expected" for the best mean over these bodies, "worst" for the best gait where it is worst.
+        target: of "screw": dx, dy [m] and dyaw [rad] per period, in the frame of the body. An angle counts as a
+            distance by the largest distance of two points of the body.
 
     Returns:
         The best gait; after Ctrl-C or the time limit, the best so far.
 
     Raises:
-        SceneError: if the scene is in the plane, or a key, bound or other argument is wrong.
+        SceneError: if the scene is in the plane and does not turn, or a key, bound or other argument is wrong.
         CommandError: if a limit is out of range, or no gait keeps within the limits.
         ModuleNotFoundError: without the package `cma`.
     """
@@ -88,13 +98,16 @@ def optimise(
     if robust_to is not None:
         check_uncertain(robust_of, objective, robust)
         scene = robust_to.apply(scene)
+    if robust_to is not None:
+        refuse_turning(scene, "robust_to")
     unknowns, space = build_space(
-        scene, objective, waypoints, stroke, free, rate, tension, robust, period, seconds, seed
+        scene, objective, waypoints, stroke, free, rate, tension, robust, period, seconds, seed, target
     )
     if robust_to is not None:
         space = spread_over(space, unknowns, robust_to, robust_of)
     begin = [*given_points(unknowns), np.full(space.size, 0.5)]
-    found = search(space, seed, seconds, begin, progress)
+    more = {} if scene.body.turning is None else {"rounds": _TURNING_ROUNDS}
+    found = search(space, seed, seconds, begin, progress, **more)
     check_found(space, found)
     best = finish(unknowns, space, found, tuple(robust or ()), seed, seconds, began)
     if robust_to is None:
@@ -114,6 +127,7 @@ def build_space(
     period: float | None,
     seconds: float | None,
     seed: int,
+    target: Sequence[float] | None = None,
 ) -> tuple[Unknowns, Space]:
     """Check the arguments of `optimise`, and build the candidates.
 
@@ -129,6 +143,7 @@ def build_space(
         period: likewise [s].
         seconds: likewise [s].
         seed: likewise.
+        target: likewise [m, m, rad].
 
     Returns:
         The unknowns of the scene itself, and the candidates on all scenes of the box.
@@ -144,8 +159,11 @@ def build_space(
             raise CommandError(f"{name}: {value:g}{unit}; it must be > 0")
     if not isinstance(seed, int) or seed < 0:
         raise CommandError(f"seed: {seed!r}; it must be a whole number >= 0")
+    check_turning(scene, objective, target, {"rate": rate, "tension": tension, "robust": robust})
     unknowns = build_unknowns(scene, waypoints, stroke, free or {}, period)
     goal = Goal(objective, math.inf if tension is None else tension, math.inf if rate is None else rate)
+    if scene.body.turning is not None:
+        goal = turning_goal(scene, goal, target)
     return unknowns, Space(_build_corners(unknowns, robust or {}), goal)
 
 
@@ -222,9 +240,12 @@ def finish(
     goal, point = space.goal, space.canonical(found.point)
     values = space.values(point)
     cycle = unknowns.cycle(values)
-    regime = find_regime(cycle)
+    turns = unknowns.base.body.turning is not None
+    regime = find_turning_regime(cycle) if turns else find_regime(cycle)
     assert regime is not None
     scene = Scene.model_validate(unknowns.document(values))
+    if turns:
+        regime = dataclasses.replace(regime, peak=find_turning_peak(scene))
     value = worst_value(space, point)
     one_sided, kinks = _find_kinks(unknowns, values, goal)
     others = [
@@ -261,6 +282,7 @@ def finish(
         seed,
         seconds is None and not found.interrupted,
         time.perf_counter() - began,
+        motion=regime.motion,
     )
 
 
@@ -285,6 +307,8 @@ def _alternative(unknowns: Unknowns, space: Space, point: np.ndarray) -> Alterna
 
 def _find_kinks(unknowns: Unknowns, values: np.ndarray, goal: Goal) -> tuple[bool, tuple[Kink, ...]]:
     """Find whether the derivative at a point is one-sided, and where."""
+    if unknowns.base.body.turning is not None:
+        return True, ()  # without derivatives
     try:
         cycle, derivatives = unknowns.differentiate(values)
         found: RegimeDerivatives = differentiate_regime(cycle, derivatives)

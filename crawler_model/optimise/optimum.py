@@ -66,8 +66,9 @@ class Optimum:
 
     Attributes:
         objective: a key of `OBJECTIVES`.
-        value: of the objective in the periodic regime: gain per period [m], cost of transport [1], or gain / travel
-            [1]; with `robust` the worst one over the box, with `robust_to` the mean or the worst of the drawn bodies.
+        value: of the objective in the periodic regime: gain per period [m], cost of transport [1], gain / travel
+            [1], turn per period [rad] or distance from the target [m]; with `robust` the worst one over the box, with
+            `robust_to` the mean or the worst of the drawn bodies.
         scene: a scene that plays the gait.
         names: names of the unknowns, shape (P,).
         values: the unknowns, shape (P,).
@@ -95,6 +96,7 @@ class Optimum:
         complete: whether the search ended because nothing better was found; False after Ctrl-C or a time limit, when
             the result depends on the machine.
         wall_s: wall-clock time [s].
+        motion: dx, dy [m] and dyaw [rad] per period of a body that turns, in its own frame; None for others.
         robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
     """
 
@@ -125,6 +127,7 @@ class Optimum:
     seed: int
     complete: bool
     wall_s: float
+    motion: tuple[float, float, float] | None = None
     robustness: Robustness | None = None
 
     @property
@@ -163,6 +166,7 @@ class Optimum:
             "unknowns": dict(zip(self.names, self.values.tolist(), strict=True)),
             "drive": self.scene.document()["drive"],
             **numbers,
+            "motion": None if self.motion is None else list(self.motion),
             "found_after_s": self.found_after_s,
             "evaluations": self.evaluations,
             "differentiable": self.differentiable,

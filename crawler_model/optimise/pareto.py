@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.plan import refuse_turning
 from ..notebook import write_html
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
@@ -124,6 +125,7 @@ def pareto(
     """
     began = time.perf_counter()
     scene = coerce_scene(scene, "pareto")
+    refuse_turning(scene, "pareto")
     names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period")
     given = {name: limits.pop(name, None) for name in names}
     if limits:

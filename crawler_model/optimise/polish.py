@@ -1,4 +1,4 @@
-"""Local search: flips to bounds, and trust-region steps along exact derivatives."""
+"""Local search: flips to bounds, and trust-region steps along exact derivatives, or without them a compass search."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from .space import Evaluator, Space
 _GAIN = 1e-9
 """Improvements below this part of the score are rounding."""
 _LARGEST_STEP, _SMALLEST_STEP = 0.5, 1e-7
+_SMALLEST_MOVE = 5e-4
+"""Likewise without derivatives, where scores have the tolerance of the scene."""
 _BUNDLE = 6
 """Planes that are collected at a kink before the steps become smaller."""
 Stop = Callable[[], bool]
@@ -115,7 +117,8 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
     """Follow the exact derivatives within trust regions of several sizes.
 
     The score is piecewise smooth. Each step maximises the least of several planes: those of all scores and, where no
-    step along them is better, those of points on the other side of the kink, too.
+    step along them is better, those of points on the other side of the kink, too. Without derivatives, see
+    `search_around`.
 
     Args:
         evaluator: computes scores and derivatives.
@@ -133,7 +136,7 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
         if not planes:
             planes = [(point, value, slope) for value, slope in evaluator.slopes(point)]
             if not planes:
-                break
+                return search_around(evaluator, point, score, stop)
             corner = len(planes)
         sizes = radius * 0.25 ** np.arange(4)
         steps = [space.repair(best_step(evaluator, point, planes, size)) for size in sizes]
@@ -150,6 +153,31 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
             planes += beyond
         else:
             radius, planes = radius * 0.25**3, planes[:corner]
+    return point, score
+
+
+def search_around(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+    """Search without derivatives (compass search): move single unknowns by steps, halved where none is better.
+
+    Args:
+        evaluator: computes the scores.
+        point: where to begin, shape (P,).
+        score: its score [m, rad or 1].
+        stop: called between batches; True ends the search.
+
+    Returns:
+        The best point, and its score.
+    """
+    radius = 0.5 * _LARGEST_STEP
+    while radius > _SMALLEST_MOVE and not stop():
+        steps = radius * np.vstack((np.eye(point.size), -np.eye(point.size)))
+        moved = [evaluator.space.repair(point + step) for step in steps]
+        scores = evaluator.scores(moved)
+        best = int(best_first(scores)[0])
+        if improves(float(scores[best]), score):
+            point, score = moved[best], float(scores[best])
+        else:
+            radius *= 0.5
     return point, score
 
 

@@ -42,6 +42,7 @@ class Regime:
         peak: largest tension [N]; NaN if it was not requested.
         speed: fastest change of a rest length [m/s].
         settled: whether the tensions repeat.
+        motion: dx, which is also the gain, dy [m] and dyaw [rad] of a body that turns; None for others.
     """
 
     gain: float
@@ -51,6 +52,7 @@ class Regime:
     peak: float
     speed: float
     settled: bool
+    motion: tuple[float, float, float] | None = None
 
 
 def find_regime(cycle: Cycle) -> Regime | None:

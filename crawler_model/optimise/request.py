@@ -77,8 +77,8 @@ def build_unknowns(
 
 
 def _check_scene(scene: Scene) -> None:
-    if scene.dimension == 2:
-        raise SceneError(f"optimise: {scene.name} is in the plane; gaits are sought for bodies on a line")
+    if scene.dimension == 2 and scene.body.turning is None:
+        raise SceneError(f"optimise: {scene.name} is in the plane; gaits are sought for bodies on a line, or that turn")
     if scene.ground.track is not None:
         raise SceneError(f"optimise: {scene.name} has ground.patches, on which no two periods are the same")
     if scene.body.springs == 0:
@@ -151,6 +151,8 @@ def _build_table(
         raise SceneError(f"period: {period:g} s; it must be between 1e-6 and 1e6")
     columns, body = base.columns, base.body
     names = name_joints(body)
+    if body.turning is not None:
+        return _build_turning_table(scene, names, count, float(period), stroke, friction)
     strokes = find_strokes(scene, names, stroke)
     span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])
     column_of = np.full(columns.count, -1)
@@ -167,6 +169,54 @@ def _build_table(
         columns.check_equilibrium(columns.target(row), f"free: friction: {friction[0]:g}", SceneError)
     low, high = np.array(bounds).T
     return Table(count, float(period), len(names), friction is not None, column_of, low.copy(), high.copy(), span)
+
+
+def _build_turning_table(
+    scene: Scene,
+    names: Sequence[str],
+    count: int,
+    period: float,
+    stroke: Bounds | Mapping[str, Bounds] | None,
+    friction: Bounds | None,
+) -> Table:
+    """Build the waypoints of a body that turns: links and joints without a stroke stay as the scene has them."""
+    if friction is not None:
+        raise SceneError(f"free: friction: {scene.name} turns; free a number such as friction.left instead")
+    moves, strokes = find_turning_strokes(scene, stroke)
+    low, high = np.array(strokes).T
+    column_of = np.full(scene.columns.count, -1)
+    column_of[: len(names)][moves] = np.arange(low.size)
+    held = np.where(moves, np.nan, scene.drive.rows[0, : len(names)])
+    return Table(count, period, int(low.size), False, column_of, low.copy(), high.copy(), np.ones(low.size), held)
+
+
+def find_turning_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | None) -> tuple[np.ndarray, list[Bounds]]:
+    """Find which links and joints of a body that turns move, and how far.
+
+    Args:
+        scene: the scene.
+        stroke: bounds by name [m, rad], or of all that the drive of the scene moves; None for the range of this drive.
+
+    Returns:
+        Whether each link and joint moves, bool, shape (links + joints,), and the bounds of those that do.
+
+    Raises:
+        SceneError: with one line about the first mistake.
+    """
+    names = name_joints(scene.body)
+    rows = scene.drive.rows[:, : len(names)]
+    moves = np.ptp(rows, axis=0) > 0.0
+    if isinstance(stroke, Mapping):
+        for name in stroke:
+            if name not in names:
+                raise SceneError(f"stroke: {name!r}; the links and joints are {', '.join(names)}")
+        moves = np.array([name in stroke for name in names])
+    elif not moves.any():
+        moves[:] = True
+    chosen = [name for name, moved in zip(names, moves, strict=True) if moved]
+    if stroke is None and np.ptp(rows, axis=0).any():
+        return moves, [(float(column.min()), float(column.max())) for column in rows.T[moves]]
+    return moves, find_strokes(scene, chosen, stroke)
 
 
 def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[str, Bounds] | None) -> list[Bounds]:
@@ -230,7 +280,7 @@ def given_points(unknowns: Unknowns) -> list[np.ndarray]:
         rows = drive.rows[np.arange(closed.size) % drive.times.size]
         columns = base.columns
         first = np.cumsum(columns.actuation_sizes) - columns.actuation_sizes
-        places = [int(i) for i in first]
+        places = [int(i) for i in first[table.moved]]
         if table.friction:
             sizes = scene.columns.friction_sizes
             places += [int(i) for i in scene.columns.lengths + np.cumsum(sizes) - sizes]

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..errors import CrawlerError
 from ..sweep.workers import available_cores
-from .goal import Goal, measure
+from .goal import Goal
 from .regime import Regime, differentiate_regime, find_peak, find_regimes
+from .turning import find_turning_regime
 from .unknowns import Unknowns
 
 _CHUNK = 64
@@ -93,16 +94,16 @@ class Space:
         return np.concatenate((unit[:first], np.clip(kept, 0.0, 1.0).ravel()))
 
     def canonical(self, unit: np.ndarray) -> np.ndarray:
-        """Choose the waypoint at which a period begins: the same gait may begin at any.
+        """Choose the waypoint at which a period begins: the same gait may begin at any, but its frame turns with it.
 
         Args:
             unit: shape (P,).
 
         Returns:
-            Shape (P,), the same for all beginnings.
+            Shape (P,), the same for all beginnings; of a body that turns as it is.
         """
         table, first = self.scenes[0].table, len(self.scenes[0].keys)
-        if table is None:
+        if table is None or self.scenes[0].base.body.turning is not None:
             return unit
         rows = unit[first:].reshape(table.waypoints, -1)
         turned = [np.roll(rows, -k, axis=0).ravel() for k in range(table.waypoints)]
@@ -142,6 +143,8 @@ class Space:
 
     def _regimes(self, unknowns: Unknowns, values: np.ndarray) -> list[Regime | None]:
         try:
+            if unknowns.base.body.turning is not None:
+                return [find_turning_regime(unknowns.cycle(row)) for row in values]
             found = find_regimes(unknowns.cycles(values))
             if np.isfinite(self.goal.tension):
                 for m, regime in enumerate(found):
@@ -179,8 +182,8 @@ class Space:
         if not followed:
             return math.nan
         if self.mean:
-            return _mean([measure(self.goal.objective, regime) for regime in followed])
-        return measure(self.goal.objective, min(followed, key=lambda regime: min(self.goal.scores(regime))))
+            return _mean([self.goal.measure(regime) for regime in followed])
+        return self.goal.measure(min(followed, key=lambda regime: min(self.goal.scores(regime))))
 
     def slopes(self, unit: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Differentiate all scores of a candidate.
@@ -192,6 +195,8 @@ class Space:
             Each score, or their mean, and its derivatives in units of the box, shape (P,); nothing if one of them has
             none.
         """
+        if self.scenes[0].base.body.turning is not None:
+            return []
         values, width = self.values(unit), self.scenes[0].high - self.scenes[0].low
         found: list[tuple[float, np.ndarray]] = []
         try:
@@ -247,7 +252,8 @@ class Evaluator:
         self.evaluations += len(points)
         if not points:
             return np.zeros(0)
-        parts = [points[i : i + _CHUNK] for i in range(0, len(points), _CHUNK)]
+        together = _CHUNK if self.space.scenes[0].base.body.turning is None else 1  # bodies that turn run one by one
+        parts = [points[i : i + together] for i in range(0, len(points), together)]
         if self._pool is None or len(parts) == 1:
             found = map(self.space.scores, parts)
         else:

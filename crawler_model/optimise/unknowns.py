@@ -26,12 +26,14 @@ class Table:
     Attributes:
         waypoints: number of waypoints K.
         period: [s].
-        links: number of links and segments J, whose actuation is unknown.
+        links: number of links, segments and joints J whose actuation is unknown.
         friction: whether the friction of each contact and segment is unknown, too, equal in both directions.
         column_of: for each column of a command row the unknown of its waypoint that it shows, or -1, shape (C,).
         low: lower bounds of the unknowns of a waypoint, shape (J,) or (J + contacts and segments,) [m, 1, N, N/m].
         high: upper bounds, likewise.
         span: length by which an unknown is multiplied to get a change of length, 1 for links, shape (J,) [1, m].
+        held: of a body that turns, the actuation of each link and joint, NaN where it is unknown [m, rad]; None if the
+            actuation of all is unknown.
     """
 
     waypoints: int
@@ -42,6 +44,12 @@ class Table:
     low: np.ndarray
     high: np.ndarray
     span: np.ndarray
+    held: np.ndarray | None = None
+
+    @functools.cached_property
+    def moved(self) -> np.ndarray:
+        """Links, segments and joints whose actuation is unknown, shape (J,)."""
+        return np.arange(self.links) if self.held is None else np.flatnonzero(np.isnan(self.held))
 
     @property
     def width(self) -> int:
@@ -55,7 +63,9 @@ class Table:
             Names such as `drive.actuation[0][1]`.
         """
         return tuple(
-            f"drive.actuation[{i}][{j}]" if j < self.links else f"drive.friction.isotropic[{i}][{j - self.links}]"
+            f"drive.actuation[{i}][{self.moved[j]}]"
+            if j < self.links
+            else f"drive.friction.isotropic[{i}][{j - self.links}]"
             for i in range(self.waypoints)
             for j in range(self.width)
         )
@@ -175,8 +185,13 @@ class Unknowns:
 
     @property
     def _starts_relaxed(self) -> bool:
-        """Whether candidates start relaxed at their first waypoint, which loads and bent springs do not allow."""
-        return self.table is not None and self.base.columns.slope_load is None and not self.base.body.bends
+        """Whether candidates start relaxed at their first waypoint, which loads and bent springs do not allow.
+
+        Where bodies that turn start does not matter, and to relax them takes as long as a period.
+        """
+        body = self.base.body
+        ready = self.table is not None and self.base.columns.slope_load is None
+        return ready and not body.bends and body.turning is None
 
     def _start(self, path: Drive, part: Assembly) -> np.ndarray:
         if not self._starts_relaxed:
@@ -187,10 +202,15 @@ class Unknowns:
         """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
         if self.table is None or waypoints is None:
             _, seconds, order = _period_of(drive)
+            if self.base.body.turning is not None:  # its gains are those in its frame at the first waypoint
+                seconds, order = np.roll(seconds, 1), np.roll(order, 1)
             return np.concatenate((given[..., :1, :], given[..., order, :]), axis=-2), seconds
         rows = np.repeat(given[..., :1, :], 1 + self.table.waypoints, axis=-2)
         shown = self.table.column_of >= 0
         rows[..., 1:, shown] = waypoints[..., self.table.column_of[shown]]
+        if self.table.held is not None:
+            still = np.flatnonzero(~np.isnan(self.table.held))
+            rows[..., 1:, still] = self.table.held[still]
         if self._starts_relaxed:
             rows[..., 0, :] = rows[..., 1, :]
         return rows, np.full(self.table.waypoints, self.table.period / self.table.waypoints)
@@ -308,7 +328,11 @@ def _write_table(table: Table, waypoints: np.ndarray) -> dict[str, Any]:
     times = table.period * np.arange(table.waypoints + 1) / table.waypoints
     times[-1] = table.period
     drive: dict[str, Any] = {"times": times.tolist(), "period": table.period}
-    drive["actuation"] = closed[:, : table.links].tolist()
+    actuation = closed[:, : table.links]
+    if table.held is not None:
+        actuation = np.tile(table.held, (table.waypoints + 1, 1))
+        actuation[:, table.moved] = closed[:, : table.links]
+    drive["actuation"] = actuation.tolist()
     if table.friction:
         drive["friction"] = {"isotropic": closed[:, table.links :].tolist()}
     return drive

@@ -118,7 +118,29 @@ def limit_cycle(
         raise CommandError(f"limit_cycle: most_periods {most_periods}; it must be at least 1")
     _, rows = drive.waypoints_between(0, round(drive.period * NS))
     targets = np.ascontiguousarray(drive.targets[rows])
-    run = _Periods(Crawler(scene), targets)
+    return repeat_period(Crawler(scene), targets, tolerance, most_periods, progress)
+
+
+def repeat_period(
+    crawler: Crawler,
+    targets: np.ndarray,
+    tolerance: float,
+    most_periods: int,
+    progress: Callable[[float], None] | None = None,
+) -> LimitCycle:
+    """Repeat a period until the motion repeats.
+
+    Args:
+        crawler: at the start of a period; it moves on.
+        targets: the ramps of a period, shape (V, F).
+        tolerance: as for `limit_cycle` [1].
+        most_periods: likewise.
+        progress: likewise.
+
+    Returns:
+        The periodic regime, or how far the run came.
+    """
+    run = _Periods(crawler, targets)
     while run.count < most_periods:
         run.follow()
         if run.transient_left() <= max(tolerance, run.error) * run.travel:

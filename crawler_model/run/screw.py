@@ -66,6 +66,18 @@ def gain_in_frame(body: Body, x: np.ndarray, moved: np.ndarray, turned: np.ndarr
     return np.column_stack((along, across, turned))
 
 
+def largest_distance(body: Body) -> float:
+    """Find the largest distance of two points of a body in the plane, its size whichever way it lies.
+
+    Args:
+        body: the body.
+
+    Returns:
+        The distance in the reference shape [m].
+    """
+    return float(np.linalg.norm(body.position[:, None] - body.position, axis=2).max())
+
+
 def to_frame(body: Body, x: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Compute the components of vectors along and across the heading.
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from ..body.turning import SIDES
 from ..errors import SceneError
 from ..scene.scene import Scene
 from ..scene.validate import known_keys, propose_key
@@ -16,7 +17,7 @@ EVERY = "*"
 """The step to all entries of a list."""
 _OPTIONAL = (
     *("period", "mean", "samples", "accuracy", "elements", "shown", "tolerance", "isotropic", "slope"),
-    *("tension", "least", "most"),
+    *("tension", "least", "most", "angle"),
 )
 """Numbers that a document may omit."""
 _ZERO = (("loads",), ("body", "weights"))
@@ -109,19 +110,21 @@ def make_room(scene: Scene, document: dict[str, Any], path: KeyPath) -> None:
         document.setdefault("ground", {})
     if "tension" in path[:-1]:
         _name_limits(document, path[: path.index("tension")])
+    sides = SIDES if scene.body.turning is not None else ("forward", "backward")
     for step in path[:-1]:
-        if step in ("forward", "backward", "isotropic", EVERY):
+        if step in (*SIDES, "isotropic", EVERY):
             break
         if not isinstance(node[step], (dict, list)):
             break
         node = node[step]
         if isinstance(node, dict):
-            side = next((s for s in path if s in ("forward", "backward", "isotropic")), None)
-            if side in ("forward", "backward") and "isotropic" in node:
-                node["forward"] = node["backward"] = node.pop("isotropic")
+            side = next((s for s in path if s in (*sides, "isotropic")), None)
+            if side in sides and "isotropic" in node:
+                node.update(dict.fromkeys(sides, node.pop("isotropic")))
             elif side == "isotropic" and side not in node and "forward" in node:
-                node["isotropic"] = node.pop("forward")
-                del node["backward"]
+                node["isotropic"] = node["forward"]
+                for each in sides:
+                    del node[each]
     if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is None:
         node.pop("elements", None)
     if isinstance(path[-1], int):
@@ -160,8 +163,10 @@ def _entries(scene: Scene, path: KeyPath) -> int:
     body = scene.body
     if path in _ZERO:
         return int(body.isolated.size) + len(body.segments)
-    if path[0] == "friction" and path[-1] in ("forward", "backward", "isotropic"):
+    if path[0] == "friction" and path[-1] in (*SIDES, "isotropic"):
         return int(body.isolated.size)
+    if path == ("body", "joints", "stiffness") and body.turning is not None:
+        return int(body.turning.joint_stiffness.size)
     return int(body.link_springs.size) if path == ("body", "links", "stiffness") else 0
 
 
@@ -179,6 +184,7 @@ def find_path(scene: Scene, key: str) -> KeyPath:
         SceneError: if the scene has no such key, or if it does not hold a number.
     """
     node: Any = scene.document()
+    sides = SIDES if scene.body.turning is not None else ("forward", "backward")
     if scene.dimension == 1:
         node["body"].setdefault("weights", 0.0)
         node = {"loads": 0.0, "ground": {}} | node
@@ -198,7 +204,7 @@ def find_path(scene: Scene, key: str) -> KeyPath:
             else:
                 raise _unknown(scene, key)
         elif isinstance(node, dict):
-            isotropic = step in ("forward", "backward") and "isotropic" in node
+            isotropic = step in sides and "isotropic" in node
             optional = step in _OPTIONAL and step in known_keys([str(p) for p in path])
             if step not in node and not (isotropic or (optional and (last or step == "tension"))):
                 raise _unknown(scene, key)

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import NS
-from ..body.plan import refuse_turning
 from ..crawler.crawler import METHODS, Crawler, Method
 from ..errors import CommandError, CrawlerError, SceneError
 from ..run.simulate import default_duration
@@ -26,7 +25,7 @@ from ..scene.scene import Scene
 from .batch import run_stack
 from .course import exact_blocks, most_ramps, waypoints_of
 from .results import ManyRuns, gather
-from .rows import INVALID, ROW, Ledger, find_legs
+from .rows import INVALID, ROW, SCREW, Ledger, PeriodScrew, find_legs
 from .stack import can_be_stacked, fingerprint, shares_mesh, stack, stack_scenes
 from .vary import Variations
 from .workers import Chunk, available_cores, run_chunks
@@ -71,7 +70,6 @@ def _check_scenes(scenes: Any) -> None:
         for i, scene in enumerate(scenes):
             if not isinstance(scene, Scene):
                 raise SceneError(f"simulate_many: entry {i} is a {type(scene).__name__}; it must be {expected}")
-            refuse_turning(scene, "simulate_many")
 
 
 def simulate_many(
@@ -197,7 +195,7 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
     x, tension = crawler.displacement, crawler.tension
     margin, lengths = np.array([crawler.visited_margin]), crawler.actuation[None]
     ledger = Ledger(scene.body, x[None], tension[None], margin, lengths)
-    kernel_s = 0.0
+    kernel_s, screw = 0.0, PeriodScrew(crawler)
     for targets, ends in _ramps(crawler, settings):
         if stop is not None and stop():
             return None
@@ -208,11 +206,15 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
             step = crawler.follow(targets[first:until], records[first:until], step)
             spent.append((step.work, step.dissipation))
             jump_loss += step.jump_loss
+            if until - 1 in ends:
+                screw.mark()
         assert step is not None
         kernel_s += time.perf_counter() - began
         lengths = targets[None, :, : scene.body.springs]
         ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths)
     row: np.ndarray = ledger.rows(scene, np.array([length_of(scene.body)]), kernel_s)[0]
+    for name, value in zip(SCREW, screw.gain(), strict=True):
+        row[name] = value
     return row
 
 

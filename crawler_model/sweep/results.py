@@ -11,10 +11,10 @@ import numpy as np
 
 from ..notebook import write_html
 from ..run.arrow import Tabular, load_library
-from .rows import COMPARED, COUNTS, DONE, FORCES, LENGTHS
+from .rows import COMPARED, COUNTS, DONE, FORCES, LENGTHS, SCREW
 
 _STATUS = np.array(["not run", "done", "invalid"])
-COLUMNS = ("status", *LENGTHS, *FORCES, *COMPARED, "unique", *COUNTS, "kernel_s")
+COLUMNS = ("status", *LENGTHS, *FORCES, *COMPARED, *SCREW, "unique", *COUNTS, "kernel_s")
 """The results with an entry for each run."""
 UNITS = {
     **dict.fromkeys(LENGTHS, "m"),
@@ -30,6 +30,9 @@ UNITS = {
     "period_efficiency": "m/J",
     "cost_of_transport": "1",
     "body_lengths": "1",
+    "dx": "m",
+    "dy": "m",
+    "dyaw": "rad",
 }
 """Units of the numbers in a table."""
 
@@ -61,6 +64,10 @@ class ManyRuns(Tabular):
             the force the sum of `body.weights`, or without weights the sum of (mu_plus + mu_minus) / 2, its mean over a
             period. NaN without a whole period, and for a body that does not travel.
         body_lengths: per_period in lengths of the body (in the plane, its distance), shape (M,).
+        dx: how far a body that turns went forward in the last whole period, in its own frame as in
+            `Trajectory.per_period`, shape (M,) [m]; NaN without a period, and for bodies that do not turn.
+        dy: likewise to the left, shape (M,) [m].
+        dyaw: how far it turned, likewise, shape (M,) [rad].
         unique: False if the translation was not determined on some stretch, shape (M,).
         events: number of linear pieces, shape (M,).
         overspent: number of ramps whose budget of work was exceeded, shape (M,).
@@ -88,6 +95,9 @@ class ManyRuns(Tabular):
     period_dissipation: np.ndarray
     cost_of_transport: np.ndarray
     body_lengths: np.ndarray
+    dx: np.ndarray
+    dy: np.ndarray
+    dyaw: np.ndarray
     unique: np.ndarray
     events: np.ndarray
     overspent: np.ndarray
@@ -149,7 +159,8 @@ class ManyRuns(Tabular):
 
         Returns:
             A pyarrow.Table: status, reason, then every number, with its unit in the metadata of the column; two
-            columns, `_x` and `_y`, for a displacement in the plane; null where a run is not done or has no such number.
+            columns, `_x` and `_y`, for a displacement in the plane; dx, dy and dyaw if a body turns; null where a run
+            is not done or has no such number.
 
         Raises:
             CrawlerError: if pyarrow is not installed.
@@ -165,6 +176,8 @@ class ManyRuns(Tabular):
         add("reason", pa.array(list(self.reason)))
         for name, unit in UNITS.items():
             column = getattr(self, name)
+            if name in SCREW and np.isnan(column).all():
+                continue
             for axis, values in zip(("_x", "_y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
                 add(name + axis, pa.array(values, mask=~np.isfinite(values)), unit)
         for name in ("unique", *COUNTS):
@@ -204,7 +217,7 @@ def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s:
     done = rows["status"] == DONE
     planar = bool((rows["dimension"] == 2).any())
     columns = {}
-    for name in (*LENGTHS, *FORCES, *COMPARED):
+    for name in (*LENGTHS, *FORCES, *COMPARED, *SCREW):
         column = rows[name].copy()
         column[~done] = np.nan
         columns[name] = column if planar or column.ndim == 1 else column[:, 0].copy()

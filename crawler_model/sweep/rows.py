@@ -8,18 +8,21 @@ import numpy as np
 
 from ..body.body import Body
 from ..body.plan import Plan
+from ..crawler.crawler import Crawler
 from ..run.account import Energy, Total, average_displacement
+from ..run.screw import gain_in_frame
 from ..run.transport import body_lengths, cost_of_transport, supporting_force
 
 NOT_RUN, DONE, INVALID = 0, 1, 2
 LENGTHS = ("net_translation", "gained", "per_period", "settling")
 FORCES = ("work", "dissipation", "stored", "residual", "violation", "visited_margin")
 COMPARED = ("period_work", "period_dissipation", "cost_of_transport", "body_lengths")
+SCREW = ("dx", "dy", "dyaw")
 COUNTS = ("events", "overspent", "unsolved", "periods")
 ROW = np.dtype(
     [("status", np.uint8), ("dimension", np.uint8), ("unique", np.bool_)]
     + [(name, np.float64, (2,)) for name in LENGTHS]
-    + [(name, np.float64) for name in (*FORCES, *COMPARED)]
+    + [(name, np.float64) for name in (*FORCES, *COMPARED, *SCREW)]
     + [("kernel_s", np.float64)]
     + [(name, np.int64) for name in COUNTS]
 )
@@ -119,6 +122,7 @@ class Ledger:
         values |= {"work": total.work, "dissipation": total.dissipation, "stored": stored}
         values |= {"residual": account.relative_residual, "violation": total.violation, "visited_margin": total.visited}
         values |= {"events": total.events, "overspent": total.overspent, "unsolved": total.unsolved}
+        values |= dict.fromkeys(SCREW, np.nan)
         values |= {"periods": self._periods} | self._compare(plan, length) | self._lengths()
         for name, value in values.items():
             column = rows[name]
@@ -158,3 +162,33 @@ class Ledger:
         cost = cost_of_transport(supporting_force(plan), work, distance, np.maximum(size, length))
         lengths = body_lengths(length, distance if gained.ndim == 2 else gained)
         return dict(zip(COMPARED, (work, lost, cost, lengths), strict=True))
+
+
+class PeriodScrew:
+    """The motion of a body that turns in its last whole period, in its own frame."""
+
+    def __init__(self, crawler: Crawler) -> None:
+        """Begin at the start of a run.
+
+        Args:
+            crawler: the crawler, which moves on.
+        """
+        self._crawler = crawler
+        self._places: list[tuple[np.ndarray, float]] = []
+        self.mark()
+
+    def mark(self) -> None:
+        """Note the end of a period."""
+        if self._crawler.body.turning is not None:
+            self._places = [*self._places[-1:], (self._crawler.displacement, self._crawler.yaw)]
+
+    def gain(self) -> np.ndarray:
+        """Compute the gain of the last period.
+
+        Returns:
+            dx, dy [m] and dyaw [rad], shape (3,); NaN without a period, and for bodies that do not turn.
+        """
+        if len(self._places) < 2:
+            return np.full(3, np.nan)
+        (x, yaw), (end, turned) = self._places
+        return gain_in_frame(self._crawler.body, x[None], (end - x)[None], np.array([turned - yaw]))[0]

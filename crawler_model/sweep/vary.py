@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from pydantic import TypeAdapter
 
 from ..arrays import frozen
-from ..body.plan import refuse_turning
 from ..errors import SceneError
 from ..scene.file import coerce_scene
 from ..scene.parts import SceneParts
@@ -126,7 +125,7 @@ class Variations(Sequence[Scene]):
 
     def _scene(self, at: int) -> Scene:
         document = self.document(at)
-        if all(keeps_mesh(path) for path in self.paths):
+        if self.base.body.turning is None and all(keeps_mesh(path) for path in self.paths):
             with contextlib.suppress(ValueError):  # validated again as a whole for a message that names the field
                 return self._scene_with_same_body(document)
         return Scene.model_validate(document)
@@ -161,7 +160,8 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         values: the values of each dotted key into the document of the scene: `friction.forward`, `drive.length`,
             `drive.wave.amplitude`, `ground.slope`, `body.links.stiffness` (of all links) or `body.links.stiffness[0]`
             (of the first; also written `body.links.stiffness.0`), `loads[2]`, `body.segments.trunk.stiffness`,
-            `body.links.tension` (the force at which the motors of all links stall).
+            `body.links.tension` (the force at which the motors of all links stall), of bodies that turn `friction.left`
+            and `body.joints.stiffness`.
         grid: True for all combinations, False to combine the k-th values of all keys.
 
     Returns:
@@ -171,7 +171,6 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         SceneError: if a key does not exist in the scene or does not hold a number, or if its values are not numbers.
     """
     scene = coerce_scene(scene, "vary")
-    refuse_turning(scene, "vary")
     if not values:
         raise SceneError("vary: no key; at least one is needed, for example friction.forward")
     columns = {key: _numbers(key, given) for key, given in values.items()}

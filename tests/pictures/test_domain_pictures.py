@@ -12,9 +12,14 @@ pytest.importorskip("matplotlib")
 from PIL import Image
 
 from crawler_model import Scene, load_scene
+from crawler_model.body.turning import load_of_friction
 from crawler_pictures.domain import draw_domain
+from crawler_pictures.domain_panels import forces_in_frames
+from crawler_pictures.domain_text import last_period, simulated
 
 FORWARD, BACK, SECTION, DOMAIN = (0, 158, 115), (200, 64, 15), (224, 96, 90), (242, 220, 218)
+
+DOMAIN_OF_A_POINT = (247, 234, 233)
 
 
 def drawn(scene: Scene, folder: Path) -> np.ndarray:
@@ -116,6 +121,35 @@ def test_a_body_in_the_plane_shows_its_friction_sets(tmp_path):
     bears = (242, 218, 218)  # the friction sets, paler than their colour
     picture = drawn(Scene.model_validate(plane), tmp_path).astype(int)
     assert (np.abs(picture - bears).max(axis=2) < 20).sum() > 50_000
+
+
+def test_a_body_that_turns_shows_what_friction_holds_in_the_frame_of_each_point(tmp_path):
+    """On other ground along its blades it slides at other forces, and where it holds still nothing is green."""
+    scene = load_scene("scissors")
+    moving = drawn(scene, tmp_path)
+    assert count(moving, FORWARD) > 100
+    still = scene.document()
+    still["drive"]["actuation"] = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.01], [0.0, 0.0, 0.0]]
+    picture = drawn(Scene.model_validate(still), tmp_path)
+    assert count(picture, FORWARD) == 0
+    wide = scene.document()
+    wide["friction"]["left"] = [2, 2, 2]
+    assert count(drawn(Scene.model_validate(wide), tmp_path), DOMAIN_OF_A_POINT) > 1.2 * count(
+        picture, DOMAIN_OF_A_POINT
+    )
+
+
+def test_the_forces_of_a_body_that_turns_are_within_what_friction_holds():
+    run = simulated(load_scene("three_link_snake"), 3)
+    rows = last_period(run)
+    columns = run.scene.columns
+    friction = run.scene.drive.targets[0, columns.lengths :].reshape(-1, 4)
+    load = load_of_friction(forces_in_frames(run, rows), np.zeros(friction.shape[0]), friction)
+    slides = run.contact_state[rows] != 0
+    held = friction.any(axis=1)
+    assert load[:, held].max() <= 1.0 + 1e-6
+    assert np.median(load[:, held][slides[:, held]]) == pytest.approx(1.0, abs=1e-6)
+    assert load[:, held][~slides[:, held]].min() < 0.99
 
 
 @pytest.mark.parametrize("contacts", [2, 3, 5])

@@ -9,23 +9,25 @@ import sys
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 from scipy.optimize import brentq, minimize_scalar
 
 from crawler_bench.node.processes import wait_until
 from crawler_model import Scene, load_scene, simulate
-from crawler_ros.examples import phase_control, speed_control
+from crawler_ros.examples import path_control, phase_control, speed_control
 
 from .graph import graph
 
-SPEED, PHASE = "crawler_ros.examples.speed_control", "crawler_ros.examples.phase_control"
+SPEED, PHASE, PATH = (f"crawler_ros.examples.{name}_control" for name in ("speed", "phase", "path"))
 PERIOD = re.compile(r"period (\d+): amplitude (\S+) m, gained (\S+) m")
 TRIAL = re.compile(r"phase (\S+): gained (\S+) m")
+LINE = re.compile(r"line (\d+): (\S+) m before its end, (\S+) m to the left")
 BEST = re.compile(r"best phase (\S+) of a period, (\S+) m per period")
 
 
-@pytest.mark.parametrize("module", [speed_control, phase_control])
+@pytest.mark.parametrize("module", [speed_control, phase_control, path_control])
 def test_they_are_plain_rclpy_with_standard_messages(module):
     standard = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "sensor_msgs", "trajectory_msgs", "rclpy"}
     imported = set()
@@ -154,13 +156,68 @@ def test_the_best_phase_is_found_at_the_wall_clocks_pace_too(tmp_path):
     assert best == pytest.approx(0.2, abs=1e-3)
 
 
+WAYPOINTS = np.array([[5.0, 0.0], [9.0, 4.0], [9.0, 10.0]])
+
+
+def inchworm(folder, left: float) -> str:
+    """The gallery's, whose points on the left have other friction forward."""
+    document = load_scene("steering_inchworm").document()
+    document["friction"]["forward"] = [left, 0.1, left, 0.1]
+    (folder / "inchworm.yaml").write_text(yaml.safe_dump(document))
+    return str(folder / "inchworm.yaml")
+
+
+def places(ros) -> np.ndarray:
+    """x and y of every pose heard so far."""
+    return np.array([(pose.pose.position.x, pose.pose.position.y) for pose in list(ros.heard["pose"])])
+
+
+def drive(folder, left: float, waypoints: np.ndarray = WAYPOINTS, parameters: tuple[str, ...] = ()):
+    """Drive along waypoints; return the positions on the way, and how far along and beside each line ended."""
+    with graph(folder) as ros:
+        ros.simulator(f"scene:={inchworm(folder, left)}", "lock_step:=true", hear=("pose",))
+        process = ros.start(PATH, f"waypoints:={waypoints.ravel().tolist()}", *parameters)
+        wait_until(lambda: process.process.poll() is not None, what="the last waypoint")
+        assert process.process.returncode == 0, process.said
+        found = np.array([[float(word) for word in m.groups()] for m in LINE.finditer(process.said)])
+        assert found[:, 0].tolist() == list(range(1, len(waypoints) + 1))
+        last = pytest.approx(np.hypot(*found[-1, 1:]), abs=1e-9)  # in lock-step nothing moves after the controller
+        wait_until(lambda: np.hypot(*(places(ros)[-1] - waypoints[-1])) == last, what="the last pose")
+        place = places(ros)
+    return place, found[:, 1:]
+
+
+@pytest.mark.parametrize("left", [0.1, 0.3], ids=["even", "uneven"])
+def test_a_path_is_followed_whatever_the_friction(tmp_path, left):
+    """It stays within the width of the body, except where it cuts a corner, and passes the last waypoint closely."""
+    place, lines = drive(tmp_path, left)
+    ahead, step = 2.0, 0.4  # m a period at most
+    assert (lines[:2, 0] <= ahead).all()
+    assert (lines[:2, 0] > ahead - step).all()
+    assert lines[2, 0] == pytest.approx(0.0, abs=step)
+    a, b = np.vstack(([0.0, 0.0], WAYPOINTS[:-1])), WAYPOINTS
+    unit = (b - a) / np.hypot(*(b - a).T)[:, None]
+    along = np.clip(np.einsum("tij,ij->ti", place[:, None] - a, unit), 0.0, np.hypot(*(b - a).T))
+    off = np.hypot(*np.moveaxis(place[:, None] - a - along[..., None] * unit, 2, 0)).min(axis=1)
+    assert off.max() < 0.75
+    assert off[-1] < 0.25
+
+
+def test_without_feedback_uneven_friction_leads_it_astray(tmp_path):
+    straight = np.array([[9.0, 0.0]])
+    place, ((_, beside),) = drive(tmp_path, 0.3, straight, ("kp:=0.0",))
+    assert beside == pytest.approx(place[-1, 1], abs=1e-9)
+    assert beside > 0.25
+
+
 @pytest.mark.parametrize(
     ("scene", "controller", "parameters", "pattern"),
     [
         (SCENES[0][0], SPEED, ("periods:=12",), PERIOD),
         pytest.param("two_anchor_a", PHASE, ("tolerance:=0.01",), TRIAL, marks=pytest.mark.slow),
+        ("steering_inchworm", PATH, ("waypoints:=[3.0, 1.0]",), LINE),
     ],
-    ids=["speed", "phase"],
+    ids=["speed", "phase", "path"],
 )
 def test_two_runs_in_lock_step_are_the_same_to_the_bit(tmp_path, scene, controller, parameters, pattern):
     first, second = (pattern.findall(play(tmp_path / name, scene, controller, *parameters)) for name in "ab")

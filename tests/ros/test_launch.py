@@ -37,9 +37,14 @@ MODULES = {
     "gait_player": "crawler_ros.node.gait_player",
     "speed_control": "crawler_ros.examples.speed_control",
     "phase_control": "crawler_ros.examples.phase_control",
+    "path_control": "crawler_ros.examples.path_control",
 }
 FOREIGN = {"rviz.launch.xml": {"robot_state_publisher", "rviz2"}}
-EXAMPLES = [{}, {"controller": "phase_control", "scene": "two_anchor_a"}]
+EXAMPLES = [
+    {},
+    {"controller": "phase_control", "scene": "two_anchor_a"},
+    {"controller": "path_control", "scene": "steering_inchworm"},
+]
 
 
 def declared(executable: str) -> dict[str, object]:
@@ -293,7 +298,7 @@ def test_a_controller_that_is_done_ends_all(ros):
     end_as_launch_does(ros, started)
 
 
-@pytest.mark.parametrize("values", EXAMPLES, ids=["speed_control", "phase_control"])
+@pytest.mark.parametrize("values", EXAMPLES, ids=["speed_control", "phase_control", "path_control"])
 def test_controllers_control(ros, values):
     run(ros, "controller.launch.xml", **values)
     wait_until(lambda: ros.heard["/pose"][-1].pose.position.x > 0.5, what="half a metre")

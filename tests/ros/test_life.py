@@ -21,7 +21,7 @@ from .graph import environment, graph, node_command
 from .machine import simulator, status, stop
 from .test_security import NOTHING, addresses, is_loopback
 
-CONTROLLERS = ("speed_control", "phase_control")
+CONTROLLERS = ("speed_control", "phase_control", "path_control")
 INTERRUPTED = """
 import faulthandler, signal, sys
 import rclpy
@@ -67,7 +67,7 @@ def ros(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "module", ["node.simulator", "node.gait_player", "examples.speed_control", "examples.phase_control"]
+    "module", ["node.simulator", "node.gait_player", *(f"examples.{name}" for name in CONTROLLERS)]
 )
 def test_a_signal_that_arrives_twice_ends_it_in_order(ros, module):
     """As launch without a terminal sends it: to the process, and to its group."""

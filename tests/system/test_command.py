@@ -83,8 +83,9 @@ def test_check_every_scene_of_the_gallery(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", TURNING)
-def test_check_every_scene_of_a_body_that_turns(name):
-    text = good("check", name)
+def test_check_every_scene_of_a_body_that_turns(name, tmp_path):
+    text = good("check", name, "--png", str(tmp_path / "d.png"))
+    assert (tmp_path / "d.png").stat().st_size > 5_000
     assert "valid" in text
     assert "it turned by" in text
     assert "stability margin" in text

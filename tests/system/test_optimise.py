@@ -67,6 +67,43 @@ def test_text_names_the_change_that_stops_the_gait(scene, capsys):
     assert "no longer moves forward when friction.forward changes by the factor 2.5" in out
 
 
+def test_a_body_that_turns_reaches_a_motion(scene, capsys):
+    target = limit_cycle(load_scene("scissors")).gain
+    words = ",".join(map(str, target))
+    arguments = ["optimise", "scissors", "--for", "screw", f"--target={words}", "--waypoints", "2", "--seconds", "1"]
+    status, out, _ = run(capsys, *arguments, "--out", "best.yaml", "--json")
+    assert status == 0
+    about = json.loads(out)
+    assert about["best"] == {"value": pytest.approx(0.0, abs=1e-6), "unit": "m"}
+    assert about["motion"] == pytest.approx(target.tolist(), abs=1e-6)
+    assert limit_cycle(load_scene("best.yaml")).gain == pytest.approx(target, abs=1e-6)
+    status, out, _ = run(capsys, *arguments, "--overwrite")
+    assert status == 0
+    assert "scissors: distance from the target" in out
+    assert "0.46 rad" in out
+    assert "without derivatives" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["screw"], "target: None; the objective 'screw' needs dx, dy, dyaw per period"),
+        (["screw", "--target", "1,2"], "--target 1,2: write DX,DY,DYAW"),
+        (["turn", "--target", "0,0,1"], "the objective 'screw' needs dx, dy, dyaw per period, others none"),
+        (["turn", "--png", "best.png"], "--png: scissors has `springs: length`"),
+        (["translation", "--pareto"], "pareto: scissors has `springs: length`"),
+        (["travel"], "must be one of translation, cost-of-transport, turn, screw"),
+        (["turn", "--rate", "1"], "rate: not available for scissors, which turns"),
+        (["turn", "--robust", "friction.left=0.8:1.2"], "robust: not available for scissors, which turns"),
+    ],
+)
+def test_what_a_body_that_turns_cannot_have_is_one_line(scene, capsys, options, message):
+    status, _, err = run(capsys, "optimise", "scissors", "--for", *options)
+    assert status == 1
+    assert message in err
+    assert err.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -21,7 +21,7 @@ from ..pages import ROOT
 from .test_readme import README
 
 PACKAGE = "crawler_ros"
-EXECUTABLES = ("gait_player", "phase_control", "policy", "replay", "simulator", "speed_control")
+EXECUTABLES = ("gait_player", "path_control", "phase_control", "policy", "replay", "simulator", "speed_control")
 
 
 @pytest.fixture(scope="module")

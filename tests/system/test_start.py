@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 BIN = Path(sys.executable).parent
-NODES = ["simulator", "gait_player", "speed_control", "phase_control", "policy"]
+NODES = ["simulator", "gait_player", "speed_control", "phase_control", "path_control", "policy"]
 HOOK = """
 import os, signal, sys
 

@@ -47,6 +47,20 @@ def test_a_line_over_one_key(tmp_path):
     assert table.schema.field("drive.length").metadata == {b"unit": b"m"}
 
 
+def test_a_body_that_turns(tmp_path):
+    keys = ["--vary", "body.joints.stiffness=4,5,8", "--vary", "friction.left[1]=0.05,0.1"]
+    options = ["--duration", "3", "--rate", "20", "--plot", "dyaw", "--out", "turn.parquet"]
+    text = good("sweep", "scissors", *keys, *options, cwd=tmp_path)
+    assert "3 x 2 variations of body.joints.stiffness, friction.left[1]; 6 done" in text
+    assert "largest forward motion in the last period" in text
+    table = table_of(tmp_path / "turn.parquet")
+    turned = np.array(table["dyaw"].to_pylist()).reshape(3, 2)[:, 1]
+    assert turned == pytest.approx(0.5 - 2.0 * 0.1 / np.array([4, 5, 8]), abs=1e-5)
+    assert table.schema.field("body.joints.stiffness").metadata == {b"unit": b"N m/rad"}
+    assert table.schema.field("dyaw").metadata == {b"unit": b"rad"}
+    assert (tmp_path / "turn.png").stat().st_size > 5_000
+
+
 def test_a_map_over_two_keys_in_the_grids_order(tmp_path):
     keys = ["--vary", "friction.forward=log:0.05:0.2:4", "--vary", "body.links.stiffness=20,60,-1"]
     out = ["--out", "w.parquet", "--png", "map.png", "--duration", "3", "--workers", "2", "--json"]

@@ -275,7 +275,11 @@ def test_goals_put_what_is_outside_of_limits_last():
 
 TWO = chain(2)
 WRONG = [
-    ({"objective": "speed"}, "objective: 'speed'; it must be one of translation, cost-of-transport, travel"),
+    (
+        {"objective": "speed"},
+        "objective: 'speed'; it must be one of translation, cost-of-transport, travel, turn, screw",
+    ),
+    ({"objective": "turn"}, "objective: 'turn'; chain does not turn"),
     ({}, "stroke: missing; give the bounds of the rest lengths"),
     ({"stroke": (0.1, 0.0)}, "stroke: 0.1 to 0; the lower bound must be less than the upper one"),
     ({"stroke": (0.1, 0.1)}, "stroke: 0.1 to 0.1; the lower bound must be less"),

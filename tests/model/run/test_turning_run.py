@@ -222,18 +222,3 @@ def test_check_describes_the_body(tmp_path):
     assert "in the last period, along and across its heading:" in text
     assert "on a circle of radius" in text
     assert "largest torque:" in text
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("check", "--png", "a.png"),
-        ("sweep", "--vary", "friction.left=1:2:2", "--out", "a.csv"),
-    ],
-)
-def test_the_command_refuses_what_is_not_known_for_these_bodies(arguments, tmp_path):
-    file = tmp_path / "snake.yaml"
-    file.write_text(json.dumps(SNAKE))
-    done = crawler(arguments[0], file, *arguments[1:])
-    assert done.returncode == 1
-    assert "has `springs: length`, so that it turns" in " ".join(done.stderr.split())
