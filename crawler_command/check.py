@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from .turning_report import print_turning
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
+_DIRECTIONS = {1: "forward", -1: "backward"}
 _TOO_BENT = 2.0 * np.pi  # a whole turn
 
 
@@ -34,9 +36,13 @@ def print_report(run: Trajectory, screen: Console) -> None:
         run: the run of the scene along its drive.
         screen: the console to print to.
     """
-    scene, body = run.scene, run.scene.body
-    screen.print(f"{scene.name}: {body.describe()}; valid")
+    screen.print(f"{run.scene.name}: {run.scene.body.describe()}; valid")
     screen.print(_contacts(run))
+    _print_findings(run, screen)
+
+
+def _print_findings(run: Trajectory, screen: Console) -> None:
+    scene, body = run.scene, run.scene.body
     if scene.ground.track is not None:
         screen.print("stasis domain, directions and uniqueness margin are those of the ground outside the patches")
     if body.dimension == 1:
@@ -52,6 +58,40 @@ def print_report(run: Trajectory, screen: Console) -> None:
         if body.bends:
             print_limits_of_tension(run, screen)
         print_limits(scene, screen)
+
+
+def summarise(run: Trajectory) -> dict[str, Any]:
+    """Build what `crawler check --json` prints.
+
+    Args:
+        run: the run of the scene along its drive.
+
+    Returns:
+        Plain numbers, lists and text, schema 1: where directions or margins are not determined, None; positions in m.
+        `findings` holds the lines that are printed for people below the table.
+    """
+    scene, body = run.scene, run.scene.body
+    directions = directions_of(domain_evolution(scene.drive)[1]) if body.dimension == 1 else None
+    printed = io.StringIO()
+    _print_findings(run, Console(file=printed, highlight=False, soft_wrap=True))
+    return {
+        "schema": 1,
+        "scene": scene.name,
+        "body": body.describe(),
+        "dimension": body.dimension,
+        "contacts": [
+            {"name": body.name_of(i), "position": at, "slides": slides}
+            for i, (at, slides) in enumerate(
+                zip(body.position.tolist(), run.contact_state.any(axis=0).tolist(), strict=True)
+            )
+        ],
+        "directions": None if directions is None else [_DIRECTIONS[sign] for sign in sorted(directions, reverse=True)],
+        "uniqueness_margin": run.uniqueness_margin,
+        "visited_margin": run.visited_margin,
+        "unique": run.unique,
+        "per_period": run.per_period.tolist(),
+        "findings": printed.getvalue().splitlines(),
+    }
 
 
 def _contacts(run: Trajectory) -> Table:

@@ -62,8 +62,6 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
     Raises:
         DemoError: when a process fails or does not finish.
     """
-    import rclpy  # noqa: F401  (report a missing package before anything is started)
-
     from crawler_pictures.run.page import draw_run
     from crawler_ros.viewer.arrays import run_of_frames
     from crawler_ros.viewer.frames import frames_of_recording, thin

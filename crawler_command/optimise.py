@@ -11,7 +11,17 @@ import typer
 
 from crawler_model import CrawlerError
 
-from .screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file, write_scene
+from .screen import (
+    ForceOption,
+    SceneArgument,
+    check_output,
+    parse_bounds,
+    progress_bar,
+    require,
+    screen,
+    whole_file,
+    write_scene,
+)
 
 if TYPE_CHECKING:
     from crawler_model import Front, Optimum
@@ -57,7 +67,7 @@ _Free = Annotated[
         "each contact at each waypoint. Repeat the option for several.",
     ),
 ]
-_Rate = Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s.")]
+_Fastest = Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s, or of a strain, 1/s.")]
 _Tension = Annotated[float | None, typer.Option(help="Largest tension of a spring, N.")]
 _Robust = Annotated[
     list[str] | None,
@@ -92,7 +102,6 @@ _Out = Annotated[Path | None, typer.Option(help="The scene to write, which plays
 _Png = Annotated[
     Path | None, typer.Option(help="The picture to write: gait, motion, and the objective around the optimum.")
 ]
-_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing scene and picture.")]
 
 
 def optimise_command(
@@ -101,7 +110,7 @@ def optimise_command(
     waypoints: _Waypoints = None,
     stroke: _Stroke = None,
     free: _Free = None,
-    rate: _Rate = None,
+    fastest: _Fastest = None,
     tension: _Tension = None,
     robust: _Robust = None,
     robust_to: _RobustTo = None,
@@ -113,7 +122,7 @@ def optimise_command(
     as_json: _AsJson = False,
     out: _Out = None,
     png: _Png = None,
-    overwrite: _Overwrite = False,
+    force: ForceOption = False,
 ) -> None:
     """Find the best gait of a scene within bounds: waypoints, friction, or numbers of its drive.
 
@@ -122,14 +131,15 @@ def optimise_command(
     The objective is that of the periodic regime. The search ends when several rounds have found nothing better; after
     Ctrl-C or --seconds the best gait so far is the result.
     """
-    _check_outputs(out, png, overwrite, compromises)
+    require("cma", *(["matplotlib"] if png is not None else []))
+    _check_outputs(out, png, force, compromises)
     _check_robust(robust, robust_to, robust_of, compromises)
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,
         "stroke": strokes.get("") if set(strokes) == {""} else strokes or None,
         "free": parse_bounds("--free", free or ()),
-        "rate": rate,
+        "rate": fastest,
         "tension": tension,
         "robust": parse_bounds("--robust", robust or ()),
         "period": period,
@@ -158,11 +168,11 @@ def optimise_command(
         screen.print("\n".join(lines), markup=False)
 
 
-def _check_outputs(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
+def _check_outputs(out: Path | None, png: Path | None, force: bool, compromises: bool) -> None:
     if compromises and out is not None:
         raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
-    check_output("--out", out, ".yaml", overwrite)
-    check_output("--png", png, ".png", overwrite)
+    check_output("--out", out, ".yaml", force)
+    check_output("--png", png, ".png", force)
 
 
 def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:

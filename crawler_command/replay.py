@@ -12,7 +12,7 @@ import typer
 from crawler_model import CrawlerError
 from crawler_ros.node.life.leave import STOPPED
 
-from .screen import check_picture, progress_bar, screen
+from .screen import READERS, ForceOption, check_output, progress_bar, require, screen
 
 if TYPE_CHECKING:
     from crawler_model import Scene
@@ -59,6 +59,7 @@ def replay(
         str | None,
         typer.Option(metavar="tcp://HOST:PORT", help="Make a data set on the workers of this Dask scheduler."),
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Analyse a recording: completeness, cycles, slips, energy; simulate it again and compare.
 
@@ -70,6 +71,7 @@ def replay(
     Damaged recordings are skipped and named on standard error; the exit status is 0 when there are none. After Ctrl-C
     the data set holds the finished recordings.
     """
+    require(*READERS, *(["pyarrow"] if parquet is not None else []))
     from crawler_model import load_scene
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay import analyse
@@ -79,7 +81,7 @@ def replay(
         _replay_many(recordings, scene, namespace, parquet, resume, workers, scheduler, as_json, single)
         return
     recording = recordings[0]
-    _check_outputs(rrd, parquet, png)
+    _check_outputs(rrd, parquet, png, force)
     recording = newest(recording)
     if show:
         _show(recording)
@@ -103,7 +105,7 @@ def replay(
         print_replay(found, screen)
         for line in (recovered, *written):
             if line:
-                screen.print(line)
+                screen.print(line, markup=False)
     _check_healthy(recording, found)
 
 
@@ -154,12 +156,9 @@ def _replay_many(
         raise typer.Exit(1)
 
 
-def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None) -> None:
-    check_picture(png)
-    if rrd is not None and rrd.suffix != ".rrd":
-        raise CrawlerError(f"--rrd: {rrd} must end in .rrd")
-    if rrd is not None and not rrd.absolute().parent.is_dir():
-        raise CrawlerError(f"--rrd: the folder {rrd.absolute().parent} does not exist")
+def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None, force: bool) -> None:
+    check_output("--png", png, ".png", force)
+    check_output("--rrd", rrd, ".rrd", force)
     if parquet is not None and parquet.exists() and (not parquet.is_dir() or any(parquet.iterdir())):
         raise CrawlerError(f"--parquet: {parquet} exists already; choose a new folder")
 
@@ -213,8 +212,6 @@ class _Outputs:
             self._tables = TableWriter(self._parquet, scene)
             sinks.append(self._tables)
         if self._png is not None:
-            import matplotlib as _required_later  # noqa: F401
-
             from crawler_ros.replay.show.samples import Samples
 
             self._samples = Samples(survey)
@@ -246,14 +243,16 @@ def compare(
     as_json: JsonOption = False,
     png: Annotated[Path | None, typer.Option(help="Draw the runs to this file.")] = None,
     namespace: NamespaceOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Compare recorded runs on simulated time: commands, translation of cycles at the same time, energy, slips."""
+    require(*READERS)
     from crawler_model import load_scene
     from crawler_ros.recording.bag import newest
     from crawler_ros.recording.bag_folder import list_bags
     from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
 
-    check_picture(png)
+    check_output("--png", png, ".png", force)
     loaded = None if scene is None else load_scene(scene)
     paths = list_bags(recordings[0]) if len(recordings) == 1 else [newest(path) for path in recordings]
     if len(paths) < 2:
@@ -276,4 +275,4 @@ def compare(
     else:
         print_all(found, screen)
     if png is not None:
-        screen.print(f"drawn: {png}")
+        screen.print(f"drawn: {png}", markup=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import sys
 import tempfile
@@ -16,6 +17,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from crawler_model import CrawlerError
+
+from .executables import describe_missing
 
 if TYPE_CHECKING:
     from crawler_model import Scene
@@ -32,6 +35,7 @@ class MethodName(str, Enum):
     catch_up = "catch_up"
 
 
+ForceOption = Annotated[bool, typer.Option("--force", "--overwrite", help="Replace existing files.")]
 DurationOption = Annotated[
     float | None, typer.Option(help="Simulated time, s; by default ten periods, or up to the last waypoint.")
 ]
@@ -62,36 +66,57 @@ def progress_bar(what: str) -> Iterator[ShowProgress]:
     if not console.is_terminal:
         yield lambda part, step="": None
         return
+    from crawler_model.compiled import announcer
+
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
         task = bar.add_task(what, total=1.0)
-        yield lambda part, step="": bar.update(task, completed=part, description=step or what)
+        announcer.show = lambda text: bar.update(task, description=text or what)
+        try:
+            yield lambda part, step="": bar.update(task, completed=part, description=step or what)
+        finally:
+            announcer.show = None
 
 
-def check_picture(png: Path | None) -> None:
-    """Check that a picture can be written.
+_WRITERS = {".png": "matplotlib", ".parquet": "pyarrow", ".csv": "pyarrow", ".rrd": "rerun"}
+"""The library that writes each kind of file."""
+READERS = ("mcap", "zstandard", "rosbags")
+"""The libraries that read recordings."""
+
+
+def require(*modules: str) -> None:
+    """Check that libraries are installed, before anything is compiled or computed.
 
     Args:
-        png: the file; None to write no picture.
+        *modules: names of their modules.
 
     Raises:
-        CrawlerError: when its name does not end in .png, or its folder does not exist.
+        CrawlerError: when some are not; the message names the extras that bring them.
     """
-    check_output("--png", png, ".png")
+    missing = [name for name in modules if not _is_installed(name)]
+    if missing:
+        raise CrawlerError(describe_missing(*missing))
 
 
-def check_output(option: str, file: Path | None, suffix: str, overwrite: bool = True) -> None:
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def check_output(option: str, file: Path | None, suffix: str, force: bool) -> None:
     """Check that a file can be written.
 
     Args:
         option: the option that names it, for error messages.
         file: the file; None to write none.
         suffix: the end that its name must have.
-        overwrite: whether it may exist.
+        force: whether it may exist.
 
     Raises:
-        CrawlerError: when its name has another end, its folder does not exist or is not writable, it is a folder, or it
-            exists and may not.
+        CrawlerError: when its name has another end, its folder does not exist or is not writable, it is a folder, it
+            exists and may not, or the library that writes it is not installed.
     """
     if file is None:
         return
@@ -104,8 +129,10 @@ def check_output(option: str, file: Path | None, suffix: str, overwrite: bool = 
         raise CrawlerError(f"{option}: the folder {folder} is not writable")
     if file.is_dir():
         raise CrawlerError(f"{option}: {file} is a folder; it must be a file")
-    if file.exists() and not overwrite:
-        raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
+    if file.exists() and not force:
+        raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --force")
+    if suffix in _WRITERS:
+        require(_WRITERS[suffix])
 
 
 def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:

@@ -15,6 +15,7 @@ from crawler_model import CrawlerError
 
 from .screen import (
     DurationOption,
+    ForceOption,
     MethodName,
     MethodOption,
     SceneArgument,
@@ -105,7 +106,7 @@ def simulate_command(
         Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")
     ] = None,
     png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print its net translation.
@@ -114,7 +115,6 @@ def simulate_command(
     linear pieces, including ticks; energy.residual is relative to the work.
     """
     from crawler_model import load_scene
-    from crawler_model.run.arrow import load_library
 
     from .turning_report import print_turning
 
@@ -122,9 +122,7 @@ def simulate_command(
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
     for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):
-        check_output(option, file, option.replace("--", "."), overwrite)
-        if file is not None and file is not png:
-            load_library("pyarrow", option)
+        check_output(option, file, option.replace("--", "."), force)
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
     if parquet is not None or csv is not None:
         with progress_bar("writing") as progress:
@@ -142,7 +140,7 @@ def simulate_command(
     for file in filter(None, (parquet, csv)):
         screen.print(f"table: {file}", markup=False)
     if png is not None:
-        screen.print(f"drawn: {png}")
+        screen.print(f"drawn: {png}", markup=False)
     _check_certificate(run)
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
 
-from crawler_command.app import main
+import crawler_model
+from crawler_command.app import app, main
 from crawler_model import gallery, load_scene
 
 from ..commands import crawler
@@ -80,6 +83,53 @@ def test_check_every_scene_of_the_gallery(name, tmp_path):
     assert "valid" in text
     assert "uniqueness margin" in text
     assert (tmp_path / "d.png").stat().st_size > 5_000
+
+
+def test_check_prints_json_for_programs():
+    found = json.loads(good("check", "three_contacts_one_way", "--json"))
+    assert (found["schema"], found["scene"], found["dimension"]) == (1, "three_contacts_one_way", 1)
+    assert [contact["slides"] for contact in found["contacts"]] == [True, True, True]
+    assert found["directions"] == ["forward"]
+    text = good("check", "three_contacts_one_way")
+    assert all(line in text for line in found["findings"])
+    assert f"uniqueness margin: {found['uniqueness_margin']:.4g} " in text
+    planar = json.loads(good("check", "planar_three_points", "--json"))
+    assert planar["directions"] is None
+    assert len(planar["contacts"][0]["position"]) == len(planar["per_period"][0]) == 2
+
+
+def test_the_version_is_printed():
+    assert good("--version") == f"crawler {crawler_model.__version__}\n"
+
+
+def test_words_in_brackets_stay_in_the_help():
+    text = re.sub(r"[\s│]+", " ", good("animate", "--help"))
+    assert "pip install 'crawler-ros[animate]'" in text
+
+
+def test_an_existing_file_is_replaced_only_with_force(tmp_path):
+    """One rule for all verbs; those of recordings have the same option."""
+    for words in (("check", "two_anchor_a", "--png", "x.png"), ("simulate", "two_anchor_a", "--png", "x.png")):
+        (tmp_path / "x.png").write_text("mine")
+        assert "--png: x.png exists already; choose another name, or use --force" in bad(*words, cwd=tmp_path)
+        assert (tmp_path / "x.png").read_text() == "mine"
+        good(*words, "--force", cwd=tmp_path)
+        assert (tmp_path / "x.png").stat().st_size > 5_000
+
+
+def test_an_option_means_the_same_for_every_verb():
+    """`--rate` is a frequency, `--seconds` time on the wall, `--duration` simulated time; no letter has two meanings."""
+    meanings = {"--rate": "Hz", "--seconds": "ime", "--duration": "s", "--force": "Replace existing files."}
+    letters: dict[str, str] = {}
+    for verb, command in typer.main.get_command(app).commands.items():
+        for option in command.params:
+            for name in option.opts:
+                if name in meanings:
+                    assert meanings[name] in option.help, (verb, name)
+                if name == "--seconds":
+                    assert "imulated" not in option.help, verb
+                if len(name) == 2 and name.startswith("-"):
+                    assert letters.setdefault(name, option.opts[-1]) == option.opts[-1]
 
 
 @pytest.mark.parametrize("name", TURNING)
