@@ -19,12 +19,15 @@ from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import write_length
 
 from .loads_report import print_holding, print_limits
+from .screen import error_of
 from .springs_report import print_largest_force, print_limits_of_tension
 from .turning_report import print_turning
 
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
+_LONGEST = 20.0  # m: longer than any robot of the literature
+_SLOWEST = 200.0  # s
 _DIRECTIONS = {1: "forward", -1: "backward"}
 _TOO_BENT = 2.0 * np.pi  # a whole turn
 
@@ -202,6 +205,12 @@ def _print_units(scene: Plan, screen: Console) -> None:
     """Warn about lengths far beyond that of the body, most of which are due to wrong units of length or force."""
     body, drive = scene.body, scene.drive
     length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
+    if length > _LONGEST:
+        screen.print(f"[yellow]millimetres for metres?[/] the body is {length:g} m long; lengths are in metres")
+    if drive.period is not None and drive.period > _SLOWEST:
+        screen.print(
+            f"[yellow]milliseconds for seconds?[/] the drive's period is {drive.period:g} s; times are in seconds"
+        )
     actuation = drive.actuation if body.turning is None else drive.actuation[:, : body.springs]
     commanded = body.joint_sum(np.abs(actuation).T.reshape(body.springs, -1)).max(axis=1)
     longest = int(commanded.argmax())
@@ -247,7 +256,7 @@ def _print_motion(run: Trajectory, screen: Console) -> None:
     print_turning(run, screen)
     if run.per_period.shape[0] and body.turning is None:
         size = float(abs(run.displacement).max()) + float(abs(scene.drive.actuation).max())
-        gained = write_length(run.per_period[-1], size)
+        gained = write_length(run.per_period[-1], size, error_of(scene))
         travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
         screen.print(f"net translation in the last period: {gained} m{'' if travels else ' (it does not travel)'}")
 

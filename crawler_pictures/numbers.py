@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,17 +15,33 @@ ROUNDING = 1e-12
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
-def write_length(value: Any, size: float) -> str:
+def write_length(value: Any, size: float, error: float = 0.0) -> str:
     """Write a length, or a vector in the plane; numbers that are rounding relative to `size` are 0.
 
     Args:
         value: a number or two [m].
         size: size of the numbers from which it was computed [m].
+        error: its error, whose first digit is the last one that is written [m]; 0 for all twelve digits.
 
     Returns:
         The text.
     """
-    return ", ".join(f"{0.0 if abs(v) <= 1e-13 * size else v:.12g}" for v in np.atleast_1d(value))
+    decimals = max(-math.floor(math.log10(error)), 0) if error > 0.0 else 17
+    shown = [0.0 if abs(v) <= 1e-13 * size else round(float(v), decimals) for v in np.atleast_1d(value)]
+    return ", ".join(f"{v + 0.0:.12g}" for v in shown)
+
+
+def write_energy(value: float, size: float) -> str:
+    """Write an energy; numbers that are rounding relative to `size` are 0.
+
+    Args:
+        value: the energy [J].
+        size: size of the energies from which it was computed [J].
+
+    Returns:
+        The text.
+    """
+    return f"{0.0 if abs(value) <= ROUNDING * size else value:.6g}"
 
 
 def choose_prefix(size: float, unit: str) -> tuple[float, str]:

@@ -164,6 +164,36 @@ def test_check_says_what_a_body_is_and_where_it_can_go():
     assert "net translation in the last period: 0.046" in text
 
 
+@pytest.mark.parametrize("name", ["two_anchor_a", "slope_climber", "hill_top", "planar_three_points"])
+def test_the_printed_energies_add_up(name):
+    (line,) = [line for line in good("simulate", name).splitlines() if line.startswith("work ")]
+    put_in, went = ([float(n) for n in re.findall(r"(-?[0-9.e-]+) J", side)] for side in line.split(" = "))
+    assert sum(put_in) == pytest.approx(sum(went), rel=1e-5, abs=1e-6)
+    assert ("work of the loads" in line) == (name in ("slope_climber", "hill_top"))
+    assert ("lost in jumps" in line) == (name == "hill_top")
+    assert "e-1" not in line.split(", residual")[0]  # what is only rounding is 0
+
+
+def test_in_the_plane_only_digits_within_the_tolerance_are_printed(tmp_path):
+    document = load_scene("planar_three_points").document()
+    for tolerance, digits in ((1e-2, 4), (1e-4, 6)):
+        scene = tmp_path / "plane.yaml"
+        scene.write_text(json.dumps(document | {"tolerance": tolerance}))
+        text = re.search(r"net translation in the last period: ([0-9.]+), ", good("check", str(scene)))
+        assert 0 < len(text[1].removeprefix("0.")) <= digits
+
+
+def test_check_asks_about_millimetres_and_milliseconds(tmp_path):
+    document = load_scene("two_anchor_a").document()
+    document["body"]["contacts"] = [0.0, 100.0]
+    document["drive"]["period"] = 1000.0
+    (tmp_path / "mm.yaml").write_text(json.dumps(document))
+    text = good("check", "mm.yaml", cwd=tmp_path)
+    assert "millimetres for metres? the body is 100 m long" in text
+    assert "milliseconds for seconds? the drive's period is 1000 s" in text
+    assert "?" not in good("check", "two_anchor_a")
+
+
 UNITS = {
     "strokes in millimetres": (
         "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",
@@ -229,7 +259,7 @@ LIMITS = [
         CLIMB + "16.699244 degrees uphill, where it still gains 0.0521087 m, no steeper one of 33 slopes tried does",
     ),
     ("slope_climber", {}, TOW + "0.2435883 N backward, where it still gains 0.0507596 m, none beyond"),
-    ("slope_climber", {"loads": 0.3}, "steepest_climb: the loads of the scene have no equilibrium on level ground"),
+    ("slope_climber", {"loads": 0.3}, "not searched for: the loads of the scene have no equilibrium on level ground"),
     ("slope_climber", {"drive": None}, "no drive: the crawler waits for commands"),
     ("two_contacts_anisotropic", {}, TOW + "0.3 N backward, where it still gains 0.065 m, none beyond"),
     ("two_contacts_anisotropic", {"friction": {"forward": 0.5, "backward": 0.2}}, TOW + "0.3 N forward, where"),
@@ -239,7 +269,7 @@ LIMITS = [
     ("ice", {}, TOW + "none, as the drive does not carry the body without it"),
     ("hill_top", {}, TOW + "0.2435883 N backward, where"),
     ("hill_top", {}, "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of"),
-    ("hill_top", {}, "steepest_climb: patches of the ground have slopes of their own"),
+    ("hill_top", {}, "not searched for: patches of the ground have slopes of their own"),
     ("ice", {"ground": {"patches": [FRONT]}}, "at rest, on any contact: 0.3 N forward, 0.75 N backward"),
     (
         "slope_climber",
