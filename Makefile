@@ -93,8 +93,9 @@ $(READY): $(MADE)
 # the model comes first: its kernels are compiled while the rest is installed
 $(VENV)/.ready-demo: $(MADE)
 	$(call install,-e .)
-	$(BIN)/python -c 'from crawler_model import load_scene, prepare; prepare(load_scene("three_contacts_one_way"))' & \
+	$(BIN)/crawler warm line & \
 	$(call install,-e '.[$(DEMO_EXTRAS)]'); status=$$?; wait; exit $$status
+	$(BIN)/crawler warm
 	touch $@
 
 clean:

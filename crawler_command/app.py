@@ -18,9 +18,10 @@ from .executables import describe_missing
 from .identify.command import identify_command
 from .identify.excite import excite_command
 from .identify.predict import predict_command
+from .many.compare import compare
 from .many.warm import warm
 from .optimise import optimise_command
-from .replay import compare, replay
+from .replay import replay
 from .screen import (
     READERS,
     DurationOption,

@@ -1,4 +1,4 @@
-"""The verbs `crawler replay` and `crawler compare`, and the executable `replay`."""
+"""The verb `replay`, and the executable of the same name."""
 
 from __future__ import annotations
 
@@ -229,50 +229,3 @@ class _Outputs:
             draw_replay(found, self._samples, self._png)
             written.append(f"drawn: {self._png}")
         return written
-
-
-def compare(
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Two recordings or more, each compared with the first; or one folder of bags, in the order of their "
-            "names. Where several are named, a folder of bags stands for its newest."
-        ),
-    ],
-    scene: SceneOption = None,
-    as_json: JsonOption = False,
-    png: Annotated[Path | None, typer.Option(help="Draw the runs to this file.")] = None,
-    namespace: NamespaceOption = None,
-    force: ForceOption = False,
-) -> None:
-    """Compare recorded runs on simulated time: commands, translation of cycles at the same time, energy, slips."""
-    require(*READERS)
-    from crawler_model import load_scene
-    from crawler_ros.recording.bag import newest
-    from crawler_ros.recording.bag_folder import list_bags
-    from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
-
-    check_output("--png", png, ".png", force)
-    loaded = None if scene is None else load_scene(scene)
-    paths = list_bags(recordings[0]) if len(recordings) == 1 else [newest(path) for path in recordings]
-    if len(paths) < 2:
-        raise CrawlerError(f"{recordings[0]}: 1 recording; a comparison needs two, or a folder of at least two bags")
-    with progress_bar("comparing") as progress:
-        found = compare_all(paths, loaded, namespace, progress)
-    if png is not None:
-        from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
-
-        if len(found) == 1:
-            draw_comparison(found[0], png)
-        else:
-            draw_all(found, png)
-    if as_json:
-        plain = [compared.as_plain() for compared in found]
-        print(json.dumps(plain[0] if len(plain) == 1 else {"schema": 1, "comparisons": plain}, allow_nan=False))
-        return
-    if len(found) == 1:
-        print_comparison(found[0], screen)
-    else:
-        print_all(found, screen)
-    if png is not None:
-        screen.print(f"drawn: {png}", markup=False)

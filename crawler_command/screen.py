@@ -10,12 +10,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
 
 from crawler_model import CrawlerError
 
@@ -25,7 +27,53 @@ if TYPE_CHECKING:
     from crawler_model import Scene
     from crawler_model.body.plan import Plan
 
-screen = Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
+
+class Screen(Console):
+    """A console on which a table whose numbers would be cut turns on its side."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does, but tables so that they fit.
+
+        Args:
+            *objects: what to print.
+            **options: those of `Console.print`.
+        """
+        fitting = [part for one in objects for part in (fit(one, self) if isinstance(one, Table) else (one,))]
+        super().print(*fitting, **options)
+
+
+def fit(table: Table, screen: Console) -> list[Table]:
+    """Turn a table that is wider than a screen: its columns become lines, as many of its rows as fit beside each other.
+
+    Args:
+        table: the table, whose cells are text.
+        screen: the screen.
+
+    Returns:
+        The table, or several that hold the same.
+    """
+    if not any("…" in segment.text for segment in screen.render(table)):
+        return [table]
+    cells = [[column.header, *column.cells] for column in table.columns]
+    widths = [max(Text.from_markup(str(cell)).cell_len for cell in row) + 3 for row in zip(*cells, strict=True)]
+    turned, left = [], list(range(1, len(widths)))
+    while left:
+        count, room = 1, screen.width - widths[0] - 1 - widths[left[0]]
+        while count < len(left) and widths[left[count]] <= room:
+            room -= widths[left[count]]
+            count += 1
+        part = Table(title=None if turned else table.title, title_justify="left", show_header=False)
+        for _ in range(count + 1):
+            part.add_column(justify="right")
+        part.columns[0].justify = "left"
+        for column in cells:
+            part.add_row(column[0], *(column[k] for k in left[:count]))
+        turned.append(part)
+        left = left[count:]
+    return turned
+
+
+screen = Screen(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
 SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a gallery name from `crawler scenes`.")]
 
 
@@ -84,6 +132,20 @@ _WRITERS = {".png": "matplotlib", ".parquet": "pyarrow", ".csv": "pyarrow", ".rr
 """The library that writes each kind of file."""
 READERS = ("mcap", "zstandard", "rosbags")
 """The libraries that read recordings."""
+
+
+def is_recording(source: str) -> bool:
+    """Tell a recording from a scene.
+
+    Args:
+        source: a path, or the name of a scene of the gallery.
+
+    Returns:
+        Whether it is a bag folder or an .mcap file.
+    """
+    from crawler_model import gallery
+
+    return source not in gallery() and (Path(source).is_dir() or Path(source).suffix == ".mcap")
 
 
 def require(*modules: str) -> None:

@@ -15,7 +15,7 @@ import typer
 
 from crawler_model import CrawlerError
 
-from .screen import READERS, ForceOption, check_output, progress_bar, require, screen, whole_file
+from .screen import READERS, ForceOption, check_output, is_recording, progress_bar, require, screen, whole_file
 
 if TYPE_CHECKING:
     from crawler_pictures.film.film import Film
@@ -127,9 +127,9 @@ def animate(
     if end is not None and not start < end < float("inf"):
         raise CrawlerError(f"--to: {end:g} s; it must be after the start of the film, {start:g} s")
     write = _choose_writer(out, fps, force)
-    if _is_recording(source):
+    if is_recording(source):
         require(*READERS)
-    with progress_bar("reading" if _is_recording(source) else "simulating") as progress:
+    with progress_bar("reading" if is_recording(source) else "simulating") as progress:
         film = _shoot(source, start, end, fps, speed, progress)
     with progress_bar("drawing") as progress, whole_file(out) as part:
         write(film, part, fps, progress)
@@ -157,12 +157,6 @@ def _choose_writer(out: Path, fps: float, force: bool) -> Callable[[Film, Path, 
     return encode.write_mp4
 
 
-def _is_recording(source: str) -> bool:
-    from crawler_model import gallery
-
-    return source not in gallery() and (Path(source).is_dir() or Path(source).suffix == ".mcap")
-
-
 def _shoot(
     source: str, start: float, end: float | None, fps: float, speed: float, progress: Callable[[float], None]
 ) -> Film:
@@ -170,7 +164,7 @@ def _shoot(
     from crawler_model import load_scene, prepare, simulate
     from crawler_pictures.film.film import film_of_run, frame_times
 
-    if _is_recording(source):
+    if is_recording(source):
         from crawler_ros.recording.bag import newest
         from crawler_ros.viewer.arrays import film_of_frames
         from crawler_ros.viewer.frames import frames_of_recording

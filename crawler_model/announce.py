@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import threading
 import time
@@ -13,14 +14,14 @@ from numba.core import event
 KINDS = (
     ("crawler_model.motion.plane.", "bodies in the plane", 175),
     ("crawler_model.motion.turning.", "bodies that turn", 70),
-    ("crawler_model.derivative.", "derivatives", 110),
+    ("crawler_model.derivative.", "derivatives", 40),
     ("crawler_model.", "bodies on a line", 150),
     ("crawler_gym.", "environments", 30),
     ("crawler_ros.", "commands of the node", 2),
     ("crawler_bench.", "peers of the bench", 10),
 )
 """Beginning of a module, the kind of kernels in it, and about how many functions it takes: as many as are counted."""
-_WIDTH = 20
+_WIDTH = 12
 _EVERY_S = 1.0
 
 
@@ -47,6 +48,7 @@ class Announcer(event.Listener):
         self._done: dict[str, int] = {}
         self._seconds: dict[str, float] = {}
         self._began = 0.0
+        self._writing = threading.Lock()
 
     def on_start(self, event: Any) -> None:
         """Note that the compilation of a function begins; numba holds a lock, so that only one thread compiles."""
@@ -60,9 +62,13 @@ class Announcer(event.Listener):
         if not self._done:
             self.check()
         self._kind, self._began = kind, time.monotonic()
-        if self._kind not in self._done and self.show is None and not sys.stderr.isatty():
-            print(f"crawler: {self._describe()} ...", file=sys.stderr, flush=True)
-        self._done.setdefault(self._kind, 0)
+        silent = self.show is None and not sys.stderr.isatty()
+        if silent and kind not in self._done:
+            text = f"compiling the kernels of {kind}, once on this machine: about {self._total()} functions ..."
+            print(f"crawler: {text}", file=sys.stderr, flush=True)
+        self._done.setdefault(kind, 0)
+        if silent:
+            return
         threading.Thread(target=self._refresh, args=(self._began,), daemon=True).start()
 
     def on_end(self, event: Any) -> None:
@@ -72,30 +78,35 @@ class Announcer(event.Listener):
             return
         self._done[self._kind] += 1
         if self._depth == 0:
-            self._seconds[self._kind] = self._elapsed()
-            self._kind = ""
-            self._put("")
+            with self._writing:
+                self._seconds[self._kind] = self._elapsed()
+                self._kind = ""
+                self._put("")
 
     def _refresh(self, began: float) -> None:
         """Keep the text up to date: the last step of a large function takes many seconds."""
-        while self._kind and self._began == began:
-            self._put(self._describe())
+        while True:
+            with self._writing:
+                if not self._kind or self._began != began:
+                    return
+                self._put(self._describe())
             time.sleep(_EVERY_S)
 
     def _put(self, text: str) -> None:
         if self.show is not None:
             self.show(text)
         elif sys.stderr.isatty():
-            print(f"\r\x1b[K{text and 'crawler: ' + text}", end="", file=sys.stderr, flush=True)
+            room = shutil.get_terminal_size().columns - 1
+            print(f"\r\x1b[K{(text and 'crawler: ' + text)[:room]}", end="", file=sys.stderr, flush=True)
 
     def _elapsed(self) -> float:
         return self._seconds.get(self._kind, 0.0) + time.monotonic() - self._began
 
     def _describe(self) -> str:
-        done, kind = self._done.get(self._kind, 0), self._kind
-        total = max(next((count for _, name, count in KINDS if name == kind), 0), done)
-        text = f"compiling the kernels of {kind}, once on this machine: "
-        if kind not in self._done:
-            return f"{text}about {total} functions"
+        done, total = self._done.get(self._kind, 0), self._total()
         bar = "━" * (_WIDTH * done // total)
-        return f"{text}{bar:╌<{_WIDTH}} {done} of about {total} functions, {self._elapsed():.0f} s"
+        return f"compiling {self._kind} {bar:╌<{_WIDTH}} {done} of about {total}, {self._elapsed():.0f} s"
+
+    def _total(self) -> int:
+        expected = next((count for _, kind, count in KINDS if kind == self._kind), 1)
+        return max(expected, self._done.get(self._kind, 0))

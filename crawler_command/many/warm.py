@@ -117,8 +117,25 @@ JOBS = (
     (Kind.derivatives, Kind.batches),
 )
 """What one process compiles, in this order, the longest first; what a kind shares with one before it is loaded."""
-_FUNCTIONS = 560
-"""About how many functions all kinds together take, as files of the cache; half of them are shared."""
+SECONDS = {
+    Kind.line: 45,
+    Kind.patches: 33,
+    Kind.long: 6,
+    Kind.plane: 134,
+    Kind.turning: 38,
+    Kind.derivatives: 47,
+    Kind.batches: 12,
+    Kind.environments: 17,
+}
+"""Processor time that each kind takes, measured on one machine [s]; on another one the ratios are similar."""
+_OF_A_FUNCTION = (
+    ("crawler_model.motion.plane", 2.4),
+    ("crawler_model.motion.turning", 0.8),
+    ("crawler_model.derivative", 0.7),
+    ("crawler_gym", 0.8),
+    ("crawler_", 0.3),
+)
+"""Beginning of a module, and the processor time that a function of it takes [s]."""
 
 
 def warm(
@@ -137,27 +154,28 @@ def warm(
 
     jobs = [job for job in ([kind for kind in job if not kinds or kind in kinds] for job in JOBS) if job]
     names = ", ".join(kind.value for job in jobs for kind in job)
+    expected = sum(SECONDS[kind] for job in jobs for kind in job)
     processes = min(workers or available_cores(), len(jobs))
     if not sys.stderr.isatty():
-        print(f"crawler: compiling {names} in {processes} process(es) ...", file=sys.stderr)
-    began, before = time.monotonic(), _count_compiled()
-    done = Event()
+        text = f"compiling {names}: up to {expected} s of processor time in {processes} process(es)"
+        print(f"crawler: {text} ...", file=sys.stderr)
+    began, done = time.monotonic(), Event()
+    before, seconds_before = measure_compiled()
     with progress_bar(f"compiling {names}") as progress:
-        if not kinds:
-            Thread(target=_watch, args=(progress, done), daemon=True).start()
+        watch = Thread(
+            target=_watch, args=(progress, done, 0.0 if not kinds else seconds_before, expected), daemon=True
+        )
+        watch.start()
         try:
             for _ in run_on_cores(_compile, [(job,) for job in jobs], processes):
                 pass
         except WorkerEndedError:
-            raise CrawlerError(
-                "a process that compiles ended; it may have run out of memory: use --workers 1"
-            ) from None
+            raise CrawlerError("a process ended while it compiled, perhaps without memory: use --workers 1") from None
         finally:
             done.set()
-    new = _count_compiled() - before
-    print(
-        f"ready: {names}; {new} functions compiled in {time.monotonic() - began:.0f} s, kept in {folder_of_kernels()}"
-    )
+            watch.join()
+    new, seconds = measure_compiled()[0] - before, time.monotonic() - began
+    print(f"ready: {names}; {new} functions compiled in {seconds:.0f} s, kept in {folder_of_kernels()}")
 
 
 def _compile(kinds: list[Kind]) -> None:
@@ -168,14 +186,20 @@ def _compile(kinds: list[Kind]) -> None:
         BUILDS[kind]()
 
 
-def _count_compiled() -> int:
+def measure_compiled() -> tuple[int, float]:
+    """Measure what the cache holds.
+
+    Returns:
+        The number of functions, and the processor time that compiling them takes [s].
+    """
     from crawler_model.compiled import folder_of_kernels
 
-    return sum(1 for _ in folder_of_kernels().rglob("*.nbc"))
+    modules = [file.parent.name for file in folder_of_kernels().rglob("*.nbc")]
+    times = [next((cost for start, cost in _OF_A_FUNCTION if module.startswith(start)), 0.0) for module in modules]
+    return len(modules), sum(times)
 
 
-def _watch(progress: ShowProgress, done: Event) -> None:
-    """Show how many functions are there until all are."""
+def _watch(progress: ShowProgress, done: Event, before: float, expected: float) -> None:
+    """Show which part of the processor time is spent, until all is compiled."""
     while not done.wait(_LOOK_EVERY_S):
-        count = _count_compiled()
-        progress(min(count / _FUNCTIONS, 0.99), f"{count} of about {_FUNCTIONS} functions")
+        progress(min((measure_compiled()[1] - before) / expected, 0.99))
