@@ -75,6 +75,7 @@ def summarise(run: Trajectory) -> dict[str, Any]:
     """
     scene, body = run.scene, run.scene.body
     directions = directions_of(domain_evolution(scene.drive)[1]) if body.dimension == 1 else None
+    slides = (run.contact_state != 0).any(axis=0)
     printed = io.StringIO()
     _print_findings(run, Console(file=printed, highlight=False, soft_wrap=True))
     return {
@@ -83,10 +84,8 @@ def summarise(run: Trajectory) -> dict[str, Any]:
         "body": body.describe(),
         "dimension": body.dimension,
         "contacts": [
-            {"name": body.name_of(i), "position": at, "slides": slides}
-            for i, (at, slides) in enumerate(
-                zip(body.position.tolist(), run.contact_state.any(axis=0).tolist(), strict=True)
-            )
+            {"name": body.name_of(i), "position": body.position[i].tolist(), "slides": bool(slides[i])}
+            for i in range(body.contacts)
         ],
         "directions": None if directions is None else [_DIRECTIONS[sign] for sign in sorted(directions, reverse=True)],
         "uniqueness_margin": run.uniqueness_margin,

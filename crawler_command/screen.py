@@ -56,7 +56,8 @@ def fit(table: Table, screen: Console) -> list[Table]:
         return [table]
     cells = [[column.header, *column.cells] for column in table.columns]
     widths = [max(Text.from_markup(str(cell)).cell_len for cell in row) + 3 for row in zip(*cells, strict=True)]
-    turned, left = [], list(range(1, len(widths)))
+    turned: list[Table] = []
+    left = list(range(1, len(widths)))
     while left:
         count, room = 1, screen.width - widths[0] - 1 - widths[left[0]]
         while count < len(left) and widths[left[count]] <= room:

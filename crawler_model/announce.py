@@ -51,7 +51,11 @@ class Announcer(event.Listener):
         self._writing = threading.Lock()
 
     def on_start(self, event: Any) -> None:
-        """Note that the compilation of a function begins; numba holds a lock, so that only one thread compiles."""
+        """Note that the compilation of a function begins; numba holds a lock, so that only one thread compiles.
+
+        Args:
+            event: the event of numba, whose data hold the function as `dispatcher`.
+        """
         self._depth += 1
         if self._depth > 1:
             return
@@ -72,7 +76,11 @@ class Announcer(event.Listener):
         threading.Thread(target=self._refresh, args=(self._began,), daemon=True).start()
 
     def on_end(self, event: Any) -> None:
-        """Note that a function is compiled, or that compiling it failed."""
+        """Note that a function is compiled, or that compiling it failed.
+
+        Args:
+            event: the event of numba.
+        """
         self._depth -= 1
         if not self._kind:
             return

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from crawler_command.many.warm import BUILDS, JOBS, SECONDS, Kind, measure_compiled
-from crawler_model.announce import KINDS
 
 from ..commands import crawler
 
@@ -117,14 +116,9 @@ def test_what_is_expected_is_about_what_is_compiled(tmp_path):
     words = [sys.executable, "-m", "crawler_command.app", "warm", "line", "turning"]
     done = subprocess.run(words, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path))
-        patch.delenv("NUMBA_CACHE_DIR", raising=False)
-        code = "from crawler_command.many.warm import measure_compiled; print(*measure_compiled())"
-        count, seconds = map(float, subprocess.check_output([sys.executable, "-c", code], text=True).split())
+    code = "from crawler_command.many.warm import measure_compiled; print(measure_compiled()[1])"
+    seconds = float(subprocess.check_output([sys.executable, "-c", code], text=True, env=environment))
     assert seconds == pytest.approx(SECONDS[Kind.line] + SECONDS[Kind.turning], rel=0.3)
-    lines = next(count for start, kind, count in KINDS if kind == "bodies on a line")
-    assert count == pytest.approx(lines + 50, rel=0.25)
 
 
 def test_the_cache_is_measured_by_the_cost_of_its_functions():

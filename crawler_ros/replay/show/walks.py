@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rich.console import Console
@@ -124,17 +124,18 @@ def walk_of_recording(name: str, found: Replay) -> Walk:
     time, y = found.table.end_ns / NS, found.table.net_translation[:, 0]
     shown = (found.table.run == 0) & (time >= starts[0]) & (time <= ends[-1])
     time, y = np.append(starts[0], time[shown]), np.append(np.interp(starts[0], time, y), y[shown])
-    energies = [
-        [np.nan if cycle.energy is None else getattr(cycle.energy, part) for cycle in cycles]
+    work, lost = (
+        np.array([np.nan if cycle.energy is None else getattr(cycle.energy, part) for cycle in cycles])
         for part in ("work", "dissipation")
-    ]
+    )
     return Walk(
         name,
         "recording",
         starts,
         ends,
         np.array([np.atleast_1d(cycle.translation) for cycle in cycles]),
-        *map(np.array, energies),
+        work,
+        lost,
         phase=np.interp(time, np.append(starts, ends[-1]), np.arange(len(cycles) + 1)),
         y=y - y[0],
         size=size_of(found.table),
@@ -221,7 +222,8 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
     size = max(walk.size for walk in walks)
     handles = []
     for k, walk in enumerate(walks):
-        color, style = LINES[k % len(LINES)], "-" if k < len(LINES) else "--"
+        color = LINES[k % len(LINES)]
+        style: Literal["-", "--"] = "-" if k < len(LINES) else "--"
         thin = slice(None, None, max(walk.y.size // _MOST_POINTS, 1))
         left.plot(walk.phase[thin], walk.y[thin], color=color, linestyle=style, linewidth=1.6)
         right.plot(
