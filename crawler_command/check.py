@@ -16,10 +16,9 @@ from crawler_model.body.plan import Plan
 from crawler_model.body.turning import SIDES
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
-from crawler_pictures.numbers import write_length
+from crawler_pictures.numbers import error_of, write_length
 
 from .loads_report import print_holding, print_limits
-from .screen import error_of
 from .springs_report import print_largest_force, print_limits_of_tension
 from .turning_report import print_turning
 

@@ -178,6 +178,8 @@ def optimise_command(
 
 def _ask_about_units(strokes: dict[str, tuple[float, float]], scene: Scene) -> None:
     """Warn about strokes far beyond the length of the body, most of which are in millimetres."""
+    if scene.body.segments:  # strokes may be strains
+        return
     length = float(np.linalg.norm(np.ptp(scene.body.position, axis=0)))
     for low, high in strokes.values():
         if max(abs(low), abs(high)) >= _TOO_LONG * length:

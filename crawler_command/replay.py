@@ -80,9 +80,8 @@ def replay(
         single = {"--rrd": rrd is not None, "--png": png is not None, "--recover": recover, "--show": show}
         _replay_many(recordings, scene, namespace, parquet, resume, workers, scheduler, as_json, single)
         return
-    recording = recordings[0]
     _check_outputs(rrd, parquet, png, force)
-    recording = newest(recording)
+    recording = newest(recordings[0])
     if show:
         _show(recording)
         return
@@ -103,9 +102,8 @@ def replay(
         from crawler_ros.replay.show.report import print_replay
 
         print_replay(found, screen)
-        for line in (recovered, *written):
-            if line:
-                screen.print(line, markup=False)
+        for line in filter(None, (recovered, *written)):
+            screen.print(line, markup=False)
     _check_healthy(recording, found)
 
 

@@ -12,7 +12,6 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -25,7 +24,6 @@ from .executables import describe_missing
 
 if TYPE_CHECKING:
     from crawler_model import Scene
-    from crawler_model.body.plan import Plan
 
 
 class Screen(Console):
@@ -253,25 +251,6 @@ def whole_file(path: Path) -> Iterator[Path]:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-
-
-def error_of(scene: Plan) -> float:
-    """Find the error that the lengths of a run may have.
-
-    Args:
-        scene: the scene.
-
-    Returns:
-        The tolerance of a ramp in the plane [m]; 0 on a line, where only rounding is left.
-    """
-    from crawler_model.body.turning import TURNING_TOLERANCE
-    from crawler_model.motion.plane.motion import DEFAULT_TOLERANCE
-
-    if scene.body.dimension == 1:
-        return 0.0
-    default = DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE
-    lengths = scene.drive.actuation.reshape(scene.drive.times.size, -1)[:, : scene.body.lengths]
-    return (scene.tolerance or default) * float(np.ptp(lengths, axis=0).max(initial=0.0))
 
 
 def write_scene(scene: Scene, path: Path) -> None:

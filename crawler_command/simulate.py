@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from crawler_model import CrawlerError
-from crawler_pictures.numbers import write_energy, write_length
+from crawler_pictures.numbers import error_of, write_energy, write_length
 
 from .screen import (
     DurationOption,
@@ -21,7 +21,6 @@ from .screen import (
     MethodOption,
     SceneArgument,
     check_output,
-    error_of,
     progress_bar,
     screen,
     whole_file,

@@ -8,9 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from crawler_model import Trajectory
-from crawler_pictures.numbers import write_length
-
-from .screen import error_of
+from crawler_pictures.numbers import error_of, write_length
 
 _MOST_JUMPS = 8
 _TURN = 2.0 * math.pi

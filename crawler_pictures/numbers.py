@@ -10,6 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from crawler_model.body.plan import Plan
+
 ROUNDING = 1e-12
 """Numbers below this fraction of the size of what they were computed from are rounding."""
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
@@ -29,6 +31,25 @@ def write_length(value: Any, size: float, error: float = 0.0) -> str:
     decimals = max(-math.floor(math.log10(error)), 0) if error > 0.0 else 17
     shown = [0.0 if abs(v) <= 1e-13 * size else round(float(v), decimals) for v in np.atleast_1d(value)]
     return ", ".join(f"{v + 0.0:.12g}" for v in shown)
+
+
+def error_of(scene: Plan) -> float:
+    """Find the error that the lengths of a run may have.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The tolerance of a ramp in the plane [m]; 0 on a line, where only rounding is left.
+    """
+    from crawler_model.body.turning import TURNING_TOLERANCE
+    from crawler_model.motion.plane.motion import DEFAULT_TOLERANCE
+
+    if scene.body.dimension == 1:
+        return 0.0
+    default = DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE
+    lengths = scene.drive.actuation.reshape(scene.drive.times.size, -1)[:, : scene.body.lengths]
+    return (scene.tolerance or default) * float(np.ptp(lengths, axis=0).max(initial=0.0))
 
 
 def write_energy(value: float, size: float) -> str:

@@ -106,9 +106,7 @@ def identify_command(
     """
     from crawler_model import identify, load_scene
 
-    _check_outputs(out, png, html, force)
-    for path in recordings:
-        require(*(("pyarrow",) if _is_table(path) else READERS))
+    _check_files(recordings, out, png, html, force)
     if offset not in (None, "none", "frame", "each"):
         raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
     chosen: Literal["none", "frame", "each"] | None = offset  # type: ignore[assignment]
@@ -128,8 +126,12 @@ def identify_command(
         raise CrawlerError(f"the model does not fit: {found.where}")
 
 
-def _check_outputs(out: Path | None, png: Path | None, html: Path | None, force: bool) -> None:
-    """Refuse files that cannot be written before anything is computed."""
+def _check_files(
+    recordings: Sequence[Path], out: Path | None, png: Path | None, html: Path | None, force: bool
+) -> None:
+    """Refuse files that cannot be read or written before anything is computed."""
+    for path in recordings:
+        require(*(("pyarrow",) if _is_table(path) else READERS))
     for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
         check_output(option, file, suffix, force)
     if html is not None:

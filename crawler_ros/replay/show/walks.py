@@ -15,7 +15,7 @@ from rich.table import Table
 from crawler_model import CrawlerError, Scene, simulate
 from crawler_model.body.drive import NS
 from crawler_pictures.colors import LINES
-from crawler_pictures.numbers import ROUNDING, label_values, write_energy, write_length
+from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_energy, write_length
 from crawler_pictures.run.kymograph import write_title
 
 from ..analysis import Replay, size_of
@@ -40,6 +40,7 @@ class Walk:
         phase: cycles since the first one, at all samples, shape (T,).
         y: net translation since then along x, shape (T,) [m].
         size: size of the numbers from which lengths were computed [m].
+        error: error of lengths in the plane [m]; 0 on a line.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Walk:
     phase: np.ndarray
     y: np.ndarray
     size: float
+    error: float
 
     @property
     def cycle_s(self) -> float:
@@ -101,7 +103,8 @@ def walk_of_scene(name: str, scene: Scene) -> Walk:
     )
     edges = period * np.arange(count + 1)
     size = float(np.abs(run.displacement).max()) + float(np.abs(drive.actuation).max())
-    return Walk(name, "scene", edges[:-1], edges[1:], gains, work, lost, run.time / period, y[:, 0] - y[0, 0], size)
+    phase, y = run.time / period, y[:, 0] - y[0, 0]
+    return Walk(name, "scene", edges[:-1], edges[1:], gains, work, lost, phase, y, size, error_of(scene))
 
 
 def walk_of_recording(name: str, found: Replay) -> Walk:
@@ -139,6 +142,7 @@ def walk_of_recording(name: str, found: Replay) -> Walk:
         phase=np.interp(time, np.append(starts, ends[-1]), np.arange(len(cycles) + 1)),
         y=y - y[0],
         size=size_of(found.table),
+        error=0.0 if found.scene is None else error_of(found.scene),
     )
 
 
@@ -183,7 +187,7 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
             escape(walk.name),
             str(walk.starts.size),
             f"{cycle:.6g}",
-            write_length(gain, size),
+            write_length(gain, size, walk.error),
             write_length(gain - first.gains[-1], size) if alike else "",
             ", ".join(f"{v:.6g}" for v in np.where(np.abs(gain) > ROUNDING * size, gain, 0.0) / cycle),
             *energies,
