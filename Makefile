@@ -8,6 +8,8 @@ MADE := $(VENV)/.made
 READY := $(VENV)/.ready
 # the demonstration needs less, but uses the full environment if it exists
 READY_DEMO := $(if $(wildcard $(READY)),$(READY),$(VENV)/.ready-demo)
+# an environment without the mark was made by somebody else, and may hold what nobody can install again
+foreign = $(if $(wildcard $(MADE)),,$(wildcard $(VENV)))
 # uv, if it works, is several times faster than pip
 UV := $(shell uv --version 2>/dev/null)
 install = $(if $(UV),uv pip install --quiet --python $(BIN)/python $(1) ||) $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(1)
@@ -79,6 +81,7 @@ soak: $(READY)
 		tests/replay/test_hostile_files.py tests/system/test_identify.py --timeout=7200
 
 $(MADE): pyproject.toml
+	$(if $(foreign),$(error $(VENV) was not made by this Makefile and is left alone: choose another folder, as make demo VENV=.venv-crawler, or install into yours: pip install -e '.[all]'))
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv --clear $(VENV)
 	touch $(MADE)
@@ -90,9 +93,11 @@ $(READY): $(MADE)
 # the model comes first: its kernels are compiled while the rest is installed
 $(VENV)/.ready-demo: $(MADE)
 	$(call install,-e .)
-	$(BIN)/python -c 'from crawler_model import load_scene, prepare; prepare(load_scene("three_contacts_one_way"))' & \
+	$(BIN)/crawler warm line & \
 	$(call install,-e '.[$(DEMO_EXTRAS)]'); status=$$?; wait; exit $$status
+	$(BIN)/crawler warm
 	touch $@
 
 clean:
-	rm -rf $(VENV) .venv-* build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	$(if $(foreign),$(info $(VENV) was not made by this Makefile and is left alone))
+	rm -rf $(if $(foreign),,$(VENV)) $(patsubst %/.made,%,$(wildcard .venv-*/.made)) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

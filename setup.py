@@ -16,7 +16,7 @@ class WithoutPyproject(Distribution):
 setup(
     distclass=WithoutPyproject,
     name="crawler_ros",
-    version=re.search(r'__version__ = "(.+)"', Path("crawler_ros/__init__.py").read_text())[1],
+    version=re.search(r'__version__ = "(.+)"', Path("crawler_model/__init__.py").read_text())[1],
     packages=find_packages(include=["crawler_*", "msgs_config"]),
     package_data={
         "crawler_model": ["py.typed"],

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from crawler_model import CrawlerError
+from crawler_model import CrawlerError, __version__
 from crawler_ros.node.life.leave import STOPPED
 
 from .bench import bench
@@ -18,20 +18,48 @@ from .executables import describe_missing
 from .identify.command import identify_command
 from .identify.excite import excite_command
 from .identify.predict import predict_command
+from .many.compare import compare
+from .many.warm import warm
 from .optimise import optimise_command
-from .replay import compare, replay
-from .screen import DurationOption, MethodName, MethodOption, SceneArgument, check_picture, progress_bar, screen
+from .replay import replay
+from .screen import (
+    READERS,
+    DurationOption,
+    ForceOption,
+    MethodName,
+    MethodOption,
+    SceneArgument,
+    check_output,
+    progress_bar,
+    require,
+    screen,
+)
 from .simulate import run_scene, simulate_command
 from .view import animate, view
 
 app = typer.Typer(
-    help="Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists the gallery.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # the default one takes words in brackets for styles
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 _UsageError: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of it
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"crawler {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _about(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Exact soft crawlers in ROS 2. Start with `crawler demo`; `crawler scenes` lists the gallery."""
+
 
 app.command("simulate")(simulate_command)
 
@@ -40,21 +68,27 @@ app.command("simulate")(simulate_command)
 def check(
     scene: SceneArgument,
     png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
+    force: ForceOption = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
     from crawler_model import load_scene
 
-    from .check import print_report
+    from .check import print_report, summarise
 
-    check_picture(png)
+    check_output("--png", png, ".png", force)
     loaded = load_scene(scene)
     run = run_scene(loaded, None if not loaded.drive.holds else 0.0, 100.0, None)
-    print_report(run, screen)
     if png is not None:
         from crawler_pictures.domain import draw_domain
 
         draw_domain(run.scene, png)
-        screen.print(f"drawn: {png}")
+    if as_json:
+        print(json.dumps(summarise(run), allow_nan=False))
+        return
+    print_report(run, screen)
+    if png is not None:
+        screen.print(f"drawn: {png}", markup=False)
 
 
 @app.command()
@@ -103,7 +137,7 @@ def sweep(
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing table and picture.")] = False,
+    force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Run thousands of variations of a scene on all cores; write a table and a picture.
@@ -118,10 +152,12 @@ def sweep(
     from crawler_model import load_scene
     from crawler_model.sweep.many import Settings
 
+    drawn = png is not None or len(vary) <= 2
+    require("pyarrow", *(["matplotlib"] if drawn else []), *(["distributed"] if scheduler is not None else []))
     from .many import sweep as sweeps
 
     settings = Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
-    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, overwrite, plot)
+    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, force, plot)
     with progress_bar("sweeping") as progress:
         runs = sweeps.run_sweep(plan, workers, scheduler, progress)
     print(json.dumps(sweeps.summarise(plan, runs)) if as_json else "\n".join(sweeps.describe_sweep(plan, runs)))
@@ -144,6 +180,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for the recording, .rrd and .png files.")] = Path("demo"),
 ) -> None:
     """Watch a three-contact crawler walk: two ROS 2 processes, a recording, a picture, a summary."""
+    require("rclpy", *READERS, "matplotlib", "rerun")
     from .demo import run_demo
 
     with progress_bar("walking") as progress:
@@ -151,6 +188,7 @@ def demo(
     print("\n".join(summary))
 
 
+app.command()(warm)
 app.command()(bench)
 
 
@@ -178,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("crawler: out of memory; free some, or raise the limit (ulimit -v)", file=sys.stderr)
         status = 1
     except ModuleNotFoundError as error:
-        print(f"crawler: {describe_missing(error)}", file=sys.stderr)
+        print(f"crawler: {describe_missing(error.name or str(error))}", file=sys.stderr)
         status = 1
     except (KeyboardInterrupt, typer.Abort):
         status = STOPPED

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from crawler_model import CrawlerError
 
-from .screen import progress_bar, screen
+from .screen import READERS, progress_bar, require, screen
 
 _IN_PROCESS = {
     "sweep": ("sweep", "measure_sweep", "VARIATIONS"),
@@ -90,8 +90,7 @@ def bench(
 
 def _bench_methods(case: Sequence[str], quick: bool, as_json: bool, out: Path) -> None:
     """Measure time against error."""
-    import matplotlib as _required_later  # noqa: F401
-
+    require("matplotlib")
     from crawler_bench.bench import choose_cases, missing_peers, run_bench
     from crawler_bench.figure import draw_case
     from crawler_bench.report import print_report
@@ -125,7 +124,7 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
     """Measure what runs many times in this process."""
     file, function, size = _IN_PROCESS[name]
     if name == "animate":
-        import matplotlib as _needed  # noqa: F401
+        require("matplotlib")
     module: Any = importlib.import_module(f"crawler_bench.features.{file}")
     if name in ("gym", "identify"):
         _name_missing(module.missing_peers())
@@ -136,8 +135,7 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
 
 def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
     """Measure the node or replays, which run in processes of their own."""
-    import rclpy as _needed  # noqa: F401
-
+    require("rclpy", *READERS)
     from crawler_bench.node import node, replay
 
     if name == "node":
@@ -167,4 +165,4 @@ def _write_rows(name: str, rows: list[dict[str, Any]], quick: bool, as_json: boo
         print(text)
         return
     print_rows(rows, screen)
-    screen.print(f"written: {file}")
+    screen.print(f"written: {file}", markup=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.body.turning import SIDES
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
-from crawler_pictures.numbers import write_length
+from crawler_pictures.numbers import error_of, write_length
 
 from .loads_report import print_holding, print_limits
 from .springs_report import print_largest_force, print_limits_of_tension
@@ -24,6 +25,9 @@ from .turning_report import print_turning
 _MOST_ROWS = 20
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
+_LONGEST = 20.0  # m: longer than any robot of the literature
+_SLOWEST = 200.0  # s
+_DIRECTIONS = {1: "forward", -1: "backward"}
 _TOO_BENT = 2.0 * np.pi  # a whole turn
 
 
@@ -34,9 +38,13 @@ def print_report(run: Trajectory, screen: Console) -> None:
         run: the run of the scene along its drive.
         screen: the console to print to.
     """
-    scene, body = run.scene, run.scene.body
-    screen.print(f"{scene.name}: {body.describe()}; valid")
+    screen.print(f"{run.scene.name}: {run.scene.body.describe()}; valid")
     screen.print(_contacts(run))
+    _print_findings(run, screen)
+
+
+def _print_findings(run: Trajectory, screen: Console) -> None:
+    scene, body = run.scene, run.scene.body
     if scene.ground.track is not None:
         screen.print("stasis domain, directions and uniqueness margin are those of the ground outside the patches")
     if body.dimension == 1:
@@ -52,6 +60,39 @@ def print_report(run: Trajectory, screen: Console) -> None:
         if body.bends:
             print_limits_of_tension(run, screen)
         print_limits(scene, screen)
+
+
+def summarise(run: Trajectory) -> dict[str, Any]:
+    """Build what `crawler check --json` prints.
+
+    Args:
+        run: the run of the scene along its drive.
+
+    Returns:
+        Plain numbers, lists and text, schema 1: where directions or margins are not determined, None; positions in m.
+        `findings` holds the lines that are printed for people below the table.
+    """
+    scene, body = run.scene, run.scene.body
+    directions = directions_of(domain_evolution(scene.drive)[1]) if body.dimension == 1 else None
+    slides = (run.contact_state != 0).any(axis=0)
+    printed = io.StringIO()
+    _print_findings(run, Console(file=printed, highlight=False, soft_wrap=True))
+    return {
+        "schema": 1,
+        "scene": scene.name,
+        "body": body.describe(),
+        "dimension": body.dimension,
+        "contacts": [
+            {"name": body.name_of(i), "position": body.position[i].tolist(), "slides": bool(slides[i])}
+            for i in range(body.contacts)
+        ],
+        "directions": None if directions is None else [_DIRECTIONS[sign] for sign in sorted(directions, reverse=True)],
+        "uniqueness_margin": run.uniqueness_margin,
+        "visited_margin": run.visited_margin,
+        "unique": run.unique,
+        "per_period": run.per_period.tolist(),
+        "findings": printed.getvalue().splitlines(),
+    }
 
 
 def _contacts(run: Trajectory) -> Table:
@@ -162,6 +203,12 @@ def _print_units(scene: Plan, screen: Console) -> None:
     """Warn about lengths far beyond that of the body, most of which are due to wrong units of length or force."""
     body, drive = scene.body, scene.drive
     length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
+    if length > _LONGEST:
+        screen.print(f"[yellow]millimetres for metres?[/] the body is {length:g} m long; lengths are in metres")
+    if drive.period is not None and drive.period > _SLOWEST:
+        screen.print(
+            f"[yellow]milliseconds for seconds?[/] the drive's period is {drive.period:g} s; times are in seconds"
+        )
     actuation = drive.actuation if body.turning is None else drive.actuation[:, : body.springs]
     commanded = body.joint_sum(np.abs(actuation).T.reshape(body.springs, -1)).max(axis=1)
     longest = int(commanded.argmax())
@@ -207,7 +254,7 @@ def _print_motion(run: Trajectory, screen: Console) -> None:
     print_turning(run, screen)
     if run.per_period.shape[0] and body.turning is None:
         size = float(abs(run.displacement).max()) + float(abs(scene.drive.actuation).max())
-        gained = write_length(run.per_period[-1], size)
+        gained = write_length(run.per_period[-1], size, error_of(scene))
         travels = np.abs(run.per_period[-1]).max() > 1e-13 * size
         screen.print(f"net translation in the last period: {gained} m{'' if travels else ' (it does not travel)'}")
 

@@ -15,7 +15,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,8 @@ from crawler_model import CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_ros.node.life.domains import domain_environment, reserved_domain
 from crawler_ros.recording import bag
+
+from .screen import ShowProgress
 
 SCENE = "three_contacts_one_way"
 PERIODS = 10
@@ -49,12 +50,12 @@ def closed_form(scene: Scene) -> float:
     return 2.0 * (stroke - 3.0 * float(scene.drive.forward[0, 0]) / float(scene.body.stiffness[0]))
 
 
-def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
+def run_demo(out: Path, progress: ShowProgress) -> list[str]:
     """Run the demonstration.
 
     Args:
         out: folder for the files.
-        progress: called with the fraction done, in [0, 1].
+        progress: called with the fraction done, in [0, 1], and the name of the present step.
 
     Returns:
         The lines of the summary.
@@ -62,17 +63,17 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
     Raises:
         DemoError: when a process fails or does not finish.
     """
-    import rclpy  # noqa: F401  (report a missing package before anything is started)
-
     from crawler_pictures.run.page import draw_run
     from crawler_ros.viewer.arrays import run_of_frames
     from crawler_ros.viewer.frames import frames_of_recording, thin
     from crawler_ros.viewer.visualizer import draw_recording
 
     began = time.monotonic()
+    progress(0.0, "compiling, once on this machine")
     prepare(load_scene(SCENE))  # compile before the processes wait for each other
     out.mkdir(parents=True, exist_ok=True)
     before = set(out.iterdir())
+    progress(0.05, "starting two processes")
     with reserved_domain() as domain:
         simulator = _Process("crawler_ros.node.simulator", domain, scene=SCENE, record=out, lock_step="true")
         player = _Process("crawler_ros.node.gait_player", domain, scene=SCENE, periods=PERIODS, patience=PATIENCE_S)
@@ -90,13 +91,15 @@ def run_demo(out: Path, progress: Callable[[float], None]) -> list[str]:
         )
     recording = made[0]
     rrd, png = out / f"{recording.name}.rrd", out / f"{recording.name}.png"
+    progress(0.7, "writing the run for rerun")
     draw_recording(recording, rrd)
+    progress(0.85, "drawing the page")
     scene, frames = frames_of_recording(recording)
     draw_run(run_of_frames(scene, list(thin(frames))), png)
     return _summary(recording, rrd, png, time.monotonic() - began)
 
 
-def _watch(simulator: _Process, player: _Process, progress: Callable[[float], None]) -> None:
+def _watch(simulator: _Process, player: _Process, progress: ShowProgress) -> None:
     deadline = time.monotonic() + PATIENCE_S
     while player.process.poll() is None:
         if simulator.process.poll() is not None:
@@ -109,7 +112,7 @@ def _watch(simulator: _Process, player: _Process, progress: Callable[[float], No
             for line in process.new_lines():
                 done = re.search(r"period (\d+) of (\d+)", line)
                 if done:
-                    progress(int(done[1]) / int(done[2]))
+                    progress(0.1 + 0.6 * int(done[1]) / int(done[2]), f"walking: period {done[1]} of {done[2]}")
                 elif "compiling" in line:
                     print(line, file=sys.stderr)
         time.sleep(0.05)

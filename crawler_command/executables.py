@@ -14,14 +14,16 @@ from typing import Any
 from crawler_ros.node.life.leave import STOPPED, leave_at_once, open_closed_streams
 
 _EXTRA_OF = {
-    "mcap": "ros",
-    "zstandard": "ros",
+    "mcap": "viz",
+    "zstandard": "viz",
     "rerun": "viz",
     "rerun_cli": "viz",
     "matplotlib": "viz",
     "rosbags": "viz",
     "PIL": "viz",
-    "pyarrow": "sweep",
+    "pyarrow": "tables",
+    "pandas": "tables",
+    "polars": "tables",
     "distributed": "sweep",
     "dask": "sweep",
     "cma": "optimise",
@@ -74,24 +76,27 @@ def policy() -> int:
     return _run("policy", "crawler_gym.policy_node")
 
 
-def describe_missing(error: ModuleNotFoundError) -> str:
-    """Name the extra that installs a missing package.
+def describe_missing(*modules: str) -> str:
+    """Name the extras that install missing packages, each of which is in one extra here even if others bring it, too.
 
     Args:
-        error: the error of the import.
+        *modules: names of their modules.
 
     Returns:
         One line.
     """
-    module = (error.name or str(error)).split(".")[0]
-    if module in _REQUIRED:
-        return f"{module} is not installed; install with: pip install crawler-ros"
-    extra = _EXTRA_OF.get(module)
-    if extra is None and (module.startswith(("rcl", "rmw", "ament_")) or module.endswith(("_msgs", "_interfaces"))):
-        extra = "ros"
-    if extra is None:
-        return f"{module} is not installed"
-    return f"{module} is not installed; install with: pip install 'crawler-ros[{extra}]'"
+    names = list(dict.fromkeys(module.split(".")[0] for module in modules))
+    text = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not installed"
+    if not {*names}.isdisjoint(_REQUIRED):
+        return f"{text}; install with: pip install crawler-ros"
+    extras = dict.fromkeys(extra for name in names if (extra := _find_extra(name)))
+    return f"{text}; install with: pip install 'crawler-ros[{','.join(extras)}]'" if extras else text
+
+
+def _find_extra(module: str) -> str | None:
+    if module.startswith(("rcl", "rmw", "ament_")) or module.endswith(("_msgs", "_interfaces")):
+        return "ros"
+    return _EXTRA_OF.get(module)
 
 
 def _run(name: str, module: str) -> int:
@@ -107,7 +112,7 @@ def _run(name: str, module: str) -> int:
         _end_where_interrupts_are_lost(name)
         return main() or 0
     except ModuleNotFoundError as error:
-        print(f"{name}: {describe_missing(error)}", file=sys.stderr)
+        print(f"{name}: {describe_missing(error.name or str(error))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)

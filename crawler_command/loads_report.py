@@ -127,7 +127,8 @@ def print_limits(scene: Plan, screen: Console) -> None:
                 slope = steepest_climb(scene, _BUDGET, progress)
             screen.print(describe_climb(slope))
         except CommandError as error:
-            screen.print(str(error))
+            why = str(error).removeprefix("steepest_climb: ")
+            screen.print(f"steepest slope at which a period still gains: not searched for: {why}")
     with progress_bar("searching for the largest tow") as progress:
         tow = largest_tow(scene, -1, _BUDGET, progress)
     screen.print(describe_tow(tow, on))
@@ -173,9 +174,7 @@ def _describe(limit: Limit, value: str, beyond: str, direction: str, none: str =
     """Describe value, direction and cause."""
     if limit.cause == "budget":
         if limit.direction == 0:
-            return (
-                "not searched for, because a period takes too long here; use steepest_climb and largest_tow in Python"
-            )
+            return "not searched for, because a period takes too long here; Python searches longer (see the page Loads)"
         return f"between {value} and {beyond} {direction}; the search was cut short"
     unsettled = "" if limit.settled else "; some runs did not become periodic"
     gain = limit.direction * limit.gain

@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 import json
+import sys
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from crawler_model import CrawlerError
 from crawler_model.body.plan import refuse_turning
 
-from .screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, whole_file, write_scene
+from .screen import (
+    ForceOption,
+    SceneArgument,
+    check_output,
+    parse_bounds,
+    progress_bar,
+    require,
+    screen,
+    whole_file,
+    write_scene,
+)
 
 if TYPE_CHECKING:
-    from crawler_model import Front, Optimum
+    from crawler_model import Front, Optimum, Scene
 
 _SHOWN_ROWS = 12
+_NOTHING_BETTER = "; the search ended because several rounds in a row found nothing better"
+_STOPPED_EARLY = "; stopped before the end, the result depends on the machine"
+_HASTY = 4
+"""Reversals of a link in a period: a stroke and its return are two."""
+_TOO_LONG = 10.0  # lengths of the body
 
 
 class Objective(str, Enum):
@@ -71,7 +88,7 @@ _Free = Annotated[
         "each contact at each waypoint. Repeat the option for several.",
     ),
 ]
-_Rate = Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s.")]
+_Fastest = Annotated[float | None, typer.Option(help="Fastest change of a rest length, m/s, or of a strain, 1/s.")]
 _Tension = Annotated[float | None, typer.Option(help="Largest tension of a spring, N.")]
 _Robust = Annotated[
     list[str] | None,
@@ -106,7 +123,6 @@ _Out = Annotated[Path | None, typer.Option(help="The scene to write, which plays
 _Png = Annotated[
     Path | None, typer.Option(help="The picture to write: gait, motion, and the objective around the optimum.")
 ]
-_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing scene and picture.")]
 
 
 def optimise_command(
@@ -116,7 +132,7 @@ def optimise_command(
     waypoints: _Waypoints = None,
     stroke: _Stroke = None,
     free: _Free = None,
-    rate: _Rate = None,
+    fastest: _Fastest = None,
     tension: _Tension = None,
     robust: _Robust = None,
     robust_to: _RobustTo = None,
@@ -128,7 +144,7 @@ def optimise_command(
     as_json: _AsJson = False,
     out: _Out = None,
     png: _Png = None,
-    overwrite: _Overwrite = False,
+    force: ForceOption = False,
 ) -> None:
     """Find the best gait of a scene within bounds: waypoints, friction, or numbers of its drive.
 
@@ -137,14 +153,15 @@ def optimise_command(
     The objective is that of the periodic regime. The search ends when several rounds have found nothing better; after
     Ctrl-C or --seconds the best gait so far is the result.
     """
-    _check_outputs(out, png, overwrite, compromises)
+    require("cma", *(["matplotlib"] if png is not None else []))
+    _check_outputs(out, png, force, compromises)
     _check_robust(robust, robust_to, robust_of, compromises)
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,
         "stroke": strokes.get("") if set(strokes) == {""} else strokes or None,
         "free": parse_bounds("--free", free or ()),
-        "rate": rate,
+        "rate": fastest,
         "tension": tension,
         "robust": parse_bounds("--robust", robust or ()),
         "period": period,
@@ -160,6 +177,7 @@ def optimise_command(
     if robust_to is not None:
         over = (robust_of or Over.expected).value
         limits |= {"robust_to": read_posterior(robust_to, loaded), "robust_of": over}
+    _ask_about_units(strokes, loaded)
     prepare(loaded)
     with progress_bar("optimising") as progress:
         found: Front | Optimum
@@ -195,11 +213,22 @@ def parse_target(text: str) -> tuple[float, float, float]:
     return dx, dy, dyaw
 
 
-def _check_outputs(out: Path | None, png: Path | None, overwrite: bool, compromises: bool) -> None:
+def _ask_about_units(strokes: dict[str, tuple[float, float]], scene: Scene) -> None:
+    """Warn about strokes far beyond the length of the body, most of which are in millimetres."""
+    if scene.body.segments:  # strokes may be strains
+        return
+    length = float(np.linalg.norm(np.ptp(scene.body.position, axis=0)))
+    for low, high in strokes.values():
+        if max(abs(low), abs(high)) >= _TOO_LONG * length:
+            text = f"--stroke {low:g}:{high:g} is in metres, but the body is {length:g} m long: millimetres?"
+            print(f"crawler: {text}", file=sys.stderr)
+
+
+def _check_outputs(out: Path | None, png: Path | None, force: bool, compromises: bool) -> None:
     if compromises and out is not None:
         raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
-    check_output("--out", out, ".yaml", overwrite)
-    check_output("--png", png, ".png", overwrite)
+    check_output("--out", out, ".yaml", force)
+    check_output("--png", png, ".png", force)
 
 
 def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
@@ -258,6 +287,7 @@ def describe_optimum(found: Optimum) -> list[str]:
         f"travel {found.travel:.4g} m, largest tension {found.peak_tension:.4g} N; "
         f"transient left {found.transient_left:.1e} m"
     )
+    lines.append(describe_pace(found))
     shown = list(zip(found.names, found.values, strict=True))
     lines += [f"  {name} = {value:.6g}" for name, value in shown[:_SHOWN_ROWS]]
     if len(shown) > _SHOWN_ROWS:
@@ -285,12 +315,48 @@ def describe_optimum(found: Optimum) -> list[str]:
             f"it depends on {name}, which the record did not excite: it keeps its value in the scene"
             for name in one.unknown
         ]
-    ending = "" if found.complete else "; stopped before the end, the result depends on the machine"
+    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
     lines.append(
         f"found after {found.found_after_s:.3g} s, {found.evaluations} evaluations in {found.wall_s:.3g} s, "
         f"seed {found.seed}{ending}"
     )
     return lines
+
+
+def describe_pace(found: Optimum) -> str:
+    """Describe a gait by what motors feel: the gain per second, per length of stroke and per reversal.
+
+    Args:
+        found: the optimum.
+
+    Returns:
+        One line; a gait that reverses often without a limit of its rates has a remark.
+    """
+    drive = found.scene.drive
+    rows = drive.actuation.reshape(drive.times.size, -1)
+    reversals = [count_reversals(column) for column in rows.T]
+    period, most = drive.period or float(drive.times[-1]), max(reversals, default=0)
+    per_stroke = f", {found.gain / found.travel:.4g} m per m of stroke" if found.travel > 0.0 else ""
+    per_reversal = f", {found.gain / sum(reversals):.4g} m per reversal" if most else ""
+    hint = "; --fastest limits the speed, --waypoints the number of reversals" if most > _HASTY else ""
+    return (
+        f"gain {found.gain / period:.4g} m/s{per_stroke}{per_reversal}; a link reverses up to {most / period:.3g} "
+        f"times a second{hint}"
+    )
+
+
+def count_reversals(values: np.ndarray) -> int:
+    """Count how often a periodic quantity changes its direction in a period.
+
+    Args:
+        values: at its waypoints, the last one equal to the first, shape (T,).
+
+    Returns:
+        The number of reversals.
+    """
+    steps = np.diff(values)
+    signs = np.sign(steps[np.abs(steps) > 1e-9 * np.ptp(values)])
+    return int((signs != np.roll(signs, 1)).sum())
 
 
 def describe_weakness(key: str, below: float | None, above: float | None) -> str:
@@ -321,6 +387,6 @@ def describe_front(found: Front) -> list[str]:
     """
     lines = [f"{found.points[0].scene.name}: gain per period [m], cost of transport [1]"]
     lines += [f"  {point.gain:.6g}  {point.cost_of_transport:.6g}" for point in found.points]
-    ending = "" if found.complete else "; stopped before the end, the result depends on the machine"
+    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
     lines.append(f"{found.evaluations} evaluations in {found.wall_s:.3g} s, seed {found.seed}{ending}")
     return lines

@@ -1,4 +1,4 @@
-"""The verbs `crawler replay` and `crawler compare`, and the executable `replay`."""
+"""The verb `replay`, and the executable of the same name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from crawler_model import CrawlerError
 from crawler_ros.node.life.leave import STOPPED
 
-from .screen import check_picture, progress_bar, screen
+from .screen import READERS, ForceOption, check_output, progress_bar, require, screen
 
 if TYPE_CHECKING:
     from crawler_model import Scene
@@ -59,6 +59,7 @@ def replay(
         str | None,
         typer.Option(metavar="tcp://HOST:PORT", help="Make a data set on the workers of this Dask scheduler."),
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Analyse a recording: completeness, cycles, slips, energy; simulate it again and compare.
 
@@ -70,6 +71,7 @@ def replay(
     Damaged recordings are skipped and named on standard error; the exit status is 0 when there are none. After Ctrl-C
     the data set holds the finished recordings.
     """
+    require(*READERS, *(["pyarrow"] if parquet is not None else []))
     from crawler_model import load_scene
     from crawler_ros.recording.bag import newest
     from crawler_ros.replay import analyse
@@ -78,9 +80,8 @@ def replay(
         single = {"--rrd": rrd is not None, "--png": png is not None, "--recover": recover, "--show": show}
         _replay_many(recordings, scene, namespace, parquet, resume, workers, scheduler, as_json, single)
         return
-    recording = recordings[0]
-    _check_outputs(rrd, parquet, png)
-    recording = newest(recording)
+    _check_outputs(rrd, parquet, png, force)
+    recording = newest(recordings[0])
     if show:
         _show(recording)
         return
@@ -101,9 +102,8 @@ def replay(
         from crawler_ros.replay.show.report import print_replay
 
         print_replay(found, screen)
-        for line in (recovered, *written):
-            if line:
-                screen.print(line)
+        for line in filter(None, (recovered, *written)):
+            screen.print(line, markup=False)
     _check_healthy(recording, found)
 
 
@@ -154,12 +154,9 @@ def _replay_many(
         raise typer.Exit(1)
 
 
-def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None) -> None:
-    check_picture(png)
-    if rrd is not None and rrd.suffix != ".rrd":
-        raise CrawlerError(f"--rrd: {rrd} must end in .rrd")
-    if rrd is not None and not rrd.absolute().parent.is_dir():
-        raise CrawlerError(f"--rrd: the folder {rrd.absolute().parent} does not exist")
+def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None, force: bool) -> None:
+    check_output("--png", png, ".png", force)
+    check_output("--rrd", rrd, ".rrd", force)
     if parquet is not None and parquet.exists() and (not parquet.is_dir() or any(parquet.iterdir())):
         raise CrawlerError(f"--parquet: {parquet} exists already; choose a new folder")
 
@@ -213,8 +210,6 @@ class _Outputs:
             self._tables = TableWriter(self._parquet, scene)
             sinks.append(self._tables)
         if self._png is not None:
-            import matplotlib as _required_later  # noqa: F401
-
             from crawler_ros.replay.show.samples import Samples
 
             self._samples = Samples(survey)
@@ -232,48 +227,3 @@ class _Outputs:
             draw_replay(found, self._samples, self._png)
             written.append(f"drawn: {self._png}")
         return written
-
-
-def compare(
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Two recordings or more, each compared with the first; or one folder of bags, in the order of their "
-            "names. Where several are named, a folder of bags stands for its newest."
-        ),
-    ],
-    scene: SceneOption = None,
-    as_json: JsonOption = False,
-    png: Annotated[Path | None, typer.Option(help="Draw the runs to this file.")] = None,
-    namespace: NamespaceOption = None,
-) -> None:
-    """Compare recorded runs on simulated time: commands, translation of cycles at the same time, energy, slips."""
-    from crawler_model import load_scene
-    from crawler_ros.recording.bag import newest
-    from crawler_ros.recording.bag_folder import list_bags
-    from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
-
-    check_picture(png)
-    loaded = None if scene is None else load_scene(scene)
-    paths = list_bags(recordings[0]) if len(recordings) == 1 else [newest(path) for path in recordings]
-    if len(paths) < 2:
-        raise CrawlerError(f"{recordings[0]}: 1 recording; a comparison needs two, or a folder of at least two bags")
-    with progress_bar("comparing") as progress:
-        found = compare_all(paths, loaded, namespace, progress)
-    if png is not None:
-        from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
-
-        if len(found) == 1:
-            draw_comparison(found[0], png)
-        else:
-            draw_all(found, png)
-    if as_json:
-        plain = [compared.as_plain() for compared in found]
-        print(json.dumps(plain[0] if len(plain) == 1 else {"schema": 1, "comparisons": plain}, allow_nan=False))
-        return
-    if len(found) == 1:
-        print_comparison(found[0], screen)
-    else:
-        print_all(found, screen)
-    if png is not None:
-        screen.print(f"drawn: {png}")

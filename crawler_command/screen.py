@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import sys
 import tempfile
@@ -9,18 +10,69 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
 
 from crawler_model import CrawlerError
+
+from .executables import describe_missing
 
 if TYPE_CHECKING:
     from crawler_model import Scene
 
-screen = Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
+
+class Screen(Console):
+    """A console on which a table whose numbers would be cut turns on its side."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does, but tables so that they fit.
+
+        Args:
+            *objects: what to print.
+            **options: those of `Console.print`.
+        """
+        fitting = [part for one in objects for part in (fit(one, self) if isinstance(one, Table) else (one,))]
+        super().print(*fitting, **options)
+
+
+def fit(table: Table, screen: Console) -> list[Table]:
+    """Turn a table that is wider than a screen: its columns become lines, as many of its rows as fit beside each other.
+
+    Args:
+        table: the table, whose cells are text.
+        screen: the screen.
+
+    Returns:
+        The table, or several that hold the same.
+    """
+    if not any("…" in segment.text for segment in screen.render(table)):
+        return [table]
+    cells = [[column.header, *column.cells] for column in table.columns]
+    widths = [max(Text.from_markup(str(cell)).cell_len for cell in row) + 3 for row in zip(*cells, strict=True)]
+    turned: list[Table] = []
+    left = list(range(1, len(widths)))
+    while left:
+        count, room = 1, screen.width - widths[0] - 1 - widths[left[0]]
+        while count < len(left) and widths[left[count]] <= room:
+            room -= widths[left[count]]
+            count += 1
+        part = Table(title=None if turned else table.title, title_justify="left", show_header=False)
+        for _ in range(count + 1):
+            part.add_column(justify="right")
+        part.columns[0].justify = "left"
+        for column in cells:
+            part.add_row(column[0], *(column[k] for k in left[:count]))
+        turned.append(part)
+        left = left[count:]
+    return turned
+
+
+screen = Screen(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
 SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a gallery name from `crawler scenes`.")]
 
 
@@ -32,6 +84,7 @@ class MethodName(str, Enum):
     catch_up = "catch_up"
 
 
+ForceOption = Annotated[bool, typer.Option("--force", "--overwrite", help="Replace existing files.")]
 DurationOption = Annotated[
     float | None, typer.Option(help="Simulated time, s; by default ten periods, or up to the last waypoint.")
 ]
@@ -62,36 +115,71 @@ def progress_bar(what: str) -> Iterator[ShowProgress]:
     if not console.is_terminal:
         yield lambda part, step="": None
         return
+    from crawler_model.compiled import announcer
+
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
         task = bar.add_task(what, total=1.0)
-        yield lambda part, step="": bar.update(task, completed=part, description=step or what)
+        announcer.show = lambda text: bar.update(task, description=text or what)
+        try:
+            yield lambda part, step="": bar.update(task, completed=part, description=step or what)
+        finally:
+            announcer.show = None
 
 
-def check_picture(png: Path | None) -> None:
-    """Check that a picture can be written.
+_WRITERS = {".png": "matplotlib", ".parquet": "pyarrow", ".csv": "pyarrow", ".rrd": "rerun"}
+"""The library that writes each kind of file."""
+READERS = ("mcap", "zstandard", "rosbags")
+"""The libraries that read recordings."""
+
+
+def is_recording(source: str) -> bool:
+    """Tell a recording from a scene.
 
     Args:
-        png: the file; None to write no picture.
+        source: a path, or the name of a scene of the gallery.
+
+    Returns:
+        Whether it is a bag folder or an .mcap file.
+    """
+    from crawler_model import gallery
+
+    return source not in gallery() and (Path(source).is_dir() or Path(source).suffix == ".mcap")
+
+
+def require(*modules: str) -> None:
+    """Check that libraries are installed, before anything is compiled or computed.
+
+    Args:
+        *modules: names of their modules.
 
     Raises:
-        CrawlerError: when its name does not end in .png, or its folder does not exist.
+        CrawlerError: when some are not; the message names the extras that bring them.
     """
-    check_output("--png", png, ".png")
+    missing = [name for name in modules if not _is_installed(name)]
+    if missing:
+        raise CrawlerError(describe_missing(*missing))
 
 
-def check_output(option: str, file: Path | None, suffix: str, overwrite: bool = True) -> None:
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def check_output(option: str, file: Path | None, suffix: str, force: bool) -> None:
     """Check that a file can be written.
 
     Args:
         option: the option that names it, for error messages.
         file: the file; None to write none.
         suffix: the end that its name must have.
-        overwrite: whether it may exist.
+        force: whether it may exist.
 
     Raises:
-        CrawlerError: when its name has another end, its folder does not exist or is not writable, it is a folder, or it
-            exists and may not.
+        CrawlerError: when its name has another end, its folder does not exist or is not writable, it is a folder, it
+            exists and may not, or the library that writes it is not installed.
     """
     if file is None:
         return
@@ -104,8 +192,10 @@ def check_output(option: str, file: Path | None, suffix: str, overwrite: bool = 
         raise CrawlerError(f"{option}: the folder {folder} is not writable")
     if file.is_dir():
         raise CrawlerError(f"{option}: {file} is a folder; it must be a file")
-    if file.exists() and not overwrite:
-        raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --overwrite")
+    if file.exists() and not force:
+        raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --force")
+    if suffix in _WRITERS:
+        require(_WRITERS[suffix])
 
 
 def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:

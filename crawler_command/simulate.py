@@ -12,9 +12,11 @@ import typer
 from rich.table import Table
 
 from crawler_model import CrawlerError
+from crawler_pictures.numbers import error_of, write_energy, write_length
 
 from .screen import (
     DurationOption,
+    ForceOption,
     MethodName,
     MethodOption,
     SceneArgument,
@@ -25,7 +27,7 @@ from .screen import (
 )
 
 if TYPE_CHECKING:
-    from crawler_model import Scene, Trajectory
+    from crawler_model import Energy, Scene, Trajectory
 
 _MISSED = 1e-6
 """An energy residual above this fraction of the work is more than rounding."""
@@ -105,7 +107,7 @@ def simulate_command(
         Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")
     ] = None,
     png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
     """Run a scene offline, without ROS, and print its net translation.
@@ -114,7 +116,6 @@ def simulate_command(
     linear pieces, including ticks; energy.residual is relative to the work.
     """
     from crawler_model import load_scene
-    from crawler_model.run.arrow import load_library
 
     from .turning_report import print_turning
 
@@ -122,9 +123,7 @@ def simulate_command(
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
     for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):
-        check_output(option, file, option.replace("--", "."), overwrite)
-        if file is not None and file is not png:
-            load_library("pyarrow", option)
+        check_output(option, file, option.replace("--", "."), force)
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
     if parquet is not None or csv is not None:
         with progress_bar("writing") as progress:
@@ -142,21 +141,19 @@ def simulate_command(
     for file in filter(None, (parquet, csv)):
         screen.print(f"table: {file}", markup=False)
     if png is not None:
-        screen.print(f"drawn: {png}")
+        screen.print(f"drawn: {png}", markup=False)
     _check_certificate(run)
 
 
 def _print_translation(run: Trajectory, rate: float) -> None:
     """Print the net translation at each waypoint, of long drives at the first and the last ones."""
-    from crawler_pictures.numbers import write_length
-
     table = Table(title=f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz", title_justify="left")
     periods = run.per_period.size > 0
     table.add_column(r"time \[s]", justify="right")
     table.add_column(r"net translation \[m]", justify="right")
     table.add_column(r"gained in the period \[m]" if periods else r"gained \[m]", justify="right")
 
-    y = run.waypoint_net_translation
+    y, error = run.waypoint_net_translation, error_of(run.scene)
     size = float(abs(run.displacement).max()) + float(abs(run.scene.drive.actuation).max())
     count = y.shape[0]
     rows = range(count) if count <= 24 else [*range(12), *range(count - 11, count)]
@@ -165,10 +162,10 @@ def _print_translation(run: Trajectory, rate: float) -> None:
         if i != last + 1:
             table.add_row("...", "...", "...")
         last = i
-        gained = "" if i == 0 else write_length(y[i] - y[i - 1], size)
-        table.add_row(f"{run.waypoint_time[i]:g}", write_length(y[i], size), gained)
+        gained = "" if i == 0 else write_length(y[i] - y[i - 1], size, error)
+        table.add_row(f"{run.waypoint_time[i]:g}", write_length(y[i], size, error), gained)
     if run.time[-1] > run.waypoint_time[-1]:
-        table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size), "")
+        table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size, error), "")
     screen.print(table)
 
 
@@ -203,14 +200,30 @@ def _draw(run: Trajectory, png: Path) -> None:
     draw_run(read_trajectory(run), png)
 
 
+def describe_energy(energy: Energy) -> str:
+    """Describe the energy account in a line that adds up.
+
+    Args:
+        energy: the account.
+
+    Returns:
+        What was put in, where it went, and the residual.
+    """
+    size = max(energy.peak, abs(energy.work), abs(energy.loads_work), energy.dissipation, abs(energy.stored))
+    put_in = {"work": energy.work, "work of the loads": energy.loads_work}
+    went = {"dissipation": energy.dissipation, "lost in jumps": energy.jump_loss, "stored": energy.stored}
+    always = ("work", "dissipation", "stored")
+    parts = [
+        " + ".join(f"{name} {write_energy(value, size)} J" for name, value in some.items() if value or name in always)
+        for some in (put_in, went)
+    ]
+    return f"{' = '.join(parts)}, residual {energy.relative_residual:.1e} of the work"
+
+
 def _print_account(run: Trajectory) -> None:
-    energy = run.energy
-    screen.print(
-        f"work {energy.work:.6g} J, dissipation {energy.dissipation:.6g} J, stored {energy.stored:.6g} J, "
-        f"residual {energy.relative_residual:.1e} of the work"
-    )
+    screen.print(describe_energy(run.energy))
     screen.print(f"largest excess over a bound {run.violation:.1e} N; {run.events} linear pieces in {run.wall_s:.3g} s")
-    if run.method == "catch_up" and run.scene.body.dimension == 1 and energy.relative_residual > _MISSED:
+    if run.method == "catch_up" and run.scene.body.dimension == 1 and run.energy.relative_residual > _MISSED:
         screen.print("[yellow]catch_up missed events:[/] the residual shows the error; use exact or a higher rate")
     if not run.unique:
         screen.print(

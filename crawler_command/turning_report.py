@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from crawler_model import Trajectory
-from crawler_pictures.numbers import write_length
+from crawler_pictures.numbers import error_of, write_length
 
 _MOST_JUMPS = 8
 _TURN = 2.0 * math.pi
@@ -28,7 +28,8 @@ def print_turning(run: Trajectory, screen: Console) -> None:
     screen.print(f"it turned by {write_length(turned, _TURN)} rad")
     if run.per_period.shape[0]:
         gain, screw = run.per_period[-1], run.screws[-1]
-        text = f"in the last period, along and across its heading: {write_length(gain[:2], size)} m, and it turned by "
+        along = write_length(gain[:2], size, error_of(run.scene))
+        text = f"in the last period, along and across its heading: {along} m, and it turned by "
         circle = "" if screw.radius is None else f", on a circle of radius {screw.radius:.6g} m"
         screen.print(f"{text}{write_length(gain[2], _TURN)} rad{circle}")
     if run.stability_margin is not None:

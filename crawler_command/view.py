@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import os
 import subprocess
@@ -16,7 +15,7 @@ import typer
 
 from crawler_model import CrawlerError
 
-from .screen import check_output, check_picture, progress_bar, screen, whole_file
+from .screen import READERS, ForceOption, check_output, is_recording, progress_bar, require, screen, whole_file
 
 if TYPE_CHECKING:
     from crawler_pictures.film.film import Film
@@ -34,6 +33,7 @@ def view(
     at: Annotated[
         float | None, typer.Option(help="With --png: the simulated time to show, s; by default the end.")
     ] = None,
+    force: ForceOption = False,
 ) -> None:
     """Open a recording in rerun with our blueprint, or render that view without a display.
 
@@ -41,6 +41,7 @@ def view(
     mesa-vulkan-drivers. Without one, a line on standard error reports this and matplotlib draws the body at that
     instant, its contacts over time and its stasis domain; an .rrd file is then refused.
     """
+    require("rerun", *([] if recording.suffix == ".rrd" else READERS))
     from crawler_ros.viewer.page import viewer_binary
 
     if not recording.exists():
@@ -55,7 +56,7 @@ def view(
         raise CrawlerError("--at needs --png: it is the time to render")
     if at is not None and not math.isfinite(at):
         raise CrawlerError(f"--at: {at:g} s; it must be a time in the recording")
-    check_picture(png)
+    check_output("--png", png, ".png", force)
     if png is None and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise CrawlerError(
             "this machine has no display; render the view with --png FILE, or copy the .rrd file to your desktop"
@@ -70,7 +71,7 @@ def view(
             draw_recording(recording, rrd, jumps=find_jumps(recording))
         if png is not None:
             _render(recording, rrd, png, at)
-            screen.print(f"rendered: {png}")
+            screen.print(f"rendered: {png}", markup=False)
             return
         raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
 
@@ -104,8 +105,8 @@ def animate(
     speed: Annotated[float, typer.Option(help="Simulated seconds per second of the film.")] = 1.0,
     start: Annotated[float, typer.Option("--from", help="Simulated time at which the film begins, s.")] = 0.0,
     end: Annotated[float | None, typer.Option("--to", help="Simulated time at which it ends, s.")] = None,
-    seconds: Annotated[float | None, typer.Option(help="Simulated time that it shows, s; instead of --to.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    duration: Annotated[float | None, typer.Option(help="Simulated time that it shows, s; instead of --to.")] = None,
+    force: ForceOption = False,
 ) -> None:
     """Make a film of a scene or a recording: the crawling body, its contacts over time, and the sweeping process.
 
@@ -115,18 +116,20 @@ def animate(
     point in the moving polygon; for more, the contacts over time. By default it shows four periods of a scene, or the
     whole recording. mp4 needs PyAV: pip install 'crawler-ros[animate]'; gif and html need no codec.
     """
-    if seconds is not None and end is not None:
-        raise CrawlerError("--seconds and --to cannot be combined: both set the end of the film")
-    for option, value in (("--speed", speed), ("--seconds", seconds)):
+    if duration is not None and end is not None:
+        raise CrawlerError("--duration and --to cannot be combined: both set the end of the film")
+    for option, value in (("--speed", speed), ("--duration", duration)):
         if value is not None and not 0.0 < value < float("inf"):
             raise CrawlerError(f"{option}: {value:g}; it must be > 0")
     if not 0.0 <= start < float("inf"):
         raise CrawlerError(f"--from: {start:g} s; it must be >= 0")
-    end = start + seconds if seconds is not None else end
+    end = start + duration if duration is not None else end
     if end is not None and not start < end < float("inf"):
         raise CrawlerError(f"--to: {end:g} s; it must be after the start of the film, {start:g} s")
-    write = _choose_writer(out, fps, overwrite)
-    with progress_bar("reading" if _is_recording(source) else "simulating") as progress:
+    write = _choose_writer(out, fps, force)
+    if is_recording(source):
+        require(*READERS)
+    with progress_bar("reading" if is_recording(source) else "simulating") as progress:
         film = _shoot(source, start, end, fps, speed, progress)
     with progress_bar("drawing") as progress, whole_file(out) as part:
         write(film, part, fps, progress)
@@ -135,36 +138,23 @@ def animate(
     )
 
 
-def _choose_writer(
-    out: Path, fps: float, overwrite: bool
-) -> Callable[[Film, Path, float, Callable[[float], None]], None]:
+def _choose_writer(out: Path, fps: float, force: bool) -> Callable[[Film, Path, float, Callable[[float], None]], None]:
     """Check the output before anything runs; return the function that writes it."""
     if out.suffix not in _SUFFIXES:
         raise CrawlerError(f"--out: {out} must end in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
-    check_output("--out", out, out.suffix, overwrite)
+    check_output("--out", out, out.suffix, force)
     if out.suffix == ".html":
         from crawler_pictures.film.player import write_html
 
         return write_html
-    import matplotlib as _needed  # noqa: F401
-
+    require("matplotlib", *(["av"] if out.suffix == ".mp4" else []))
     from crawler_pictures.film import encode
 
     if out.suffix == ".gif":
         if fps > _FASTEST_GIF:
             raise CrawlerError(f"--fps: {fps:g}; a .gif has at most {_FASTEST_GIF:g} frames per second")
         return encode.write_gif
-    if importlib.util.find_spec("av") is None:
-        raise CrawlerError(
-            f"--out: {out} needs PyAV; install it with: pip install 'crawler-ros[animate]', or write a .gif or an .html"
-        )
     return encode.write_mp4
-
-
-def _is_recording(source: str) -> bool:
-    from crawler_model import gallery
-
-    return source not in gallery() and (Path(source).is_dir() or Path(source).suffix == ".mcap")
 
 
 def _shoot(
@@ -174,7 +164,7 @@ def _shoot(
     from crawler_model import load_scene, prepare, simulate
     from crawler_pictures.film.film import film_of_run, frame_times
 
-    if _is_recording(source):
+    if is_recording(source):
         from crawler_ros.recording.bag import newest
         from crawler_ros.viewer.arrays import film_of_frames
         from crawler_ros.viewer.frames import frames_of_recording

@@ -1,6 +1,10 @@
 """Gymnasium environments: crawlers that learn to move, one at a time or many in one compiled call."""
 
-from gymnasium.envs.registration import register, registry
+try:
+    from gymnasium.envs.registration import register, registry
+except ModuleNotFoundError:
+    text = "gymnasium is not installed; install with: pip install 'crawler-ros[gym]'"
+    raise ModuleNotFoundError(text, name="gymnasium") from None
 
 from .env import CrawlerEnv
 from .steer import SteerEnv

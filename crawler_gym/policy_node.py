@@ -8,6 +8,7 @@ the rate of the environment, the path is that of the environment to the bit.
 from __future__ import annotations
 
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from sensor_msgs.msg import JointState
 
 from crawler_model import CommandError, CrawlerError
 from crawler_model.run.ticks import tick_end_ns
+from crawler_ros.node.intake.peers import SecondSimulator
 from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.run import run_node
 from crawler_ros.node.life.stop import StopFlag, end_on_signals
@@ -34,6 +36,7 @@ from .policy import load_policy
 from .spec import build_spec
 
 DEFAULT_SCENE = "three_contacts_one_way"
+_REPORT_EVERY_S = 5.0
 _STATES = ("joint_states", "contact_states")
 
 
@@ -75,6 +78,7 @@ class PolicyNode(QuietNode):
             self._listen(state)
         self._arrived: dict[str, bytes] = {}
         self._pending: bytes | None = None
+        self._second = SecondSimulator(self, topics["joint_states"].name)
         self._last_ns = -1
         self._done_steps = 0
         self.problem = ""
@@ -86,6 +90,8 @@ class PolicyNode(QuietNode):
         topic = read_topics()[name]
 
         def receive(data: bytes) -> None:
+            if name == "joint_states" and (second := self._second.find(read_stamp(data))):
+                self.fail(second)
             self._arrived[name] = data
             self._answer()
 
@@ -163,8 +169,13 @@ class PolicyNode(QuietNode):
         Args:
             problem: one line.
         """
-        self.problem = problem
+        self.problem = self.problem or problem
         self.done.set()
+
+    @property
+    def waits(self) -> bool:
+        """Whether no state has arrived yet."""
+        return self._last_ns < 0
 
 
 def read_settings(text: str) -> dict[str, Any]:
@@ -214,9 +225,13 @@ def _spin(node: PolicyNode) -> None:
     end_on_signals(node.done)
     executor = EventsExecutor()
     executor.add_node(node)
+    reported = time.monotonic()
     while not node.done.is_set():
         executor.spin_once(timeout_sec=0.1)
         node.throttle.flush()
+        if node.waits and time.monotonic() - reported > _REPORT_EVERY_S:
+            reported = time.monotonic()
+            node.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
     node.destroy_node()
     if node.problem:
         raise CrawlerError(node.problem)

@@ -8,7 +8,6 @@ import hashlib
 import os
 import resource
 import shutil
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +18,7 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
 
+from .announce import Announcer
 from .errors import CrawlerError
 
 _DAY = 86_400.0
@@ -166,7 +166,7 @@ def _folder_hash(folder: Path) -> str:
 def _kernel_folder(module: str) -> Path | None:
     """Create the folder for a module's kernels in the user's cache; None if it is not writable."""
     try:
-        folder = _folder_of_sources() / module
+        folder = folder_of_kernels() / module
         folder.mkdir(exist_ok=True)
     except (OSError, RuntimeError):  # RuntimeError: no home directory
         return None
@@ -174,7 +174,7 @@ def _kernel_folder(module: str) -> Path | None:
 
 
 @functools.cache
-def _folder_of_sources() -> Path:
+def folder_of_kernels() -> Path:
     """Create the folder for all kernels of these sources, and delete those of old ones."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     kernels = Path(base) / "crawler" / "kernels"
@@ -210,22 +210,5 @@ def _check_address_space() -> None:
         )
 
 
-class _Announcer(event.Listener):
-    """Print one line per process on standard error when kernels of this package are compiled (not when loaded)."""
-
-    def __init__(self) -> None:
-        self.announced = False
-
-    def on_start(self, event: Any) -> None:
-        function = getattr(event.data.get("dispatcher"), "py_func", None)
-        if not self.announced and getattr(function, "__module__", "").startswith(f"{__package__}."):
-            self.announced = True
-            _check_address_space()
-            text = "crawler: compiling the kernels, once on this machine (up to a minute) ..."
-            print(text, file=sys.stderr, flush=True)
-
-    def on_end(self, event: Any) -> None:
-        pass
-
-
-event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]
+announcer = Announcer(_check_address_space)
+event.register("numba:compile", announcer)  # type: ignore[no-untyped-call]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,22 +10,59 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from crawler_model.body.plan import Plan
+
 ROUNDING = 1e-12
 """Numbers below this fraction of the size of what they were computed from are rounding."""
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
-def write_length(value: Any, size: float) -> str:
+def write_length(value: Any, size: float, error: float = 0.0) -> str:
     """Write a length, or a vector in the plane; numbers that are rounding relative to `size` are 0.
 
     Args:
         value: a number or two [m].
         size: size of the numbers from which it was computed [m].
+        error: its error, whose first digit is the last one that is written [m]; 0 for all twelve digits.
 
     Returns:
         The text.
     """
-    return ", ".join(f"{0.0 if abs(v) <= 1e-13 * size else v:.12g}" for v in np.atleast_1d(value))
+    decimals = max(-math.floor(math.log10(error)), 0) if error > 0.0 else 17
+    shown = [0.0 if abs(v) <= 1e-13 * size else round(float(v), decimals) for v in np.atleast_1d(value)]
+    return ", ".join(f"{v + 0.0:.12g}" for v in shown)
+
+
+def error_of(scene: Plan) -> float:
+    """Find the error that the lengths of a run may have.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The tolerance of a ramp in the plane [m]; 0 on a line, where only rounding is left.
+    """
+    from crawler_model.body.turning import TURNING_TOLERANCE
+    from crawler_model.motion.plane.motion import DEFAULT_TOLERANCE
+
+    if scene.body.dimension == 1:
+        return 0.0
+    default = DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE
+    lengths = scene.drive.actuation.reshape(scene.drive.times.size, -1)[:, : scene.body.lengths]
+    return (scene.tolerance or default) * float(np.ptp(lengths, axis=0).max(initial=0.0))
+
+
+def write_energy(value: float, size: float) -> str:
+    """Write an energy; numbers that are rounding relative to `size` are 0.
+
+    Args:
+        value: the energy [J].
+        size: size of the energies from which it was computed [J].
+
+    Returns:
+        The text.
+    """
+    return f"{0.0 if abs(value) <= ROUNDING * size else value:.6g}"
 
 
 def choose_prefix(size: float, unit: str) -> tuple[float, str]:

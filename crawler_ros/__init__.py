@@ -1,3 +1,3 @@
 """The crawler in ROS 2: a simulator node, a gait player, recordings and pictures of them."""
 
-__version__ = "0.2.0"
+from crawler_model import __version__ as __version__

@@ -91,7 +91,11 @@ _COMMAND = """# The crawler command
 
 Exit status 0 means success; 1 an error, with one line on standard error that names the problem, its place and what
 would be right; 2 a wrong command line; 130 an interrupt. Long work shows its progress on a terminal, but not in a pipe.
-`crawler VERB --help` prints the content of this page.
+`crawler VERB --help` prints the content of this page, `crawler --version` the version, and `crawler
+--install-completion` makes your shell complete verbs and options.
+
+An existing file is replaced only with `--force`. `--rate` is a frequency, `--duration` simulated time and `--seconds`
+time on the clock, in every verb.
 
 """
 _PYTHON = """# Python

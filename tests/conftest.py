@@ -46,79 +46,26 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Groups(config, log)
 
 
-PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
-LONG = {"contacts": list(range(300)), "links": {"stiffness": 1.0}}
-
-
-def compile_scenes(*scenes: tuple[str, dict[str, Any]]) -> None:
-    """Compile the kernels of scenes of the gallery, each with changes to its document."""
-    from crawler_model import Scene, load_scene, simulate
-
-    for name, more in scenes:
-        simulate(Scene.model_validate(load_scene(name).document() | more), duration=0.05)
-
-
-def compile_line() -> None:
-    """Compile the kernels of bodies on a line, and those of environments, if their extra is installed."""
-    compile_scenes(("three_contacts_two_ways", {}))
-    with contextlib.suppress(ModuleNotFoundError):
-        import gymnasium
-
-        environment = gymnasium.make("crawler_gym:Crawler-v0", scene="three_contacts_one_way")
-        environment.reset(seed=0)
-        environment.step(environment.action_space.sample())
-
-
-def compile_patches() -> None:
-    compile_scenes(("three_contacts_two_ways", {"ground": PATCHES}))
-
-
-def compile_long_chains() -> None:
-    from crawler_model import Crawler, Scene
-
-    Crawler(Scene.model_validate({"name": "long", "body": LONG, "friction": {"isotropic": 0.1}})).advance([1.0] * 299)
-
-
-def compile_plane() -> None:
-    compile_scenes(("planar_three_points", {}))
-
-
-def compile_turning() -> None:
-    compile_scenes(("scissors", {}))
-
-
-def compile_derivatives() -> None:
-    from crawler_model import load_scene, sensitivities
-
-    for name in ("two_contacts_anisotropic", "three_springs"):
-        sensitivities(load_scene(name), ["friction.forward[0]"], 0.2, 10.0)
-
-
-def compile_batches() -> None:
-    from crawler_model import load_scene, simulate_many
-
-    for name in ("two_contacts_anisotropic", "three_springs", "planar_three_points"):
-        simulate_many([load_scene(name)] * 2, 0.05)
-
-
 KERNELS = (
-    (compile_line, compile_plane),
-    (compile_patches, compile_long_chains, compile_turning),
-    (compile_derivatives, compile_batches),
+    ("line", "plane"),
+    ("environments", "patches", "long", "turning"),
+    ("derivatives", "batches"),
 )
-"""What compiles a set of kernels; those of the last row build on the first."""
+"""Kinds of kernels of `crawler warm`; those of the last row build on the first."""
 
 
 @pytest.fixture(scope="session", autouse=True)
 def kernels() -> None:
-    """Compile the kernels before the tests of parallel workers: each set by one of them."""
+    """Compile the kernels before the tests of parallel workers: each kind by one of them."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return
-    for sets in KERNELS:
+    from crawler_command.many.warm import BUILDS, Kind
+
+    for kinds in KERNELS:
         for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):  # first what no other worker compiles
-            for build in sets:
-                file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{build.__name__}"
+            for kind in kinds:
+                file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{kind}"
                 with contextlib.suppress(BlockingIOError), file.open("w") as lock:
                     fcntl.flock(lock, how)
-                    build()
+                    BUILDS[Kind(kind)]()

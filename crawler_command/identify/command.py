@@ -11,7 +11,17 @@ import typer
 
 from crawler_model import CrawlerError
 
-from ..screen import check_output, parse_bounds, progress_bar, screen, whole_file, write_scene
+from ..screen import (
+    READERS,
+    ForceOption,
+    check_output,
+    parse_bounds,
+    progress_bar,
+    require,
+    screen,
+    whole_file,
+    write_scene,
+)
 from .sensor import parse_sensor
 
 if TYPE_CHECKING:
@@ -84,7 +94,7 @@ def identify_command(
     ] = None,
     png: Annotated[Path | None, typer.Option(help="Draw measurements, model and residuals to this file.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write everything to this page, which needs no other file.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    force: ForceOption = False,
 ) -> None:
     """Find the numbers of a scene from measured motion, and what the motion tells about each of them.
 
@@ -96,7 +106,7 @@ def identify_command(
     """
     from crawler_model import identify, load_scene
 
-    _check_outputs(out, png, html, overwrite)
+    _check_files(recordings, out, png, html, force)
     if offset not in (None, "none", "frame", "each"):
         raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
     chosen: Literal["none", "frame", "each"] | None = offset  # type: ignore[assignment]
@@ -116,10 +126,16 @@ def identify_command(
         raise CrawlerError(f"the model does not fit: {found.where}")
 
 
-def _check_outputs(out: Path | None, png: Path | None, html: Path | None, overwrite: bool) -> None:
-    """Refuse files that cannot be written before anything is computed."""
+def _check_files(
+    recordings: Sequence[Path], out: Path | None, png: Path | None, html: Path | None, force: bool
+) -> None:
+    """Refuse files that cannot be read or written before anything is computed."""
+    for path in recordings:
+        require(*(("pyarrow",) if _is_table(path) else READERS))
     for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
-        check_output(option, file, suffix, overwrite)
+        check_output(option, file, suffix, force)
+    if html is not None:
+        require("matplotlib")
 
 
 def _print(found: Identification, written: list[str], as_json: bool) -> None:
@@ -131,7 +147,7 @@ def _print(found: Identification, written: list[str], as_json: bool) -> None:
 
     print_identification(found, screen)
     for line in written:
-        screen.print(line)
+        screen.print(line, markup=False)
 
 
 def split_keys(texts: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ..screen import SceneArgument, check_output, parse_bounds, progress_bar, screen, write_scene
+from ..screen import ForceOption, SceneArgument, check_output, parse_bounds, progress_bar, screen, write_scene
 from .command import split_keys
 
 
@@ -36,7 +36,7 @@ def excite_command(
     seed: Annotated[int, typer.Option(help="Seed of the random candidates.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     out: Annotated[Path | None, typer.Option(help="Write the scene with the drive to this .yaml file.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    force: ForceOption = False,
 ) -> None:
     """Find a short drive from which `crawler identify` can find numbers of a scene, and the intervals to expect.
 
@@ -48,7 +48,7 @@ def excite_command(
 
     from .report import list_parameters, print_listing
 
-    check_output("--out", out, ".yaml", overwrite)
+    check_output("--out", out, ".yaml", force)
     strokes = parse_bounds("--stroke", stroke or ())
     with progress_bar("searching a drive") as progress:
         found = excite(
@@ -74,6 +74,6 @@ def excite_command(
         )
         print_listing(list_parameters(found.parameters, title), screen)
         if out is not None:
-            screen.print(f"scene: {out}")
+            screen.print(f"scene: {out}", markup=False)
     if found.interrupted:
         raise typer.Exit(130)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from ..screen import SceneArgument, check_output, screen, whole_file
+from ..screen import ForceOption, SceneArgument, check_output, screen, whole_file
 
 if TYPE_CHECKING:
     from crawler_model import Forecast
@@ -30,7 +30,7 @@ def predict_command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     png: Annotated[Path | None, typer.Option(help="Draw the positions with their bands to this file.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", "--force", help="Replace an existing picture.")] = False,
+    force: ForceOption = False,
 ) -> None:
     """Predict gain, energy and positions of an identified body under another drive, each with a 95 % band.
 
@@ -42,7 +42,7 @@ def predict_command(
     """
     from crawler_model import load_scene, predict
 
-    check_output("--png", png, ".png", overwrite)
+    check_output("--png", png, ".png", force)
     found = predict(load_scene(scene), fit, drive, periods, rate)
     if png is not None:
         from crawler_pictures.forecast import draw_forecast

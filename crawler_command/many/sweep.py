@@ -103,7 +103,7 @@ def plan_sweep(
     settings: Settings,
     out: Path,
     png: Path | None,
-    overwrite: bool,
+    force: bool,
     column: str | None = None,
 ) -> Sweep:
     """Check all that can be checked before anything runs.
@@ -114,7 +114,7 @@ def plan_sweep(
         settings: settings of each run.
         out: the table to write.
         png: the picture to write; None for one beside the table if the axes allow one.
-        overwrite: whether these files may exist.
+        force: whether these files may exist.
         column: the result that the picture shows; None for the net translation.
 
     Returns:
@@ -141,7 +141,7 @@ def plan_sweep(
     elif png is not None and not 1 <= sum(n > 1 for n in variations.shape) <= 2:
         raise CrawlerError(f"--png: a picture needs one or two keys that vary; this sweep has {len(values)}")
     for option, file, suffix in (("--out", out, ".parquet"), ("--png", png, ".png")):
-        check_output(option, file, suffix, overwrite)
+        check_output(option, file, suffix, force)
     if column is not None and png is None:
         raise CrawlerError(f"--plot: a picture needs one or two keys that vary; this sweep has {len(values)}")
     return Sweep(variations, settings, specs, out, png, column)

@@ -99,7 +99,7 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
     if not scene.ground.has_one_slope:
         raise CommandError(
             "steepest_climb: patches of the ground have slopes of their own, so that the track has no one slope to "
-            "vary; largest_tow shows against which force the drive carries the body over them"
+            "vary; the largest tow shows against which force the drive carries the body over them"
         )
     if not search.holds(search.on_slope(0.0)):
         raise CommandError("steepest_climb: the loads of the scene have no equilibrium on level ground")

@@ -51,7 +51,8 @@ class SpeedControl(Node):
         self.create_subscription(PoseStamped, "pose", self.on_pose, 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.refuse_unknown_parameters()
-        self.rivals = ""
+        self.rivals = self.problem = ""
+        self.repeated = 0
         self.create_timer(
             0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )  # does not depend on /clock
@@ -66,6 +67,10 @@ class SpeedControl(Node):
     def on_pose(self, message: PoseStamped) -> None:
         """Read the net translation and the simulated time."""
         now = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        self.repeated += now <= self.now  # once: the simulator was reset
+        if self.repeated > 1 and self.count_publishers("pose") > 1:
+            self.problem = "two simulators publish pose here: end one, or start it with another ROS_DOMAIN_ID"
+            return
         if now < self.now:  # the simulator was reset: start again
             self.end, self.control = -1, self.choose_amplitudes()
         self.now, self.y = now, message.pose.position.x
@@ -155,8 +160,10 @@ def main(args: list[str] | None = None) -> None:
         node = SpeedControl()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not (signals or node.done.done()):
+        while not (signals or node.done.done() or node.problem):
             executor.spin_once(timeout_sec=0.1)
+        if node.problem:
+            sys.exit(f"speed_control: {node.problem}")
     except InvalidParameterTypeException as error:
         sys.exit(f"speed_control: {error}")
     finally:

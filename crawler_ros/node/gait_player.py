@@ -25,7 +25,7 @@ from ..wire.messages import TrajectoryMessage, encode_diagnostics, read_stamp
 from ..wire.states import joint_state_names
 from ..wire.topics import message_class, open_publisher, qos_profile, read_topics
 from .diagnostics import OK, WARN, Status
-from .intake.peers import publishers_of, rivals_on_commands, rivals_on_states
+from .intake.peers import SecondSimulator, publishers_of, rivals_on_commands, rivals_on_states
 from .life.quiet_node import QuietNode
 from .life.run import run_node
 from .life.stop import StopFlag, end_on_signals
@@ -98,6 +98,7 @@ class GaitPlayer(QuietNode):
         self._refused: int | None = None  # commands refused according to the simulator's last diagnostics
         self._diagnostics = open_publisher(self, read_topics()["/diagnostics"])
         self._rivals = ""
+        self._second = SecondSimulator(self, states.name)
         self.drive_name = scene.name
         self._joints = joint_state_names(scene.body)
         self._met = False
@@ -113,6 +114,10 @@ class GaitPlayer(QuietNode):
         if not self._met and not self._has_our_body(data):
             return
         now_ns = read_stamp(data)
+        if second := self._second.find(now_ns):
+            self.fail(second)
+        if self.problem:
+            return
         if now_ns < self.now_ns:  # the simulator was reset: start again
             self._start_ns, self._sent, self._reported = None, 0, 0
         self.now_ns = now_ns

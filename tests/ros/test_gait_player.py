@@ -103,3 +103,27 @@ def test_a_dead_simulator_ends_it(ros, number):
     wait_until(lambda: "playing from" in playing.said, 200.0, "playing")
     simulator.end(number)
     assert "the simulator disappeared at simulated time" in last_words(playing)
+
+
+@pytest.mark.parametrize(
+    ("module", "parameters"),
+    [
+        ("crawler_ros.node.gait_player", ("scene:=two_anchor_a", "patience:=0.0")),
+        ("crawler_ros.examples.phase_control", ()),
+        ("crawler_ros.examples.speed_control", ()),
+        ("crawler_gym.policy_node", ("scene:=two_anchor_a", "policy:=numpy:zeros_like")),
+    ],
+    ids=["player", "phase", "speed", "policy"],
+)
+def test_a_second_simulator_ends_a_controller(ros, module, parameters):
+    """Their states would mix: distances jump, and each state seems to be a reset."""
+    for _ in range(2):
+        ros.start("crawler_ros.node.simulator", "scene:=two_anchor_a", "rate:=50.0")
+    controller = ros.start(module, *parameters)
+    assert controller.process.wait(200) == 1, controller.said
+    assert "Traceback" not in controller.said
+    name = module.rpartition(".")[2].removesuffix("_node")
+    (line,) = [text for text in controller.said.splitlines() if text.startswith(f"{name}: ")]
+    assert "simulators publish" in line
+    assert "ROS_DOMAIN_ID" in line
+    assert len(controller.said.splitlines()) < 20

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
 
-from crawler_command.app import main
+import crawler_model
+from crawler_command.app import app, main
 from crawler_model import gallery, load_scene
 
 from ..commands import crawler
@@ -82,6 +85,53 @@ def test_check_every_scene_of_the_gallery(name, tmp_path):
     assert (tmp_path / "d.png").stat().st_size > 5_000
 
 
+def test_check_prints_json_for_programs():
+    found = json.loads(good("check", "three_contacts_one_way", "--json"))
+    assert (found["schema"], found["scene"], found["dimension"]) == (1, "three_contacts_one_way", 1)
+    assert [contact["slides"] for contact in found["contacts"]] == [True, True, True]
+    assert found["directions"] == ["forward"]
+    text = good("check", "three_contacts_one_way")
+    assert all(line in text for line in found["findings"])
+    assert f"uniqueness margin: {found['uniqueness_margin']:.4g} " in text
+    planar = json.loads(good("check", "planar_three_points", "--json"))
+    assert planar["directions"] is None
+    assert len(planar["contacts"][0]["position"]) == len(planar["per_period"][0]) == 2
+
+
+def test_the_version_is_printed():
+    assert good("--version") == f"crawler {crawler_model.__version__}\n"
+
+
+def test_words_in_brackets_stay_in_the_help():
+    text = re.sub(r"[\s│]+", " ", good("animate", "--help"))
+    assert "pip install 'crawler-ros[animate]'" in text
+
+
+def test_an_existing_file_is_replaced_only_with_force(tmp_path):
+    """One rule for all verbs; those of recordings have the same option."""
+    for words in (("check", "two_anchor_a", "--png", "x.png"), ("simulate", "two_anchor_a", "--png", "x.png")):
+        (tmp_path / "x.png").write_text("mine")
+        assert "--png: x.png exists already; choose another name, or use --force" in bad(*words, cwd=tmp_path)
+        assert (tmp_path / "x.png").read_text() == "mine"
+        good(*words, "--force", cwd=tmp_path)
+        assert (tmp_path / "x.png").stat().st_size > 5_000
+
+
+def test_an_option_means_the_same_for_every_verb():
+    """`--rate` is a frequency, `--seconds` time on the wall, `--duration` simulated time; no letter has two meanings."""
+    meanings = {"--rate": "Hz", "--seconds": "ime", "--duration": "s", "--force": "Replace existing files."}
+    letters: dict[str, str] = {}
+    for verb, command in typer.main.get_command(app).commands.items():
+        for option in command.params:
+            for name in option.opts:
+                if name in meanings:
+                    assert meanings[name] in option.help, (verb, name)
+                if name == "--seconds":
+                    assert "imulated" not in option.help, verb
+                if len(name) == 2 and name.startswith("-"):
+                    assert letters.setdefault(name, option.opts[-1]) == option.opts[-1]
+
+
 @pytest.mark.parametrize("name", TURNING)
 def test_check_every_scene_of_a_body_that_turns(name, tmp_path):
     text = good("check", name, "--png", str(tmp_path / "d.png"))
@@ -113,6 +163,36 @@ def test_check_says_what_a_body_is_and_where_it_can_go():
     text = good("check", "planar_three_points")
     assert "in the plane" in text
     assert "net translation in the last period: 0.046" in text
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "slope_climber", "hill_top", "planar_three_points"])
+def test_the_printed_energies_add_up(name):
+    (line,) = [line for line in good("simulate", name).splitlines() if line.startswith("work ")]
+    put_in, went = ([float(n) for n in re.findall(r"(-?[0-9.e-]+) J", side)] for side in line.split(" = "))
+    assert sum(put_in) == pytest.approx(sum(went), rel=1e-5, abs=1e-6)
+    assert ("work of the loads" in line) == (name in ("slope_climber", "hill_top"))
+    assert ("lost in jumps" in line) == (name == "hill_top")
+    assert "e-1" not in line.split(", residual")[0]  # what is only rounding is 0
+
+
+def test_in_the_plane_only_digits_within_the_tolerance_are_printed(tmp_path):
+    document = load_scene("planar_three_points").document()
+    for tolerance, digits in ((1e-2, 4), (1e-4, 6)):
+        scene = tmp_path / "plane.yaml"
+        scene.write_text(json.dumps(document | {"tolerance": tolerance}))
+        text = re.search(r"net translation in the last period: ([0-9.]+), ", good("check", str(scene)))
+        assert 0 < len(text[1].removeprefix("0.")) <= digits
+
+
+def test_check_asks_about_millimetres_and_milliseconds(tmp_path):
+    document = load_scene("two_anchor_a").document()
+    document["body"]["contacts"] = [0.0, 100.0]
+    document["drive"]["period"] = 1000.0
+    (tmp_path / "mm.yaml").write_text(json.dumps(document))
+    text = good("check", "mm.yaml", cwd=tmp_path)
+    assert "millimetres for metres? the body is 100 m long" in text
+    assert "milliseconds for seconds? the drive's period is 1000 s" in text
+    assert "?" not in good("check", "two_anchor_a")
 
 
 UNITS = {
@@ -180,7 +260,7 @@ LIMITS = [
         CLIMB + "16.699244 degrees uphill, where it still gains 0.0521087 m, no steeper one of 33 slopes tried does",
     ),
     ("slope_climber", {}, TOW + "0.2435883 N backward, where it still gains 0.0507596 m, none beyond"),
-    ("slope_climber", {"loads": 0.3}, "steepest_climb: the loads of the scene have no equilibrium on level ground"),
+    ("slope_climber", {"loads": 0.3}, "not searched for: the loads of the scene have no equilibrium on level ground"),
     ("slope_climber", {"drive": None}, "no drive: the crawler waits for commands"),
     ("two_contacts_anisotropic", {}, TOW + "0.3 N backward, where it still gains 0.065 m, none beyond"),
     ("two_contacts_anisotropic", {"friction": {"forward": 0.5, "backward": 0.2}}, TOW + "0.3 N forward, where"),
@@ -190,7 +270,7 @@ LIMITS = [
     ("ice", {}, TOW + "none, as the drive does not carry the body without it"),
     ("hill_top", {}, TOW + "0.2435883 N backward, where"),
     ("hill_top", {}, "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of"),
-    ("hill_top", {}, "steepest_climb: patches of the ground have slopes of their own"),
+    ("hill_top", {}, "not searched for: patches of the ground have slopes of their own"),
     ("ice", {"ground": {"patches": [FRONT]}}, "at rest, on any contact: 0.3 N forward, 0.75 N backward"),
     (
         "slope_climber",

@@ -78,7 +78,7 @@ def test_a_table_is_fitted_and_the_scene_written(robot, tmp_path, capsys):
     assert np.abs(played.displacement - measured).max() < 3e-3  # noise of 0.2 mm, twice, and friction found to 2 %
     status, _, error = run(capsys, "identify", csv, *options)
     assert status == 1
-    assert f"--out: {out} exists already; choose another name, or use --overwrite" in error
+    assert f"--out: {out} exists already; choose another name, or use --force" in error
     assert png.read_bytes().startswith(b"\x89PNG")
     page = html.read_text(encoding="utf-8")
     assert "friction.forward[2]</td><td>identified" in page

@@ -125,3 +125,20 @@ def test_a_key_is_named_once():
     assert parse_bounds("--free", ["a.b=0:1", "c=-1:2e3"]) == {"a.b": (0.0, 1.0), "c": (-1.0, 2000.0)}
     with pytest.raises(CrawlerError, match="is repeated"):
         parse_bounds("--free", ["a=0:1", "a=0:2"])
+
+
+def test_a_gait_that_reverses_often_has_its_gain_per_reversal_beside_it(scene, capsys):
+    short = ("optimise", "mine.yaml", "--for", "translation", "--stroke", "0:0.1")
+    _, out, _ = run(capsys, *short, "--waypoints", "6")
+    assert "0.06 m per reversal" in out or "0.03 m per reversal" in out
+    assert "a link reverses up to 6 times a second; --fastest limits the speed" in out
+    assert "the search ended because several rounds in a row found nothing better" in out
+    _, out, err = run(capsys, *short, "--waypoints", "2", "--period", "2")
+    assert "gain 0.03 m/s" in out
+    assert "a link reverses up to 1 times a second\n" in out
+    assert err == ""
+
+
+def test_strokes_in_millimetres_are_asked_about(scene, capsys):
+    _, _, err = run(capsys, "optimise", "mine.yaml", "--for", "translation", "--stroke", "0:60", "--waypoints", "2")
+    assert "--stroke 0:60 is in metres, but the body is 0.1 m long: millimetres?" in err

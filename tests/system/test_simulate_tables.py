@@ -100,7 +100,7 @@ def test_the_parquet_file_is_written_in_row_groups(status, monkeypatch):
 def test_an_existing_table_is_replaced_only_on_request(status, tmp_path, capsys):
     (tmp_path / "a.csv").write_text("measured")
     assert status("simulate", "two_anchor_a", "--csv", "a.csv") == 1
-    assert "--csv: a.csv exists already; choose another name, or use --overwrite" in capsys.readouterr().err
+    assert "--csv: a.csv exists already; choose another name, or use --force" in capsys.readouterr().err
     assert (tmp_path / "a.csv").read_text() == "measured"
     assert status("simulate", "two_anchor_a", "--csv", "a.csv", "--overwrite") == 0
     assert (tmp_path / "a.csv").read_text().startswith("time,")
@@ -140,7 +140,7 @@ def test_without_pyarrow_nothing_runs(status, monkeypatch, capsys):
     assert status("simulate", "two_anchor_a", "--csv", "a.csv") == 1
     out, err = capsys.readouterr()
     assert out == ""
-    assert err == "crawler: --csv: pyarrow is not installed; pip install 'crawler-ros[tables]'\n"
+    assert err == "crawler: pyarrow is not installed; install with: pip install 'crawler-ros[tables]'\n"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from ..pages import ROOT
+
 BIN = Path(sys.executable).parent
 NODES = ["simulator", "gait_player", "speed_control", "phase_control", "path_control", "policy"]
 HOOK = """
@@ -33,7 +35,9 @@ def start(folder: Path, name: str, *words: str, **more: str) -> subprocess.Popen
     executable = "crawler" if name == "crawler" else f"crawler-{name.replace('_', '-')}"
     return subprocess.Popen(
         [str(BIN / executable), *words],
-        env=os.environ | {"PYTHONPATH": str(folder), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"} | more,
+        env=os.environ
+        | {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        | more,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -97,6 +97,45 @@ def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]], own: int
     return f"another node publishes {', '.join(crowded)} here: two crawlers need two namespaces"
 
 
+class SecondSimulator:
+    """Notices that the states of a second simulator mix with those of the first one.
+
+    The graph alone does not show it: a simulator that was killed and started again is listed twice for a while.
+    """
+
+    def __init__(self, node: Any, topic: str) -> None:
+        """Begin before the first state.
+
+        Args:
+            node: an rclpy node.
+            topic: a topic of states, relative to the node.
+        """
+        self._node, self._topic = node, topic
+        self._before_ns = -1
+        self._repeated = 0
+
+    def find(self, now_ns: int) -> str:
+        """Note a state.
+
+        Args:
+            now_ns: its stamp [ns].
+
+        Returns:
+            A line about the second simulator; empty as long as there is none.
+        """
+        self._repeated += now_ns <= self._before_ns  # once: the simulator was reset
+        self._before_ns = now_ns
+        if self._repeated < 2:
+            return ""
+        found = publishers_of(self._node, self._topic)
+        if len(found) < 2:
+            return ""
+        return (
+            f"{len(found)} simulators publish {self._topic} here ({', '.join(sorted(node for _, node in found))}): end "
+            "all but one, or start each with a namespace or a ROS_DOMAIN_ID of its own"
+        )
+
+
 def rivals_on_commands(topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
     """Describe publishers whose commands replace each other.
 

@@ -1,0 +1,128 @@
+"""The verb `compare`: recordings and scenes beside each other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crawler_model import CrawlerError
+
+from ..replay import JsonOption, NamespaceOption, SceneOption
+from ..screen import READERS, ForceOption, check_output, is_recording, progress_bar, require, screen
+
+if TYPE_CHECKING:
+    from crawler_model import Scene
+    from crawler_ros.replay.show.walks import Walk
+
+
+def compare(
+    runs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCENE|BAG...",
+            help="Two scenes or recordings or more, each compared with the first; or one folder of bags, in the order "
+            "of their names. Where several are named, a folder of bags stands for its newest.",
+        ),
+    ],
+    scene: SceneOption = None,
+    as_json: JsonOption = False,
+    png: Annotated[Path | None, typer.Option(help="Draw the runs to this file.")] = None,
+    namespace: NamespaceOption = None,
+    by_phase: Annotated[
+        bool,
+        typer.Option("--by-phase", help="Compare recordings by the cycles of their drives, too, not by time."),
+    ] = False,
+    force: ForceOption = False,
+) -> None:
+    """Compare scenes and recordings: translation and energy of cycles; of recordings also commands and slips over time.
+
+    crawler compare slow.yaml fast.yaml bags --png three.png
+
+    Scenes are simulated for ten periods. As soon as one is among the runs, all are aligned by the cycles of their
+    drives, however long these last, and begin with the first command. Two recordings or more are compared on simulated
+    time.
+    """
+    check_output("--png", png, ".png", force)
+    scenes = [run for run in runs if not is_recording(run)]
+    if len(scenes) < len(runs):
+        require(*READERS)
+    if by_phase or scenes:
+        if len(runs) < 2:
+            raise CrawlerError(f"{runs[0]}: 1 run; a comparison needs two, or a folder of at least two bags")
+        _compare_walks(_walk_all(runs, scene, namespace), as_json, png)
+    else:
+        _compare_recordings([Path(run) for run in runs], scene, namespace, as_json, png)
+
+
+def _walk_all(runs: Sequence[str], scene: str | None, namespace: str | None) -> list[Walk]:
+    """Simulate the scenes and read the recordings."""
+    from crawler_model import load_scene, prepare
+    from crawler_ros.replay.show.walks import name_walks, walk_of_recording, walk_of_scene
+
+    loaded = None if scene is None else load_scene(scene)
+    names = name_walks(runs)
+    scenes: dict[str, Scene] = {run: load_scene(run) for run in runs if not is_recording(run)}
+    for one in scenes.values():
+        prepare(one)
+    walks = []
+    with progress_bar("comparing") as progress:
+        for k, (run, name) in enumerate(zip(runs, names, strict=True)):
+            progress(k / len(runs), name)
+            if run in scenes:
+                walks.append(walk_of_scene(name, scenes[run]))
+            else:
+                from crawler_ros.recording.bag import newest
+                from crawler_ros.replay import analyse
+
+                walks.append(walk_of_recording(name, analyse(newest(Path(run)), loaded, namespace)))
+    return walks
+
+
+def _compare_walks(walks: Sequence[Walk], as_json: bool, png: Path | None) -> None:
+    from crawler_ros.replay.show.walks import draw_walks, print_walks
+
+    if png is not None:
+        draw_walks(walks, png)
+    if as_json:
+        print(json.dumps({"schema": 1, "runs": [walk.as_plain() for walk in walks]}, allow_nan=False))
+        return
+    print_walks(walks, screen)
+    if png is not None:
+        screen.print(f"drawn: {png}", markup=False)
+
+
+def _compare_recordings(
+    recordings: Sequence[Path], scene: str | None, namespace: str | None, as_json: bool, png: Path | None
+) -> None:
+    from crawler_model import load_scene
+    from crawler_ros.recording.bag import newest
+    from crawler_ros.recording.bag_folder import list_bags
+    from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
+
+    loaded = None if scene is None else load_scene(scene)
+    paths = list_bags(recordings[0]) if len(recordings) == 1 else [newest(path) for path in recordings]
+    if len(paths) < 2:
+        raise CrawlerError(f"{recordings[0]}: 1 recording; a comparison needs two, or a folder of at least two bags")
+    with progress_bar("comparing") as progress:
+        found = compare_all(paths, loaded, namespace, progress)
+    if png is not None:
+        from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
+
+        if len(found) == 1:
+            draw_comparison(found[0], png)
+        else:
+            draw_all(found, png)
+    if as_json:
+        plain: list[Any] = [compared.as_plain() for compared in found]
+        print(json.dumps(plain[0] if len(plain) == 1 else {"schema": 1, "comparisons": plain}, allow_nan=False))
+        return
+    if len(found) == 1:
+        print_comparison(found[0], screen)
+    else:
+        print_all(found, screen)
+    if png is not None:
+        screen.print(f"drawn: {png}", markup=False)

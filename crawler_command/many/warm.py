@@ -1,0 +1,205 @@
+"""The verb `warm`: all kernels compiled at once, before the first use of each would wait for its own."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from enum import Enum
+from threading import Event, Thread
+from typing import Annotated, Any
+
+import typer
+
+from crawler_model import CrawlerError
+
+from ..screen import ShowProgress, progress_bar
+from .cores import WorkerEndedError, run_on_cores
+
+_PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
+_LONG = {"contacts": list(range(300)), "links": {"stiffness": 1.0}}
+_LOOK_EVERY_S = 0.5
+
+
+def compile_scene(name: str, **more: Any) -> None:
+    """Compile the kernels of a scene of the gallery.
+
+    Args:
+        name: its name.
+        **more: changes to its document.
+    """
+    from crawler_model import Scene, load_scene, simulate
+
+    simulate(Scene.model_validate(load_scene(name).document() | more), duration=0.05)
+
+
+def compile_line() -> None:
+    """Compile the kernels of bodies on a line."""
+    compile_scene("three_contacts_two_ways")
+
+
+def compile_environments() -> None:
+    """Compile the kernels of environments, if their extra is installed."""
+    try:
+        import gymnasium
+    except ModuleNotFoundError:
+        return
+    environment = gymnasium.make("crawler_gym:Crawler-v0", scene="three_contacts_one_way")
+    environment.reset(seed=0)
+    environment.step(environment.action_space.sample())
+
+
+def compile_patches() -> None:
+    """Compile the kernels of bodies on patches of ground."""
+    compile_scene("three_contacts_two_ways", ground=_PATCHES)
+
+
+def compile_long() -> None:
+    """Compile the kernels of long chains."""
+    from crawler_model import Crawler, Scene
+
+    Crawler(Scene.model_validate({"name": "long", "body": _LONG, "friction": {"isotropic": 0.1}})).advance([1.0] * 299)
+
+
+def compile_plane() -> None:
+    """Compile the kernels of bodies in the plane."""
+    compile_scene("planar_three_points")
+
+
+def compile_turning() -> None:
+    """Compile the kernels of bodies that turn."""
+    compile_scene("scissors")
+
+
+def compile_derivatives() -> None:
+    """Compile the kernels of derivatives, which `optimise` and `identify` use."""
+    from crawler_model import load_scene, sensitivities
+
+    for name in ("two_contacts_anisotropic", "three_springs"):
+        sensitivities(load_scene(name), ["friction.forward[0]"], 0.2, 10.0)
+
+
+def compile_batches() -> None:
+    """Compile the kernels of many runs at once, which `sweep` and `optimise` use."""
+    from crawler_model import load_scene, simulate_many
+
+    for name in ("two_contacts_anisotropic", "three_springs", "planar_three_points"):
+        simulate_many([load_scene(name)] * 2, 0.05)
+
+
+class Kind(str, Enum):
+    """A kind of kernels."""
+
+    line = "line"
+    patches = "patches"
+    long = "long"
+    plane = "plane"
+    turning = "turning"
+    derivatives = "derivatives"
+    batches = "batches"
+    environments = "environments"
+
+
+BUILDS: dict[Kind, Callable[[], None]] = {
+    Kind.line: compile_line,
+    Kind.patches: compile_patches,
+    Kind.long: compile_long,
+    Kind.plane: compile_plane,
+    Kind.turning: compile_turning,
+    Kind.derivatives: compile_derivatives,
+    Kind.batches: compile_batches,
+    Kind.environments: compile_environments,
+}
+JOBS = (
+    (Kind.plane,),
+    (Kind.line, Kind.patches, Kind.long, Kind.environments),
+    (Kind.turning,),
+    (Kind.derivatives, Kind.batches),
+)
+"""What one process compiles, in this order, the longest first; what a kind shares with one before it is loaded."""
+SECONDS = {
+    Kind.line: 45,
+    Kind.patches: 33,
+    Kind.long: 6,
+    Kind.plane: 134,
+    Kind.turning: 38,
+    Kind.derivatives: 47,
+    Kind.batches: 12,
+    Kind.environments: 17,
+}
+"""Processor time that each kind takes, measured on one machine [s]; on another one the ratios are similar."""
+_OF_A_FUNCTION = (
+    ("crawler_model.motion.plane", 2.4),
+    ("crawler_model.motion.turning", 0.8),
+    ("crawler_model.derivative", 0.7),
+    ("crawler_gym", 0.8),
+    ("crawler_", 0.3),
+)
+"""Beginning of a module, and the processor time that a function of it takes [s]."""
+
+
+def warm(
+    kinds: Annotated[
+        list[Kind] | None, typer.Argument(help="What to compile: kinds of bodies and of uses; by default all.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Number of processes; by default one per core.", min=1)] = None,
+) -> None:
+    """Compile the kernels before they are needed, in as many processes as there are cores.
+
+    Otherwise the first use of each kind compiles its own. The kernels are kept in ~/.cache/crawler until the model's
+    code changes; what is there already is only loaded.
+    """
+    from crawler_model.compiled import folder_of_kernels
+    from crawler_model.sweep.workers import available_cores
+
+    jobs = [job for job in ([kind for kind in job if not kinds or kind in kinds] for job in JOBS) if job]
+    names = ", ".join(kind.value for job in jobs for kind in job)
+    expected = sum(SECONDS[kind] for job in jobs for kind in job)
+    processes = min(workers or available_cores(), len(jobs))
+    if not sys.stderr.isatty():
+        text = f"compiling {names}: up to {expected} s of processor time in {processes} process(es)"
+        print(f"crawler: {text} ...", file=sys.stderr)
+    began, done = time.monotonic(), Event()
+    before, seconds_before = measure_compiled()
+    with progress_bar(f"compiling {names}") as progress:
+        watch = Thread(
+            target=_watch, args=(progress, done, 0.0 if not kinds else seconds_before, expected), daemon=True
+        )
+        watch.start()
+        try:
+            for _ in run_on_cores(_compile, [(job,) for job in jobs], processes):
+                pass
+        except WorkerEndedError:
+            raise CrawlerError("a process ended while it compiled, perhaps without memory: use --workers 1") from None
+        finally:
+            done.set()
+            watch.join()
+    new, seconds = measure_compiled()[0] - before, time.monotonic() - began
+    print(f"ready: {names}; {new} functions compiled in {seconds:.0f} s, kept in {folder_of_kernels()}")
+
+
+def _compile(kinds: list[Kind]) -> None:
+    from crawler_model.compiled import announcer
+
+    announcer.show = lambda text: None  # the bar of the command counts the functions of all processes
+    for kind in kinds:
+        BUILDS[kind]()
+
+
+def measure_compiled() -> tuple[int, float]:
+    """Measure what the cache holds.
+
+    Returns:
+        The number of functions, and the processor time that compiling them takes [s].
+    """
+    from crawler_model.compiled import folder_of_kernels
+
+    modules = [file.parent.name for file in folder_of_kernels().rglob("*.nbc")]
+    times = [next((cost for start, cost in _OF_A_FUNCTION if module.startswith(start)), 0.0) for module in modules]
+    return len(modules), sum(times)
+
+
+def _watch(progress: ShowProgress, done: Event, before: float, expected: float) -> None:
+    """Show which part of the processor time is spent, until all is compiled."""
+    while not done.wait(_LOOK_EVERY_S):
+        progress(min((measure_compiled()[1] - before) / expected, 0.99))

@@ -1,0 +1,247 @@
+"""Scenes and recordings beside each other, aligned by the cycles of their drives: one table, one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from crawler_model import CrawlerError, Scene, simulate
+from crawler_model.body.drive import NS
+from crawler_pictures.colors import LINES
+from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_energy, write_length
+from crawler_pictures.run.kymograph import write_title
+
+from ..analysis import Replay, size_of
+
+_PERIODS, _SAMPLES = 10, 100
+_MOST_POINTS = 5000
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """A run by cycles of its commands. It begins with the first cycle; the rest before it is left out.
+
+    Attributes:
+        name: the name that people gave to it.
+        source: "scene" or "recording".
+        starts: when each cycle begins, shape (C,) [s].
+        ends: when it ends, shape (C,) [s].
+        gains: net translation gained in each cycle, shape (C, D) [m], D = 1 on a line; of a body that turns in its own
+            frame.
+        work: work of the actuators in each cycle, shape (C,); NaN where it is not known [J].
+        dissipation: energy lost to friction in each cycle, likewise [J].
+        phase: cycles since the first one, at all samples, shape (T,).
+        y: net translation since then along x, shape (T,) [m].
+        size: size of the numbers from which lengths were computed [m].
+        error: error of lengths in the plane [m]; 0 on a line.
+    """
+
+    name: str
+    source: str
+    starts: np.ndarray
+    ends: np.ndarray
+    gains: np.ndarray
+    work: np.ndarray
+    dissipation: np.ndarray
+    phase: np.ndarray
+    y: np.ndarray
+    size: float
+    error: float
+
+    @property
+    def cycle_s(self) -> float:
+        """Simulated time that the last cycle lasted [s]."""
+        return float(self.ends[-1] - self.starts[-1])
+
+    def as_plain(self) -> dict[str, Any]:
+        """Convert to the values that `crawler compare --json` prints.
+
+        Returns:
+            Plain numbers, lists and text; lengths in m, times in s, energies in J.
+        """
+        return {
+            "name": self.name,
+            "source": self.source,
+            "starts": self.starts.tolist(),
+            "ends": self.ends.tolist(),
+            "translation": (self.gains[:, 0] if self.gains.shape[1] == 1 else self.gains).tolist(),
+            "work": [None if np.isnan(v) else v for v in self.work.tolist()],
+            "dissipation": [None if np.isnan(v) else v for v in self.dissipation.tolist()],
+        }
+
+
+def walk_of_scene(name: str, scene: Scene) -> Walk:
+    """Simulate ten periods of a scene, or its drive once if it has no period.
+
+    Args:
+        name: the name that people gave to it.
+        scene: the scene.
+
+    Returns:
+        Its cycles.
+
+    Raises:
+        CrawlerError: when it has no drive.
+    """
+    drive = scene.drive
+    if drive.holds:
+        raise CrawlerError(f"{name}: the scene has no drive; a comparison needs cycles")
+    period, count = (float(drive.times[-1]), 1) if drive.period is None else (drive.period, _PERIODS)
+    run = simulate(scene, count * period, _SAMPLES / period)
+    every = np.arange(count + 1) * _SAMPLES
+    y = run.net_translation.reshape(run.time.size, -1)
+    gains = np.diff(y[every], axis=0) if scene.body.turning is None or drive.period is None else run.per_period[:, :2]
+    work, lost = (
+        part[1:].reshape(count, _SAMPLES).sum(axis=1) for part in (run.energies.work, run.energies.dissipation)
+    )
+    edges = period * np.arange(count + 1)
+    size = float(np.abs(run.displacement).max()) + float(np.abs(drive.actuation).max())
+    phase, y = run.time / period, y[:, 0] - y[0, 0]
+    return Walk(name, "scene", edges[:-1], edges[1:], gains, work, lost, phase, y, size, error_of(scene))
+
+
+def walk_of_recording(name: str, found: Replay) -> Walk:
+    """Read the cycles of an analysed recording.
+
+    Args:
+        name: the name that people gave to it.
+        found: the analysis.
+
+    Returns:
+        The cycles of its first run, between resets.
+
+    Raises:
+        CrawlerError: when its commands do not repeat.
+    """
+    cycles = [cycle for cycle in found.cycles if cycle.run == 0]
+    if not cycles:
+        raise CrawlerError(f"{name}: the commands of the recording do not repeat; a comparison needs cycles")
+    starts, ends = (np.array([getattr(cycle, which) for cycle in cycles]) for which in ("start", "end"))
+    time, y = found.table.end_ns / NS, found.table.net_translation[:, 0]
+    shown = (found.table.run == 0) & (time >= starts[0]) & (time <= ends[-1])
+    time, y = np.append(starts[0], time[shown]), np.append(np.interp(starts[0], time, y), y[shown])
+    work, lost = (
+        np.array([np.nan if cycle.energy is None else getattr(cycle.energy, part) for cycle in cycles])
+        for part in ("work", "dissipation")
+    )
+    return Walk(
+        name,
+        "recording",
+        starts,
+        ends,
+        np.array([np.atleast_1d(cycle.translation) for cycle in cycles]),
+        work,
+        lost,
+        phase=np.interp(time, np.append(starts, ends[-1]), np.arange(len(cycles) + 1)),
+        y=y - y[0],
+        size=size_of(found.table),
+        error=0.0 if found.scene is None else error_of(found.scene),
+    )
+
+
+def name_walks(sources: Sequence[str]) -> list[str]:
+    """Name runs by what people called them.
+
+    Args:
+        sources: paths and gallery names.
+
+    Returns:
+        The last part of each path, without the end of a file; whole paths where these are equal.
+    """
+    files = (".yaml", ".yml", ".mcap")
+    names = [path.stem if path.suffix in files else path.name or source for source in sources if (path := Path(source))]
+    return [name if names.count(name) == 1 else source for name, source in zip(names, sources, strict=True)]
+
+
+def tabulate_walks(walks: Sequence[Walk]) -> Table:
+    """Build the table: the last cycle of each run, and its difference from the first one.
+
+    Args:
+        walks: the runs, the first of which the others are compared with.
+
+    Returns:
+        A row for each run.
+    """
+    first = walks[0]
+    table = Table(title=f"the last cycle of each run; difference from {first.name}", title_justify="left")
+    table.add_column("run")
+    columns = ("cycles", "cycle [s]", "translation [m]", "difference [m]", "speed [m/s]", "work [J]", "dissipation [J]")
+    for column in columns:
+        table.add_column(escape(column), justify="right")
+    size = max(walk.size for walk in walks)
+    for walk in walks:
+        gain, cycle = walk.gains[-1], walk.cycle_s
+        alike = walk is not first and gain.size == first.gains.shape[1]
+        energies = [
+            "" if np.isnan(part[-1]) else write_energy(float(part[-1]), abs(float(walk.work[-1])))
+            for part in (walk.work, walk.dissipation)
+        ]
+        table.add_row(
+            escape(walk.name),
+            str(walk.starts.size),
+            f"{cycle:.6g}",
+            write_length(gain, size, walk.error),
+            write_length(gain - first.gains[-1], size) if alike else "",
+            ", ".join(f"{v:.6g}" for v in np.where(np.abs(gain) > ROUNDING * size, gain, 0.0) / cycle),
+            *energies,
+        )
+    return table
+
+
+def print_walks(walks: Sequence[Walk], screen: Console) -> None:
+    """Print the table, and what it leaves out.
+
+    Args:
+        walks: the runs.
+        screen: the console to print to.
+    """
+    screen.print(tabulate_walks(walks))
+    for walk in walks:
+        if walk.starts[0] > 0.0:
+            screen.print(f"{walk.name}: at rest until {walk.starts[0]:g} s, which is left out", markup=False)
+
+
+def draw_walks(walks: Sequence[Walk], png: Path) -> None:
+    """Draw the net translation of all runs over the cycles since their first one, and what each cycle gains.
+
+    Args:
+        walks: the runs.
+        png: the file to write.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import MaxNLocator
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), width_ratios=[3, 2], layout="constrained")
+    size = max(walk.size for walk in walks)
+    handles = []
+    for k, walk in enumerate(walks):
+        color = LINES[k % len(LINES)]
+        style: Literal["-", "--"] = "-" if k < len(LINES) else "--"
+        thin = slice(None, None, max(walk.y.size // _MOST_POINTS, 1))
+        left.plot(walk.phase[thin], walk.y[thin], color=color, linestyle=style, linewidth=1.6)
+        right.plot(
+            np.arange(walk.starts.size) + 1, walk.gains[:, 0], color=color, linestyle=style, marker="o", markersize=3
+        )
+        handles.append(Line2D([], [], color=color, linestyle=style, linewidth=1.6, label=walk.name))
+    for axis, what, title in (
+        (left, "net translation", "net translation since the first cycle"),
+        (right, "gained", "translation of each cycle"),
+    ):
+        label_values(axis, what, "m", size)
+        axis.set_xlabel("cycles of the drive")
+        write_title(axis, title)
+    left.legend(handles=handles, loc="upper left", frameon=False, fontsize=8)
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
+    figure.savefig(png, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,125 @@
+"""Waiting for compilers: what is announced, and what `crawler warm` compiles ahead."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from crawler_command.many.warm import BUILDS, JOBS, SECONDS, Kind, measure_compiled
+
+from ..commands import crawler
+
+TINY = """
+import sys
+from crawler_model.compiled import compiled
+
+@compiled
+def inner(x):
+    return x + 1
+
+@compiled
+def outer(x):
+    return inner(x) * inner(x)
+
+for function in (inner, outer):
+    function.py_func.__module__ = "crawler_model.motion.plane.tiny"
+outer(1.0)
+outer(1)
+"""
+"""Two small kernels that seem to belong to the plane, each compiled for two types."""
+
+
+def on_a_terminal(words: list[str], **more: str) -> str:
+    """Run a command whose standard error is a terminal; return what it shows."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=theirs, env=os.environ | more)
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            part = os.read(ours, 4096)
+        except OSError:  # its end, on Linux
+            break
+        if not part:
+            break
+        shown += part
+    os.close(ours)
+    assert process.wait(200) == 0
+    return shown.decode()
+
+
+@pytest.fixture
+def tiny(tmp_path) -> Path:
+    script = tmp_path / "tiny.py"
+    script.write_text(TINY)
+    return script
+
+
+def test_in_a_pipe_a_kind_is_announced_by_one_line(tiny, tmp_path):
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
+    done = subprocess.run([sys.executable, tiny], capture_output=True, text=True, env=environment, timeout=200)
+    assert done.returncode == 0, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line == (
+        "crawler: compiling the kernels of bodies in the plane, once on this machine: about 175 functions ..."
+    )
+
+
+def test_on_a_terminal_the_announcement_moves_and_is_removed(tiny, tmp_path):
+    shown = on_a_terminal([sys.executable, str(tiny)], XDG_CACHE_HOME=str(tmp_path), NUMBA_CACHE_DIR="", COLUMNS="80")
+    *lines, last = shown.split("\r\x1b[K")
+    assert "crawler: compiling bodies in the plane" in lines[1]
+    assert " of about 175, " in lines[1]
+    assert all(len(line) < 80 for line in lines)
+    assert last == ""
+
+
+def test_a_kernel_that_does_not_compile_is_not_announced_for_ever():
+    """The balance of begun and ended compilations holds after an error, too."""
+    code = (
+        "from crawler_model.compiled import announcer, compiled\n"
+        "from numba.core.errors import TypingError\n"
+        "broken = compiled(lambda x: x.no_such_attribute)\n"
+        "broken.py_func.__module__ = 'crawler_gym.x'\n"
+        "try:\n    broken(1.0)\nexcept TypingError:\n    pass\n"
+        "assert announcer._depth == 0 and not announcer._kind"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    assert "compiling the kernels of environments" in done.stderr
+
+
+def test_every_kind_is_compiled_by_one_job_and_has_a_time():
+    kinds = [kind for job in JOBS for kind in job]
+    assert sorted(kinds) == sorted(Kind) == sorted(BUILDS) == sorted(SECONDS)
+
+
+def test_warm_loads_what_is_there_and_says_where_it_is():
+    """The kernels of other tests are there."""
+    done = crawler("warm", "line")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("ready: line; 0 functions compiled in ")
+    assert done.stderr == "crawler: compiling line: up to 45 s of processor time in 1 process(es) ...\n"
+
+
+@pytest.mark.slow
+def test_what_is_expected_is_about_what_is_compiled(tmp_path):
+    """The bars end near their ends. Compiled anew, on all cores."""
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
+    words = [sys.executable, "-m", "crawler_command.app", "warm", "line", "turning"]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    code = "from crawler_command.many.warm import measure_compiled; print(measure_compiled()[1])"
+    seconds = float(subprocess.check_output([sys.executable, "-c", code], text=True, env=environment))
+    assert seconds == pytest.approx(SECONDS[Kind.line] + SECONDS[Kind.turning], rel=0.3)
+
+
+def test_the_cache_is_measured_by_the_cost_of_its_functions():
+    count, seconds = measure_compiled()
+    assert count > 100
+    assert 0.3 * count <= seconds <= 2.4 * count
