@@ -19,6 +19,7 @@ from .identify.command import identify_command
 from .identify.excite import excite_command
 from .identify.predict import predict_command
 from .optimise import optimise_command
+from .play import play
 from .replay import compare, replay
 from .screen import DurationOption, MethodName, MethodOption, SceneArgument, check_picture, progress_bar, screen
 from .simulate import run_scene, simulate_command
@@ -133,6 +134,7 @@ def sweep(
 
 
 app.command("optimise")(optimise_command)
+app.command()(play)
 app.command()(animate)
 app.command()(view)
 app.command("identify")(identify_command)
