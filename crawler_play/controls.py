@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -16,7 +16,7 @@ from crawler_model.body.turning import check_sides
 from .sliders import SLOPE, Control, list_controls, round_up
 
 Mode = Literal["hand", "scene", "wave"]
-_STEEPEST = 60.0
+_STEEPEST, _FASTEST = 60.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -69,46 +69,20 @@ class Clock:
     turns: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
 class Controls:
-    """The controls of a scene, and how settings become command rows.
+    """The controls of a scene, and how settings become command rows."""
 
-    Attributes:
-        scene: the scene.
-        controls: by name, in the order of the page.
-        driven: columns that the drive of the scene moves, shape (D,).
-        waved: columns that the wave moves, shape (W,).
-        places: of the waved columns along the body, shape (W,) [m].
-        shares: of the waved columns in the wave; in the plane the direction of the link, shape (W,) [1].
-        weights: weight that each load column carries times its direction, shape (loads,) [N, N/m]; empty if the slope
-            cannot be changed.
-        by_weight: friction columns that follow from the weight, shape (F,).
-    """
+    def __init__(self, scene: Scene) -> None:
+        """Find what can be controlled.
 
-    scene: Scene
-    controls: dict[str, Control] = field(init=False)
-    driven: np.ndarray = field(init=False)
-    waved: np.ndarray = field(init=False)
-    places: np.ndarray = field(init=False)
-    shares: np.ndarray = field(init=False)
-    weights: np.ndarray = field(init=False)
-    by_weight: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        rows = self.scene.drive.rows
-        waved, places, shares = _find_wave(self.scene)
-        weights, by_weight = _find_weights(self.scene)
-        found = {
-            "driven": np.flatnonzero((rows != rows[0]).any(axis=0)),
-            "waved": waved,
-            "places": places,
-            "shares": shares,
-            "weights": weights,
-            "by_weight": by_weight,
-            "controls": {control.name: control for control in list_controls(self.scene, weights.size > 0)},
-        }
-        for name, value in found.items():
-            object.__setattr__(self, name, value)
+        Args:
+            scene: the scene.
+        """
+        self.scene, rows = scene, scene.drive.rows
+        self._driven = np.flatnonzero((rows != rows[0]).any(axis=0))
+        self._waved, self._places, self._shares = _find_wave(scene)
+        self._weights, self._by_weight = _find_weights(scene)
+        self.controls = {control.name: control for control in list_controls(scene, self._weights.size > 0)}
 
     def start(self) -> Settings:
         """Choose the settings at the start: the drive of the scene leads, without one the hand."""
@@ -123,9 +97,9 @@ class Controls:
         if part is not None and part.wave is not None:
             given = part.wave
             return Wave(given.amplitude, given.mean, given.wavelength, given.period)
-        rows = self.scene.drive.rows[:, self.waved]
+        rows = self.scene.drive.rows[:, self._waved]
         reach = float(np.ptp(rows)) / 2.0 if rows.size else 0.0
-        length = float(np.ptp(self.places)) if self.places.size else 0.0
+        length = float(np.ptp(self._places)) if self._places.size else 0.0
         most = next((c.most for c in self.controls.values() if c.kind == "actuation"), 1.0)
         return Wave(reach or most / 4.0, 0.0, round_up(length) if length > 0.0 else 1.0, self.scene.drive.period or 1.0)
 
@@ -174,7 +148,7 @@ class Controls:
         Returns:
             The columns, shape (K,).
         """
-        return {"hand": self.driven[:0], "scene": self.driven, "wave": self.waved}[mode]
+        return {"hand": self._driven[:0], "scene": self._driven, "wave": self._waved}[mode]
 
     def take_over(self, settings: Settings, row: np.ndarray) -> Settings:
         """Hand the columns that the leader moves to the hand, with the values that they have.
@@ -212,12 +186,14 @@ class Controls:
             ends, clock = ends - clock.drive_ns, replace(clock, drive_ns=end)
         rows = np.tile(np.array(settings.hand), (ends.size, 1))
         if settings.mode == "scene":
-            rows[:, self.driven] = moved[:, self.driven]
+            rows[:, self._driven] = moved[:, self._driven]
         elif settings.mode == "wave":
             given = settings.wave
             clock = replace(clock, turns=clock.turns + ns / 1e9 / given.period)
             turns = np.array([clock.turns + given.phase])
-            rows[:, self.waved] = self.shares * wave(given.mean, given.amplitude, given.wavelength, turns, self.places)
+            rows[:, self._waved] = self._shares * wave(
+                given.mean, given.amplitude, given.wavelength, turns, self._places
+            )
         return ends, rows, clock
 
     def tilt(self, rows: np.ndarray, slope: float) -> np.ndarray:
@@ -233,11 +209,11 @@ class Controls:
             Rows of the same shape.
         """
         before, now = float(self.scene.ground.slope), math.radians(slope)
-        if self.weights.size == 0 or slope == math.degrees(before):
+        if self._weights.size == 0 or slope == math.degrees(before):
             return rows
         tilted = rows.copy()
-        tilted[:, -self.weights.size :] += self.weights * (math.sin(before) - math.sin(now))
-        tilted[:, self.by_weight] *= math.cos(now) / math.cos(before)
+        tilted[:, -self._weights.size :] += self._weights * (math.sin(before) - math.sin(now))
+        tilted[:, self._by_weight] *= math.cos(now) / math.cos(before)
         return tilted
 
     def check(self, rows: np.ndarray) -> None:
@@ -263,7 +239,7 @@ class Controls:
 
     def describe(self) -> list[dict[str, Any]]:
         """List the controls for the page."""
-        driven, waved = set(self.driven.tolist()), set(self.waved.tolist())
+        driven, waved = set(self._driven.tolist()), set(self._waved.tolist())
         return [
             {
                 **asdict(control),
@@ -297,6 +273,24 @@ def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise CommandError(f"{name}: {value!r}; it must be a finite number")
     return float(value)
+
+
+def read_speed(value: Any) -> float:
+    """Check a speed.
+
+    Args:
+        value: simulated seconds per second, as a page sent it.
+
+    Returns:
+        The speed [1].
+
+    Raises:
+        CommandError: if it is out of range.
+    """
+    speed = _number("speed", value)
+    if not 0.0 < speed <= _FASTEST:
+        raise CommandError(f"speed: {speed:g}; it must be above 0 and at most {_FASTEST:g}")
+    return speed
 
 
 def _change_wave(given: Wave, changes: Mapping[str, Any]) -> Wave:

@@ -17,12 +17,14 @@ import time
 from collections.abc import Awaitable, Callable
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from aiohttp import WSMsgType, web
 
 from crawler_model import CommandError, CrawlerError
 from crawler_pictures import colors
+
+from .robot import Robot
 
 HOST = "127.0.0.1"
 FRAMES = 30.0
@@ -36,43 +38,6 @@ _REPLACED = 4001
 _MOST_BYTES = 1 << 20
 _UNSENT = 2
 """Number of frames that a page may not have answered before the next one is sent."""
-
-
-class Robot(Protocol):
-    """What the server shows and commands: a simulated crawler, or a robot with topics."""
-
-    keeps: tuple[str, ...]
-
-    @property
-    def place(self) -> Any:
-        """With equal places, the past is equal."""
-
-    def describe(self) -> dict[str, Any]:
-        """Describe what does not change."""
-
-    def frame(self) -> dict[str, Any]:
-        """Describe the present instant."""
-
-    def past(self, known: Any) -> tuple[bool, list[list[Any]]]:
-        """List the ticks since a place; True first if the page has to forget those that it knows."""
-
-    def advance(self, seconds: float) -> None:
-        """Let real time pass."""
-
-    def receive(self, message: dict[str, Any]) -> None:
-        """Obey a message."""
-
-    def hold(self, reason: str) -> None:
-        """Stop, as the page that has the hand is lost."""
-
-    def link(self) -> str:
-        """Write the state as a text for an address."""
-
-    def keep(self, name: str, folder: Path) -> Callable[[], Path]:
-        """Prepare a file; return a function that writes it in another thread."""
-
-    def close(self) -> None:
-        """Close what is open."""
 
 
 class Client:
@@ -148,7 +113,6 @@ class Server:
         for client in list(self.clients):
             with contextlib.suppress(ConnectionError):
                 await client.socket.close()
-        self.robot.close()
 
     @web.middleware
     async def _guard(

@@ -140,7 +140,8 @@ class View:
             nearest = held[np.argmin(instant.margins[held])]
             parts.append(f"{subject} hold{'s' * (held.size == 1)}")
             more = f" (contact {self._names[nearest]}, {self._side(instant, nearest)})" if held.size > 1 else ""
-            parts.append(f"margin {max(instant.margins[nearest], 0.0):.3g} N{more}")
+            margin, rounding = float(instant.margins[nearest]), 1e-12 * float(np.abs(instant.force).max())
+            parts.append(f"margin {margin if margin > rounding else 0.0:.3g} N{more}")
         yields = self._yields(instant)
         names = name_every_spring(self.scene.body)
         parts += [f"{names[k]} is {_YIELDS[int(yields[k])]}" for k in np.flatnonzero(yields)[:_MOST_NAMED]]

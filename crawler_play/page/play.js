@@ -81,7 +81,7 @@ function build() {
   for (const name of scene.keeps) at("keep").append(make("button", { textContent: "Save " + name.split(".")[0], onclick: () => keep(name) }));
   at("keep").append(make("button", { textContent: "Copy link", onclick: () => send({ link: true }) }));
   at("keep").hidden = at("seeking").hidden = !scene.simulated;
-  for (const id of ["undo"]) at(id).hidden = !scene.simulated;
+  for (const id of ["step", "undo", "reset"]) at(id).hidden = !scene.simulated;
   const words = { stick: "held", forward: scene.planar ? "slides" : "forward", back: "back", both: "both" };
   for (const [name, text] of Object.entries(words)) {
     if (scene.planar && (name === "back" || name === "both")) continue;

@@ -51,6 +51,24 @@ def served(robot: Any) -> Iterator[Any]:
         loop.close()
 
 
+async def next_frame(page: Any, holds: Callable[[dict[str, Any]], Any] = lambda _: True) -> dict[str, Any]:
+    """Answer frames until one fits."""
+    while True:
+        message = await page.receive_json()
+        if "frame" in message:
+            await page.send_json({"seen": message["frame"]})
+            if holds(message):
+                return message
+
+
+async def complaint(page: Any) -> str:
+    """Answer frames until an error is reported."""
+    while "error" not in (message := await page.receive_json()) or "frame" in message:
+        if "frame" in message:
+            await page.send_json({"seen": message["frame"]})
+    return message["error"]
+
+
 @contextmanager
 def browsing() -> Iterator[Any]:
     """A real Chromium; skipped by name where there is none."""

@@ -18,6 +18,7 @@ from crawler_play.server import Server
 from crawler_play.simulated import Simulated
 
 from ..sockets import addresses
+from .pages import complaint, next_frame
 
 Work = Callable[[Server, Any], Awaitable[None]]
 
@@ -38,23 +39,6 @@ def serve(work: Work, scene: str = "two_contacts_anisotropic") -> None:
 def url(server: Server, path: str = "live", **more: str) -> str:
     query = "&".join(f"{key}={value}" for key, value in {"token": server.token, **more}.items())
     return f"http://127.0.0.1:{server.port}/{path}?{query}"
-
-
-async def next_frame(page: Any, holds: Callable[[dict[str, Any]], Any] = lambda _: True) -> dict[str, Any]:
-    """Answer frames until one fits."""
-    while True:
-        message = await page.receive_json()
-        if "frame" in message:
-            await page.send_json({"seen": message["frame"]})
-            if holds(message):
-                return message
-
-
-async def complaint(page: Any) -> str:
-    while "error" not in (message := await page.receive_json()) or "frame" in message:
-        if "frame" in message:
-            await page.send_json({"seen": message["frame"]})
-    return message["error"]
 
 
 def test_foreign_origins_hosts_and_tokens_are_refused():
@@ -178,7 +162,7 @@ def test_a_page_that_does_not_answer_receives_no_more_frames_and_holds_nobody_up
         ("[1]", "message: it must be a JSON object"),
         ('{"seek": 5}', "seek: tick 5; it must be between 0 and 0"),
         ('{"seek": 0.5}', "seek: 0.5; it must be the number of a tick"),
-        ('{"speed": 0}', "speed: 0; it must be a number above 0 and at most 100"),
+        ('{"speed": 0}', "speed: 0; it must be above 0 and at most 100"),
         ('{"set": {"link_9": 1}}', "link_9: no such control"),
         ('{"restore": "x"}', "link: it is damaged"),
     ],

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -195,6 +198,23 @@ def test_a_crawler_that_cannot_go_on_pauses_and_tells_why():
         session.run(0.1)
     assert "no equilibrium" in session.error
     assert session.settings.slope == pytest.approx(5.0)
+
+
+LESSONS = sorted((Path(__file__).parents[2] / "docs" / "lessons").glob("*.md"))
+
+
+@pytest.mark.parametrize("page", LESSONS, ids=lambda page: page.stem)
+def test_lessons_open_at_their_instant(page):
+    found = re.findall(r"^crawler play (\S+) --state (\S+)$", page.read_text(encoding="utf-8"), re.M)
+    assert found
+    for scene, state in found:
+        session = Session(load_scene(scene))
+        session.restore(state)
+        assert session.now > 0
+
+
+def test_there_are_six_lessons():
+    assert len(LESSONS) == 6
 
 
 def test_a_session_ends_where_its_memory_ends(monkeypatch):

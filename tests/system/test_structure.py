@@ -34,7 +34,15 @@ import crawler_ros.replay
 from crawler_model import compiled
 
 ROOT = Path(crawler_model.__file__).parent.parent
-PACKAGES = ("crawler_model", "crawler_pictures", "crawler_ros", "crawler_gym", "crawler_play", "crawler_bench", "crawler_command")
+PACKAGES = (
+    "crawler_model",
+    "crawler_pictures",
+    "crawler_ros",
+    "crawler_gym",
+    "crawler_play",
+    "crawler_bench",
+    "crawler_command",
+)
 OPTIONAL = (
     "rclpy",
     "rerun",
@@ -185,7 +193,15 @@ _WRAPPED = (property, functools.cached_property, staticmethod, classmethod)
 EVERYTHING = list(
     dict(
         t
-        for p in (crawler_model, crawler_pictures, crawler_ros, crawler_gym, crawler_play, crawler_bench, crawler_command)
+        for p in (
+            crawler_model,
+            crawler_pictures,
+            crawler_ros,
+            crawler_gym,
+            crawler_play,
+            crawler_bench,
+            crawler_command,
+        )
         for t in public_things(p)
     ).items()
 )
