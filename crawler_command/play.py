@@ -47,7 +47,7 @@ def play(
 
         if state is not None:
             raise CrawlerError("--state: only a simulated crawler can be put into a state; leave out --ros")
-        with open_console(loaded, ["-r", f"__ns:={namespace}"]) as console:
+        with open_console(loaded, namespace) as console:
             asyncio.run(serve(Server(console), port, ready))
         return
     from crawler_play.simulated import Simulated

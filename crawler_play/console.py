@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
@@ -260,33 +261,35 @@ class Console(Robot):
 
 
 @contextmanager
-def open_console(scene: Scene, arguments: list[str]) -> Iterator[Console]:
+def open_console(scene: Scene, namespace: str) -> Iterator[Console]:
     """Open a node that spins in a thread.
 
     Args:
         scene: the body of the robot.
-        arguments: of ROS, such as ["-r", "__ns:=/left"].
+        namespace: of the robot, such as "/left".
 
     Yields:
         The console.
+
+    Raises:
+        CrawlerError: if the namespace is invalid.
     """
     find_ament_prefix()
     stay_on_loopback()
     with unblocked_log():
         context = rclpy.Context()
-        words = ["crawler", *(["--ros-args", *arguments] if arguments else [])]
-        rclpy.init(args=words, context=context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         try:
-            node = QuietNode(f"crawler_play_{os.getpid()}", context=context)
+            node = QuietNode(f"crawler_play_{os.getpid()}", context=context, namespace=namespace)
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
             console = Console(scene, node)
-            thread = threading.Thread(target=_spin, args=(executor,), daemon=True)
-            thread.start()
+            threading.Thread(target=_spin, args=(executor,), daemon=True).start()
             yield console
+        except InvalidNamespaceException as error:
+            raise CrawlerError(f"--namespace: {namespace}: {' '.join(str(error).split())}") from None
         finally:
             rclpy.shutdown(context=context)
-        thread.join()
 
 
 def _spin(executor: SingleThreadedExecutor) -> None:

@@ -70,7 +70,7 @@ class Server:
         self.clients: list[Client] = []
         self.hand = ""
         self.port = 0
-        self._work: list[asyncio.Task[None]] = []
+        self.loop: asyncio.Task[None] | None = None
         self._wake = asyncio.Event()
         self._keeping = asyncio.Lock()
 
@@ -103,13 +103,13 @@ class Server:
             await runner.cleanup()
             raise CrawlerError(f"--port: {port} on {HOST} cannot be opened: {error.strerror}") from None
         self.port = runner.addresses[0][1]
-        self._work = [asyncio.create_task(self._run())]
+        self.loop = asyncio.create_task(self._run())
         return runner
 
     async def _end(self, app: web.Application) -> None:
         self.robot.hold("the server ends")
-        for task in self._work:
-            task.cancel()
+        if self.loop is not None:
+            self.loop.cancel()
         for client in list(self.clients):
             with contextlib.suppress(ConnectionError):
                 await client.socket.close()
@@ -255,7 +255,7 @@ def _colors() -> dict[str, str]:
 
 
 async def serve(server: Server, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until the task is cancelled, or SIGTERM arrives.
+    """Serve until SIGINT or SIGTERM arrives.
 
     Args:
         server: the server.
@@ -265,8 +265,9 @@ async def serve(server: Server, port: int, ready: Callable[[str], None]) -> None
     runner = await server.start(port)
     try:
         ready(server.address)
-        ended = asyncio.Event()
-        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
-        await ended.wait()
+        assert server.loop is not None
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.loop.cancel)
+        with contextlib.suppress(asyncio.CancelledError):
+            await server.loop
     finally:
         await runner.cleanup()

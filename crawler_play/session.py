@@ -21,6 +21,8 @@ from .controls import Clock, Controls, Settings
 
 MOST_TICKS = 360_000
 """Number of ticks that are remembered: an hour at 100 Hz."""
+_MOST_BYTES = 1 << 26
+"""Largest size of an unpacked link."""
 _KEPT = 100
 """Every so many ticks the crawler itself is kept, from which others are followed again."""
 
@@ -121,7 +123,11 @@ class Session:
         given = before if "mode" not in message else self.controls.take_over(before, self.tick.base)
         self.settings = self.controls.change(given, message)
         if not self.playing and self.settings.mode == "hand" and "set" in message:
-            self.step()
+            try:
+                self.step()
+            except CommandError:
+                self.settings = before
+                raise
 
     def step(self) -> None:
         """Follow one tick; the ticks beyond the present instant are forgotten.
@@ -134,11 +140,7 @@ class Session:
         ns = tick_end_ns(self.now + 1, self.rate) - self.time_ns
         ends, base, clock = self.controls.advance(self.settings, self.tick.clock, ns)
         rows = self.controls.tilt(base, self.settings.slope)
-        try:
-            step, state = self._follow(rows)
-        except CommandError:
-            self.settings, self.playing = self.tick.settings, False
-            raise
+        step, state = self._follow(rows)
         if self.now + 1 < len(self.ticks):
             del self.ticks[self.now + 1 :], self._kept[self.now // _KEPT + 1 :]
             self.changed += 1
@@ -216,7 +218,7 @@ class Session:
                 if time.perf_counter() - began > most:
                     self._debt = min(self._debt, 1.0)
         except CommandError as error:
-            self.playing, self.error = False, str(error)
+            self.settings, self.playing, self.error = self.tick.settings, False, str(error)
 
     def encode(self) -> str:
         """Write all settings of the session, with the ticks at which they changed, as a text for an address.
@@ -245,7 +247,8 @@ class Session:
             CommandError: if it is damaged, or belongs to another scene or rate.
         """
         try:
-            told = json.loads(zlib.decompress(base64.urlsafe_b64decode(text + "=" * (-len(text) % 4))))
+            packed = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4))
+            told = json.loads(zlib.decompressobj().decompress(packed, _MOST_BYTES))
             ticks, changes = int(told["ticks"]), list(told["changes"])
             scene, rate = told["scene"], told["rate"]
         except (binascii.Error, zlib.error, ValueError, KeyError, TypeError):
@@ -270,7 +273,7 @@ class Session:
 
     def _set(self, mode: Any, hand: dict[str, float], wave: list[float], slope: float) -> None:
         """Set settings from a text, with the checks of those of a page."""
-        names = [f"{name}" for name in asdict(self.settings.wave)]
+        names = asdict(self.settings.wave)
         given = self.controls.change(self.settings, {"mode": mode, "wave": dict(zip(names, wave, strict=True))})
         row = list(given.hand)
         for column, value in hand.items():
