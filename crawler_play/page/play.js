@@ -339,7 +339,7 @@ function draw() {
   wanted = false;
   if (!frame || !scene) return;
   drawBody();
-  drawHistory();
+  if (scene.contacts.length < 40 || !((window.drawn || 0) % 5) || !frame.playing) drawHistory(); // the slowest picture
   drawTension();
   drawDomain();
   scene.controls.forEach((control, k) => {
