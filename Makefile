@@ -1,7 +1,7 @@
 # `make demo` and `make test` do all the set-up: a virtual environment from pyproject.toml, created again when that changes.
 PYTHON ?= python3
 VENV ?= .venv
-EXTRAS ?= ros,viz,bench,sweep,optimise,animate,gym,docs,test
+EXTRAS ?= ros,viz,bench,sweep,optimise,animate,gym,play,docs,test
 DEMO_EXTRAS := ros,viz
 BIN := $(VENV)/bin
 MADE := $(VENV)/.made

@@ -21,6 +21,7 @@ from .identify.predict import predict_command
 from .many.compare import compare
 from .many.warm import warm
 from .optimise import optimise_command
+from .play import play
 from .replay import replay
 from .screen import (
     READERS,
@@ -166,6 +167,7 @@ def sweep(
 
 
 app.command("optimise")(optimise_command)
+app.command()(play)
 app.command()(animate)
 app.command()(view)
 app.command("identify")(identify_command)

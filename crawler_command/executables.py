@@ -31,6 +31,7 @@ _EXTRA_OF = {
     "av": "animate",
     "osqp": "bench",
     "mujoco": "bench",
+    "aiohttp": "play",
 }
 _REQUIRED = ("numpy", "numba", "llvmlite", "pydantic", "yaml", "typer", "rich", "scipy", "clarabel")
 

@@ -51,7 +51,8 @@ class PathControl(Node):
         self.refuse_unknown_parameters()
         if not self.waypoints or len(self.waypoints) % 2:
             sys.exit(f"path_control: waypoints: {len(self.waypoints)} number(s); x and y of each waypoint are needed")
-        self.rivals = ""
+        self.rivals = self.problem = ""
+        self.repeated = 0
         self.create_timer(
             0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )  # does not depend on /clock
@@ -60,6 +61,10 @@ class PathControl(Node):
     def on_pose(self, message: PoseStamped) -> None:
         """Read the pose and the simulated time."""
         now = message.header.stamp.sec * NS + message.header.stamp.nanosec
+        self.repeated += now <= self.now  # once: the simulator was reset
+        if self.repeated > 1 and self.count_publishers("pose") > 1:
+            self.problem = "two simulators publish pose here: end one, or start it with another ROS_DOMAIN_ID"
+            return
         if now < self.now:  # the simulator was reset: start again
             self.end, self.control = -1, self.follow_path()
         self.now, self.pose = now, message.pose
@@ -153,8 +158,10 @@ def main(args: list[str] | None = None) -> None:
         node = PathControl()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not (signals or node.done.done()):
+        while not (signals or node.done.done() or node.problem):
             executor.spin_once(timeout_sec=0.1)
+        if node.problem:
+            sys.exit(f"path_control: {node.problem}")
     except InvalidParameterTypeException as error:
         sys.exit(f"path_control: {error}")
     finally:

@@ -111,9 +111,10 @@ def test_a_dead_simulator_ends_it(ros, number):
         ("crawler_ros.node.gait_player", ("scene:=two_anchor_a", "patience:=0.0")),
         ("crawler_ros.examples.phase_control", ()),
         ("crawler_ros.examples.speed_control", ()),
+        ("crawler_ros.examples.path_control", ()),
         ("crawler_gym.policy_node", ("scene:=two_anchor_a", "policy:=numpy:zeros_like")),
     ],
-    ids=["player", "phase", "speed", "policy"],
+    ids=["player", "phase", "speed", "path", "policy"],
 )
 def test_a_second_simulator_ends_a_controller(ros, module, parameters):
     """Their states would mix: distances jump, and each state seems to be a reset."""

@@ -29,6 +29,7 @@ NEEDS = {
     "compare": (["bag", "bag"], "mcap, zstandard, rosbags"),
     "demo": ([], "rclpy, mcap, zstandard, rosbags, matplotlib, rerun"),
     "bench": ([], "matplotlib"),
+    "play": (["two_anchor_a"], "aiohttp"),
 }
 """Verbs that need more than the base, how they are called, and what is not there."""
 MORE = {
@@ -38,6 +39,7 @@ MORE = {
     "predict --png": (["predict", "two_anchor_a", "--from", "fit.json", "--png", "x.png"], "matplotlib"),
     "identify a bag": (["identify", "bag", *FIT], "mcap, zstandard, rosbags"),
     "animate an mp4": (["animate", "two_anchor_a", "--out", "film.mp4"], "matplotlib, av"),
+    "play --ros": (["play", "two_anchor_a", "--ros"], "aiohttp, rclpy"),
     "optimise --png": (["optimise", "two_anchor_a", "--for", "travel", "--png", "x.png"], "cma, matplotlib"),
 }
 WORKS = {

@@ -10,11 +10,20 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent.parent
-PACKAGES = ("crawler_command", "crawler_bench", "crawler_gym", "crawler_ros", "crawler_pictures", "crawler_model")
+PACKAGES = (
+    "crawler_command",
+    "crawler_bench",
+    "crawler_play",
+    "crawler_gym",
+    "crawler_ros",
+    "crawler_pictures",
+    "crawler_model",
+)
 """From the top down; a package imports from those below it."""
 ROOMS = {
     "crawler_command": ("identify", "many"),
     "crawler_bench": ("features", "entrants", "node"),
+    "crawler_play": (),
     "crawler_gym": ("kernel",),
     "crawler_ros": (
         "replay.show",

@@ -28,12 +28,21 @@ import crawler_command
 import crawler_gym
 import crawler_model
 import crawler_pictures
+import crawler_play
 import crawler_ros
 import crawler_ros.replay
 from crawler_model import compiled
 
 ROOT = Path(crawler_model.__file__).parent.parent
-PACKAGES = ("crawler_model", "crawler_pictures", "crawler_ros", "crawler_gym", "crawler_bench", "crawler_command")
+PACKAGES = (
+    "crawler_model",
+    "crawler_pictures",
+    "crawler_ros",
+    "crawler_gym",
+    "crawler_play",
+    "crawler_bench",
+    "crawler_command",
+)
 OPTIONAL = (
     "rclpy",
     "rerun",
@@ -48,6 +57,7 @@ OPTIONAL = (
     "pandas",
     "polars",
     "gymnasium",
+    "aiohttp",
 )
 
 
@@ -183,7 +193,15 @@ _WRAPPED = (property, functools.cached_property, staticmethod, classmethod)
 EVERYTHING = list(
     dict(
         t
-        for p in (crawler_model, crawler_pictures, crawler_ros, crawler_gym, crawler_bench, crawler_command)
+        for p in (
+            crawler_model,
+            crawler_pictures,
+            crawler_ros,
+            crawler_gym,
+            crawler_play,
+            crawler_bench,
+            crawler_command,
+        )
         for t in public_things(p)
     ).items()
 )

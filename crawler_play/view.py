@@ -1,0 +1,166 @@
+"""What a page shows of a crawler: numbers for its pictures, and a sentence for what happens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from crawler_model import Scene
+from crawler_model.body.names import name_every_contact, name_every_spring
+from crawler_model.motion.jump import Jump
+from crawler_model.theory.stasis import StasisDomain, stasis_bounds
+from crawler_pictures.ground import has_stasis_bounds, list_sections, local_bounds
+
+MOST_SHOWN = 200
+"""Number of contacts that a page shows of a long body, evenly spaced."""
+_MOST_NAMED = 4
+_FAR = 1e4
+_YIELDS = {-1: "slack", 1: "stalled"}
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """A crawler at an instant, simulated or measured.
+
+    Attributes:
+        displacement: x, shape (N,), in the plane (N, 2) [m].
+        tension: of each spring, then of each joint, shape (S,), in the plane (S, 2) [N, N m].
+        force: of the springs on each contact, shape (N,), in the plane (N, 2) [N].
+        margins: distance of each from its nearest bound, shape (N,) [N]; NaN if unknown.
+        state: of each contact, 1 slid forward (in the plane: slid), -1 back, 2 both, 0 held, shape (N,).
+        target: the target in force, shape (S + 2 N,).
+        actuation: L in force, shape (S,), in the plane (S, 2) [m].
+    """
+
+    displacement: np.ndarray
+    tension: np.ndarray
+    force: np.ndarray
+    margins: np.ndarray
+    state: np.ndarray
+    target: np.ndarray
+    actuation: np.ndarray
+
+
+class View:
+    """Describes a scene once, and its instants."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Choose what is shown.
+
+        Args:
+            scene: the scene.
+        """
+        self.scene, body = scene, scene.body
+        count = min(body.contacts, MOST_SHOWN)
+        self.shown = np.unique(np.round(np.linspace(0, body.contacts - 1, count)).astype(np.int64))
+        self._whole = count == body.contacts
+        self._links = np.arange(body.springs if self._whole else 0)
+        self._names = [name.removeprefix("contact_") for name in name_every_contact(body)]
+        self._bounded = has_stasis_bounds(body)
+
+    def describe_scene(self) -> dict[str, Any]:
+        """Collect what does not change: names, the links, the ground."""
+        scene, body = self.scene, self.scene.body
+        joints = [] if body.turning is None else body.turning.joints.tolist()
+        return {
+            "name": scene.name,
+            "planar": body.dimension == 2,
+            "contacts": [self._names[i] for i in self.shown],
+            "rest": body.position[self.shown].tolist(),
+            "links": body.ends.tolist() if self._whole else [[i, i + 1] for i in range(self.shown.size - 1)],
+            "link_names": list(name_every_spring(body))[: self._links.size],
+            "joints": joints,
+            "sections": [asdict(s) for s in list_sections(scene, -_FAR, _FAR)],
+            "bounded": self._bounded and self._whole,
+        }
+
+    def describe(self, instant: Instant) -> dict[str, Any]:
+        """Collect what the pictures of an instant show; numbers are not rounded.
+
+        Args:
+            instant: the instant.
+
+        Returns:
+            Plain data. Of a chain `least` and `most` are the bounds of each tension while the others stay, and of two
+            or three contacts `domain` holds the vertices of the stasis domain.
+        """
+        body, n = self.scene.body, self.scene.body.contacts
+        tension = instant.tension[: body.springs]
+        size = np.linalg.norm(tension, axis=1) if tension.ndim == 2 else tension
+        found = {
+            "x": instant.displacement[self.shown].tolist(),
+            "state": instant.state[self.shown].tolist(),
+            "tension": size[self._links].tolist(),
+            "yields": self._yields(instant).tolist(),
+        }
+        if self._bounded and self._whole:
+            forward, backward = local_bounds(self.scene, instant.target, instant.displacement)
+            least, most = stasis_bounds(tension, forward, backward)
+            found |= {"least": least.tolist(), "most": most.tolist()}
+            if n in (2, 3) and (forward + backward >= 0.0).all():
+                found["domain"] = StasisDomain(forward, backward).vertices().tolist()
+        return found
+
+    def _yields(self, instant: Instant) -> np.ndarray:
+        """Find the springs beyond their limits of tension: -1 slack, 1 stalled, else 0."""
+        body = self.scene.body
+        if not self._whole or not body.limits.index.size:
+            return np.zeros(0, np.int8)
+        elongation = body.elongation(instant.displacement)
+        return body.limits.find_all_states(elongation[None], instant.actuation[None])[0]
+
+    def tell(self, instant: Instant, unique: bool = True, jumps: Sequence[Jump] = ()) -> str:
+        """Write what happens, such as "contact 1 slides forward; 0 and 2 hold; margin 0.02 N".
+
+        Args:
+            instant: the instant.
+            unique: whether the translation was determined.
+            jumps: of contacts onto ground that holds less.
+
+        Returns:
+            The sentence.
+        """
+        words = {
+            1: "slides" if self.scene.body.dimension == 2 else "slides forward",
+            -1: "slides back",
+            2: "slides to and fro",
+        }
+        parts = []
+        for sign, verb in words.items():
+            who = np.flatnonzero(instant.state == sign)
+            if who.size:
+                verb = verb if who.size == 1 else verb.replace("slides", "slide")
+                parts.append(f"contact{'s' * (who.size > 1)} {self._list(who)} {verb}")
+        held = np.flatnonzero((instant.state == 0) & np.isfinite(instant.margins))
+        if held.size:
+            subject = self._list(held) if parts else "all contacts" if held.size > 1 else f"contact {self._list(held)}"
+            nearest = held[np.argmin(instant.margins[held])]
+            parts.append(f"{subject} hold{'s' * (held.size == 1)}")
+            more = f" (contact {self._names[nearest]}, {self._side(instant, nearest)})" if held.size > 1 else ""
+            margin, rounding = float(instant.margins[nearest]), 1e-12 * float(np.abs(instant.force).max())
+            parts.append(f"margin {margin if margin > rounding else 0.0:.3g} N{more}")
+        yields = self._yields(instant)
+        names = name_every_spring(self.scene.body)
+        parts += [f"{names[k]} is {_YIELDS[int(yields[k])]}" for k in np.flatnonzero(yields)[:_MOST_NAMED]]
+        for jump in jumps:
+            why = "as the body buckles" if jump.border is None else "onto ground that holds less"
+            parts.append(f"contact {self._names[jump.contact]} jumps by {jump.distance:.3g} m {why}")
+        if not unique:
+            parts.append("friction balances: the translation is not determined, and the smallest one is chosen")
+        return "; ".join(parts)
+
+    def _side(self, instant: Instant, contact: int) -> str:
+        """Name the way in which a contact is nearest to sliding."""
+        if self.scene.body.dimension == 2:
+            return "nearest to sliding"
+        return "pulled forward" if instant.force[contact] > 0.0 else "pulled back"
+
+    def _list(self, contacts: np.ndarray) -> str:
+        """Write a few names."""
+        names = [self._names[i] for i in contacts[:_MOST_NAMED]]
+        if contacts.size > _MOST_NAMED:
+            return f"{', '.join(names)} and {contacts.size - _MOST_NAMED} more"
+        return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -1,0 +1,210 @@
+"""The page in a real Chromium: what a person does moves the crawler, exactly, and a keyboard is enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("aiohttp")
+
+from crawler_model import Crawler, Scene, load_scene, simulate
+from crawler_play.simulated import Simulated
+
+from .pages import browsing, open_page, served, wait_until
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with browsing() as found:
+        yield found
+
+
+@pytest.fixture
+def play(browser: Any) -> Iterator[Any]:
+    """Open a scene in a page; its context is closed and its script has not failed at the end."""
+    opened: list[Any] = []
+
+    def start(server: Any, **options: Any) -> Any:
+        opened.append(open_page(browser, server.address, **options))
+        return opened[-1]
+
+    yield start
+    for page in opened:
+        assert page.problems == []
+        page.context.close()
+
+
+def tick_of(server: Any) -> int:
+    return server.ask(lambda: server.robot.session.now)
+
+
+def test_a_slider_moves_the_body_by_the_exact_amount(play):
+    scene = load_scene("two_contacts_anisotropic")
+    with served(Simulated(scene)) as server:
+        page = play(server)
+        page.get_by_role("radio", name="hand").click()
+        page.get_by_label("link_0 in m").fill("0.0625")
+        page.get_by_label("link_0 in m").press("Enter")
+        wait_until(lambda: tick_of(server) == 1, "a tick")
+        crawler = Crawler(scene)
+        crawler.advance([0.0625])
+        assert server.ask(lambda: server.robot.session.crawler.displacement.tolist()) == crawler.displacement.tolist()
+        wait_until(lambda: page.evaluate("frame.x") == crawler.displacement.tolist(), "the same numbers in the page")
+        page.locator("#words", has_text="contact 1 slides forward; 0 holds").wait_for()
+        slider = page.get_by_label("link_0, slider")
+        wait_until(lambda: float(slider.input_value()) == 0.0625, "the slider that follows the field")
+
+
+def test_a_drag_moves_the_link_that_is_grabbed_and_undo_returns(play):
+    with served(Simulated(load_scene("three_contacts_two_ways"))) as server:
+        page = play(server)
+        page.keyboard.press("1")
+        wait_until(lambda: page.get_by_label("hand").is_checked(), "the hand")
+        box = page.locator("#body").bounding_box()
+        (ax, y), (bx, _) = page.evaluate("extent.points.slice(1, 3)")
+        scale = page.evaluate("extent.eye.scale")
+        page.mouse.move(box["x"] + (ax + bx) / 2, box["y"] + y)
+        page.mouse.down()
+        page.mouse.move(box["x"] + (ax + bx) / 2 + 40, box["y"] + y, steps=4)
+        page.mouse.up()
+        lengths = wait_until(
+            lambda: (found := server.ask(lambda: server.robot.session.crawler.actuation.tolist()))[1] and found,
+            "the link",
+        )
+        wait_until(
+            lambda: server.ask(lambda: server.robot.session.crawler.actuation[1]) == pytest.approx(40 / scale),
+            "the drag",
+        )
+        assert lengths[0] == 0.0
+        moved = tick_of(server)
+        for k in range(moved):
+            page.keyboard.press("u")
+            wait_until(lambda k=k: tick_of(server) == moved - k - 1, "undo")
+        assert server.ask(lambda: server.robot.session.crawler == Crawler(server.robot.session.scene))
+
+
+def test_what_is_saved_simulates_to_the_same_displacement_to_the_bit(play, tmp_path):
+    with served(Simulated(load_scene("three_contacts_two_ways"))) as server:
+        page = play(server)
+        page.get_by_role("button", name="Play").click()
+        wait_until(lambda: tick_of(server) > 30, "some ticks")
+        page.get_by_role("radio", name="wave").click()
+        page.get_by_label("amplitude").fill("0.06")
+        page.get_by_label("amplitude").press("Enter")
+        wait_until(lambda: server.ask(lambda: server.robot.session.tick.settings.wave.amplitude) == 0.06, "the wave")
+        page.get_by_role("button", name="Pause").click()
+        page.get_by_role("button", name="Play").wait_for()
+        for kind in ("scene", "recording", "picture", "film"):
+            with page.expect_download() as saved:
+                page.get_by_role("button", name=f"Save {kind}").click()
+            saved.value.save_as(tmp_path / saved.value.suggested_filename)
+        run = simulate(load_scene(str(tmp_path / "three_contacts_two_ways_by_hand.yaml")))
+        assert run.displacement[-1].tolist() == server.ask(lambda: server.robot.session.crawler.displacement.tolist())
+        assert (tmp_path / "three_contacts_two_ways_by_hand.png").read_bytes().startswith(b"\x89PNG")
+        assert "<script" in (tmp_path / "three_contacts_two_ways_by_hand.html").read_text()
+        page.get_by_role("button", name="Copy link").click()
+        link = page.get_by_label("link to this state").input_value()
+        page.get_by_role("button", name="Reset").click()
+        wait_until(lambda: tick_of(server) == 0, "the start")
+        page.goto("about:blank")
+        page.goto(link)
+        wait_until(lambda: tick_of(server) == run.ticks, "the state of the link")
+        assert run.displacement[-1].tolist() == server.ask(lambda: server.robot.session.crawler.displacement.tolist())
+
+
+def test_a_keyboard_is_enough(play):
+    with served(Simulated(load_scene("two_contacts_anisotropic"))) as server:
+        page = play(server)
+        page.keyboard.press(".")
+        wait_until(lambda: tick_of(server) == 1, "a step")
+        page.keyboard.press(" ")
+        wait_until(lambda: tick_of(server) > 5, "playing")
+        page.keyboard.press(" ")
+        wait_until(lambda: not server.ask(lambda: server.robot.session.playing), "a pause")
+        page.keyboard.press("r")
+        wait_until(lambda: tick_of(server) == 0, "the start")
+        page.keyboard.press("1")
+        wait_until(lambda: page.get_by_label("hand").is_checked(), "the hand")
+        reached = set()
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            reached.add(
+                page.evaluate(
+                    "document.activeElement.id || document.activeElement.ariaLabel || document.activeElement.textContent"
+                )
+            )
+            if "link_0, slider" in reached:
+                break
+        page.keyboard.press("ArrowRight")
+        step = page.evaluate("(scene.controls[0].most - scene.controls[0].least) / 100")
+        wait_until(
+            lambda: server.ask(lambda: server.robot.session.settings.hand[0]) == pytest.approx(step), "the slider"
+        )
+        assert {"play", "step", "undo", "reset", "seek"} <= reached
+        unnamed = page.evaluate(
+            "[...document.querySelectorAll('button, input, summary')].filter(e => e.checkVisibility() && !e.textContent.trim()"
+            " && !e.ariaLabel && !(e.labels && [...e.labels].some(l => l.textContent.trim()))).map(e => e.outerHTML)"
+        )
+        assert unnamed == []
+
+
+def test_reloading_keeps_the_hand_and_the_past(play):
+    with served(Simulated(load_scene("two_contacts_anisotropic"))) as server:
+        page = play(server)
+        for _ in range(3):
+            page.keyboard.press(".")
+        wait_until(lambda: tick_of(server) == 3, "three ticks")
+        page.reload()
+        wait_until(lambda: page.evaluate("window.drawn > 1 && past.length == 3 && hand"), "the same page")
+
+
+def test_nothing_comes_from_elsewhere_and_no_other_page_can_move_it(play, browser):
+    with served(Simulated(load_scene("two_anchor_a"))) as server:
+        page = play(server)
+        wanted = page.evaluate("performance.getEntriesByType('resource').map(e => e.name)")
+        assert all(name.startswith(("data:", "ws:", f"http://127.0.0.1:{server.port}/")) for name in wanted)
+        other = browser.new_context().new_page()
+        other.goto("data:text/html,<title>elsewhere</title>")
+        opened = other.evaluate(
+            "address => new Promise(done => { const s = new WebSocket(address); s.onopen = () => done(true); s.onerror = () => done(false); })",
+            server.address.replace("http", "ws").replace("/?", "/live?"),
+        )
+        assert opened is False
+        other.context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1400, 390])
+def test_every_kind_of_body_is_drawn_in_light_and_dark_wide_and_narrow(play, scheme, width):
+    names = ("three_contacts_two_ways", "payload_climber", "planar_three_points", "steering_inchworm")
+    for name in names if width == 1400 else names[:1]:
+        with served(Simulated(load_scene(name))) as server:
+            page = play(server, color_scheme=scheme)
+            page.set_viewport_size({"width": width, "height": 900})
+            page.keyboard.press(" ")
+            wait_until(lambda: tick_of(server) > 20, "motion")
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            shades = page.evaluate(
+                "new Set(new Uint32Array(at('body').getContext('2d').getImageData(0, 0, at('body').width, at('body').height).data.buffer)).size"
+            )
+            assert shades > 3
+            dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 25, 28)"
+            assert dark == (scheme == "dark")
+
+
+def test_a_hundred_contacts_are_drawn(play):
+    document = {
+        "name": "hundred",
+        "body": {"contacts": [0.1 * i for i in range(100)], "links": {"stiffness": 20.0}},
+        "friction": {"forward": 0.02, "backward": 0.05},
+        "start": "relaxed",
+        "drive": {"wave": {"amplitude": 0.01, "wavelength": 2.0, "period": 1.0}},
+    }
+    with served(Simulated(Scene.model_validate(document))) as server:
+        page = play(server)
+        page.keyboard.press(" ")
+        drawn = page.evaluate("window.drawn")
+        wait_until(lambda: page.evaluate("window.drawn") > drawn + 10, "ten frames")
+        assert page.evaluate("frame.x.length") == 100

@@ -1,0 +1,207 @@
+"""The server by a real client: who may see a robot, who may move it, and what a gap loses."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("aiohttp")
+
+import aiohttp
+
+from crawler_model import CrawlerError, load_scene
+from crawler_play.server import Server
+from crawler_play.simulated import Simulated
+
+from ..sockets import addresses
+from .pages import complaint, next_frame
+
+Work = Callable[[Server, Any], Awaitable[None]]
+
+
+def serve(work: Work, scene: str = "two_contacts_anisotropic") -> None:
+    async def run() -> None:
+        server = Server(Simulated(load_scene(scene)))
+        runner = await server.start()
+        try:
+            async with aiohttp.ClientSession() as client:
+                await asyncio.wait_for(work(server, client), 300)
+        finally:
+            await runner.cleanup()
+
+    asyncio.run(run())
+
+
+def url(server: Server, path: str = "live", **more: str) -> str:
+    query = "&".join(f"{key}={value}" for key, value in {"token": server.token, **more}.items())
+    return f"http://127.0.0.1:{server.port}/{path}?{query}"
+
+
+def test_foreign_origins_hosts_and_tokens_are_refused():
+    async def work(server: Server, client: Any) -> None:
+        port = server.port
+        allowed = [{}, {"Origin": f"http://127.0.0.1:{port}"}, {"Host": f"localhost:{port}"}]
+        refused = [
+            ({"Origin": "http://evil.example"}, "Origin: another page"),
+            ({"Origin": "null"}, "Origin: another page"),
+            ({"Origin": f"http://127.0.0.1:{port + 1}"}, "Origin: another page"),
+            ({"Host": f"rebound.example:{port}"}, "Host: use the address"),
+            ({"Host": "127.0.0.1"}, "Host: use the address"),
+        ]
+        for path in ("", "live", "keep/scene.yaml"):
+            for headers, text in refused:
+                async with client.get(url(server, path), headers=headers) as answer:
+                    assert (answer.status, text in await answer.text()) == (403, True)
+            for token in ("", "wrong", server.token[:-1]):
+                async with client.get(f"http://127.0.0.1:{port}/{path}", params={"token": token}) as answer:
+                    assert (answer.status, "token: it is missing or wrong" in await answer.text()) == (403, True)
+            with pytest.raises(aiohttp.WSServerHandshakeError):
+                await client.ws_connect(url(server), headers={"Origin": "https://evil.example"})
+        for headers in allowed:
+            async with client.get(url(server, ""), headers=headers) as answer:
+                assert answer.status == 200
+                policy = answer.headers["Content-Security-Policy"]
+                assert "default-src 'none'" in policy
+                assert "frame-ancestors 'none'" in policy
+        assert server.robot.frame()["tick"] == 0
+
+    serve(work)
+
+
+def test_it_listens_on_loopback_alone():
+    async def work(server: Server, client: Any) -> None:
+        import os
+
+        own = {address for _, address, port in addresses(os.getpid()) if port == server.port}
+        assert own == {"127.0.0.1"}
+        with pytest.raises(CrawlerError, match=f"--port: {server.port} on 127.0.0.1 cannot be opened"):
+            await Server(server.robot).start(server.port)
+
+    serve(work)
+
+
+def test_many_pages_see_one_robot_and_one_has_the_hand():
+    async def work(server: Server, client: Any) -> None:
+        async with (
+            client.ws_connect(url(server, name="a")) as first,
+            client.ws_connect(url(server, name="b")) as second,
+        ):
+            assert (await next_frame(first))["hand"]
+            assert not (await next_frame(second))["hand"]
+            await second.send_json({"step": 1})
+            assert await complaint(second) == "another page has the hand; take it first"
+            await first.send_json({"step": 1})
+            seen = [await next_frame(page, lambda frame: frame["tick"] == 1) for page in (first, second)]
+            assert seen[0]["x"] == seen[1]["x"]
+            await second.send_json({"take": True})
+            await second.send_json({"mode": "hand"})
+            await second.send_json({"set": {"link_0": 0.05}})
+            frame = await next_frame(second, lambda frame: frame["tick"] == 2)
+            assert frame["hand"]
+            assert frame["pages"] == 2
+            await next_frame(first, lambda frame: not frame["hand"])
+            await first.send_json({"play": True})
+            assert "another page has the hand" in await complaint(first)
+
+    serve(work)
+
+
+def test_closing_a_page_and_a_gap_lose_nothing():
+    async def work(server: Server, client: Any) -> None:
+        async with client.ws_connect(url(server, name="a")) as page:
+            await page.send_json({"play": True})
+            await next_frame(page, lambda frame: frame["tick"] >= 20)
+        while server.clients:
+            await asyncio.sleep(0.01)
+        before = server.robot.session.now
+        while server.robot.session.now < before + 10:  # it goes on without a page
+            await asyncio.sleep(0.01)
+        async with client.ws_connect(url(server, name="a")) as page:
+            frame = await next_frame(page)
+            assert frame["hand"]
+            assert frame["fresh"]
+            assert len(frame["past"]) == frame["tick"] >= before + 10
+            later = await next_frame(page, lambda later: later["tick"] > frame["tick"])
+            assert not later["fresh"]
+            async with client.ws_connect(url(server, name="a")) as again:  # the old connection only seems to live
+                assert (await next_frame(again))["hand"]
+                while (await page.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                    pass
+                assert page.close_code == 4001
+
+    serve(work)
+
+
+def test_a_page_that_does_not_answer_receives_no_more_frames_and_holds_nobody_up():
+    async def work(server: Server, client: Any) -> None:
+        async with (
+            client.ws_connect(url(server, name="a")) as page,
+            client.ws_connect(url(server, name="slow")) as slow,
+        ):
+            await page.send_json({"play": True})
+            await next_frame(page, lambda frame: frame["tick"] >= 50)
+            client_of_slow = next(c for c in server.clients if c.name == "slow")
+            assert client_of_slow.sent == 2
+            for _ in range(3):
+                await slow.receive_json()
+            await slow.send_json({"seen": 2})
+            frame = await next_frame(slow)
+            assert frame["tick"] >= 50
+
+    serve(work)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{", "message: it must be a JSON object"),
+        ("[1]", "message: it must be a JSON object"),
+        ('{"seek": 5}', "seek: tick 5; it must be between 0 and 0"),
+        ('{"seek": 0.5}', "seek: 0.5; it must be the number of a tick"),
+        ('{"speed": 0}', "speed: 0; it must be above 0 and at most 100"),
+        ('{"set": {"link_9": 1}}', "link_9: no such control"),
+        ('{"restore": "x"}', "link: it is damaged"),
+    ],
+)
+def test_a_bad_message_is_answered_and_changes_nothing(text, expected):
+    async def work(server: Server, client: Any) -> None:
+        async with client.ws_connect(url(server)) as page:
+            before = json.dumps(server.robot.frame())
+            await page.send_str(text)
+            assert expected in await complaint(page)
+            assert json.dumps(server.robot.frame()) == before
+
+    serve(work)
+
+
+def test_what_is_kept_is_sent_as_a_file():
+    async def work(server: Server, client: Any) -> None:
+        async with client.get(url(server, "keep/scene.yaml")) as answer:
+            assert (answer.status, await answer.text()) == (
+                409,
+                "save: nothing has happened yet; play, or move a slider\n",
+            )
+        server.robot.receive({"step": 1})
+        async with client.get(url(server, "keep/scene.yaml")) as answer:
+            assert answer.headers["Content-Disposition"].endswith('"two_contacts_anisotropic_by_hand.yaml"')
+            assert "drive:" in await answer.text()
+        async with client.get(url(server, "keep/shadow")) as answer:
+            assert answer.status == 404
+
+    serve(work)
+
+
+def test_words_tell_what_happens():
+    robot = Simulated(load_scene("two_contacts_anisotropic"))
+    assert robot.frame()["words"] == "all contacts hold; margin 0.2 N (contact 0, pulled back)"
+    robot.receive({"mode": "hand"})
+    robot.receive({"set": {"link_0": 0.02}})
+    assert robot.frame()["words"] == "contact 1 slides forward; 0 holds; margin 0.3 N"
+    slack = Simulated(load_scene("tendon_worm"))
+    slack.receive({"mode": "hand"})
+    slack.receive({"set": {"link_0": 0.5}})
+    assert slack.frame()["words"].endswith("link_0 is slack")

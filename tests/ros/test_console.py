@@ -1,0 +1,154 @@
+"""`crawler play --ros` moves a simulator in another process, holds without a page, and tells who else commands."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import sys
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("aiohttp")
+
+import aiohttp
+from std_msgs.msg import Float64MultiArray
+
+from crawler_bench.node.processes import wait_until
+from crawler_model import Crawler, load_scene
+
+from ..play.pages import browsing, complaint, next_frame, open_page
+from .graph import Graph, Process, graph
+
+SCENE = "two_contacts_anisotropic"
+
+
+def start(ros: Graph, scene: str = SCENE) -> str:
+    """Start a console and return the address that it prints."""
+    code = "from crawler_command.app import main; main()"
+    process: Process = ros.run([sys.executable, "-c", code, "play", scene, "--ros"])
+    wait_until(lambda: "Ctrl-C" in process.said or process.process.poll() is not None, what="the address")
+    return re.search(r"http://\S+", process.said)[0]
+
+
+def talk(address: str, work: Any) -> Any:
+    async def run() -> Any:
+        async with aiohttp.ClientSession() as client, client.ws_connect(address.replace("/?", "/live?")) as page:
+            return await asyncio.wait_for(work(page), 300)
+
+    return asyncio.run(run())
+
+
+def shows(text: str) -> Any:
+    return lambda frame: any(text in line for line in frame["console"])
+
+
+def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
+    expected = Crawler(load_scene(SCENE))
+    expected.advance([0.05])
+
+    async def work(page: Any) -> None:
+        await next_frame(page, shows("1 listener"))
+        await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+        await page.send_json({"set": {"link_0": 0.05}})
+        frame = await next_frame(
+            page, lambda frame: frame["x"][1] == pytest.approx(expected.displacement[1], abs=1e-12)
+        )
+        assert frame["x"][0] == 0.0
+        assert frame["tension"] == pytest.approx(expected.tension, abs=1e-12)
+        sent = int(re.match(r"(\d+) commands", frame["console"][0])[1])
+        assert sent >= 0.05 / 0.3 / 0.5 / 0.1  # a ramp of a third of a second and more, a message each 0.1 s at least
+        await page.send_json({"set": {"contact_0/backward": -1.0}})
+        assert "friction must be >= 0" in await complaint(page)
+        await page.send_json({"set": {"contact_0/backward": 0.25}})
+        while not any(row[3] == 0.25 for row in moves()):
+            await next_frame(page)
+
+    def moves() -> list[Any]:
+        return [point.positions for message in list(ros.heard["applied_commands"]) for point in message.points]
+
+    with graph(tmp_path) as ros:
+        ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
+        address = start(ros)
+        talk(address, work)
+        lengths = [row[0] for row in moves()]
+        assert lengths == sorted(lengths)
+        assert lengths[-1] == 0.05
+
+
+def test_without_a_robot_and_with_another_one_nothing_is_sent(tmp_path):
+    async def alone(page: Any) -> None:
+        await next_frame(page, shows("0 listeners; 0 states"))
+        await page.send_json({"set": {"link_0": 0.05}})
+        assert "no robot answers on joint_states" in await complaint(page)
+
+    async def other(page: Any) -> None:
+        frame = await next_frame(page, lambda frame: frame["error"])
+        assert "the robot is another one than two_contacts_anisotropic" in frame["error"]
+        assert frame["console"][0].startswith("0 commands")
+
+    with graph(tmp_path) as ros:
+        address = start(ros)
+        talk(address, alone)
+        ros.simulator("scene:=ten_contact_wave")
+        talk(address, other)
+
+
+def test_it_tells_who_else_commands(tmp_path):
+    async def work(page: Any) -> None:
+        await next_frame(page, shows("listener commands too, on actuation_controller/commands"))
+
+    with graph(tmp_path) as ros:
+        ros.simulator(f"scene:={SCENE}")
+        address = start(ros)
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.0]))
+        talk(address, work)
+
+
+def test_it_holds_when_the_page_is_killed(tmp_path):
+    async def watch(page: Any) -> float:
+        frame = await next_frame(page, shows("holds: the page that has the hand was closed"))
+        sent, first = frame["console"][0].split()[0], frame["seen"]
+        later = await next_frame(page, lambda later: later["seen"] > first + 90)
+        assert (
+            later["console"][0].split()[0] == sent
+        )  # for three seconds at thirty readings each; the ramp would have taken one
+        return later["values"][0]
+
+    with graph(tmp_path) as ros:
+        ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
+        address = start(ros)
+        with browsing() as browser:
+            page = open_page(browser, address)
+            wait_until(lambda: page.evaluate("frame.words.startsWith('all contacts hold')"), what="states")
+            page.get_by_label("link_0 in m").fill("0.14")
+            page.get_by_label("link_0 in m").press("Enter")
+            wait_until(
+                lambda: page.evaluate("frame.values[0] > 0 || frame.console[0][0] > '0'"), what="the first command"
+            )
+            browser.close()
+        held = talk(address, watch)
+        assert 0.0 < held < 0.14
+        last = [point.positions[0] for m in ros.heard["applied_commands"] for point in m.points][-1]
+        assert last == held
+
+
+def test_it_holds_when_the_page_falls_silent(tmp_path):
+    with graph(tmp_path) as ros:
+        ros.simulator(f"scene:={SCENE}")
+        address = start(ros)
+
+        async def silent() -> None:
+            async with aiohttp.ClientSession() as client:
+                live = address.replace("/?", "/live?")
+                async with client.ws_connect(live + "&name=a") as page, client.ws_connect(live + "&name=b") as other:
+                    await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+                    await page.send_json({"mode": "wave", "play": True})
+                    frame = await next_frame(other, shows("holds: the page that has the hand is silent"))
+                    sent, first = frame["console"][0].split()[0], frame["seen"]
+                    later = await next_frame(other, lambda later: later["seen"] > first + 100)
+                    assert later["console"][0].split()[0] == sent
+                    assert not later["playing"]
+
+        asyncio.run(asyncio.wait_for(silent(), 300))
