@@ -72,6 +72,7 @@ figures: $(READY)
 	$(BIN)/python docs/motors.py
 	$(BIN)/python docs/phase_diagram.py
 	$(BIN)/python docs/rerun.py
+	$(BIN)/crawler animate three_contacts_two_ways --out docs/pictures/crawl.gif --fps 12 --duration 4 --force
 	$(BIN)/python docs/tutorial.py
 	$(BIN)/python docs/validation.py
 

@@ -321,7 +321,7 @@ KNOWN = {
     "ros2": _ros2,
     "pip": _pip,
     "python": _python,
-    **dict.fromkeys(("git", "cd", "source", ".", "export", "colcon", "mkdir"), _anything),
+    **dict.fromkeys(("git", "ln", "cd", "source", ".", "export", "colcon", "mkdir"), _anything),
     **{path.name: _anything for path in BIN.glob("crawler-*")},
 }
 """Commands that are looked up, and how."""

@@ -17,6 +17,7 @@ pytest.importorskip("mkdocstrings_handlers.python", reason="the site is built wi
 from crawler_bench.node.processes import PATIENCE_S
 
 from ..pages import ROOT, pages
+from ..play.pages import browsing
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +71,13 @@ def test_the_python_page_has_the_docstrings(site):
         assert f'id="{name}"' in text
     assert "<!-- docstring of" not in text
     assert re.search(r'href="#crawler_model\.scene\.scene\.Scene"', text)
+
+
+def test_search_works_without_a_server(site):
+    with browsing() as browser:
+        page = browser.new_page()
+        page.goto(f"file://{site}/lessons/strategies.html")
+        page.click('input[data-md-component="search-query"]')
+        page.keyboard.type("visited margin")
+        page.wait_for_selector(".md-search-result__item", timeout=1000 * PATIENCE_S)
+        assert "matching documents" in page.inner_text(".md-search-result__meta")
