@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 from pathlib import Path
@@ -112,12 +113,14 @@ def test_a_dead_simulator_ends_it(ros, number):
         ("crawler_ros.examples.phase_control", ()),
         ("crawler_ros.examples.speed_control", ()),
         ("crawler_ros.examples.path_control", ()),
-        ("crawler_gym.policy_node", ("scene:=two_anchor_a", "policy:=numpy:zeros_like")),
+        ("crawler_gym.policy_node", ("scene:=two_anchor_a", "policy:=resting:rest")),
     ],
     ids=["player", "phase", "speed", "path", "policy"],
 )
-def test_a_second_simulator_ends_a_controller(ros, module, parameters):
+def test_a_second_simulator_ends_a_controller(ros, tmp_path, monkeypatch, module, parameters):
     """Their states would mix: distances jump, and each state seems to be a reset."""
+    (tmp_path / "resting.py").write_text("rest = lambda observation: [0.0, 0.0, 0.0]")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]))
     for _ in range(2):
         ros.start("crawler_ros.node.simulator", "scene:=two_anchor_a", "rate:=50.0")
     controller = ros.start(module, *parameters)
