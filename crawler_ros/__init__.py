@@ -1,3 +1,1 @@
 """The crawler in ROS 2: a simulator node, a gait player, recordings and pictures of them."""
-
-from crawler_model import __version__ as __version__

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-import crawler_ros
+import crawler_model
 from crawler_model import CrawlerError, Scene
 from crawler_model.body.drive import NS
 from crawler_model.run.transport import cost_of_transport, length_of, supporting_force
@@ -112,7 +112,7 @@ def describe_settings(scene: Mapping[str, Any] | None, namespace: str | None) ->
     Returns:
         A short text, equal for equal settings.
     """
-    settings = json.dumps([_LAYOUT, crawler_ros.__version__, scene, namespace], sort_keys=True)
+    settings = json.dumps([_LAYOUT, crawler_model.__version__, scene, namespace], sort_keys=True)
     return hashlib.blake2b(settings.encode(), digest_size=16).hexdigest()
 
 

@@ -6,7 +6,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-import crawler_ros
+import crawler_model
 
 if TYPE_CHECKING:
     from crawler_model import Crawler, Scene
@@ -55,7 +55,7 @@ def installed_version(name: str) -> str | None:
 
 def versions() -> dict[str, str]:
     """List the versions that determine the bits of a result."""
-    found = {"crawler": crawler_ros.__version__, "python": platform.python_version()}
+    found = {"crawler": crawler_model.__version__, "python": platform.python_version()}
     found |= {name: installed_version(name) or "unknown" for name in ("numpy", "numba", "llvmlite")}
     found["machine"] = platform.machine()
     return found

@@ -93,7 +93,7 @@ def test_a_body_that_turns_reaches_a_motion(scene, capsys):
         (["turn", "--png", "best.png"], "--png: scissors has `springs: length`"),
         (["translation", "--pareto"], "pareto: scissors has `springs: length`"),
         (["travel"], "must be one of translation, cost-of-transport, turn, screw"),
-        (["turn", "--rate", "1"], "rate: not available for scissors, which turns"),
+        (["turn", "--fastest", "1"], "rate: not available for scissors, which turns"),
         (["turn", "--robust", "friction.left=0.8:1.2"], "robust: not available for scissors, which turns"),
     ],
 )
