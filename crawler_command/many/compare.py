@@ -40,7 +40,7 @@ def compare(
 ) -> None:
     """Compare scenes and recordings: translation and energy of cycles; of recordings also commands and slips over time.
 
-    crawler compare slow.yaml fast.yaml bags --png three.png
+    crawler compare two_anchor_a two_anchor_b two_anchor_c --png three.png
 
     Scenes are simulated for ten periods. As soon as one is among the runs, all are aligned by the cycles of their
     drives, however long these last, and begin with the first command. Two recordings or more are compared on simulated
