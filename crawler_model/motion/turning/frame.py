@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...body.body import Body
+from ...body.turning import measure_shape
 from ...compiled import lean
 
 
@@ -61,16 +62,11 @@ def build_frame(body: Body) -> Frame:
     assert turning is not None
     ends, joints = np.array(body.ends, np.int64).reshape(-1, 2), np.array(turning.joints, np.int64).reshape(-1, 3)
     position = np.array(body.position, np.float64)
-    spans = np.diff(position[ends], axis=1)[:, 0]
-    lengths = np.hypot(spans[:, 0], spans[:, 1])
-    arms = np.diff(position[joints], axis=1)
-    headings = np.arctan2(arms[..., 1], arms[..., 0])
-    turns = np.diff(headings, axis=1)[:, 0]
-    rest = np.concatenate((lengths, turns - 2.0 * np.pi * np.rint(turns / (2.0 * np.pi))))
+    rest = measure_shape(position, ends, joints)
     stiffness = np.concatenate((body.stiffness, turning.joint_stiffness)).astype(np.float64)
     grip = np.zeros(n)
     np.add.at(grip, ends, np.repeat(stiffness[: len(ends), None], 2, axis=1))
-    squared = (arms**2).sum(axis=2)
+    squared = (np.diff(position[joints], axis=1) ** 2).sum(axis=2)
     for k, (a, b, c) in enumerate(joints):
         own = turning.joint_stiffness[k] * (1.0 / squared[k])
         grip[[a, b, c]] += own[0], own.sum(), own[1]
