@@ -20,9 +20,10 @@ _BOLD = 15
 """Steps that may let the largest miss grow, up to `_FAR`, before steps are halved until it shrinks."""
 _FAR = 0.5
 _RUNGS, _SOFTER = 12, 0.25
-"""Searches with springs where the first one fails, and the stiffness of a spring relative to that of the one before."""
+"""Searches with springs where the first one fails, up to one that fails, too, and the stiffness of a spring relative to
+that of the one before."""
 _SLOW = 0.9
-"""A step that leaves more than this part of the largest miss is halved, as long as that helps."""
+"""A step that leaves more than this part of the largest miss is halved; a search whose step is too short then fails."""
 _LONGEST = 0.25
 """A point moves by no more than this part of the shortest link in a step."""
 

@@ -1,7 +1,7 @@
 """A part of a ramp, followed in 1, 2, 3, ... equal implicit steps and extrapolated.
 
 Displacements and energies are extrapolated by the Aitken-Neville scheme, as long as the same points slide in all steps.
-If a point starts inside the part, the part is shortened to its start instead: there the path has a kink.
+If a point starts or stops inside the part, the part is shortened to there instead: the path has a kink.
 """
 
 from __future__ import annotations
