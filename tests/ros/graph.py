@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 
 from crawler_bench.node.processes import PATIENCE_S, wait_until
@@ -152,7 +153,12 @@ class Graph:
         return future.result()
 
     def taken_up(self, name: str = "crawler") -> None:
-        """Wait for the answer of a service, which is asked for behind all messages sent and taken up behind them."""
+        """Wait until all messages sent were received, then for a service that the node answers behind them.
+
+        The first message of a topic can need a repetition, if the other side did not know the publisher yet.
+        """
+        for topic, publisher in self._publishers.items():
+            assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE_S)), f"{topic} was not received"
         self.call(f"/{name}/get_parameters", "rcl_interfaces/srv/GetParameters")
 
     def walked(self, end: Any, within: float = 1e-12, pose: str = "pose") -> None:
