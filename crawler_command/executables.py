@@ -33,7 +33,7 @@ _EXTRA_OF = {
     "mujoco": "bench",
     "aiohttp": "play",
 }
-_REQUIRED = ("numpy", "numba", "llvmlite", "pydantic", "yaml", "typer", "rich", "scipy", "clarabel")
+_REQUIRED = ("numpy", "numba", "llvmlite", "pydantic", "yaml", "typer", "rich", "scipy")
 
 
 def crawler() -> int:

@@ -12,8 +12,7 @@ from typing import Any
 from numba.core import event
 
 KINDS = (
-    ("crawler_model.motion.plane.", "bodies in the plane", 175),
-    ("crawler_model.motion.turning.", "bodies that turn", 70),
+    ("crawler_model.motion.plane.", "bodies in the plane", 100),
     ("crawler_model.derivative.", "derivatives", 40),
     ("crawler_model.", "bodies on a line", 150),
     ("crawler_gym.", "environments", 30),

@@ -14,7 +14,6 @@ from crawler_model import Trajectory
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
-from crawler_model.motion.plane.friction import corners_of
 
 from .domain_many import draw_many, draw_three
 from .domain_panels import MOST_PANELS, draw_path, draw_turning, make_panels
@@ -91,5 +90,6 @@ def _friction_outline(mu: np.ndarray, directions: np.ndarray) -> np.ndarray:
     if directions.shape[0] == 0:
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         return mu[0] * np.column_stack((np.cos(angle), np.sin(angle)))
-    corners = corners_of(mu[None], directions)[0]
+    pairs = np.stack((directions, np.roll(directions, -1, axis=0)), axis=1)
+    corners = np.linalg.solve(pairs, np.column_stack((mu, np.roll(mu, -1)))[..., None])[..., 0]
     return np.vstack((corners, corners[:1]))

@@ -13,7 +13,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from crawler_model import Scene
-from crawler_model.motion.plane.springs import laplacian_of
 
 from ..cases import Case
 from .entrant import Entrant, TickByTick
@@ -39,7 +38,9 @@ class ConeRun(TickByTick):
         n = body.contacts
         self.body, self.quarters = body, quarters
         friction = scene.drive.targets[0, 2 * body.springs :]
-        laplacian = laplacian_of(body.ends, body.stiffness, n)
+        rows = np.repeat(np.arange(body.springs), 2)
+        incidence = sp.csr_matrix((np.tile((-1.0, 1.0), body.springs), (rows, body.ends.ravel())), shape=(body.springs, n))
+        laplacian = incidence.T @ sp.diags(body.stiffness) @ incidence
         self.force, stiffness = float(friction.max()), float(laplacian.max())
         self.length = self.force / stiffness
         quadratic = sp.block_diag((sp.kron(laplacian / stiffness, sp.eye(2)), sp.csc_matrix((n, n))))

@@ -66,11 +66,6 @@ def compile_plane() -> None:
     compile_scene("planar_three_points")
 
 
-def compile_turning() -> None:
-    """Compile the kernels of bodies that turn."""
-    compile_scene("scissors")
-
-
 def compile_derivatives() -> None:
     """Compile the kernels of derivatives, which `optimise` and `identify` use."""
     from crawler_model import load_scene, sensitivities
@@ -94,7 +89,6 @@ class Kind(str, Enum):
     patches = "patches"
     long = "long"
     plane = "plane"
-    turning = "turning"
     derivatives = "derivatives"
     batches = "batches"
     environments = "environments"
@@ -105,7 +99,6 @@ BUILDS: dict[Kind, Callable[[], None]] = {
     Kind.patches: compile_patches,
     Kind.long: compile_long,
     Kind.plane: compile_plane,
-    Kind.turning: compile_turning,
     Kind.derivatives: compile_derivatives,
     Kind.batches: compile_batches,
     Kind.environments: compile_environments,
@@ -113,7 +106,6 @@ BUILDS: dict[Kind, Callable[[], None]] = {
 JOBS = (
     (Kind.plane,),
     (Kind.line, Kind.patches, Kind.long, Kind.environments),
-    (Kind.turning,),
     (Kind.derivatives, Kind.batches),
 )
 """What one process compiles, in this order, the longest first; what a kind shares with one before it is loaded."""
@@ -122,7 +114,6 @@ SECONDS = {
     Kind.patches: 33,
     Kind.long: 6,
     Kind.plane: 134,
-    Kind.turning: 38,
     Kind.derivatives: 47,
     Kind.batches: 12,
     Kind.environments: 17,
@@ -130,7 +121,6 @@ SECONDS = {
 """Processor time that each kind takes, measured on one machine [s]; on another one the ratios are similar."""
 _OF_A_FUNCTION = (
     ("crawler_model.motion.plane", 2.4),
-    ("crawler_model.motion.turning", 0.8),
     ("crawler_model.derivative", 0.7),
     ("crawler_gym", 0.8),
     ("crawler_", 0.3),

@@ -1,6 +1,6 @@
 """The contract of all motions, and the choice of the motion of a body.
 
-The implementations are `line` for bodies on a line, `plane` for the plane and `turning` for bodies in it that can turn.
+The implementations are `line` for bodies on a line and `plane` for the plane.
 """
 
 from __future__ import annotations
@@ -161,10 +161,6 @@ def build_motion(plan: Plan) -> Motion:
     Returns:
         The motion; only its kernels are loaded.
     """
-    if plan.body.turning is not None:
-        from .turning.motion import build_turning_motion
-
-        return build_turning_motion(plan)
     if plan.body.dimension == 2:
         from .plane.motion import build_plane_motion
 

@@ -57,7 +57,6 @@ ROOMS = {
         "motion.line.ground",
         "motion.plane",
         "motion.plane.parts",
-        "motion.turning",
         "motion",
         "body",
     ),

@@ -1,4 +1,13 @@
-"""Friction in the plane: the sets of admissible forces (discs, or polygons with shared directions) and resistance."""
+"""Friction in the plane: the sets of admissible forces, and by how much a step misses the law of friction.
+
+A set consists of four quarter ellipses in the frame of a link or of the ground (discs, where all four frictions are the
+same), or it is a polygon {f : f . d_k <= mu_k} with directions d_k of the ground, see `polygon`.
+
+In the frame of the axis of an ellipse, with the friction D of the quadrant, a force has the coordinates u = D^-1 s and a displacement
+d = D w; friction balances the force if u lies in the unit disc, and u = d / |d| where the point slides, that is, if
+u = P(u + rho d) with the projection P onto the unit disc. Nothing is singular where a displacement goes to zero.
+With the law along the velocity, d = w.
+"""
 
 from __future__ import annotations
 
@@ -7,127 +16,234 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean
+from ...rounding import EPS
+from .frame import friction_of, span
+from .polygon import gap_in, linearise_polygon, work_against
 
-CLOSE_ENOUGH = 1e-13
-"""A step is solved if no force is farther from dR than this part of the magnitude of its terms."""
-STUCK = 0
-"""Motion of a contact: STUCK; 1 sliding on a disc; 1 + k along direction k; 1 + m + k between k and k + 1."""
+_CLOSE = 32.0 * EPS
+"""Rounding error of a force, relative to the magnitude of its terms."""
+SLACK = 4.0
+"""A point sticks if it is beyond the boundary of its set by no more than so many rounding errors."""
+
+
+@lean
+def axis_of(frame, x, i):
+    """Compute the axis of the friction of a point, and what turns it.
+
+    Args:
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+        i: the point.
+
+    Returns:
+        Cosine and sine of its angle, and the derivative of the angle by the position of the second point of its guide,
+        two components [rad/m]; that by the position of the first point is its negative.
+    """
+    if frame.guide[i, 0] == frame.guide[i, 1]:
+        return 1.0, 0.0, 0.0, 0.0
+    e0, e1 = span(frame, x, frame.guide[i, 0], frame.guide[i, 1])
+    square = e0 * e0 + e1 * e1
+    length = math.sqrt(square)
+    ahead = math.cos(frame.offset[i]) / length
+    left = math.sin(frame.offset[i]) / length
+    return e0 * ahead - e1 * left, e1 * ahead + e0 * left, -e1 / square, e0 / square
+
+
+@lean
+def resistance(frame, command, x, i, v0, v1):
+    """Compute the work against friction of a displacement of a point.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, for the axis, shape (N, 2) [m].
+        i: the point.
+        v0: its displacement along x [m].
+        v1: its displacement along y [m].
+
+    Returns:
+        The work [J].
+    """
+    at, _, most = friction_of(frame, command, i)
+    if most == 0.0 or (v0 == 0.0 and v1 == 0.0):
+        return 0.0
+    if frame.directions.shape[0] > 0:
+        return work_against(frame, command, at, v0, v1)
+    cos, sin, _, _ = axis_of(frame, x, i)
+    w0 = cos * v0 + sin * v1
+    w1 = cos * v1 - sin * v0
+    along = command[at] if w0 >= 0.0 else command[at + 1]
+    across = command[at + 2] if w1 >= 0.0 else command[at + 3]
+    if frame.along_velocity:
+        return (along * w0 * w0 + across * w1 * w1) / math.hypot(w0, w1)
+    return math.hypot(along * w0, across * w1)
+
+
+@lean
+def load_part(frame, command, x, i, f0, f1):
+    """Compute a force in the coordinates in which the admissible forces are the unit disc.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, for the axis, shape (N, 2) [m].
+        i: the point.
+        f0: the force along x [N].
+        f1: the force along y [N].
+
+    Returns:
+        Its two coordinates [1]; both infinite on a point without friction.
+    """
+    at, _, most = friction_of(frame, command, i)
+    if most == 0.0:
+        return np.inf, np.inf
+    cos, sin, _, _ = axis_of(frame, x, i)
+    s0 = cos * f0 + sin * f1
+    s1 = cos * f1 - sin * f0
+    along = command[at] if s0 >= 0.0 else command[at + 1]
+    across = command[at + 2] if s1 >= 0.0 else command[at + 3]
+    return s0 / along, s1 / across
+
+
+@lean
+def gap_of(frame, command, x, i, force):
+    """Compute how far a force is from the boundary of its set, along itself.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        i: the point.
+        force: of all points, shape (N, 2) [N].
+
+    Returns:
+        The gap; without a force the least friction; of a polygon the distance from it; infinite on a point without
+        friction [N].
+    """
+    if frame.directions.shape[0] > 0:
+        at, _, most = friction_of(frame, command, i)
+        return gap_in(frame, command, at, force[i, 0], force[i, 1]) if most > 0.0 else np.inf
+    u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
+    size = math.hypot(u0, u1)
+    if size == 0.0:
+        return friction_of(frame, command, i)[1]
+    return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if size < np.inf else np.inf
 
 
 @compiled
-def corners_of(friction, directions):
-    """Compute the corners of all friction polygons.
+def linearise(frame, command, x, base, force, size, rows):
+    """Compute by how much each point misses the law of friction, and the derivatives of that.
 
     Args:
-        friction: mu, shape (n, m) [N].
-        directions: unit vectors d_k, shape (m, 2).
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        base: displacements from which the points move, shape (N, 2) [m].
+        force: from `pull`, shape (N, 2) [N].
+        size: from `pull`, shape (N,) [N].
+        rows: output, shape (N, 13): the miss, two entries [1]; its derivative by the force, four [1/N], and by the
+            negative displacement, four [1/m]; its derivative by the angle of the axis, two [1/rad]; 1 if the point is
+            free to move, 0 if it sticks.
 
     Returns:
-        Shape (n, m, 2) [N].
+        The largest miss relative to its rounding error, and the largest miss.
     """
-    n = friction.shape[0]
-    m = directions.shape[0]
-    corners = np.empty((n, m, 2))
-    for k in range(m):
-        a = directions[k]
-        b = directions[(k + 1) % m]
-        across = a[0] * b[1] - a[1] * b[0]
-        for i in range(n):
-            f = friction[i, k]
-            g = friction[i, (k + 1) % m]
-            corners[i, k, 0] = (f * b[1] - g * a[1]) / across
-            corners[i, k, 1] = (g * a[0] - f * b[0]) / across
-    return corners
+    worst = 0.0
+    largest = 0.0
+    for i in range(x.shape[0]):
+        at, least, most = friction_of(frame, command, i)
+        row = rows[i]
+        row[:] = 0.0
+        if most == 0.0:
+            scale = size[i] if size[i] > 0.0 else 1.0
+            row[0] = force[i, 0] / scale
+            row[1] = force[i, 1] / scale
+            row[2] = row[5] = 1.0 / scale
+            row[12] = 1.0
+            miss = math.hypot(row[0], row[1])
+            worst = max(worst, miss / _CLOSE)
+            largest = max(largest, miss)
+            continue
+        if frame.directions.shape[0] > 0:
+            moved = x[i, 0] - base[i, 0], x[i, 1] - base[i, 1]
+            rounding = 1.0 + (size[i] + frame.grip[i] * (abs(x[i, 0]) + abs(x[i, 1]))) / most
+            load = force[i, 0], force[i, 1]
+            miss = linearise_polygon(frame, command, (i, at), load, moved, (SLACK * _CLOSE * rounding, most), row)
+            worst = max(worst, miss / (_CLOSE * rounding))
+            largest = max(largest, miss)
+            continue
+        cos, sin, _, _ = axis_of(frame, x, i)
+        v0 = x[i, 0] - base[i, 0]
+        v1 = x[i, 1] - base[i, 1]
+        s0 = cos * force[i, 0] + sin * force[i, 1]
+        s1 = cos * force[i, 1] - sin * force[i, 0]
+        w0 = cos * v0 + sin * v1
+        w1 = cos * v1 - sin * v0
+        mu0 = command[at] if s0 >= 0.0 else command[at + 1]
+        mu1 = command[at + 2] if s1 >= 0.0 else command[at + 3]
+        rho = frame.grip[i] / (least * most)
+        r0 = rho * most
+        r1 = r0
+        if not frame.along_velocity:
+            ahead = s0 >= 0.0 if w0 == 0.0 else w0 > 0.0  # a point starts along its force
+            left = s1 >= 0.0 if w1 == 0.0 else w1 > 0.0
+            r0 = rho * (command[at] if ahead else command[at + 1])
+            r1 = rho * (command[at + 2] if left else command[at + 3])
+        u0 = s0 / mu0
+        u1 = s1 / mu1
+        z0 = u0 + r0 * w0
+        z1 = u1 + r1 * w1
+        length = math.hypot(z0, z1)
+        rounding = _CLOSE * (1.0 + size[i] / least)
+        if length <= 1.0 or (length <= 1.0 + SLACK * rounding and w0 == 0.0 and w1 == 0.0):
+            miss = math.hypot(r0 * w0, r1 * w1)
+            row[0] = -r0 * w0
+            row[1] = -r1 * w1
+            worst = max(worst, miss / rounding)
+            largest = max(largest, miss)
+            continue
+        n0 = z0 / length
+        n1 = z1 / length
+        row[0] = u0 - n0
+        row[1] = u1 - n1
+        rounding += _CLOSE * max(r0, r1) * (abs(x[i, 0]) + abs(x[i, 1])) / length
+        miss = math.hypot(row[0], row[1])
+        worst = max(worst, miss / rounding)
+        largest = max(largest, miss)
+        e00 = n1 * n1 / length
+        e01 = -n0 * n1 / length
+        e11 = n0 * n0 / length
+        f00 = 1.0 - e00
+        f11 = 1.0 - e11
+        row[2] = f00 * cos / mu0 + e01 * sin / mu1
+        row[3] = f00 * sin / mu0 - e01 * cos / mu1
+        row[4] = -e01 * cos / mu0 - f11 * sin / mu1
+        row[5] = -e01 * sin / mu0 + f11 * cos / mu1
+        row[6] = e00 * r0 * cos - e01 * r1 * sin
+        row[7] = e00 * r0 * sin + e01 * r1 * cos
+        row[8] = e01 * r0 * cos - e11 * r1 * sin
+        row[9] = e01 * r0 * sin + e11 * r1 * cos
+        u_by0 = s1 / mu0
+        u_by1 = -s0 / mu1
+        d_by0 = r0 * w1
+        d_by1 = -r1 * w0
+        row[10] = f00 * u_by0 - e01 * u_by1 - (e00 * d_by0 + e01 * d_by1)
+        row[11] = -e01 * u_by0 + f11 * u_by1 - (e01 * d_by0 + e11 * d_by1)
+        row[12] = 1.0
+    return worst, largest
 
 
-@lean
-def largest(mu):
-    """Return the largest friction of one contact.
+@compiled
+def measure_margins(frame, command, x, force, margins):
+    """Compute how far forces are from the boundaries of their sets, along themselves.
 
     Args:
-        mu: friction of the contact, shape (max(m, 1),) [N].
-
-    Returns:
-        The largest of them [N].
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        force: that friction balances, shape (N, 2) [N].
+        margins: output, 0 on points without friction, shape (N,) [N].
     """
-    most = mu[0]
-    for k in range(1, mu.shape[0]):
-        most = max(most, mu[k])
-    return most
-
-
-@lean
-def resistance(mu, corners, v0, v1):
-    """Compute R(v) of one contact.
-
-    Args:
-        mu: friction of the contact, shape (max(m, 1),) [N].
-        corners: corners of its polygon, shape (m, 2) [N]; m = 0 for a disc.
-        v0: velocity along x.
-        v1: velocity along y.
-
-    Returns:
-        R(v), friction force times velocity.
-    """
-    m = corners.shape[0]
-    if m == 0:
-        return mu[0] * math.hypot(v0, v1)
-    most = -np.inf
-    for k in range(m):
-        most = max(most, corners[k, 0] * v0 + corners[k, 1] * v1)
-    return most
-
-
-@lean
-def excess(q0, q1, mu, directions, corners, close):
-    """Subtract from a force the nearest admissible friction force.
-
-    Args:
-        q0: force along x [N].
-        q1: force along y [N].
-        mu: friction of the contact, shape (max(m, 1),) [N].
-        directions: unit vectors d_k, shape (m, 2).
-        corners: corners of its polygon, shape (m, 2) [N].
-        close: forces outside by no more than this count as inside [N].
-
-    Returns:
-        The corresponding motion, and the difference, x and y [N].
-    """
-    m = directions.shape[0]
-    if m == 0:
-        size = math.hypot(q0, q1)
-        if size <= mu[0] + close:
-            return STUCK, 0.0, 0.0
-        part = (size - mu[0]) / size
-        return 1, part * q0, part * q1
-    outside = False
-    for k in range(m):
-        outside = outside or q0 * directions[k, 0] + q1 * directions[k, 1] > mu[k] + close
-    if not outside:
-        return STUCK, 0.0, 0.0
-    nearest = np.inf
-    motion = STUCK
-    e0 = 0.0
-    e1 = 0.0
-    for k in range(m):
-        d0 = directions[k, 0]
-        d1 = directions[k, 1]
-        from_first = (q1 - corners[k - 1, 1]) * d0 - (q0 - corners[k - 1, 0]) * d1
-        from_last = (q1 - corners[k, 1]) * d0 - (q0 - corners[k, 0]) * d1
-        if from_first > 0.0 and from_last < 0.0:
-            beyond = q0 * d0 + q1 * d1 - mu[k]
-            if beyond > 0.0 and beyond * beyond < nearest:
-                nearest = beyond * beyond
-                motion = 1 + k
-                e0 = beyond * d0
-                e1 = beyond * d1
-        else:
-            corner = k if from_first > 0.0 else (k - 1) % m
-            w0 = q0 - corners[corner, 0]
-            w1 = q1 - corners[corner, 1]
-            if w0 * w0 + w1 * w1 < nearest:
-                nearest = w0 * w0 + w1 * w1
-                motion = 1 + m + corner
-                e0 = w0
-                e1 = w1
-    return motion, e0, e1
+    for i in range(x.shape[0]):
+        gap = gap_of(frame, command, x, i, force)
+        margins[i] = gap if gap < np.inf else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,114 +10,148 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.plan import Plan
-from ...body.planar_loads import split_target
-from ..state import (
-    PLANAR_ACTUATION,
-    PLANAR_GAINED,
-    PLANAR_LOAD,
-    PLANAR_TENSION,
-    PLANAR_X,
-    VISITED,
-)
-from .follow import follow
-from .springs import Springs, build_springs
+from ...body.turning import TURNING_TOLERANCE, measure_angles
+from ...errors import CommandError
+from ..jump import Jump
+from ..state import DISSIPATION, LOADS_WORK, SPENT, VISITED, WORK
+from .elastic import pull, strain
+from .frame import Frame, build_frame
+from .friction import measure_margins
+from .jump import jump
+from .parts.follow import LARGE, follow_in_parts
+from .ramp import LENGTH, MARGIN, PATIENCE, PLACE, follow_ramp
+
+_SHARE = 0.25
+"""Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
 
 DEFAULT_TOLERANCE = 1e-4
-"""Default error of a planar ramp, relative to its change of length."""
-_MOST_STEPS = 1 << 16
-"""Upper limit of implicit steps in a planar ramp, about a second; equal steps then complete it, which is reported."""
-_SHARE = 0.25
-"""Part of the tolerance available to the substeps of a ramp, as later substeps may amplify errors of earlier ones."""
+"""Default error of a ramp of vector springs, relative to its change of length."""
+_ROUNDING = 1e-13
+"""Least tolerance, relative to the size of the body."""
+_PATIENCE = 16.0
+"""Parts of a ramp of a large body after which it goes on in parts of the body, if it can; after each failure twice as
+many."""
+_AHEAD = 1e-6
+"""Part of a ramp by which commands go on where the body jumps."""
 
 
 @dataclass(eq=False)
 class PlanarState:
     """The state of a body in the plane.
 
+    Of vector springs, elongations, tensions and changes of the rest length have the shape (S, 2) instead of (S + J,).
+
     Attributes:
-        contacts: rows X, X_REST and GAINED, shape (3, N, 2); with loads LOAD, too, shape (4, N, 2).
-        links: rows TENSION and ACTUATION, shape (2, S, 2).
-        mu: friction of each contact, per direction if anisotropic, shape (N, max(m, 1)) [N].
-        stiffness: k of each spring, shape (S,) [N/m].
-        directions: unit vectors, shape (m, 2).
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+        gained: displacement gained in the last command, shape (N, 2) [m].
+        command: the command in force, as in a target, shape (C,).
+        turned: the yaw, unwrapped, shape (1,) [rad].
+        stability: least stability margin of the last command, shape (1,) [1].
     """
 
-    contacts: np.ndarray
-    links: np.ndarray
-    mu: np.ndarray
-    stiffness: np.ndarray
-    directions: np.ndarray
+    frame: Frame
+    x: np.ndarray
+    gained: np.ndarray
+    command: np.ndarray
+    turned: np.ndarray
+    stability: np.ndarray
 
     @property
     def displacement(self) -> np.ndarray:
         """Displacement x, shape (N, 2) [m]."""
-        return self.contacts[PLANAR_X]
+        return self.x
 
     @property
-    def gained(self) -> np.ndarray:
-        """Displacement gained in the last command, shape (N, 2) [m]."""
-        return self.contacts[PLANAR_GAINED]
+    def yaw(self) -> float:
+        """Direction of the heading, unwrapped [rad]."""
+        return float(self.turned[0])
+
+    @property
+    def stability_margin(self) -> float:
+        """Least stability margin of the last command [1]."""
+        return float(self.stability[0])
 
     @property
     def shape(self) -> np.ndarray:
-        """Elongations z, shape (S, 2) [m]."""
-        return self.tension / self.stiffness[:, None] + self.actuation
+        """Elongations of the links [m], then changes of the angles of the joints [rad], shape (S + J,)."""
+        return self._by_spring(self._strained[1])
 
     @property
     def tension(self) -> np.ndarray:
-        """Tensions T, shape (S, 2) [N]."""
-        return self.links[PLANAR_TENSION]
+        """Tensions of the links [N], then torques of the joints [N m], shape (S + J,)."""
+        return self._by_spring(self._strained[0])
+
+    def _by_spring(self, values: np.ndarray) -> np.ndarray:
+        return values.reshape(-1, 2) if self.frame.vector else values
+
+    @property
+    def _strained(self) -> np.ndarray:
+        found = np.empty((2, self.frame.rest.size))
+        strain(self.frame, self.command, self.x, found)
+        return found
 
     @property
     def actuation(self) -> np.ndarray:
-        """Rest-length changes L in force, shape (S, 2) [m]."""
-        return self.links[PLANAR_ACTUATION]
+        """Changes of the rest lengths [m], then of the rest angles [rad], in force, shape (S + J,)."""
+        return self._by_spring(self.command[: self.frame.rest.size])
 
     @property
     def friction(self) -> np.ndarray:
-        """Friction in force as in a target, contact by contact, shape (N max(m, 1),) [N]."""
-        return self.mu.ravel()
+        """Friction in force as in a target, point by point, shape (N,) for discs, else (4 N,) or (m N,) [N]."""
+        given = self.command[self.frame.rest.size : self._last]
+        return given[::4] if self.frame.vector and self.frame.directions.size == 0 else given
+
+    @property
+    def _last(self) -> int:
+        """Where friction ends in a command."""
+        return self.frame.rest.size + (self.frame.directions.shape[0] or 4) * self.x.shape[0]
 
     @property
     def bounds(self) -> np.ndarray:
         """The same as `friction`."""
-        return self.mu.ravel()
+        return self.friction
 
     @property
     def loads(self) -> np.ndarray:
         """Loads in force, the slope's share included, shape (N, 2) [N]; shape (0, 2) without loads."""
-        return self.contacts[PLANAR_LOAD:].reshape(-1, 2)
+        return self.command[self._last :].reshape(-1, 2)
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force of links and joints on each point, shape (N, 2) [N]."""
+        force, size = np.empty_like(self.x), np.empty(self.x.shape[0])
+        pull(self.frame, self.command, self.x, force, size)
+        return force - self.loads if self.loads.size else force
 
     @property
     def contact_state(self) -> np.ndarray:
-        """1 if a contact slid in the last command, 0 stuck; int8, shape (N,)."""
+        """1 if a point slid in the last command, 0 stuck; int8, shape (N,)."""
         return (np.abs(self.gained).max(axis=1) > 0.0).astype(np.int8)
 
     def margins(self, force: np.ndarray) -> np.ndarray:
-        """Compute the distance of spring force plus load from the boundary of the admissible friction forces.
+        """Compute the distance, along the force, of the forces from the boundary of the admissible friction forces.
 
         Args:
-            force: g, shape (N, 2) [N].
+            force: of links and joints, shape (N, 2) [N].
 
         Returns:
             Shape (N,) [N].
         """
-        if self.loads.size:
-            force = force + self.loads
-        if self.directions.size == 0:
-            return self.mu[:, 0] - np.linalg.norm(force, axis=1)
-        return (self.mu - force @ self.directions.T).min(axis=1)
+        margins = np.empty(self.x.shape[0])
+        measure_margins(self.frame, self.command, self.x, force + self.loads if self.loads.size else force, margins)
+        return margins
 
     def visited_margin(self, force: np.ndarray) -> float:
         """Compute how close all contacts are to sliding at once.
 
         Args:
-            force: g, shape (N, 2) [N].
+            force: of links and joints, shape (N, 2) [N].
 
         Returns:
             The margin [1].
         """
-        total = 2.0 * float(self.mu.mean(axis=1).sum())
+        total = float(self.friction.reshape(self.x.shape[0], -1).mean(axis=1).sum()) * (1.0 + self.frame.vector)
         return float(np.maximum(self.margins(force), 0.0).sum()) / total if total > 0.0 else 0.0
 
     def copy(self) -> PlanarState:
@@ -125,7 +160,8 @@ class PlanarState:
         Returns:
             An independent state with the same numbers.
         """
-        return PlanarState(self.contacts.copy(), self.links.copy(), self.mu.copy(), self.stiffness, self.directions)
+        arrays = (self.x, self.gained, self.command, self.turned, self.stability)
+        return PlanarState(self.frame, *(array.copy() for array in arrays))
 
     def bits(self) -> bytes:
         """Return all numbers as bytes, for comparison.
@@ -133,69 +169,112 @@ class PlanarState:
         Returns:
             The bytes of all arrays, one after another.
         """
-        return b"".join(a.tobytes() for a in (self.contacts, self.links, self.mu))
+        return b"".join(array.tobytes() for array in (self.x, self.gained, self.command, self.turned))
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneMotion:
-    """A body in the plane followed by implicit steps, refined to a tolerance.
+    """A body in the plane, followed by extrapolated implicit steps, to a tolerance.
 
     Attributes:
         body: the body.
-        springs: its springs, with K.
-        directions: unit vectors of the friction directions, shape (m, 2); m = 0 for isotropic friction.
+        frame: its arrays.
         tolerance: largest error of a ramp [m].
     """
 
     methods: ClassVar[tuple[str, ...]] = ("catch_up",)
     samples_margin: ClassVar[bool] = True
     body: Body
-    springs: Springs
-    directions: np.ndarray
+    frame: Frame
     tolerance: float
 
     def start(self, x: np.ndarray, target: np.ndarray) -> PlanarState:
         """Build the state at rest, see `Motion`."""
-        body = self.body
-        lengths, friction, loads = split_target(body, self.directions, target)
-        contacts = np.zeros((4 if loads.size else 3, body.contacts, 2))
-        contacts[PLANAR_X] = x
-        if loads.size:
-            contacts[PLANAR_LOAD] = loads
-        links = np.zeros((2, body.springs, 2))
-        links[PLANAR_ACTUATION] = lengths
-        links[PLANAR_TENSION] = body.stiffness[:, None] * (body.elongation(x) - links[PLANAR_ACTUATION])
-        return PlanarState(contacts, links, friction.copy(), body.stiffness, self.directions)
+        x, command = np.array(x, np.float64), self._expand(np.array(target, np.float64)[None])[0]
+        turns = not self.frame.vector
+        yaw = measure_angles(self.frame.position + x, self.frame.heading[None]) if turns else np.zeros(1)
+        return PlanarState(self.frame, x, np.zeros_like(x), command, yaw, np.full(1, np.inf))
 
-    def scratch(self) -> None:
-        """Allocate nothing, see `Motion`."""
-        return
+    def _expand(self, targets: np.ndarray) -> np.ndarray:
+        """Give each disc the four frictions of its axes."""
+        if not self.frame.vector or self.frame.directions.size > 0:
+            return targets
+        parts, n = self.frame.rest.size, self.body.contacts
+        friction = np.repeat(targets[:, parts : parts + n], 4, axis=1)
+        return np.concatenate((targets[:, :parts], friction, targets[:, parts + n :]), axis=1)
+
+    def scratch(self) -> np.ndarray:
+        """Allocate the velocities with which a ramp begins, see `Motion`."""
+        return np.zeros((self.body.contacts, 2))
 
     def follow(
         self,
         state: PlanarState,
-        scratch: None,
+        scratch: np.ndarray,
         targets: np.ndarray,
         exact: bool,
         budget: int,
         account: np.ndarray,
         records: np.ndarray,
-    ) -> None:
+    ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`; `exact` and `budget` have no effect."""
-        follow(
-            self.springs,
-            self.directions,
-            state.contacts,
-            state.links,
-            state.mu,
-            targets,
-            self.tolerance,
-            _MOST_STEPS,
-            account,
-            records,
-        )
+        moving = state.copy()
+        moving.gained[:] = 0.0
+        moving.stability[:] = np.inf
+        n, parts = self.body.contacts, self.frame.rest.size
+        jumps: list[Jump] = []
+        for v, target in enumerate(self._expand(targets)):
+            if not np.array_equal(target, moving.command):
+                jumps += self._follow_ramp(moving, scratch, target, v, account)
+                account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
+            if records.shape[0]:
+                records[v, : 2 * n] = moving.x.ravel()
+                records[v, 2 * n : 4 * n] = 0.0
+                records[v, 4 * n : 4 * n + parts] = moving.tension.ravel()
+                if records.shape[1] > 4 * n + parts:
+                    lost = account[DISSIPATION] + account[LOADS_WORK]
+                    records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
+        vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed
-            account[VISITED] = state.visited_margin(self.body.spring_force(state.tension))
+            account[VISITED] = state.visited_margin(state.force)
+        return tuple(jumps)
+
+    def _follow_ramp(
+        self, state: PlanarState, velocity: np.ndarray, target: np.ndarray, ramp: int, account: np.ndarray
+    ) -> Iterator[Jump]:
+        """Follow one ramp through its jumps."""
+        arrays = state.x, state.gained, state.command, state.turned
+        patience = _PATIENCE if self.frame.vector and state.x.shape[0] >= LARGE else np.inf
+        progress = np.array([0.0, 1.0, self.tolerance, state.stability_margin, patience])
+        velocity[:] = 0.0
+        ahead, landed = _AHEAD, -1.0
+        while progress[PLACE] < 1.0:
+            if follow_ramp(self.frame, arrays, target, self.tolerance, velocity, account, progress):
+                if progress[PLACE] < 1.0:
+                    rest = 1.0 - progress[PLACE]
+                    done = follow_in_parts(self.frame, arrays, target, self.tolerance * rest, account)
+                    progress[PLACE] = 1.0 if done == 1.0 else progress[PLACE] + done * rest
+                    patience = _PATIENCE if done > 0.0 else 2.0 * patience
+                    progress[PATIENCE] = patience
+                continue
+            assert self.body.turning is not None
+            place = progress[PLACE]
+            if not self.body.turning.jumps:
+                raise CommandError(
+                    f"command: at {100.0 * place:.4g} % of the ramp no stable equilibrium is left, and the scene has "
+                    "on_instability: refuse; jump lets the body move to another one"
+                )
+            ahead = 4.0 * ahead if place <= landed else _AHEAD
+            part = min(ahead / (1.0 - place), 1.0)
+            found, contact, distance, loss = jump(self.frame, arrays, target, part, velocity, account)
+            if not found:
+                raise CommandError(f"command: no equilibrium was found at {100.0 * place:.4g} % of the ramp")
+            progress[PLACE] = landed = 1.0 if part == 1.0 else place + ahead
+            progress[LENGTH] = ahead
+            velocity[:] = 0.0
+            if distance > self.tolerance:
+                yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))
+        state.stability[0] = progress[MARGIN]
 
 
 def build_plane_motion(plan: Plan) -> PlaneMotion:
@@ -207,8 +286,13 @@ def build_plane_motion(plan: Plan) -> PlaneMotion:
     Returns:
         The motion.
     """
-    body = plan.body
-    size = float(np.abs(np.ptp(plan.drive.targets[:, : 2 * body.springs], axis=0)).max(initial=0.0))
-    size = size or float(np.abs(np.ptp(body.position, axis=0)).max())
-    springs = build_springs(body.ends, body.stiffness, body.contacts)
-    return PlaneMotion(body, springs, plan.directions, _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size)
+    frame = build_frame(plan.body, plan.directions)
+    links, parts = frame.ends.shape[0], frame.rest.size
+    change = np.abs(np.ptp(plan.drive.targets[:, :parts], axis=0))
+    if frame.vector:
+        size = float(change.max(initial=0.0)) or float(np.abs(np.ptp(frame.position, axis=0)).max())
+        return PlaneMotion(plan.body, frame, _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size)
+    change[links:] *= frame.rest[:links].mean()
+    size = float(change.max(initial=0.0)) or float(frame.rest[:links].max())
+    least = _ROUNDING * float(np.abs(frame.position).max() + frame.rest[:links].sum())
+    return PlaneMotion(plan.body, frame, max(_SHARE * (plan.tolerance or TURNING_TOLERANCE) * size, least))

@@ -1,10 +1,4 @@
-"""One ramp of the commands in the plane, to a tolerance, with its energy account.
-
-A ramp is followed from event to event: `find_rates` finds the sliding contacts and predicts when a contact reaches its
-bound; one implicit step leads there, which is exact where the path is straight. With discs the path may bend; it is
-then followed in shorter, extrapolated substeps, none of which contains the start or stop of a contact (`attempt`). A
-contact at rest stays exactly at rest. A step without displacement is exact.
-"""
+"""One ramp of the commands, followed from event to event to a tolerance, with its account."""
 
 from __future__ import annotations
 
@@ -12,8 +6,8 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
-from ...rounding import SHORTEST_STRETCH
+from ...compiled import compiled, lean, merged
+from .equal_steps import farthest
 from ..state import (
     AMBIGUOUS,
     COMPLEMENTARITY,
@@ -23,315 +17,303 @@ from ..state import (
     OVERSPENT,
     RESIDUAL,
     VIOLATION,
-    VISITED,
     WORK,
 )
-from ..state import PLANAR_ACTUATION as ACTUATION
-from ..state import PLANAR_GAINED as GAINED
-from ..state import PLANAR_LOAD as LOAD
-from ..state import PLANAR_TENSION as TENSION
-from ..state import PLANAR_X as X
-from ..state import PLANAR_X_REST as X_REST
-from .friction import CLOSE_ENOUGH, corners_of, excess, resistance
-from .rates import BAND, find_rates
-from .springs import diagonal
-from .translation import choose_translation
-from .walk import (
-    DETERMINED,
-    ERROR_LEFT,
-    KNOWN,
-    LENGTH,
-    NOT_UNIQUE,
-    PATIENCE,
-    PLACE,
-    STAGES,
-    START,
-    TRIALS,
-    attempt,
-    friction_at,
-    load_at,
-    pull,
-    step,
-    stretch,
-)
+from .elastic import energy_of, pull
+from .frame import unwind, yaw_of
+from .friction import gap_of, load_part, resistance
+from .polygon import time_to_edge
+from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
+from .stage import solve_stage
+from .walk import AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
+_GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-4, 1e-2
+"""Parts of a ramp in which velocities are measured: in general, and with polygons, whose paths are straight; and by how
+much a part is shortened in which they change."""
+_BAND = 1e-9
+"""A point this close to the boundary of its set, relative to its size, is on it."""
+_LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
+"""Shortest part of a ramp that is tried before the body jumps; that of vector springs, before a step is forced."""
+_LEAST_FALL = 1e-6
+"""Shortest part of a ramp in whose end an equilibrium may become unstable."""
+_BEYOND = 0.3 * AT_ONCE
+"""A part ends where a point that starts has moved by this part of the tolerance."""
+_SHORT_OF = 0.95
+"""A part is shortened at least by this factor where a point stops inside."""
+_SPENT, _AT_ONCE = 0.02, 0.125
+"""Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
+that it may take."""
+_BALANCED, _ROUNDING = 0.01, 1e-12
+"""The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
+_EDGE = 1e-6
+"""A length that is a power of 2 but for rounding is not rounded down to the next one."""
 _LAST_STEP = 1.0 / 256.0
-"""Length of a step, as part of the ramp, after the limit of substeps is reached."""
+"""Length of a step that is taken whatever its error, as part of the ramp."""
+_MOST_TRIALS = 100
+"""Upper limit of lengths that are tried at a place of a ramp."""
+PLACE, LENGTH, LEFT, MARGIN, PATIENCE = range(5)
+"""Entries of the progress on a ramp: the place, 0 to 1; length of the next part; the error that is left [m]; the least
+stability margin; the number of parts until the caller may try to divide the body."""
 
 
 @lean
-def visited_margin(spring, friction, directions, corners):
-    """Compute how far the forces are from letting all contacts slide at once, as part of all friction.
-
-    Args:
-        spring: force that friction balances on each contact, shape (n, 2) [N].
-        friction: mu, shape (n, max(m, 1)) [N].
-        directions: unit vectors, shape (m, 2).
-        corners: corners of the polygons, shape (n, m, 2) [N].
-
-    Returns:
-        The part, in [0, 1].
-    """
-    near = 0.0
-    sizes = 0.0
-    for i in range(spring.shape[0]):
-        g0 = spring[i, 0]
-        g1 = spring[i, 1]
-        if directions.shape[0] == 0:
-            near += max(friction[i, 0] - math.hypot(g0, g1), 0.0)
-            sizes += 2.0 * friction[i, 0]
-            continue
-        least = np.inf
-        size = 0.0
-        for k in range(directions.shape[0]):
-            gap = friction[i, k] - g0 * directions[k, 0] - g1 * directions[k, 1]
-            if gap < least:
-                least = gap
-                size = friction[i, k] + resistance(friction[i], corners[i], -directions[k, 0], -directions[k, 1])
-        near += max(least, 0.0)
-        sizes += size
-    return near / sizes if sizes > 0.0 else 0.0
-
-
-@lean
-def set_spring(ends, stiffness, contacts, links, s, c, goal):
-    """Set a coordinate of the rest length of a spring, and its tension from the displacements.
-
-    Args:
-        ends: the contacts of each spring, int, shape (S, 2).
-        stiffness: k, shape (S,) [N/m].
-        contacts: rows as in `follow_ramp`.
-        links: rows TENSION and ACTUATION, shape (2, S, 2), changed in place.
-        s: the spring.
-        c: the coordinate.
-        goal: the rest length [m].
-
-    Returns:
-        The energy that it gains [J].
-    """
-    a = ends[s, 0]
-    b = ends[s, 1]
-    old = links[TENSION, s, c]
-    shape = contacts[X, b, c] - contacts[X, a, c] + (contacts[X_REST, b, c] - contacts[X_REST, a, c])
-    new = stiffness[s] * (shape - goal)
-    links[TENSION, s, c] = new
-    links[ACTUATION, s, c] = goal
-    return 0.5 * (new - old) * (new + old) / stiffness[s]
+def _time_to_reach(u0, u1, rate0, rate1):
+    """Compute when a force that changes linearly reaches the unit circle from inside; infinite if never."""
+    inside = 1.0 - u0 * u0 - u1 * u1
+    if inside <= _BAND:
+        return np.inf
+    bend = rate0 * rate0 + rate1 * rate1
+    outwards = u0 * rate0 + u1 * rate1
+    bottom = outwards + math.sqrt(outwards * outwards + bend * inside)
+    return inside / bottom if bottom > 0.0 else np.inf
 
 
 @compiled
-def _commit(moved, spent, part, ends, stiffness, directions, contacts, links, friction, target, account):
-    """Apply a substep with dissipation `spent[0, 0]`, work `spent[0, 1]` and with loads their work `spent[1, 0]`."""
-    n = moved.shape[0]
-    loads = contacts[LOAD:]
+def _glance(frame, way, part, negligible, velocity, force):
+    """Measure the velocities over a part of a ramp; the other arguments, and what it returns, are `glance`'s."""
+    x, command, target = way
+    n = x.shape[0]
+    now = np.empty(command.shape[0])
+    size = np.empty(n)
+    after = np.empty((n, 2))
+    pull(frame, command, x, force, size)
+    command_at(command, target, part, now)
+    moved = x.copy()
     for i in range(n):
         for c in range(2):
-            contacts[GAINED, i, c] += moved[i, c]
-            change = moved[i, c] + contacts[X_REST, i, c]
-            before = contacts[X, i, c]
-            after = before + change
-            applied = after - before
-            contacts[X, i, c] = after
-            contacts[X_REST, i, c] = (before - (after - applied)) + (change - applied)
-    gained = 0.0
-    for s in range(ends.shape[0]):
-        for c in range(2):
-            length = links[ACTUATION, s, c]
-            goal = target[2 * s + c] if part == 1.0 else length + part * (target[2 * s + c] - length)
-            gained += set_spring(ends, stiffness, contacts, links, s, c, goal)
-    friction[:] = friction_at(friction, loads, target, part)
-    corners = corners_of(friction, directions)
-    spring = np.empty((n, 2))
-    pull(ends, links[TENSION], loads, target, part, spring)
+            moved[i, c] += part * velocity[i, c]
+    solved, _ = solve_stage(frame, now, x, moved, after, 0.0)
+    if not solved:
+        return np.inf
+    first = np.inf
     for i in range(n):
-        g0 = spring[i, 0]
-        g1 = spring[i, 1]
-        v0 = moved[i, 0]
-        v1 = moved[i, 1]
-        _, e0, e1 = excess(g0, g1, friction[i], directions, corners[i], 0.0)
-        account[VIOLATION] = max(account[VIOLATION], math.hypot(e0, e1))
-        lost = resistance(friction[i], corners[i], v0, v1) - (g0 * v0 + g1 * v1)
+        velocity[i, 0] = (moved[i, 0] - x[i, 0]) / part
+        velocity[i, 1] = (moved[i, 1] - x[i, 1]) / part
+        speed = math.hypot(velocity[i, 0], velocity[i, 1])
+        gap = gap_of(frame, command, x, i, force)
+        if frame.directions.shape[0] > 0 and gap < np.inf:
+            first = min(first, part * time_to_edge(frame, command, now, i, force, after))
+        elif gap < np.inf and speed == 0.0:
+            u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
+            v0, v1 = load_part(frame, now, moved, i, after[i, 0], after[i, 1])
+            first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part))
+        elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
+            first = min(first, part * gap / (gap + frame.grip[i] * part * speed))
+    return first
+
+
+@merged
+def glance(frame, way, negligible, velocity, force):
+    """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
+
+    Args:
+        frame: the body.
+        way: displacements, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
+        negligible: a point that starts and moves by no more is taken to have started before [m].
+        velocity: changed in place: a guess, then the velocities, shape (N, 2) [m per unit of the ramp].
+        force: output: the force that friction balances at the start, shape (N, 2) [N].
+
+    Returns:
+        The part of the ramp; infinite if none does, or no velocities were found.
+    """
+    part = _GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE
+    first = _glance(frame, way, part, negligible, velocity, force)
+    while frame.directions.shape[0] > 0 and first < part and part > _LEAST_PART:
+        part *= _SHORTER  # an event within changed the velocities
+        first = _glance(frame, way, part, negligible, velocity, force)
+    return first
+
+
+@lean
+def _dyadic(length):
+    """Round a length down to a power of 2: rounding errors must not decide about the length of a part."""
+    return 2.0 ** math.floor(math.log2(length) + _EDGE)
+
+
+@merged
+def _settle(frame, state, target, part, best, after, allowed):
+    """Solve for the end of a part of a ramp, where friction balances the forces.
+
+    The displacement and the dissipation in `best` become those to that end.
+
+    Returns whether it is stable and the energies balance: where they do not, the body has jumped; and their residual.
+    """
+    x, _, command, _ = state
+    n = x.shape[0]
+    force = np.empty((n, 2))
+    now = np.empty(command.shape[0])
+    base = np.empty((n, 2))
+    command_at(command, target, part, now)
+    for i in range(n):
+        for c in range(2):
+            base[i, c] = after[i, c] = x[i, c] + best[i, c]
+    solved, _ = solve_stage(frame, now, base, after, force, 0.0)
+    most = 0.0
+    for i in range(n):
+        best[n, 0] += resistance(frame, now, after, i, after[i, 0] - base[i, 0], after[i, 1] - base[i, 1])
+        best[i, 0] = after[i, 0] - x[i, 0]
+        best[i, 1] = after[i, 1] - x[i, 1]
+        most = max(most, math.hypot(force[i, 0], force[i, 1]))
+    stored = energy_of(frame, command, x)
+    gained = energy_of(frame, now, after) - stored
+    spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
+    residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
+    balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
+    if frame.vector:
+        return solved, residual
+    matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
+    return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual
+
+
+@merged
+def _take(frame, state, target, part, best, after, account):
+    """Apply a part of a ramp to the state, and write its account."""
+    x, gained, command, yaw = state
+    n = x.shape[0]
+    force = np.empty((n, 2))
+    size = np.empty(n)
+    command_at(command, target, part, command)
+    before = yaw_of(frame, x)
+    for i in range(n):
+        for c in range(2):
+            gained[i, c] += best[i, c]
+            x[i, c] = after[i, c]
+    pull(frame, command, x, force, size)
+    for i in range(n):
+        gap = gap_of(frame, command, x, i, force)
+        strength = math.hypot(force[i, 0], force[i, 1])
+        account[VIOLATION] = max(account[VIOLATION], -gap if gap < np.inf else strength)
+        lost = resistance(frame, command, x, i, best[i, 0], best[i, 1])
+        lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
-    dissipated = spent[0, 0]
-    if loads.shape[0] > 0:
-        dissipated -= spent[1, 0]
-        account[LOADS_WORK] += spent[1, 0]
-        for i in range(n):
-            for c in range(2):
-                loads[0, i, c] = load_at(loads, target, part, i, c)
-    account[WORK] += spent[0, 1]
-    account[DISSIPATION] += dissipated
-    account[RESIDUAL] += gained + dissipated - spent[0, 1]
-    account[VISITED] = min(account[VISITED], visited_margin(spring, friction, directions, corners))
+    yaw[0] += unwind(yaw_of(frame, x) - before)
+    account[WORK] += best[n, 1]
+    account[DISSIPATION] += best[n, 0] - best[n + 1, 0]
+    account[LOADS_WORK] += best[n + 1, 0]
     account[EVENTS] += 1.0
 
 
-@compiled
-def is_still(links, friction, contacts, target):
-    """Return whether a target equals the command in force.
+@lean
+def _find_start(length, moved, later, guess, beyond):
+    """Estimate the length of a part that ends just beyond the start of a point.
 
     Args:
-        links: rows TENSION and ACTUATION, shape (2, S, 2).
-        friction: mu, shape (n, max(m, 1)) [N].
-        contacts: rows as in `follow_ramp`.
-        target: end of the ramp.
+        length: of a part that is too long.
+        moved: by how much the point moved in it [m].
+        later: the same two of a longer part, infinite if there is none.
+        guess: estimate of the factor without a longer part.
+        beyond: by how much the point shall move [m].
 
     Returns:
-        Whether it does.
+        The length.
     """
-    loads = contacts[LOAD:]
-    if loads.shape[0] > 0 and np.any(target[target.size - loads.size :] != loads.ravel()):
-        return False
-    for s in range(links.shape[1]):
-        if target[2 * s] != links[ACTUATION, s, 0] or target[2 * s + 1] != links[ACTUATION, s, 1]:
-            return False
-    return bool(np.all(friction_at(friction, loads, target, 1.0) == friction))
+    if not moved < later[1] or later[0] == np.inf:
+        return max(guess, 0.3) * length
+    speed = (later[1] - moved) / (later[0] - length)
+    return min(max(length - (moved - beyond) / speed, 0.1 * length), 0.999 * length)
 
 
-@compiled
-def _look_ahead(springs, directions, links, friction, loads, target, spring, band, velocity):
-    """Compute the forces, their rounding tolerance and velocities; return the part of the way to the next event."""
-    ends, stiffness = springs.ends, springs.stiffness
-    pull(ends, links[TENSION], loads, target, 0.0, spring)
-    push = np.empty_like(spring)
-    rate = np.zeros_like(links[TENSION])
-    stretch(ends, stiffness, np.zeros_like(spring), target, links, 1.0, rate)
-    pull(ends, rate, loads, target, 1.0, push)
-    for i in range(spring.shape[0]):
-        band[i] = BAND * friction[i].max()
-        if loads.shape[0] > 0:
-            for c in range(2):
-                push[i, c] -= loads[0, i, c]
-                band[i] += BAND * (abs(loads[0, i, c]) + abs(load_at(loads, target, 1.0, i, c)))
-    for s in range(ends.shape[0]):
-        for c in range(2):
-            size = abs(links[TENSION, s, c]) + abs(rate[s, c]) + stiffness[s] * abs(links[ACTUATION, s, c])
-            for e in range(2):
-                band[ends[s, e]] += BAND * size
-    growth = friction_at(friction, loads, target, 1.0) - friction
-    return find_rates(springs, spring, push, friction, growth, directions, band, velocity)
-
-
-@compiled
-def follow_ramp(
-    springs, directions, contacts, links, friction, target, tolerance, most_steps, account, progress, *memory
-):
-    """Follow a straight ramp of the commands.
-
-    Args:
-        springs: the springs of the body, from `build_springs`.
-        directions: unit vectors d_k, counterclockwise, shape (m, 2); m = 0 for isotropic friction.
-        contacts: rows X, X_REST (the rounding rest of X) and GAINED (since the call) [m], and with loads LOAD [N],
-            shape (3, n, 2) or (4, n, 2), changed in place.
-        links: rows TENSION [N] and ACTUATION [m], shape (2, S, 2), changed in place.
-        friction: mu, shape (n, max(m, 1)) [N], changed in place.
-        target: L, mu and with loads the loads at the ramp's end, shape (2 S + n max(m, 1) [+ 2 n],).
-        tolerance: approximate largest displacement error [m].
-        most_steps: upper limit of implicit steps tried; equal steps then complete the ramp.
-        account: total account, shape (14,), added to.
-        progress: place on the ramp, see `walk`, changed in place; zero at its start.
-        memory: upper limit of sweeps, and the arrays of `walk.step`: stages, motions and problem.
-
-    Returns:
-        False if a step has to be solved by the caller, else True: at the end of the ramp, or where the patience is at
-        an end or a tied contact has moved, as the forces of the springs that tie it are commanded with the loads.
-    """
-    ends, stiffness = springs.ends, springs.stiffness
-    most_sweeps, stages, motions, problem = memory
-    n = friction.shape[0]
-    spring = np.empty((n, 2))
-    velocity = np.zeros((n, 2))
-    band = np.empty(n)
-    loads = contacts[LOAD:]
-    if progress[LENGTH] == 0.0:
-        progress[PLACE] = 0.0
-        progress[LENGTH] = 1.0
-        progress[START] = np.inf
-        progress[ERROR_LEFT] = tolerance
-        progress[TRIALS] = 0.0
-    while progress[PLACE] < 1.0:
-        forced = progress[TRIALS] >= most_steps
-        if forced:  # the rest takes equal steps, whatever their error
-            progress[LENGTH] = _LAST_STEP
-        length = progress[LENGTH]
-        rest = 1.0 - progress[PLACE]
-        event = _look_ahead(springs, directions, links, friction, loads, target, spring, band, velocity) * rest
-        event = min(event, progress[START])
-        cut = not forced and event < min(length, rest) * (1.0 - 1e-9)
-        if cut:
-            length = event
-        last = not cut and length >= rest - 1e-12
-        if last:
-            length = rest
-        part = 1.0 if last else length / rest
-        blur = 0.0
-        for i in range(n):  # displacements that correspond to rounding of forces
-            blur = max(blur, band[i] / diagonal(springs, i))
-        allowed = np.inf if forced else max(tolerance * length, blur)
-        if progress[KNOWN] == 0.0:
-            stages[0] = part * velocity
-        if loads.shape[0] > 0 and springs.tied.size == 0:
-            reach = 0.5 * band / CLOSE_ENOUGH
-            scratch = np.empty(n, np.int64)
-            progress[DETERMINED] = choose_translation(velocity.copy(), spring, friction, directions, reach, scratch)
-        ok, found, error, walks, growth = attempt(
-            part,
-            velocity,
-            spring,
-            band,
-            tolerance,
-            allowed,
-            springs,
-            directions,
-            links,
-            friction,
-            loads,
-            target,
-            *memory,
-            progress,
-        )
-        if not ok:
-            return False
-        moved = found[:n]
-        paid = 0.0 if error <= allowed else error  # at starts and stops of contacts
-        accepted = paid <= 0.125 * progress[ERROR_LEFT]
-        if accepted and walks > 2:  # put the spring forces back onto the friction sets
-            tension = links[TENSION].copy()
-            stretch(ends, stiffness, moved, target, links, part, tension)
-            pull(ends, tension, loads, target, part, spring)
-            mu = friction_at(friction, loads, target, part)
-            if progress[KNOWN] < STAGES:
-                stages[STAGES - 1] = 0.0
-            if not step(STAGES - 1, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress):
-                return False
-            moved = moved + stages[STAGES - 1]
-            if loads.shape[0] > 0:
-                for i in range(n):
-                    for c in range(2):
-                        found[n + 1, 0] += load_at(loads, target, part, i, c) * stages[STAGES - 1, i, c]
-        if accepted:
-            _commit(moved, found[n:], part, ends, stiffness, directions, contacts, links, friction, target, account)
-            progress[PLACE] = 1.0 if last else progress[PLACE] + length
-            progress[PATIENCE] -= 1.0
-            progress[ERROR_LEFT] -= paid
-            if length > SHORTEST_STRETCH and progress[NOT_UNIQUE:].max() > 0.0:
-                account[AMBIGUOUS] = 1.0
-            account[OVERSPENT] += forced and last
-            for i in springs.tied:
-                if moved[i, 0] != 0.0 or moved[i, 1] != 0.0:
-                    return True
-        growth = min(max(growth, 0.3), 4.0) if accepted else min(max(growth, 0.05), 0.95)
-        if accepted and loads.shape[0] > 0 and allowed > tolerance * length:
-            growth = max(growth, 2.0)  # the error is that of rounding, which shorter steps do not reduce
-        longest = growth * length
-        progress[START] = longest if walks == 0 and not accepted else np.inf
-        if walks == 0 or (accepted and cut):  # an event ended it, not its error
-            progress[LENGTH] = max(longest, progress[LENGTH])
+@merged
+def _advance(frame, state, target, tolerance, velocity, books, best):
+    """Follow a ramp to the next event, or as far as the tolerance allows; return the part of the way, 0 if none."""
+    account, progress = books
+    way = state[0], state[2], target
+    n = velocity.shape[0]
+    rest = 1.0 - progress[PLACE]
+    force = np.empty((n, 2))
+    after = np.empty((n, 2))
+    first = glance(frame, way, AT_ONCE * tolerance, velocity, force)
+    fastest = farthest(velocity, n)
+    if first < np.inf and fastest > 0.0 and frame.directions.shape[0] == 0:  # paths with polygons are straight
+        first += _BEYOND * tolerance / fastest
+    aim = first * rest
+    wanted = progress[LENGTH]
+    later = moved = np.inf
+    for _ in range(_MOST_TRIALS):
+        length = min(wanted, aim, rest)
+        part = 1.0 if length >= rest else length / rest
+        limits = max(tolerance * length, _SPENT * progress[LEFT]), tolerance
+        outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
+        if outcome == START:
+            aim = _find_start(length, error, (later, moved), growth, _BEYOND * tolerance)
+            later = length
+            moved = error
+        elif outcome == STOP:
+            aim = min(growth, _SHORT_OF) * length
         else:
-            progress[LENGTH] = longest
-        progress[TRIALS] += max(progress[KNOWN], 1.0)
-        progress[KNOWN] = 0.0
-        progress[NOT_UNIQUE:] = 0.0
-        if progress[PATIENCE] == 0.0:
+            paid = max(error - tolerance * length, 0.0)
+            if outcome == TAKEN and paid <= _AT_ONCE * progress[LEFT]:
+                settled, residual = _settle(frame, state, target, part, best, after, limits[0])
+                if settled:
+                    account[RESIDUAL] += residual
+                    progress[LEFT] -= paid
+                    growth = min(max(growth, 0.3), 4.0) * length
+                    progress[LENGTH] = max(wanted, _dyadic(growth)) if length >= aim else _dyadic(growth)
+                    _take(frame, state, target, part, best, after, account)
+                    account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
+                    return part
+                if length < _LEAST_FALL:
+                    break
+                growth = 0.5
+            wanted = _dyadic((0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
+        if min(aim, wanted) < (_LEAST_STRAIGHT if frame.vector else _LEAST_PART):
             break
+    return 0.0
+
+
+@merged
+def _force(frame, state, target, rest, best, account):
+    """Take one implicit step of vector springs, whatever its error, and count it; return the part of the way."""
+    part = min(_LAST_STEP / rest, 1.0)
+    n = state[0].shape[0]
+    after = np.empty((n, 2))
+    step = np.zeros((n, 2))
+    slid = np.empty((n, 2))
+    walk(frame, (state[0], state[2], target), part, 1, step, best, slid)
+    _, residual = _settle(frame, state, target, part, best, after, 0.0)
+    account[RESIDUAL] += residual
+    account[OVERSPENT] += 1.0
+    _take(frame, state, target, part, best, after, account)
+    return part
+
+
+@compiled
+def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
+    """Follow a ramp of the commands, until it ends, or patience does, or no equilibrium is left to follow.
+
+    Args:
+        frame: the body.
+        state: displacements and what was gained, shape (N, 2) [m]; the command in force, shape (C,); the yaw, shape
+            (1,) [rad]; changed in place.
+        target: end of the ramp, shape (C,).
+        tolerance: largest error of the displacements [m].
+        velocity: of the points along the ramp, a guess, changed in place: how far they moved last, where the body
+            jumps, shape (N, 2) [m].
+        account: added to, shape (14,).
+        progress: changed in place, shape (5,), see `PLACE`.
+
+    Returns:
+        Whether there is an equilibrium to follow.
+    """
+    n = velocity.shape[0]
+    best = np.zeros((n + 2, 2))
+    while progress[PLACE] < 1.0 and progress[PATIENCE] > 0.0:
+        progress[PATIENCE] -= 1.0
+        part = _advance(frame, state, target, tolerance, velocity, (account, progress), best)
+        if part == 0.0 and frame.vector:
+            part = _force(frame, state, target, 1.0 - progress[PLACE], best, account)
+        if part == 0.0:
+            for i in range(n):
+                for c in range(2):
+                    velocity[i, c] = best[i, c]
+            return False
+        for i in range(n):
+            for c in range(2):
+                velocity[i, c] *= 1.0 - part
+        rest = 1.0 - progress[PLACE]
+        progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
+        if frame.vector:
+            continue
+        margin = least_eigenvalue(stiffness_of(frame, state[2], state[0], best, 2.0)[0])
+        progress[MARGIN] = min(progress[MARGIN], margin)
     return True

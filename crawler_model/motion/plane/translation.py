@@ -8,33 +8,40 @@ import numpy as np
 
 from ...compiled import compiled
 from ...rounding import CRITICAL, EPS
-from .friction import CLOSE_ENOUGH, STUCK
+from .elastic import pull
+from .frame import friction_of
+from .friction import gap_of
+
+_CLOSE = 2e-13
+"""Rounding error of a force, relative to the magnitude of its terms."""
+_SURELY = 1e-6
+"""A contact this far inside its set, relative to its friction, fixes the translation."""
 
 
 @compiled
-def _normal_cones(velocity, spring, friction, directions, magnitude, normals, offsets):
-    """Write the translations t that leave every v_i + t normal to C_i at g_i as half-planes normals . t >= offsets.
+def _normal_cones(frame, command, velocity, force, size, normals, offsets):
+    """Write the translations t that leave every v_i + t normal to C_i at its force as half-planes normals . t >= offsets.
 
     Returns their number, or -1 if a contact inside its C_i, or two contacts together, fix the translation.
     """
-    n = velocity.shape[0]
+    directions = frame.directions
     m = directions.shape[0]
     count = 0
     ray = np.zeros(2)
-    for i in range(n):
-        size = friction[i].max()
-        close = CRITICAL * size + 2.0 * CLOSE_ENOUGH * magnitude[i]
+    for i in range(velocity.shape[0]):
+        at, _, most = friction_of(frame, command, i)
+        close = CRITICAL * most + _CLOSE * size[i]
         start = count
         single = False
         if m == 0:
-            force = math.hypot(spring[i, 0], spring[i, 1])
-            if size <= 0.0:
+            strength = math.hypot(force[i, 0], force[i, 1])
+            if most <= 0.0:
                 continue
-            if force < size - close:
+            if strength < most - close:
                 return -1
             single = True
-            d0 = spring[i, 0] / force
-            d1 = spring[i, 1] / force
+            d0 = force[i, 0] / strength
+            d1 = force[i, 1] / strength
         else:
             first = -1
             last = -1
@@ -44,7 +51,7 @@ def _normal_cones(velocity, spring, friction, directions, magnitude, normals, of
                     return -1
                 if k == m:
                     j = first
-                elif spring[i, 0] * directions[j, 0] + spring[i, 1] * directions[j, 1] < friction[i, j] - close:
+                elif force[i, 0] * directions[j, 0] + force[i, 1] * directions[j, 1] < command[at + j] - close:
                     continue
                 if last >= 0:
                     a0 = directions[last, 0]
@@ -83,38 +90,46 @@ def _normal_cones(velocity, spring, friction, directions, magnitude, normals, of
 
 
 @compiled
-def choose_translation(velocity, spring, friction, directions, magnitude, motion):
-    """Add the translation of equal cost that brings the mean nearest to zero.
+def choose_translation(frame, command, base, x, force):
+    """Add to a step of vector springs the translation of equal cost that brings its mean nearest to zero.
 
     Args:
-        velocity: displacements of a step in which all contacts may slide, shape (N, 2) [m], changed in place.
-        spring: force of the springs on each contact, shape (N, 2) [N].
-        friction: bounds, shape (N, 1), or (N, m) for shared directions [N].
-        directions: unit vectors, shape (m, 2); m = 0 for discs.
-        magnitude: magnitude of the terms of each spring force, for its rounding, shape (N,) [N].
-        motion: motion of each contact, see `STUCK`, int64, shape (N,), changed in place.
+        frame: the body.
+        command: the command at the end of the step.
+        base: displacements at its start, shape (N, 2) [m].
+        x: displacements at its end, shape (N, 2) [m], changed in place.
+        force: force that friction balances at its end, shape (N, 2) [N].
 
     Returns:
         Whether the translation is unique.
     """
-    n = velocity.shape[0]
+    n = x.shape[0]
+    for i in range(n):
+        most = friction_of(frame, command, i)[2]
+        if most > 0.0 and gap_of(frame, command, x, i, force) > _SURELY * most:
+            return True
+    size = np.empty(n)
+    pull(frame, command, x, force, size)
+    velocity = x - base
     normals = np.empty((6 * n, 2))
     offsets = np.empty(6 * n)
-    count = _normal_cones(velocity, spring, friction, directions, magnitude, normals, offsets)
+    count = _normal_cones(frame, command, velocity, force, size, normals, offsets)
     if count < 0:
         return True
-    size = 0.0
+    near = 0.0
+    longest = 0.0
     goal0 = 0.0
     goal1 = 0.0
     for i in range(n):
-        size = max(size, math.hypot(velocity[i, 0], velocity[i, 1]))
+        longest = max(longest, math.hypot(velocity[i, 0], velocity[i, 1]))
         goal0 -= velocity[i, 0] / n
         goal1 -= velocity[i, 1] / n
-    if size == 0.0:
+        near = max(near, CRITICAL * longest + 4.0 * EPS * (abs(x[i, 0]) + abs(x[i, 1])))
+    if longest <= near:
         return True
     inside = True
     for c in range(count):
-        if offsets[c] > -CRITICAL * size:
+        if offsets[c] > -near:
             offsets[c] = 0.0
         inside = inside and normals[c, 0] * goal0 + normals[c, 1] * goal1 >= offsets[c]
     unique = count > 0
@@ -132,15 +147,15 @@ def choose_translation(velocity, spring, friction, directions, magnitude, motion
             rise = normals[o, 0] * u0 + normals[o, 1] * u1
             need = offsets[o] - (normals[o, 0] * p0 + normals[o, 1] * p1)
             if abs(rise) <= 10.0 * CRITICAL:
-                if need > CRITICAL * size:
+                if need > near:
                     least = np.inf
             elif rise > 0.0:
                 least = max(least, need / rise)
             else:
                 most = min(most, need / rise)
-        if least == np.inf or most < least - CRITICAL * size:
+        if least == np.inf or most < least - near:
             continue
-        if most - least > CRITICAL * size:
+        if most - least > near:
             unique = False
         at = min(max(goal0 * u0 + goal1 * u1, least), most)
         far = (p0 + at * u0 - goal0) ** 2 + (p1 + at * u1 - goal1) ** 2
@@ -154,10 +169,7 @@ def choose_translation(velocity, spring, friction, directions, magnitude, motion
         t0 = goal0
         t1 = goal1
     for i in range(n):
-        velocity[i, 0] += t0
-        velocity[i, 1] += t1
-        if math.hypot(velocity[i, 0], velocity[i, 1]) <= CRITICAL * size:
-            velocity[i, 0] = 0.0
-            velocity[i, 1] = 0.0
-            motion[i] = STUCK
+        stays = math.hypot(velocity[i, 0] + t0, velocity[i, 1] + t1) <= near
+        x[i, 0] = base[i, 0] if stays else x[i, 0] + t0
+        x[i, 1] = base[i, 1] if stays else x[i, 1] + t1
     return False

@@ -1,9 +1,7 @@
-"""A stretch of a ramp in the plane, followed in 1, 2, 3, ... equal implicit steps and extrapolated.
+"""A part of a ramp, followed in 1, 2, 3, ... equal implicit steps and extrapolated.
 
-One implicit step is exact where the path is straight, and its energy bounds its error otherwise (`missed`). A path
-that bends, as with discs, is followed again in 2, 3, ... steps, whose displacements and energies are extrapolated by
-the Aitken-Neville scheme, as long as the same contacts slide in all of them as at the start. If contacts start or stop
-inside the stretch, it is shortened instead.
+Displacements and energies are extrapolated by the Aitken-Neville scheme, as long as the same points slide in all steps.
+If a point starts or stops inside the part, the part is shortened to there instead: the path has a kink.
 """
 
 from __future__ import annotations
@@ -12,348 +10,315 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
-from ..equal_steps import farthest, find_stop
-from ..state import PLANAR_ACTUATION as ACTUATION
-from ..state import PLANAR_TENSION as TENSION
-from .friction import STUCK, corners_of, resistance
-from .implicit_step import project_planar
-from .rates import missed
-from .springs import diagonal
+from ...compiled import compiled, lean, merged
+from .equal_steps import farthest, find_stop
+from .elastic import pull, stretch_link, stretch_vector, turn_joint
+from .frame import friction_of, load_of
+from .friction import gap_of, resistance
+from .polygon import ON
+from .stage import solve_stage
+from .translation import choose_translation
 
-# Progress of `ramp.follow_ramp`: the ramp, the place on it, the length of the present substep (0 before a ramp), the
-# length after which a contact starts according to the last trial, the error still allowed at starts and stops, implicit
-# steps tried, substeps left until the caller may try to go on in parts, whether there are loads and the translation is
-# determined at the start of this substep, its solved stages, and which of them are not unique.
-RAMP, PLACE, LENGTH, START, ERROR_LEFT, TRIALS, PATIENCE, DETERMINED, KNOWN, NOT_UNIQUE = range(10)
 _WALKS = 6
-STAGES = _WALKS * (_WALKS + 1) // 2 + 1
-"""Implicit steps of a substep: 1 + 2 + ... plus one that corrects the extrapolation."""
-_AT_ONCE = 1e-3
-"""Starts and stops of contacts within this part of the tolerance count as immediate."""
-_SAME_SHAPE = 1e-9
-"""Steps that differ from a translation by no more than this part have the same shape."""
+AT_ONCE = 1e-2
+"""Starts and stops of points within this part of the tolerance count as immediate."""
 _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
+_AT_ONE_PLACE = 0.1
+"""A force is on the boundary of its set if its contact starts within this part of what is negligible."""
+FAILED, START, STOP, TAKEN = range(4)
+"""Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; done, with some error."""
 
 
 @lean
-def _stay(guess, moved):
-    """Undo the choice of a translation where it is undetermined only at the end of a straight step.
-
-    Loads that change pass through forces at which friction balances; up to there the translation is that of the guess.
-
-    Returns whether `moved` and the guess differ by a translation alone.
-    """
-    rests = 0
-    for i in range(moved.shape[0]):
-        if guess[i, 0] == 0.0 and guess[i, 1] == 0.0:
-            rests = i
-    shift0 = guess[rests, 0] - moved[rests, 0]
-    shift1 = guess[rests, 1] - moved[rests, 1]
-    near = _SAME_SHAPE * farthest(guess, guess.shape[0])
-    for i in range(moved.shape[0]):
-        if math.hypot(guess[i, 0] - moved[i, 0] - shift0, guess[i, 1] - moved[i, 1] - shift1) > near:
-            return False
-    for i in range(moved.shape[0]):
-        moved[i, 0] += shift0
-        moved[i, 1] += shift1
-    return True
-
-
-@compiled
-def step(stage, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress):
-    """Solve an implicit step unless it is already solved.
+def command_at(command, target, part, now):
+    """Interpolate a command on the way to its target.
 
     Args:
-        stage: number of the step.
-        spring: spring forces before the step, shape (n, 2) [N].
-        mu: friction after the step, shape (n, max(m, 1)) [N].
-        directions: unit vectors, shape (m, 2).
-        springs: the springs, with K, as in `Springs`.
-        most_sweeps: upper limit of sweeps.
-        stages: displacements of the stages, changed in place, shape (STAGES, n, 2) [m].
-        motions: motions of the contacts in the stages, changed in place, int64, shape (STAGES, n).
-        problem: `spring` and `mu` of a failed step, changed in place, shape (n, 2 + max(m, 1)).
-        progress: progress of `follow`, changed in place.
-
-    Returns:
-        Whether it is solved.
-    """
-    if stage < progress[KNOWN]:
-        return True
-    determined = stage == 0 and progress[DETERMINED] > 0.0
-    guess = stages[stage].copy() if determined else stages[stage]
-    solved, _, unique, _ = project_planar(springs, spring, mu, directions, most_sweeps, stages[stage], motions[stage])
-    if solved and not unique and determined:
-        unique = _stay(guess, stages[stage])
-    if solved:
-        progress[KNOWN] = stage + 1
-        progress[NOT_UNIQUE + stage] = not unique
-    else:
-        problem[:, :2] = spring
-        problem[:, 2:] = mu
-    return solved
-
-
-@lean
-def pull(ends, tension, loads, target, part, spring):
-    """Compute the force that friction balances on each contact: that of its springs and its load.
-
-    Args:
-        ends: the contacts of each link, int, shape (S, 2).
-        tension: shape (S, 2) [N].
-        loads: present loads, shape (1, n, 2) [N]; shape (0, n, 2) without loads.
-        target: end of the ramp, loads last.
-        part: part of the way to the target, for the loads.
-        spring: output, shape (n, 2) [N].
-    """
-    if loads.shape[0] == 0:
-        spring[:] = 0.0
-    else:
-        for i in range(spring.shape[0]):
-            for c in range(2):
-                spring[i, c] = load_at(loads, target, part, i, c)
-    for s in range(ends.shape[0]):
-        for c in range(2):
-            spring[ends[s, 0], c] += tension[s, c]
-            spring[ends[s, 1], c] -= tension[s, c]
-
-
-@lean
-def load_at(loads, target, part, i, c):
-    """Interpolate a load on the way to its target.
-
-    Args:
-        loads: present loads, shape (1, n, 2) [N].
-        target: end of the ramp, loads last.
+        command: the command in force, shape (C,).
+        target: end of the ramp, shape (C,).
         part: part of the way.
-        i: the contact.
-        c: the coordinate.
-
-    Returns:
-        The load there [N].
+        now: output, shape (C,).
     """
-    goal = target[target.size - loads.size + 2 * i + c]
-    return goal if part == 1.0 else loads[0, i, c] + part * (goal - loads[0, i, c])
-
-
-@lean
-def stretch(ends, stiffness, moved, target, links, part, tension):
-    """Update tensions for displacements of the contacts and part of the change of the rest lengths.
-
-    Args:
-        ends: the contacts of each link, int, shape (S, 2).
-        stiffness: k, shape (S,) [N/m].
-        moved: displacements, shape (n, 2) [m].
-        target: end of the ramp, L first.
-        links: rows TENSION and ACTUATION, shape (2, S, 2).
-        part: part of the way to the target.
-        tension: changed in place, shape (S, 2) [N].
-    """
-    for s in range(ends.shape[0]):
-        for c in range(2):
-            pull = moved[ends[s, 1], c] - moved[ends[s, 0], c]
-            tension[s, c] += stiffness[s] * (pull - part * (target[2 * s + c] - links[ACTUATION, s, c]))
+    for k in range(command.shape[0]):
+        now[k] = target[k] if part == 1.0 else command[k] + part * (target[k] - command[k])
 
 
 @compiled
-def friction_at(friction, loads, target, part):
-    """Interpolate the friction on the way to its target.
+def work_of(frame, x, before, after, slope):
+    """Compute the work of the actuators while the body does not move.
 
     Args:
-        friction: present mu, shape (n, max(m, 1)) [N].
-        loads: present loads, shape (1, n, 2) [N]; shape (0, n, 2) without loads.
-        target: end of the ramp: L, mu, loads.
-        part: part of the way.
+        frame: the body.
+        x: displacements, shape (N, 2) [m].
+        before: the command before, shape (C,).
+        after: the command after, shape (C,).
+        slope: memory, shape (6,).
 
     Returns:
-        mu there, in the same shape [N].
+        Minus each tension and torque, in the middle of the change, times the change [J].
     """
-    last = target.size - loads.size
-    commanded = target[last - friction.size : last].reshape(friction.shape)
-    return (1.0 - part) * friction + part * commanded
-
-
-@compiled
-def _walk(
-    pieces, part, springs, directions, links, friction, loads, target, most_sweeps, stages, motions, problem, progress
-):
-    """Take `part` of the way to the target in equal implicit steps.
-
-    Returns whether all were solved; their displacement; in one further row dissipation and work; with loads, in one
-    more row, their work.
-    """
-    ends, stiffness = springs.ends, springs.stiffness
-    n = friction.shape[0]
-    first = pieces * (pieces - 1) // 2
-    total = np.zeros((n + 1 + loads.shape[0], 2))
-    spring = np.empty((n, 2))
-    tension = links[TENSION].copy()
-    rest = np.zeros((n, 2))
-    mu = friction
-    for piece in range(pieces):
-        before = tension.copy()
-        mu_before = mu
-        stretch(ends, stiffness, rest, target, links, part / pieces, tension)
-        pull(ends, tension, loads, target, part * (piece + 1) / pieces, spring)
-        mu = friction_at(friction, loads, target, part * (piece + 1) / pieces)
-        stage = first + piece
-        if stage >= progress[KNOWN] and stage > 0:  # start the search from the last stage
-            stages[stage] = stages[stage - 1] if piece > 0 else stages[0] / pieces
-        if not step(stage, spring, mu, directions, springs, most_sweeps, stages, motions, problem, progress):
-            return False, total
-        stretch(ends, stiffness, stages[stage], target, links, 0.0, tension)
-        total[:n] += stages[stage]
-        mean = 0.5 * (mu + mu_before)
-        corners = corners_of(mean, directions)
-        for i in range(n):
-            if stages[stage, i, 0] == 0.0 and stages[stage, i, 1] == 0.0:
-                continue
-            total[n, 0] += resistance(mean[i], corners[i], stages[stage, i, 0], stages[stage, i, 1])
-        for s in range(ends.shape[0]):
+    total = 0.0
+    links = frame.ends.shape[0]
+    for s in range(links):
+        if frame.vector:
             for c in range(2):
-                lengthened = (target[2 * s + c] - links[ACTUATION, s, c]) * part / pieces
-                total[n, 1] -= 0.5 * (before[s, c] + tension[s, c]) * lengthened
-        if loads.shape[0] > 0:
-            middle = part * (piece + 0.5) / pieces
-            for i in range(n):
-                for c in range(2):
-                    total[n + 1, 0] += load_at(loads, target, middle, i, c) * stages[stage, i, c]
-    return True, total
-
-
-@lean
-def _steady_part(moved, motion, velocity, part, spring, friction, springs, loose, tolerance):
-    """Estimate the part of a stretch in which no contact starts or stops; 1 if none does.
-
-    Also returns whether it ends with a start, whose place is known well, and not with a stop.
-    """
-    steady = 1.0
-    starts = False
-    for i in range(moved.shape[0]):
-        if motion[i] == STUCK:
-            if part * math.hypot(velocity[i, 0], velocity[i, 1]) > _AT_ONCE * tolerance and steady > 0.3:
-                steady = 0.3
-                starts = False
+                change = after[2 * s + c] - before[2 * s + c]
+                if change != 0.0:
+                    tension = stretch_vector(frame, before, x, s, c)
+                    total -= (tension - 0.5 * frame.stiffness[2 * s + c] * change) * change
             continue
+        change = after[s] - before[s]
+        if change != 0.0:
+            total -= (stretch_link(frame, before, x, s)[0] - 0.5 * frame.stiffness[s] * change) * change
+    for j in range(frame.joints.shape[0]):
+        change = after[links + j] - before[links + j]
+        if change != 0.0:
+            torque = turn_joint(frame, before, x, j, slope)[0]
+            total -= (torque - 0.5 * frame.stiffness[links + j] * change) * change
+    return total
+
+
+@compiled
+def walk(frame, way, part, pieces, step, total, slid):
+    """Take part of the way in equal steps.
+
+    Args:
+        frame: the body.
+        way: displacements at the start, the command in force, the end of the ramp.
+        part: part of the way to the target.
+        pieces: number of steps.
+        step: guess of the first step, changed in place, shape (N, 2) [m].
+        total: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
+        slid: output: number of steps in which each point slid, and the longest of these steps, shape (N, 2).
+
+    Returns:
+        Whether all were solved; whether all are unique.
+    """
+    start, command, target = way
+    n = start.shape[0]
+    base = start.copy()
+    x = np.empty((n, 2))
+    force = np.empty((n, 2))
+    slope = np.empty(6)
+    before = command.copy()
+    now = np.empty(command.shape[0])
+    middle = np.empty(command.shape[0])
+    total[:] = 0.0
+    slid[:] = 0.0
+    unique = True
+    for piece in range(pieces):
+        command_at(command, target, part if piece == pieces - 1 else part * (piece + 1) / pieces, now)
+        for i in range(n):
+            for c in range(2):
+                x[i, c] = base[i, c] + step[i, c]
+        solved, regular = solve_stage(frame, now, base, x, force, 0.0)
+        if not solved:
+            return False, unique
+        if frame.vector:
+            regular = choose_translation(frame, now, base, x, force)
+        unique = unique and regular
+        work = 0.5 * (work_of(frame, base, before, now, slope) + work_of(frame, x, before, now, slope))
+        command_at(before, now, 0.5, middle)
+        for i in range(n):
+            step[i, 0] = x[i, 0] - base[i, 0]
+            step[i, 1] = x[i, 1] - base[i, 1]
+            size = math.hypot(step[i, 0], step[i, 1])
+            if size > 0.0:
+                slid[i, 0] += 1.0
+                slid[i, 1] = max(slid[i, 1], size)
+            total[n, 0] += resistance(frame, middle, x, i, step[i, 0], step[i, 1])
+            for c in range(2):
+                total[i, c] += step[i, c]
+                total[n + 1, 0] += load_of(frame, middle, i, c) * step[i, c]
+                base[i, c] = x[i, c]
+        total[n, 1] += work
+        command_at(before, now, 1.0, before)
+    return True, unique
+
+
+@compiled
+def _foresee(frame, way, moved, expected, force, negligible):
+    """Find whether a point starts inside a part of the way, from the forces at its start, or stops at once.
+
+    Returns the outcome, TAKEN if none does, an estimate of the part of the part up to there, and by how much the first
+    point to start has moved, infinite if a point stops.
+    """
+    start, command, _ = way
+    first = 1.0
+    started = 0.0
+    stops = False
+    for i in range(start.shape[0]):
         moves = math.hypot(moved[i, 0], moved[i, 1])
-        gap = friction[i, 0] - math.hypot(spring[i, 0], spring[i, 1])
-        if gap > loose and moves > _AT_ONCE * tolerance:
-            before = max(gap / (gap + diagonal(springs, i) * moves), 0.05)
-            if before < steady:
-                steady = before
-                starts = True
-    return steady, starts
+        hopes = math.hypot(expected[i, 0], expected[i, 1])
+        if max(moves, hopes) <= negligible:
+            continue
+        gap = gap_of(frame, command, start, i, force)
+        if frame.directions.shape[0] > 0 and moves > 0.0:
+            work = resistance(frame, command, start, i, moved[i, 0], moved[i, 1])
+            gap = (work - force[i, 0] * moved[i, 0] - force[i, 1] * moved[i, 1]) / moves
+        if moves <= negligible:
+            stops = stops or (moves == 0.0 and gap <= frame.grip[i] * negligible)
+        elif frame.grip[i] * negligible < gap < np.inf:
+            at = gap / (gap + frame.grip[i] * moves)
+            if at < first:
+                first = at
+                started = moves
+    if started > 0.0:
+        return START, first, started
+    return (TAKEN, 0.3, np.inf) if stops else (TAKEN, 1.0, 0.0)
 
 
 @lean
-def _same_sliding(motions, stages, pieces, negligible):
-    """Return whether the same contacts slide in a walk as in a single step, except by negligible displacements."""
-    for stage in range(pieces * (pieces - 1) // 2, pieces * (pieces + 1) // 2):
-        for i in range(motions.shape[1]):
-            if motions[stage, i] != motions[0, i]:
-                one = math.hypot(stages[0, i, 0], stages[0, i, 1])
-                if max(one, math.hypot(stages[stage, i, 0], stages[stage, i, 1])) > negligible:
-                    return False
+def _same_points(one, slid, pieces, negligible):
+    """Return whether the same points slide in all steps of a walk as in a single step, but for negligible moves."""
+    for i in range(slid.shape[0]):
+        moves = math.hypot(one[i, 0], one[i, 1])
+        if slid[i, 0] != (pieces if moves > 0.0 else 0.0) and max(slid[i, 1], moves) > negligible:
+            return False
     return True
+
+
+@lean
+def _extrapolate(table, newest, pieces, n):
+    """Add a walk to the Aitken-Neville scheme in 1/steps.
+
+    Returns by how much the displacement of a point changes at most; `newest` becomes the extrapolated walk.
+    """
+    error = 0.0
+    for i in range(newest.shape[0]):
+        change = 0.0
+        for c in range(2):
+            value = newest[i, c]
+            before = value
+            for column in range(pieces - 1):
+                before = value
+                value = before + (before - table[column, i, c]) * ((pieces - column - 1.0) / (column + 1.0))
+                table[column, i, c] = before
+            table[pieces - 1, i, c] = value
+            newest[i, c] = value
+            change = math.hypot(change, value - before)
+        if i < n:
+            error = max(error, change)
+    return error
 
 
 @lean
 def _growth(allowed, error, last, pieces):
-    """Choose the factor for the length of the next stretch: for the same number of walks or one more, at least work."""
+    """Choose the factor for the length of the next part: for the same number of walks or one more, at least work."""
     if error == 0.0:
         return 4.0
-    growth = 0.8 * (allowed / error) ** (1.0 / (pieces - 1.0))
+    growth = 0.8 * (allowed / error) ** (1.0 / pieces)
+    if pieces == 2 and error <= allowed:
+        return max(growth, 2.0)  # parts for which two walks suffice would stay short
     if 2 < pieces < _WALKS and error < last:
-        more = 0.8 * (allowed * last / (error * error)) ** (1.0 / pieces)
+        more = 0.8 * (allowed * last / (error * error)) ** (1.0 / (pieces + 1.0))
         if more * pieces > growth * (pieces + 2.0):  # the walks take pieces (pieces + 1) / 2 steps
             growth = more
     return growth
 
 
 @compiled
-def attempt(
-    part,
-    velocity,
-    spring,
-    band,
-    tolerance,
-    allowed,
-    springs,
-    directions,
-    links,
-    friction,
-    loads,
-    target,
-    *memory,
-):
-    """Compute the displacement over a part of the ramp and its error.
+def _missed(frame, way, moved, force, negligible):
+    """Bound the error of an implicit step of vector springs, taken as a straight path.
+
+    While the sets of friction forces change linearly, too, the path is exact if it is normal to them at its start, as
+    it is at its end; otherwise the unbalanced energy bounds the distance to the exact path e in the metric of the
+    stiffness K of the body,
+
+        1/2 e . K e <= 1/2 sum_i (R_i(v_i) - f_i . v_i),    R_i and f_i at the start.
+
+    Returns the bound [m].
+    """
+    start, command, _ = way
+    energy = 0.0
+    for i in range(start.shape[0]):
+        v0 = moved[i, 0]
+        v1 = moved[i, 1]
+        if v0 == 0.0 and v1 == 0.0:
+            continue
+        speed = math.hypot(v0, v1)
+        most = friction_of(frame, command, i)[2]
+        band = max(ON * most, frame.grip[i] * negligible)
+        along = force[i, 0] * v0 + force[i, 1] * v1
+        if frame.directions.shape[0] > 0:
+            gap = resistance(frame, command, start, i, v0, v1) - along
+            energy += gap if gap > band * speed else 0.0
+            continue
+        strength = math.hypot(force[i, 0], force[i, 1])
+        gap = most - strength
+        energy += gap * speed if gap > band else 0.0
+        if along > 0.0:  # |f| |v| - f . v, without cancellation
+            energy += (force[i, 0] * v1 - force[i, 1] * v0) ** 2 / (strength * speed + along)
+        else:
+            energy += strength * speed - along
+    return math.sqrt(frame.compliance * energy)
+
+
+@merged
+def attempt(frame, way, part, velocity, force, limits, best):
+    """Compute the displacement over a part of the way and its error.
 
     Args:
+        frame: the body.
+        way: displacements at the start, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
         part: part of the way to the target.
-        velocity: velocities at the start, shape (n, 2) [m per unit of the way].
-        spring: spring forces at the start, shape (n, 2) [N].
-        band: rounding band of each contact, see `missed`, shape (n,) [N].
-        tolerance: tolerance of the whole ramp [m].
-        allowed: error allowed for this part [m].
-        springs: the springs, with K, as in `Springs`.
-        directions: unit vectors, shape (m, 2).
-        links: rows TENSION and ACTUATION, shape (2, S, 2).
-        friction: present mu, shape (n, max(m, 1)) [N].
-        loads: present loads, shape (1, n, 2) [N]; shape (0, n, 2) without loads.
-        target: end of the ramp.
-        memory: upper limit of sweeps, and the arrays of `step`.
+        velocity: at the start, shape (N, 2) [m per unit of the way].
+        force: that friction balances at the start, shape (N, 2) [N].
+        limits: the error allowed for this part, and the tolerance of the whole ramp [m].
+        best: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
 
     Returns:
-        Whether all steps were solved; the displacement and, in further rows, dissipation and work, and the work of the
-        loads if there are any; its error; the number of walks used, 0 if it is too long because a contact starts
-        or stops inside; the factor for the next part.
+        The outcome; the error, infinite if points start or stop at unknown places, or by how much the point that
+        started has moved [m]; the factor for the length of this part, or of the next one where it is done; and whether
+        the displacement is unique.
     """
-    n = spring.shape[0]
-    ok, one = _walk(1, part, springs, directions, links, friction, loads, target, *memory)
-    if not ok or farthest(one, n) == 0.0:
-        return ok, one, 0.0, 1, 4.0
-    bound = missed(one[:n], spring, friction, directions, corners_of(friction, directions), band, springs.compliance)
-    if bound <= allowed:
-        return True, one, bound, 1, 4.0
-    if directions.shape[0] > 0:
-        return True, one, bound, 1, 0.5
-    motions = memory[2]
-    loose = max(band.max(), _AT_ONCE * tolerance / springs.compliance)
-    steady, starts = _steady_part(one[:n], motions[0], velocity, part, spring, friction, springs, loose, tolerance)
-    if steady < 1.0:
-        return True, one, bound, 0 if starts else 1, steady
-    stop = find_stop(velocity, part, one, memory[1][0], 1, _AT_ONCE * tolerance)
-    if stop < 1.0:
-        return True, one, bound, 0, stop
-    error = bound
-    table = np.zeros((_WALKS, *one.shape))
-    table[0] = one
-    total = friction.sum()
+    allowed, tolerance = limits
+    n = velocity.shape[0]
+    negligible = AT_ONCE * tolerance
+    slid = np.empty((n, 2))
+    expected = np.empty((n, 2))
+    step = np.empty((n, 2))
+    one = np.empty((n, 2))
+    table = np.zeros((_WALKS, n + 2, 2))
+    error = np.inf
     growth = 0.0
-    for pieces in range(2, _WALKS + 1):
-        ok, newest = _walk(pieces, part, springs, directions, links, friction, loads, target, *memory)
-        if not ok:
-            return False, newest, error, pieces, 1.0
-        if not _same_sliding(motions, memory[1], pieces, _AT_ONCE * tolerance):
-            return True, one, bound, 1, 0.5
-        last_step = memory[1][pieces * (pieces + 1) // 2 - 1]
-        stop = find_stop(velocity, part, newest, last_step, pieces, _AT_ONCE * tolerance)
-        if stop < 1.0:
-            return True, one, bound, 0, stop
-        plain = newest
-        before = newest
-        for column in range(pieces - 1):  # Aitken and Neville, in 1/steps
-            before = newest
-            newest = before + (before - table[column]) * ((pieces - column - 1.0) / (column + 1.0))
-            table[column] = before
-        table[pieces - 1] = newest
+    unique = True
+    for i in range(n):
+        for c in range(2):
+            expected[i, c] = step[i, c] = part * velocity[i, c]
+    for pieces in range(1, _WALKS + 1):
+        solved, also = walk(frame, way, part, pieces, step, best, slid)
+        unique = unique and also
+        if not solved:
+            return FAILED, np.inf, 0.5, True
         last = error
-        error = max(farthest(newest - before, n), abs(newest[n, 0] - before[n, 0]) / total if total > 0.0 else 0.0)
-        growth = _growth(allowed, error, last, pieces)
-        if error <= allowed and pieces == 2:  # otherwise steps for which two walks suffice would stay short
-            return True, plain, error, 2, max(growth, 2.0)
-        if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
-            break
-    return True, newest, error, pieces, growth
+        if pieces == 1:
+            if farthest(best, n) == 0.0:
+                return TAKEN, 0.0, 4.0, True
+            if frame.vector:
+                error = _missed(frame, way, best, force, _AT_ONE_PLACE * negligible)
+                if error <= allowed:
+                    return TAKEN, error, 4.0, unique
+            outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
+            if outcome != TAKEN or moves > 0.0:
+                return outcome, moves, factor, unique
+        elif not _same_points(one, slid, pieces, negligible):
+            return TAKEN, np.inf, 0.5, unique
+        stop = find_stop(velocity, part, best, step, pieces, negligible)
+        if stop < 1.0:
+            return STOP, np.inf, stop, unique
+        if pieces == 1:
+            for i in range(n):
+                one[i, 0] = best[i, 0]
+                one[i, 1] = best[i, 1]
+            _extrapolate(table, best, pieces, n)
+        else:
+            error = _extrapolate(table, best, pieces, n)
+            growth = _growth(allowed, error, last, pieces)
+            if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
+                break
+        for i in range(n):
+            for c in range(2):
+                step[i, c] = one[i, c] / (pieces + 1.0)
+    return TAKEN, error, growth, unique

@@ -2,45 +2,94 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
 from ....compiled import compiled, lean
-from ..friction import STUCK, corners_of, excess
-from ..springs import Springs
+from ..frame import Frame, friction_of
+from ..polygon import gap_in
 
 _LAYERS = 4
 """Least number of layers of contacts at rest around those that move."""
 
 
+class Neighbours(NamedTuple):
+    """The contacts that springs join to each contact.
+
+    Attributes:
+        first: where the row of each contact begins, itself in front, int64, shape (n + 1,).
+        other: the contact of each entry, int64, shape (E,).
+    """
+
+    first: np.ndarray
+    other: np.ndarray
+
+
 @compiled
-def mark_beyond(force, friction, directions, part, marked):
+def list_neighbours(ends, n):
+    """List the neighbours of each contact.
+
+    Args:
+        ends: the contacts of each spring, int64, shape (S, 2).
+        n: number of contacts.
+
+    Returns:
+        The neighbours.
+    """
+    first = np.zeros(n + 1, np.int64)
+    for s in range(ends.shape[0]):
+        for e in range(2):
+            first[ends[s, e] + 1] += 1
+    for i in range(n):
+        first[i + 1] += first[i] + 1
+    place = first[:n].copy()
+    other = np.empty(first[n], np.int64)
+    for i in range(n):
+        other[place[i]] = i
+        place[i] += 1
+    for s in range(ends.shape[0]):
+        for e in range(2):
+            i = ends[s, e]
+            other[place[i]] = ends[s, 1 - e]
+            place[i] += 1
+    return Neighbours(first, other)
+
+
+@compiled
+def mark_beyond(frame, command, force, part, marked):
     """Mark the contacts whose force is beyond a part of their friction.
 
     Args:
+        frame: the body.
+        command: the command.
         force: shape (n, 2) [N].
-        friction: mu, shape (n, max(m, 1)) [N].
-        directions: unit vectors, shape (m, 2).
         part: the part.
         marked: output, bool, shape (n,).
 
     Returns:
         How many these are.
     """
-    corners = corners_of(friction, directions)
     count = 0
     for i in range(force.shape[0]):
-        motion, _, _ = excess(force[i, 0] / part, force[i, 1] / part, friction[i], directions, corners[i], 0.0)
-        marked[i] = motion != STUCK
+        at, _, most = friction_of(frame, command, i)
+        f0 = force[i, 0] / part
+        f1 = force[i, 1] / part
+        if frame.directions.shape[0] > 0:
+            marked[i] = gap_in(frame, command, at, f0, f1) < 0.0
+        else:
+            marked[i] = math.hypot(f0, f1) > most
         count += marked[i]
     return count
 
 
 @compiled
-def spread(springs, ready, moving):
+def spread(neighbours, ready, moving):
     """Add to the moving contacts all that are connected with them through contacts that are ready to move.
 
     Args:
-        springs: the springs.
+        neighbours: the neighbours of each contact.
         ready: contacts whose force is on its bound, bool, shape (n,).
         moving: changed in place, bool, shape (n,).
 
@@ -57,8 +106,8 @@ def spread(springs, ready, moving):
     while done < count:
         i = queue[done]
         done += 1
-        for e in range(springs.first[i] + 1, springs.first[i + 1]):
-            j = springs.other[e]
+        for e in range(neighbours.first[i] + 1, neighbours.first[i + 1]):
+            j = neighbours.other[e]
             if ready[j] and not moving[j]:
                 moving[j] = True
                 queue[count] = j
@@ -76,13 +125,13 @@ def _root_of(parent, i):
 
 
 @compiled
-def divide(springs, moving, owner):
+def divide(neighbours, moving, owner):
     """Assign contacts to parts: those that move, and around them half as many layers at rest, and some more.
 
     Moving contacts with no more than one contact between them are in the same part.
 
     Args:
-        springs: the springs.
+        neighbours: the neighbours of each contact.
         moving: the contacts that move, bool, shape (n,).
         owner: output: a moving contact of its part, the same for all of the part; -1 outside, int64, shape (n,).
     """
@@ -90,9 +139,9 @@ def divide(springs, moving, owner):
     parent = np.arange(n)
     for j in range(n):
         joined = -1
-        for e in range(springs.first[j], springs.first[j + 1]):
-            if moving[springs.other[e]]:
-                root = _root_of(parent, springs.other[e])
+        for e in range(neighbours.first[j], neighbours.first[j + 1]):
+            if moving[neighbours.other[e]]:
+                root = _root_of(parent, neighbours.other[e])
                 if joined >= 0:
                     parent[root] = joined
                 else:
@@ -114,8 +163,8 @@ def divide(springs, moving, owner):
         done += 1
         if layer[i] >= _LAYERS + size[owner[i]] // 2:
             continue
-        for e in range(springs.first[i] + 1, springs.first[i + 1]):
-            j = springs.other[e]
+        for e in range(neighbours.first[i] + 1, neighbours.first[i + 1]):
+            j = neighbours.other[e]
             if owner[j] < 0:
                 owner[j] = owner[i]
                 layer[j] = layer[i] + 1
@@ -151,47 +200,43 @@ def sort_by(keys, items, n):
 
 
 @compiled
-def springs_between(springs, members, strings, owner):
-    """Build the springs of a part, tied to the contacts at rest around it.
+def frame_of(frame, members, strings, local):
+    """Build a part of a body, without its springs to contacts outside.
 
     Args:
-        springs: the springs of the body.
-        members: the contacts of the part, in the order of the springs.
+        frame: the body.
+        members: the contacts of the part, neighbours close to each other.
         strings: the springs between them.
-        owner: the part of each contact, shape (n,).
+        local: output: number of each member in the part, int64, shape (n,).
 
     Returns:
-        The springs.
+        The part.
     """
     m = members.shape[0]
-    local = np.empty(owner.shape[0], np.int64)
-    tied = np.empty(m, np.int64)
-    outermost = 0
-    entries = 0
     for a in range(m):
         local[members[a]] = a
-        entries += springs.first[members[a] + 1] - springs.first[members[a]]
-    first = np.empty(m + 1, np.int64)
-    other = np.empty(entries, np.int64)
-    entry = np.empty(entries)
-    count = 0
-    for a in range(m):
-        i = members[a]
-        first[a] = count
-        for e in range(springs.first[i], springs.first[i + 1]):
-            if owner[springs.other[e]] == owner[i]:
-                other[count] = local[springs.other[e]]
-                entry[count] = springs.entry[e]
-                count += 1
-        if count - first[a] < springs.first[i + 1] - springs.first[i]:
-            tied[outermost] = a
-            outermost += 1
-    first[m] = count
     ends = np.empty((strings.shape[0], 2), np.int64)
-    stiffness = np.empty(strings.shape[0])
+    stiffness = np.empty(2 * strings.shape[0])
     for b in range(strings.shape[0]):
-        ends[b, 0] = local[springs.ends[strings[b], 0]]
-        ends[b, 1] = local[springs.ends[strings[b], 1]]
-        stiffness[b] = springs.stiffness[strings[b]]
-    row = other[:count], entry[:count]
-    return Springs(ends, stiffness, first, *row, np.arange(m), springs.compliance, tied[:outermost])
+        for e in range(2):
+            ends[b, e] = local[frame.ends[strings[b], e]]
+            stiffness[2 * b + e] = frame.stiffness[2 * strings[b] + e]
+    guide = np.empty((m, 2), np.int64)
+    for a in range(m):
+        guide[a, 0] = guide[a, 1] = a
+    return Frame(
+        frame.vector,
+        frame.position[members],
+        ends,
+        frame.joints,
+        stiffness,
+        np.zeros(stiffness.shape[0]),
+        guide,
+        np.zeros(m),
+        frame.along_velocity,
+        np.arange(m),
+        frame.grip[members],
+        frame.heading,
+        frame.directions,
+        frame.compliance,
+    )

@@ -1,21 +1,33 @@
-"""One implicit step in the plane as a cone program."""
+"""One implicit step in the plane as a cone program: a judge outside the project's own code."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import clarabel
 import numpy as np
+from scipy import sparse
 
-from .friction import corners_of
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+def laplacian_of(ends: np.ndarray, stiffness: np.ndarray, contacts: int) -> sparse.csr_array:
+    """Build the weighted Laplacian of springs.
+
+    Args:
+        ends: the contacts of each spring, shape (S, 2).
+        stiffness: k, shape (S,) [N/m].
+        contacts: number of contacts N.
+
+    Returns:
+        K, shape (N, N) [N/m].
+    """
+    rows = np.repeat(np.arange(len(ends)), 2)
+    values = np.tile((-1.0, 1.0), len(ends))
+    incidence = sparse.csr_array((values, (rows, np.ravel(ends))), shape=(len(ends), contacts))
+    return sparse.csr_array(incidence.T @ sparse.diags_array(stiffness) @ incidence)
 
 
 def solve_with_clarabel(
-    laplacian: csr_array, force: np.ndarray, friction: np.ndarray, directions: np.ndarray
+    laplacian: sparse.csr_array, force: np.ndarray, friction: np.ndarray, directions: np.ndarray
 ) -> np.ndarray:
-    """Solve the problem of `project_planar` as a second-order-cone program with an interior-point method.
+    """Solve an implicit step of vector springs as a second-order-cone program with an interior-point method.
 
     Args:
         laplacian: K, shape (n, n) [N/m].
@@ -26,9 +38,6 @@ def solve_with_clarabel(
     Returns:
         v, shape (n, 2) [m], to a relative accuracy of about 1e-8, including contacts at rest.
     """
-    import clarabel
-    from scipy import sparse
-
     n, m = force.shape[0], directions.shape[0]
     newton = max(np.abs(force).max(), friction.max())
     scaled = laplacian.diagonal().max()
@@ -49,7 +58,10 @@ def solve_with_clarabel(
         cones = [clarabel.SecondOrderConeT(3)] * n
     else:
         linear[2 * n :] = 1.0
-        corners = corners_of(friction, directions) / newton
+        after = np.roll(directions, -1, axis=0)
+        edges = np.stack((directions, after), axis=1)[None]
+        corners = np.linalg.solve(edges, np.stack((friction, np.roll(friction, -1, axis=1)), axis=2)[..., None])[..., 0]
+        corners /= newton
         rows = sparse.lil_array((m * n, 3 * n))
         for i in range(n):
             rows[m * i : m * (i + 1), 2 * i : 2 * i + 2] = corners[i]

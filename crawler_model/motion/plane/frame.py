@@ -1,7 +1,8 @@
 """The body as arrays for the kernels, and where the parts of a command begin.
 
-A command is a row as in a target: changes of the rest lengths of the S links and of the rest angles of the J joints,
-friction of each point (forward, backward, left, right), and the load on each point, if there are any.
+A command is a row as in a target: changes of the rest lengths of the S links and of the rest angles of the J joints, or
+of the rest vectors of the S links; friction of each point, forward, backward, left and right, or along each direction
+of its polygon; and the load on each point, if there are any.
 """
 
 from __future__ import annotations
@@ -20,19 +21,25 @@ class Frame(NamedTuple):
     """What a command does not change.
 
     Attributes:
+        vector: whether links are springs with a rest vector, which do not turn, and friction is fixed to the ground.
         position: reference positions, shape (N, 2) [m].
         ends: points a, b of each link, int64, shape (S, 2).
         joints: points a, b, c of each joint, which turns about b, int64, shape (J, 3).
-        stiffness: of the links [N/m], then of the joints [N m/rad], shape (S + J,).
-        rest: lengths of the links [m] and angles of the joints [rad] in the reference shape, shape (S + J,).
-        guide: the two points whose direction is the axis of a point's friction, int64, shape (N, 2).
+        stiffness: of the links [N/m], then of the joints [N m/rad], shape (S + J,); of vector springs both components.
+        rest: lengths of the links [m] and angles of the joints [rad] in the reference shape, shape (S + J,); 0 for
+            vector springs, shape (2 S,).
+        guide: the two points whose direction is the axis of a point's friction, int64, shape (N, 2); twice the point
+            itself where the axis is that of the ground.
         offset: angle from that direction to the axis, shape (N,) [rad].
         along_velocity: whether friction follows the law of the snake literature.
         order: the points, neighbours close to each other, int64, shape (N,).
         grip: how stiffly the body holds each point, shape (N,) [N/m].
         heading: the two points whose direction is the yaw, int64, shape (2,).
+        directions: unit vectors of friction polygons, counterclockwise, shape (m, 2); m = 0 for quarter ellipses.
+        compliance: a bound on the relative displacement of two points per force between them, of vector springs [m/N].
     """
 
+    vector: bool
     position: np.ndarray
     ends: np.ndarray
     joints: np.ndarray
@@ -44,22 +51,23 @@ class Frame(NamedTuple):
     order: np.ndarray
     grip: np.ndarray
     heading: np.ndarray
+    directions: np.ndarray
+    compliance: float
 
 
-def build_frame(body: Body) -> Frame:
-    """Build the arrays of a body that turns.
+def build_frame(body: Body, directions: np.ndarray) -> Frame:
+    """Build the arrays of a body in the plane.
 
     Args:
-        body: the body; its `turning` is not None.
+        body: the body.
+        directions: unit vectors of friction polygons, shape (m, 2).
 
     Returns:
         The arrays.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
     turning, n = body.turning, body.contacts
-    assert turning is not None
+    if turning is None:
+        return _build_vector_frame(body, directions)
     ends, joints = np.array(body.ends, np.int64).reshape(-1, 2), np.array(turning.joints, np.int64).reshape(-1, 3)
     position = np.array(body.position, np.float64)
     rest = measure_shape(position, ends, joints)
@@ -73,10 +81,36 @@ def build_frame(body: Body) -> Frame:
     pairs = np.concatenate((ends, joints[:, :2], joints[:, 1:], joints[:, ::2]))
     guide = np.array(turning.frame, np.int64)
     pairs = np.concatenate((pairs, *(np.column_stack((np.arange(n), guide[:, k])) for k in range(2))))
-    graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    order = reverse_cuthill_mckee(csr_array(graph + graph.T), symmetric_mode=True).astype(np.int64)
     offset, heading = np.array(turning.offset, np.float64), np.array(turning.heading, np.int64)
-    return Frame(position, ends, joints, stiffness, rest, guide, offset, turning.along_velocity, order, grip, heading)
+    axes = guide, offset, turning.along_velocity
+    ways = np.array(directions, np.float64).reshape(-1, 2)
+    return Frame(
+        False, position, ends, joints, stiffness, rest, *axes, _order(pairs, n), grip, heading, ways, 0.0
+    )
+
+
+def _build_vector_frame(body: Body, directions: np.ndarray) -> Frame:
+    n = body.contacts
+    ends = np.array(body.ends, np.int64).reshape(-1, 2)
+    stiffness = np.repeat(np.array(body.stiffness, np.float64), 2)
+    grip = np.zeros(n)
+    np.add.at(grip, ends, stiffness.reshape(-1, 2))
+    guide = np.repeat(np.arange(n)[:, None], 2, axis=1)
+    shape = np.zeros((0, 3), np.int64), stiffness, np.zeros(stiffness.size)
+    axes = guide, np.zeros(n), False
+    compliance = float((1.0 / body.stiffness).sum())
+    position, heading = np.array(body.position, np.float64), np.zeros(2, np.int64)
+    ways = np.array(directions, np.float64).reshape(-1, 2)
+    return Frame(True, position, ends, *shape, *axes, _order(ends, n), grip, heading, ways, compliance)
+
+
+def _order(pairs: np.ndarray, n: int) -> np.ndarray:
+    """Order points so that those of the pairs are close to each other."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return reverse_cuthill_mckee(csr_array(graph + graph.T), symmetric_mode=True).astype(np.int64)
 
 
 @lean
@@ -128,6 +162,19 @@ def yaw_of(frame, x):
 
 
 @lean
+def columns_of(frame):
+    """Return how many numbers of a command describe the friction of a point.
+
+    Args:
+        frame: the body.
+
+    Returns:
+        The number of directions, or 4.
+    """
+    return frame.directions.shape[0] if frame.directions.shape[0] > 0 else 4
+
+
+@lean
 def friction_of(frame, command, i):
     """Return where the friction of a point begins in a command, and its extremes.
 
@@ -137,12 +184,12 @@ def friction_of(frame, command, i):
         i: the point.
 
     Returns:
-        Index of its forward friction; its least and its largest friction [N].
+        Index of its first friction; its least and its largest friction [N].
     """
-    at = frame.stiffness.shape[0] + 4 * i
+    at = frame.stiffness.shape[0] + columns_of(frame) * i
     least = command[at]
     most = command[at]
-    for k in range(1, 4):
+    for k in range(1, columns_of(frame)):
         least = min(least, command[at + k])
         most = max(most, command[at + k])
     return at, least, most
@@ -161,5 +208,5 @@ def load_of(frame, command, i, c):
     Returns:
         The load, 0 in a command without loads [N].
     """
-    at = frame.stiffness.shape[0] + 4 * frame.position.shape[0] + 2 * i + c
+    at = frame.stiffness.shape[0] + columns_of(frame) * frame.position.shape[0] + 2 * i + c
     return command[at] if at < command.shape[0] else 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiled import compiled, lean
+from ...compiled import compiled, lean
 
 
 @lean

@@ -29,6 +29,24 @@ def stretch_link(frame, command, x, s):
 
 
 @lean
+def stretch_vector(frame, command, x, s, c):
+    """Compute a component of the tension of a vector spring.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        s: the link.
+        c: 0 for x, 1 for y.
+
+    Returns:
+        The component [N].
+    """
+    change = x[frame.ends[s, 1], c] - x[frame.ends[s, 0], c]
+    return frame.stiffness[2 * s + c] * (change - command[2 * s + c])
+
+
+@lean
 def turn_joint(frame, command, x, j, slope):
     """Compute the torque of a joint and the derivative of its angle.
 
@@ -78,8 +96,17 @@ def pull(frame, command, x, force, size):
             force[i, c] = load_of(frame, command, i, c)
             size[i] += abs(force[i, c])
     for s in range(frame.ends.shape[0]):
-        tension, length, e0, e1 = stretch_link(frame, command, x, s)
         a, b = frame.ends[s]
+        if frame.vector:
+            for c in range(2):
+                tension = stretch_vector(frame, command, x, s, c)
+                force[a, c] += tension
+                force[b, c] -= tension
+                large = frame.stiffness[2 * s + c] * (abs(x[a, c]) + abs(x[b, c]) + abs(command[2 * s + c]))
+                size[a] += large
+                size[b] += large
+            continue
+        tension, length, e0, e1 = stretch_link(frame, command, x, s)
         force[a, 0] += tension * e0
         force[a, 1] += tension * e1
         force[b, 0] -= tension * e0
@@ -112,6 +139,11 @@ def energy_of(frame, command, x):
     total = 0.0
     slope = np.empty(6)
     for s in range(frame.ends.shape[0]):
+        if frame.vector:
+            for c in range(2):
+                tension = stretch_vector(frame, command, x, s, c)
+                total += 0.5 * tension * tension / frame.stiffness[2 * s + c]
+            continue
         tension = stretch_link(frame, command, x, s)[0]
         total += 0.5 * tension * tension / frame.stiffness[s]
     for j in range(frame.joints.shape[0]):
@@ -131,6 +163,10 @@ def stiffen_link(frame, command, x, s, block):
         s: the link.
         block: output, shape (2, 2) [N/m].
     """
+    if frame.vector:
+        block[0, 0] = block[1, 1] = frame.stiffness[2 * s]
+        block[0, 1] = block[1, 0] = 0.0
+        return
     tension, length, e0, e1 = stretch_link(frame, command, x, s)
     across = tension / length
     along = frame.stiffness[s] - across
@@ -185,11 +221,16 @@ def strain(frame, command, x, found):
         command: the command.
         x: displacements, shape (N, 2) [m].
         found: output: tensions [N] and torques [N m]; elongations [m] and changes of angles [rad] since the reference
-            shape, shape (2, S + J).
+            shape, shape (2, S + J); of vector springs both components, shape (2, 2 S).
     """
     slope = np.empty(6)
     links = frame.ends.shape[0]
     for s in range(links):
+        if frame.vector:
+            for c in range(2):
+                found[0, 2 * s + c] = stretch_vector(frame, command, x, s, c)
+                found[1, 2 * s + c] = x[frame.ends[s, 1], c] - x[frame.ends[s, 0], c]
+            continue
         tension, length, _, _ = stretch_link(frame, command, x, s)
         found[0, s] = tension
         found[1, s] = length - frame.rest[s]

@@ -155,6 +155,8 @@ def _find_step(frame, command, x, base, rows, step, eta):
 @lean
 def _shorten(frame, step):
     """Limit a step to the part that leaves each link its direction."""
+    if frame.vector:
+        return 1.0
     longest = 0.0
     for i in range(step.shape[0]):
         longest = max(longest, math.hypot(step[i, 0], step[i, 1]))

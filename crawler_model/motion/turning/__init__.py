@@ -1,1 +1,0 @@
-"""The motion of bodies in the plane that turn: links have lengths, joints have angles, friction has a direction."""
