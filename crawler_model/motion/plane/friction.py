@@ -230,6 +230,9 @@ def linearise(frame, command, x, base, force, size, rows):
         row[10] = f00 * u_by0 - e01 * u_by1 - (e00 * d_by0 + e01 * d_by1)
         row[11] = -e01 * u_by0 + f11 * u_by1 - (e01 * d_by0 + e11 * d_by1)
         row[12] = 1.0
+    for i in range(x.shape[0]):
+        if not abs(force[i, 0]) + abs(force[i, 1]) < np.inf:
+            return np.inf, np.inf
     return worst, largest
 
 

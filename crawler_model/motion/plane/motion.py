@@ -31,6 +31,8 @@ _ROUNDING = 1e-13
 _PATIENCE = 16.0
 """Parts of a ramp of a large body after which it goes on in parts of the body, if it can; after each failure twice as
 many."""
+_FAR = 1024.0
+"""Displacements of more sizes of the body lose digits."""
 _AHEAD = 1e-6
 """Part of a ramp by which commands go on where the body jumps."""
 
@@ -43,7 +45,8 @@ class PlanarState:
 
     Attributes:
         frame: the body.
-        x: displacements, shape (N, 2) [m].
+        origin: what the body has travelled, in whole multiples of a length, shape (2,) [m].
+        x: displacements from there, shape (N, 2) [m].
         gained: displacement gained in the last command, shape (N, 2) [m].
         command: the command in force, as in a target, shape (C,).
         turned: the yaw, unwrapped, shape (1,) [rad].
@@ -51,6 +54,7 @@ class PlanarState:
     """
 
     frame: Frame
+    origin: np.ndarray
     x: np.ndarray
     gained: np.ndarray
     command: np.ndarray
@@ -60,7 +64,7 @@ class PlanarState:
     @property
     def displacement(self) -> np.ndarray:
         """Displacement x, shape (N, 2) [m]."""
-        return self.x
+        return self.origin + self.x
 
     @property
     def yaw(self) -> float:
@@ -154,13 +158,21 @@ class PlanarState:
         total = float(self.friction.reshape(self.x.shape[0], -1).mean(axis=1).sum()) * (1.0 + self.frame.vector)
         return float(np.maximum(self.margins(force), 0.0).sum()) / total if total > 0.0 else 0.0
 
+    def recentre(self) -> None:
+        """Move the origin to a body that is far from it: forces follow from differences of displacements."""
+        unit = 2.0 ** np.ceil(np.log2(np.ptp(self.frame.position, axis=0).max() or 1.0))
+        if np.abs(self.x).max() > _FAR * unit:
+            shift = unit * np.round(self.x.mean(axis=0) / unit)
+            self.x -= shift  # exact
+            self.origin += shift
+
     def copy(self) -> PlanarState:
         """Copy the state.
 
         Returns:
             An independent state with the same numbers.
         """
-        arrays = (self.x, self.gained, self.command, self.turned, self.stability)
+        arrays = (self.origin, self.x, self.gained, self.command, self.turned, self.stability)
         return PlanarState(self.frame, *(array.copy() for array in arrays))
 
     def bits(self) -> bytes:
@@ -169,7 +181,7 @@ class PlanarState:
         Returns:
             The bytes of all arrays, one after another.
         """
-        return b"".join(array.tobytes() for array in (self.x, self.gained, self.command, self.turned))
+        return b"".join(array.tobytes() for array in (self.origin, self.x, self.gained, self.command, self.turned))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +205,9 @@ class PlaneMotion:
         x, command = np.array(x, np.float64), self._expand(np.array(target, np.float64)[None])[0]
         turns = not self.frame.vector
         yaw = measure_angles(self.frame.position + x, self.frame.heading[None]) if turns else np.zeros(1)
-        return PlanarState(self.frame, x, np.zeros_like(x), command, yaw, np.full(1, np.inf))
+        state = PlanarState(self.frame, np.zeros(2), x, np.zeros_like(x), command, yaw, np.full(1, np.inf))
+        state.recentre()
+        return state
 
     def _expand(self, targets: np.ndarray) -> np.ndarray:
         """Give each disc the four frictions of its axes."""
@@ -228,12 +242,14 @@ class PlaneMotion:
                 jumps += self._follow_ramp(moving, scratch, target, v, account)
                 account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
             if records.shape[0]:
-                records[v, : 2 * n] = moving.x.ravel()
-                records[v, 2 * n : 4 * n] = 0.0
+                x = moving.displacement
+                records[v, : 2 * n] = x.ravel()
+                records[v, 2 * n : 4 * n] = (moving.x - (x - moving.origin)).ravel()
                 records[v, 4 * n : 4 * n + parts] = moving.tension.ravel()
                 if records.shape[1] > 4 * n + parts:
                     lost = account[DISSIPATION] + account[LOADS_WORK]
                     records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
+        moving.recentre()
         vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed
             account[VISITED] = state.visited_margin(state.force)

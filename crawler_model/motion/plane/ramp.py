@@ -20,11 +20,12 @@ from ..state import (
     WORK,
 )
 from .elastic import energy_of, pull
-from .frame import unwind, yaw_of
+from .frame import load_of, unwind, yaw_of
 from .friction import gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
+from .translation import choose_translation
 from .walk import AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
 _GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-4, 1e-2
@@ -71,6 +72,7 @@ def _time_to_reach(u0, u1, rate0, rate1):
 @compiled
 def _glance(frame, way, part, negligible, velocity, force):
     """Measure the velocities over a part of a ramp; the other arguments, and what it returns, are `glance`'s."""
+    unique = True
     x, command, target = way
     n = x.shape[0]
     now = np.empty(command.shape[0])
@@ -84,7 +86,9 @@ def _glance(frame, way, part, negligible, velocity, force):
             moved[i, c] += part * velocity[i, c]
     solved, _ = solve_stage(frame, now, x, moved, after, 0.0)
     if not solved:
-        return np.inf
+        return np.inf, unique
+    if frame.vector:
+        unique = choose_translation(frame, now, x, moved, after)
     first = np.inf
     for i in range(n):
         velocity[i, 0] = (moved[i, 0] - x[i, 0]) / part
@@ -99,7 +103,7 @@ def _glance(frame, way, part, negligible, velocity, force):
             first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part))
         elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
             first = min(first, part * gap / (gap + frame.grip[i] * part * speed))
-    return first
+    return first, unique
 
 
 @merged
@@ -114,27 +118,27 @@ def glance(frame, way, negligible, velocity, force):
         force: output: the force that friction balances at the start, shape (N, 2) [N].
 
     Returns:
-        The part of the ramp; infinite if none does, or no velocities were found.
+        The part of the ramp; infinite if none does, or no velocities were found; and whether the velocities are unique.
     """
     part = _GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE
-    first = _glance(frame, way, part, negligible, velocity, force)
+    first, unique = _glance(frame, way, part, negligible, velocity, force)
     while frame.directions.shape[0] > 0 and first < part and part > _LEAST_PART:
         part *= _SHORTER  # an event within changed the velocities
-        first = _glance(frame, way, part, negligible, velocity, force)
-    return first
+        first, unique = _glance(frame, way, part, negligible, velocity, force)
+    return first, unique
 
 
 @lean
-def _dyadic(length):
-    """Round a length down to a power of 2: rounding errors must not decide about the length of a part."""
-    return 2.0 ** math.floor(math.log2(length) + _EDGE)
+def _dyadic(frame, length):
+    """Round a length down to a power of 2 where a body turns: rounding errors must not decide about its parts."""
+    return length if frame.vector else 2.0 ** math.floor(math.log2(length) + _EDGE)
 
 
 @merged
 def _settle(frame, state, target, part, best, after, allowed):
     """Solve for the end of a part of a ramp, where friction balances the forces.
 
-    The displacement and the dissipation in `best` become those to that end.
+    The displacement, the dissipation and the work of the loads in `best` become those to that end.
 
     Returns whether it is stable and the energies balance: where they do not, the body has jumped; and their residual.
     """
@@ -151,6 +155,8 @@ def _settle(frame, state, target, part, best, after, allowed):
     most = 0.0
     for i in range(n):
         best[n, 0] += resistance(frame, now, after, i, after[i, 0] - base[i, 0], after[i, 1] - base[i, 1])
+        for c in range(2):
+            best[n + 1, 0] += load_of(frame, now, i, c) * (after[i, c] - base[i, c])
         best[i, 0] = after[i, 0] - x[i, 0]
         best[i, 1] = after[i, 1] - x[i, 1]
         most = max(most, math.hypot(force[i, 0], force[i, 1]))
@@ -222,7 +228,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     rest = 1.0 - progress[PLACE]
     force = np.empty((n, 2))
     after = np.empty((n, 2))
-    first = glance(frame, way, AT_ONCE * tolerance, velocity, force)
+    first, determined = glance(frame, way, AT_ONCE * tolerance, velocity, force)
     fastest = farthest(velocity, n)
     if first < np.inf and fastest > 0.0 and frame.directions.shape[0] == 0:  # paths with polygons are straight
         first += _BEYOND * tolerance / fastest
@@ -232,7 +238,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
         part = 1.0 if length >= rest else length / rest
-        limits = max(tolerance * length, _SPENT * progress[LEFT]), tolerance
+        limits = max(tolerance * length, _SPENT * progress[LEFT]), tolerance, determined
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
             aim = _find_start(length, error, (later, moved), growth, _BEYOND * tolerance)
@@ -248,14 +254,14 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                     account[RESIDUAL] += residual
                     progress[LEFT] -= paid
                     growth = min(max(growth, 0.3), 4.0) * length
-                    progress[LENGTH] = max(wanted, _dyadic(growth)) if length >= aim else _dyadic(growth)
+                    progress[LENGTH] = max(wanted, _dyadic(frame, growth)) if length >= aim else _dyadic(frame, growth)
                     _take(frame, state, target, part, best, after, account)
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
                     return part
                 if length < _LEAST_FALL:
                     break
                 growth = 0.5
-            wanted = _dyadic((0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
+            wanted = _dyadic(frame, (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
         if min(aim, wanted) < (_LEAST_STRAIGHT if frame.vector else _LEAST_PART):
             break
     return 0.0
@@ -269,7 +275,7 @@ def _force(frame, state, target, rest, best, account):
     after = np.empty((n, 2))
     step = np.zeros((n, 2))
     slid = np.empty((n, 2))
-    walk(frame, (state[0], state[2], target), part, 1, step, best, slid)
+    walk(frame, (state[0], state[2], target), (part, 1, False), step, best, slid)
     _, residual = _settle(frame, state, target, part, best, after, 0.0)
     account[RESIDUAL] += residual
     account[OVERSPENT] += 1.0

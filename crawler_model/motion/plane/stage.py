@@ -22,6 +22,8 @@ _FAR = 0.5
 _RUNGS, _SOFTER = 12, 0.25
 """Searches with springs where the first one fails, up to one that fails, too, and the stiffness of a spring relative to
 that of the one before."""
+_MOST_APPROACHES = 100
+"""Upper limit of steps towards a solution that the search does not find."""
 _SLOW = 0.9
 """A step that leaves more than this part of the largest miss is halved; a search whose step is too short then fails."""
 _LONGEST = 0.25
@@ -62,6 +64,8 @@ def _reach_of(frame, place):
     for j in range(frame.joints.shape[0]):
         for p in range(3):
             apart = max(apart, _distance(place, frame.joints[j, p], frame.joints[j, (p + 1) % 3]))
+    if frame.vector:
+        return 2 * apart + 1
     for i in range(place.shape[0]):
         for p in range(2):
             apart = max(apart, _distance(place, i, frame.guide[i, p]))
@@ -87,7 +91,7 @@ def _assemble(frame, command, x, eta, system):
                 own = rows[i, 2 + 2 * p + q] * frame.grip[i] * (CRITICAL + eta)  # a translation may be free
                 band[c, middle + r - c] -= rows[i, 6 + 2 * p + q] + own
     for i in range(x.shape[0]):
-        if place[i] < 0 or (rows[i, 10] == 0.0 and rows[i, 11] == 0.0):
+        if frame.vector or place[i] < 0 or (rows[i, 10] == 0.0 and rows[i, 11] == 0.0):
             continue
         _, _, by0, by1 = axis_of(frame, x, i)
         for end in range(2):
@@ -167,25 +171,25 @@ def _shorten(frame, step):
 
 
 @lean
-def _hold(frame, eta, base, x, force, size):
-    """Add the forces of springs that hold each point where it was."""
+def _hold(frame, eta, anchor, x, force, size):
+    """Add the forces of springs that hold each point at an anchor."""
     if eta > 0.0:
         for i in range(x.shape[0]):
             for c in range(2):
-                force[i, c] -= eta * frame.grip[i] * (x[i, c] - base[i, c])
+                force[i, c] -= eta * frame.grip[i] * (x[i, c] - anchor[i, c])
                 size[i] += eta * frame.grip[i] * abs(x[i, c])
 
 
 @compiled
-def _search(frame, command, base, x, force, eta):
-    """Search the solution of an implicit step from a guess; the arguments are `solve_stage`'s."""
+def _search(frame, command, base, anchor, x, force, eta):
+    """Search the solution of an implicit step from a guess, with springs to an anchor; else as `solve_stage`."""
     n = x.shape[0]
     size = np.empty(n)
     rows = np.empty((n, 13))
     step = np.empty((n, 2))
     trial = np.empty((n, 2))
     pull(frame, command, x, force, size)
-    _hold(frame, eta, base, x, force, size)
+    _hold(frame, eta, anchor, x, force, size)
     worst, miss = linearise(frame, command, x, base, force, size, rows)
     pivot = 1.0
     for turn in range(_MOST_STEPS):
@@ -204,7 +208,7 @@ def _search(frame, command, base, x, force, eta):
                 for c in range(2):
                     trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
             pull(frame, command, trial, force, size)
-            _hold(frame, eta, base, trial, force, size)
+            _hold(frame, eta, anchor, trial, force, size)
             worst, after = linearise(frame, command, trial, base, force, size, rows)
             if after <= _SLOW * miss or (after <= _FAR and turn < _BOLD):
                 break
@@ -216,6 +220,31 @@ def _search(frame, command, base, x, force, eta):
                 x[i, c] = trial[i, c]
         miss = after
     return False, True
+
+
+@compiled
+def _approach(frame, command, base, x, force, eta):
+    """Solve an implicit step of vector springs by the proximal point method; the arguments are `solve_stage`'s.
+
+    Springs hold each contact where the last search ended. Energy and friction are convex, so each of these steps leads
+    nearer to the solution, until a search without springs succeeds.
+    """
+    anchor = base.copy()
+    trial = base.copy()
+    more = 1.0
+    for _ in range(_MOST_APPROACHES):
+        trial[:] = anchor
+        solved, _ = _search(frame, command, base, anchor, trial, force, max(eta, more))
+        if not solved:
+            more *= 4.0
+            continue
+        anchor[:] = trial
+        more *= _SOFTER
+        solved, regular = _search(frame, command, base, base, trial, force, eta)
+        if solved:
+            x[:] = trial
+            return True, regular
+    return False, False
 
 
 @compiled
@@ -235,14 +264,15 @@ def solve_stage(frame, command, base, x, force, eta):
     Returns:
         Whether it is solved to rounding, and whether its matrix is regular.
     """
-    solved = regular = False
-    for rung in range(-1, _RUNGS + 1):
-        if rung == 0:
-            for i in range(x.shape[0]):
-                x[i, 0] = base[i, 0]
-                x[i, 1] = base[i, 1]
-        more = _SOFTER**rung if 0 <= rung < _RUNGS else 0.0
-        solved, regular = _search(frame, command, base, x, force, max(eta, more))
-        if solved == (rung < 0):
+    solved, regular = _search(frame, command, base, base, x, force, eta)
+    if solved:
+        return solved, regular
+    if frame.vector:
+        return _approach(frame, command, base, x, force, eta)
+    x[:] = base
+    for rung in range(_RUNGS + 1):
+        more = _SOFTER**rung if rung < _RUNGS else 0.0
+        solved, regular = _search(frame, command, base, base, x, force, max(eta, more))
+        if not solved:
             break
     return solved, regular

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, lean
 from ...rounding import CRITICAL, EPS
 from .elastic import pull
 from .frame import friction_of
@@ -14,6 +14,8 @@ from .friction import gap_of
 
 _CLOSE = 2e-13
 """Rounding error of a force, relative to the magnitude of its terms."""
+_SAME_SHAPE = 1e-9
+"""Steps that differ from a translation by no more than this part have the same shape."""
 _SURELY = 1e-6
 """A contact this far inside its set, relative to its friction, fixes the translation."""
 
@@ -173,3 +175,36 @@ def choose_translation(frame, command, base, x, force):
         x[i, 0] = base[i, 0] if stays else x[i, 0] + t0
         x[i, 1] = base[i, 1] if stays else x[i, 1] + t1
     return False
+
+
+@lean
+def stay(base, guess, x):
+    """Undo the choice of a translation where it is undetermined only at the end of a straight step.
+
+    Loads that change pass through forces at which friction balances; up to there the translation is that of the guess.
+
+    Args:
+        base: displacements at the start of the step, shape (N, 2) [m].
+        guess: the step according to the velocities at its start, shape (N, 2) [m].
+        x: displacements at its end, shape (N, 2) [m], changed in place.
+
+    Returns:
+        Whether the step and the guess differ by a translation alone.
+    """
+    rests = 0
+    longest = 0.0
+    for i in range(x.shape[0]):
+        longest = max(longest, math.hypot(guess[i, 0], guess[i, 1]))
+        if guess[i, 0] == 0.0 and guess[i, 1] == 0.0:
+            rests = i
+    shift0 = guess[rests, 0] - (x[rests, 0] - base[rests, 0])
+    shift1 = guess[rests, 1] - (x[rests, 1] - base[rests, 1])
+    for i in range(x.shape[0]):
+        left0 = guess[i, 0] - (x[i, 0] - base[i, 0]) - shift0
+        left1 = guess[i, 1] - (x[i, 1] - base[i, 1]) - shift1
+        if math.hypot(left0, left1) > _SAME_SHAPE * longest:
+            return False
+    for i in range(x.shape[0]):
+        x[i, 0] += shift0
+        x[i, 1] += shift1
+    return True

@@ -17,7 +17,7 @@ from .frame import friction_of, load_of
 from .friction import gap_of, resistance
 from .polygon import ON
 from .stage import solve_stage
-from .translation import choose_translation
+from .translation import choose_translation, stay
 
 _WALKS = 6
 AT_ONCE = 1e-2
@@ -80,14 +80,13 @@ def work_of(frame, x, before, after, slope):
 
 
 @compiled
-def walk(frame, way, part, pieces, step, total, slid):
+def walk(frame, way, parts, step, total, slid):
     """Take part of the way in equal steps.
 
     Args:
         frame: the body.
         way: displacements at the start, the command in force, the end of the ramp.
-        part: part of the way to the target.
-        pieces: number of steps.
+        parts: part of the way to the target; number of steps; whether the translation is determined at the start.
         step: guess of the first step, changed in place, shape (N, 2) [m].
         total: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
         slid: output: number of steps in which each point slid, and the longest of these steps, shape (N, 2).
@@ -96,6 +95,7 @@ def walk(frame, way, part, pieces, step, total, slid):
         Whether all were solved; whether all are unique.
     """
     start, command, target = way
+    part, pieces, determined = parts
     n = start.shape[0]
     base = start.copy()
     x = np.empty((n, 2))
@@ -117,6 +117,8 @@ def walk(frame, way, part, pieces, step, total, slid):
             return False, unique
         if frame.vector:
             regular = choose_translation(frame, now, base, x, force)
+            if determined and not regular:
+                regular = stay(base, step, x)
         unique = unique and regular
         work = 0.5 * (work_of(frame, base, before, now, slope) + work_of(frame, x, before, now, slope))
         command_at(before, now, 0.5, middle)
@@ -265,7 +267,8 @@ def attempt(frame, way, part, velocity, force, limits, best):
         part: part of the way to the target.
         velocity: at the start, shape (N, 2) [m per unit of the way].
         force: that friction balances at the start, shape (N, 2) [N].
-        limits: the error allowed for this part, and the tolerance of the whole ramp [m].
+        limits: the error allowed for this part, and the tolerance of the whole ramp [m]; whether the velocities are
+            unique.
         best: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
 
     Returns:
@@ -273,7 +276,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
         started has moved [m]; the factor for the length of this part, or of the next one where it is done; and whether
         the displacement is unique.
     """
-    allowed, tolerance = limits
+    allowed, tolerance, determined = limits
     n = velocity.shape[0]
     negligible = AT_ONCE * tolerance
     slid = np.empty((n, 2))
@@ -288,7 +291,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
         for c in range(2):
             expected[i, c] = step[i, c] = part * velocity[i, c]
     for pieces in range(1, _WALKS + 1):
-        solved, also = walk(frame, way, part, pieces, step, best, slid)
+        solved, also = walk(frame, way, (part, pieces, determined and pieces == 1), step, best, slid)
         unique = unique and also
         if not solved:
             return FAILED, np.inf, 0.5, True
