@@ -9,9 +9,8 @@ import pytest
 
 from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
 from crawler_model.body.planar_loads import check_planar_equilibrium
-from crawler_model.motion.plane.cone import solve_with_clarabel
-from crawler_model.motion.plane.springs import laplacian_of
 
+from .cone_program import laplacian_of, solve_with_clarabel
 from .planar_ramps import polygon
 from .planar_reference import Reference
 

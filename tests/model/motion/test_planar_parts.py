@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model.arrays import frozen
-from crawler_model.motion.plane.implicit_step import MOST_SWEEPS
-from crawler_model.motion.plane.parts.division import divide
+from crawler_model.motion.plane.motion import PlaneMotion
+from crawler_model.motion.plane.parts.division import divide, list_neighbours
 from crawler_model.motion.plane.parts.follow import follow_in_parts
-from crawler_model.motion.plane.ramp import follow_ramp
-from crawler_model.motion.plane.springs import build_springs
-from crawler_model.motion.plane.walk import NOT_UNIQUE, PATIENCE, STAGES
+from crawler_model.motion.plane.ramp import LEFT, LENGTH, MARGIN, PATIENCE, PLACE, follow_ramp
 from crawler_model.motion.state import (
     ACCOUNT_SIZE,
     AMBIGUOUS,
@@ -19,25 +16,50 @@ from crawler_model.motion.state import (
     DISSIPATION,
     EVENTS,
     LOADS_WORK,
+    OVERSPENT,
     RESIDUAL,
     VIOLATION,
-    VISITED,
     WORK,
 )
-from crawler_model.motion.state import PLANAR_ACTUATION as ACTUATION
-from crawler_model.motion.state import PLANAR_GAINED as GAINED
-from crawler_model.motion.state import PLANAR_LOAD as LOAD
-from crawler_model.motion.state import PLANAR_TENSION as TENSION
-from crawler_model.motion.state import PLANAR_X as X
 
-# read-only, as a scene's are: the kernels would be compiled again for arrays that can be written
-DISC = frozen(np.zeros((0, 2)))
-CROSS = frozen([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-TOLERANCE, MOST = 1e-7, 1 << 16
+from ..planar_stage import CROSS, DISC, body_of, command_of, frame_of
+
+TOLERANCE = 1e-7
 
 
-class Body:
-    """A body at rest at L = 0, in which some springs change."""
+class Ramp:
+    """A body on its way from a command to another one, with an account."""
+
+    def __init__(self, ends, stiffness, friction, directions, loads=()):
+        n = len(friction)
+        self.frame = frame_of(ends, stiffness, n, directions)
+        at_rest = np.concatenate((np.zeros(2 * len(ends)), np.ravel(friction), np.ravel(loads)))
+        self.state = PlaneMotion(body_of(ends, stiffness, n), self.frame, TOLERANCE).start(np.zeros((n, 2)), at_rest)
+        self.account = np.zeros(ACCOUNT_SIZE)
+
+    @property
+    def arrays(self):
+        return self.state.x, self.state.gained, self.state.command, self.state.turned
+
+    def copy(self):
+        twin = object.__new__(Ramp)
+        twin.frame, twin.state, twin.account = self.frame, self.state.copy(), self.account.copy()
+        return twin
+
+    def follow(self, target):
+        progress = np.zeros(5)
+        progress[LENGTH], progress[LEFT] = 1.0, TOLERANCE
+        progress[MARGIN] = progress[PATIENCE] = np.inf
+        velocity = np.zeros_like(self.state.x)
+        assert follow_ramp(self.frame, self.arrays, target, TOLERANCE, velocity, self.account, progress)
+        assert progress[PLACE] == 1.0
+
+    def follow_in_parts(self, target):
+        return follow_in_parts(self.frame, self.arrays, target, TOLERANCE, self.account)
+
+
+class Random:
+    """A random body at rest at L = 0, in which some springs change."""
 
     def __init__(self, seed, directions, *, grid=False, loaded=False):
         rng = np.random.default_rng(seed)
@@ -48,53 +70,25 @@ class Body:
             n -= n % width
             ends = [(i, i + 1) for i in range(n - 1) if (i + 1) % width] + [(i, i + width) for i in range(n - width)]
         numbers = rng.permutation(n) if seed % 2 else np.arange(n)  # neighbours may have any numbers
-        ends = numbers[np.array(ends)]
-        self.springs = build_springs(ends, np.exp(rng.uniform(-1.0, 1.0, len(ends))), n)
-        self.directions = directions
+        stiffness = np.exp(rng.uniform(-1.0, 1.0, len(ends)))
         self.friction = np.exp(rng.uniform(-1.0, 1.0, (n, max(len(directions), 1))))
-        self.contacts = np.zeros((4 if loaded else 3, n, 2))
-        self.links = np.zeros((2, len(ends), 2))
-        self.account = np.zeros(ACCOUNT_SIZE)
-        self.account[VISITED] = np.inf
-        self.rng = rng
-        if loaded:
-            self.contacts[LOAD] = rng.normal(size=(n, 2)) * 0.05
+        self.rng, self.directions, self.loaded = rng, directions, loaded
+        loads = rng.normal(size=(n, 2)) * 0.05 if loaded else ()
+        self.ramp = Ramp(numbers[np.array(ends)], stiffness, self.friction, directions, loads)
 
     def target(self, changing, size):
         """Change the rest lengths of some springs, and a little all frictions and loads."""
-        rng = self.rng
-        lengths, friction = self.links[ACTUATION].copy(), self.friction * rng.uniform(0.95, 1.05, self.friction.shape)
+        rng, state = self.rng, self.ramp.state
+        lengths = state.actuation.copy()
+        friction = state.friction.reshape(self.friction.shape) * rng.uniform(0.95, 1.05, self.friction.shape)
         some = rng.choice(len(lengths), changing, replace=False)
         lengths[some] += rng.normal(size=(changing, 2)) * size
-        loads = self.contacts[LOAD:] + rng.normal(size=self.contacts[LOAD:].shape) * 0.01
-        return np.concatenate((lengths.ravel(), friction.ravel(), loads.ravel()))
-
-    def copy(self):
-        twin = object.__new__(Body)
-        twin.__dict__ = {
-            name: value.copy() if type(value) is np.ndarray and value.flags.writeable else value
-            for name, value in self.__dict__.items()
-        }
-        return twin
-
-    def state(self):
-        return self.contacts, self.links, self.friction
-
-    def follow(self, target, tolerance=TOLERANCE):
-        n = len(self.friction)
-        progress = np.zeros(NOT_UNIQUE + STAGES)
-        progress[PATIENCE] = np.inf
-        memory = np.zeros((STAGES, n, 2)), np.zeros((STAGES, n), np.int64), np.empty((n, 2 + self.friction.shape[1]))
-        limits = target, tolerance, MOST, self.account, progress, MOST_SWEEPS
-        assert follow_ramp(self.springs, self.directions, *self.state(), *limits, *memory)
-
-    def follow_in_parts(self, target, tolerance=TOLERANCE):
-        limits = target, tolerance, MOST, self.account, MOST_SWEEPS
-        return follow_in_parts(self.springs, self.directions, *self.state(), *limits)
+        loads = state.loads + rng.normal(size=state.loads.shape) * 0.01
+        return command_of(self.directions, lengths, friction, loads)
 
 
 def check_alike(parts, whole, tolerance):
-    for found, expected in zip(parts.state(), whole.state(), strict=True):
+    for found, expected in zip(parts.arrays, whole.arrays, strict=True):
         np.testing.assert_allclose(found, expected, atol=tolerance)
     for entry in (WORK, DISSIPATION, LOADS_WORK):
         assert parts.account[entry] == pytest.approx(whole.account[entry], rel=10.0 * tolerance, abs=10.0 * tolerance)
@@ -103,6 +97,7 @@ def check_alike(parts, whole, tolerance):
     assert parts.account[VIOLATION] <= max(10.0 * whole.account[VIOLATION], 0.1 * tolerance)
     assert parts.account[COMPLEMENTARITY] <= max(100.0 * whole.account[COMPLEMENTARITY], 1e-4)  # of one substep
     assert parts.account[AMBIGUOUS] == whole.account[AMBIGUOUS] == 0.0
+    assert parts.account[OVERSPENT] == whole.account[OVERSPENT] == 0.0
 
 
 @pytest.mark.parametrize("loaded", [False, True])
@@ -112,32 +107,29 @@ def test_random_ramps(directions, tolerance, grid, loaded):
     """Polygons let contacts move on straight lines between events, so that both ways agree to rounding."""
     followed, moved = 0, 0
     for seed in range(12):
-        whole = Body(seed, directions, grid=grid, loaded=loaded)
+        body = Random(seed, directions, grid=grid, loaded=loaded)
+        whole = body.ramp
         for _ in range(3):
-            target = whole.target(int(whole.rng.integers(1, 6)), 3.0)
+            target = body.target(int(body.rng.integers(1, 6)), 3.0)
             parts = whole.copy()
             parts.account[:], whole.account[:] = 0.0, 0.0
-            parts.account[VISITED] = whole.account[VISITED] = np.inf
             reached = parts.follow_in_parts(target)
             whole.follow(target)
             if reached < 1.0:
                 continue
             followed += 1
-            moved += int(np.abs(whole.contacts[GAINED]).max() > 0.0)
+            moved += int(np.abs(whole.state.gained).max() > 0.0)
             check_alike(parts, whole, tolerance)
-            assert parts.account[VISITED] >= 0.9 * whole.account[VISITED]  # sampled at other places
     assert followed > 20
     assert moved > 20
 
 
 def pull(n, length):
-    """A chain with k = 1, of which the first link becomes longer along x."""
-    body = Body(0, DISC)
-    body.springs = build_springs(np.array([(i, i + 1) for i in range(n - 1)]), np.ones(n - 1), n)
-    body.friction, body.contacts, body.links = np.ones((n, 1)), np.zeros((3, n, 2)), np.zeros((2, n - 1, 2))
-    lengths = np.zeros((n - 1, 2))
+    """A chain with k = 1, of which the middle link becomes longer along x."""
+    friction, lengths = np.ones((n, 1)), np.zeros((n - 1, 2))
     lengths[n // 2, 0] = length
-    return body, np.concatenate((lengths.ravel(), body.friction.ravel()))
+    body = Ramp([(i, i + 1) for i in range(n - 1)], np.ones(n - 1), friction, DISC)
+    return body, command_of(DISC, lengths, friction)
 
 
 def test_a_part_is_enlarged_until_its_outermost_contacts_rest():
@@ -150,9 +142,9 @@ def test_a_part_is_enlarged_until_its_outermost_contacts_rest():
     expected = np.zeros((n, 2))
     expected[n // 2 + 1 :, 0][:moving] = gains
     expected[: n // 2 + 1, 0][::-1][:moving] = -gains
-    np.testing.assert_allclose(body.contacts[X], expected, atol=1e-9)
-    assert not body.contacts[X][expected[:, 0] == 0.0].any()  # exactly
-    np.testing.assert_array_equal(body.links[ACTUATION].ravel(), target[: 2 * (n - 1)])
+    np.testing.assert_allclose(body.state.x, expected, atol=1e-9)
+    assert not body.state.x[expected[:, 0] == 0.0].any()  # exactly
+    np.testing.assert_array_equal(body.state.command, target)
     assert body.account[EVENTS] >= moving
 
 
@@ -164,37 +156,39 @@ def test_two_parts_that_meet_become_one():
     whole = body.copy()
     assert body.follow_in_parts(target) == 1.0
     whole.follow(target)
-    assert (whole.contacts[X][61:75, 0] > 0.0).all()  # all between the two links move
-    np.testing.assert_allclose(body.contacts[X], whole.contacts[X], atol=20.0 * TOLERANCE)
+    assert (whole.state.x[61:75, 0] > 0.0).all()  # all between the two links move
+    np.testing.assert_allclose(body.state.x, whole.state.x, atol=20.0 * TOLERANCE)
 
 
 def test_a_ramp_in_which_all_rest():
     body, target = pull(100, 0.5)
     assert body.follow_in_parts(target) == 1.0
     assert body.account[EVENTS] == 1.0
-    assert not body.contacts[X].any()
-    assert body.links[TENSION, 50, 0] == -0.5
+    state = body.state
+    assert not state.x.any()
+    assert state.tension[50, 0] == -0.5
     assert body.account[WORK] == pytest.approx(0.125, rel=1e-14)
-    assert body.account[VISITED] == pytest.approx((100 - 1.0) / 200, rel=1e-14)
+    assert state.visited_margin(state.force) == pytest.approx((100 - 1.0) / 200, rel=1e-14)
 
 
 def test_what_no_part_can_follow_is_left_unchanged():
     """Bodies whose contacts almost all move are followed as a whole."""
-    body = Body(3, DISC)
-    target = body.target(len(body.links[0]), 50.0)
-    before = [array.copy() for array in (*body.state(), body.account)]
+    random = Random(3, DISC)
+    body = random.ramp
+    target = random.target(len(body.frame.ends), 50.0)
+    before = body.copy()
     assert body.follow_in_parts(target) == 0.0
-    for now, then in zip((*body.state(), body.account), before, strict=True):
+    for now, then in zip((*body.arrays, body.account), (*before.arrays, before.account), strict=True):
         np.testing.assert_array_equal(now, then)
 
 
 def test_division():
     """Moving contacts with a single contact between them are in one part; others share the contacts between them."""
     n = 40
-    springs = build_springs(np.array([(i, i + 1) for i in range(n - 1)]), np.ones(n - 1), n)
+    neighbours = list_neighbours(np.array([(i, i + 1) for i in range(n - 1)]), n)
     moving, owner = np.zeros(n, np.bool_), np.empty(n, np.int64)
     moving[[10, 12, 15, 30]] = True
-    divide(springs, moving, owner)
+    divide(neighbours, moving, owner)
     assert owner[10] == owner[11] == owner[12] == owner[13]
     assert owner[14] == owner[15] != owner[12]
     np.testing.assert_array_equal(np.flatnonzero(owner == owner[30]), np.arange(26, 35))
