@@ -39,7 +39,9 @@ class ConeRun(TickByTick):
         self.body, self.quarters = body, quarters
         friction = scene.drive.targets[0, 2 * body.springs :]
         rows = np.repeat(np.arange(body.springs), 2)
-        incidence = sp.csr_matrix((np.tile((-1.0, 1.0), body.springs), (rows, body.ends.ravel())), shape=(body.springs, n))
+        incidence = sp.csr_matrix(
+            (np.tile((-1.0, 1.0), body.springs), (rows, body.ends.ravel())), shape=(body.springs, n)
+        )
         laplacian = incidence.T @ sp.diags(body.stiffness) @ incidence
         self.force, stiffness = float(friction.max()), float(laplacian.max())
         self.length = self.force / stiffness

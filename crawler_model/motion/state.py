@@ -1,4 +1,4 @@
-"""Entries of the account of ramps, shared by all bodies, and rows of the state arrays of bodies in the plane.
+"""Entries of the account of ramps, shared by all bodies.
 
 A target is the end of a ramp: the rest lengths of all springs, then mu_plus of all contacts, then mu_minus of all
 contacts, in one row. With loads, mu_plus and mu_minus are the bounds that the loads shift, and the loads follow.
@@ -7,10 +7,6 @@ contacts, in one row. With loads, mu_plus and mu_minus are the bounds that the l
 from __future__ import annotations
 
 from ..compiled import lean
-
-PLANAR_X, PLANAR_X_REST, PLANAR_GAINED, PLANAR_LOAD = range(4)
-PLANAR_TENSION, PLANAR_ACTUATION = range(2)
-"""Rows of the contacts, the last one only where there are loads, and of the springs in the plane."""
 
 (
     WORK,

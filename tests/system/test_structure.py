@@ -126,16 +126,10 @@ def test_functions_are_short_but_for_compiled_kernels():
             assert lines <= MOST_IN_A_FUNCTION, f"{file.name}: {node.name} has {lines} lines"
 
 
-KERNELS_TO_COME = ("motion/plane/",)
-"""Rooms whose kernels still take arrays by position, decision 0022."""
-
-
 def test_kernels_take_few_arguments_and_are_short():
     """A kernel of records takes at most seven arguments."""
     found = 0
     for file in (ROOT / "crawler_model").rglob("*.py"):
-        if any(room in file.as_posix() for room in KERNELS_TO_COME):
-            continue
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.FunctionDef) and KERNELS & {*map(ast.unparse, node.decorator_list)}:
                 found += 1

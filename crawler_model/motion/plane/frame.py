@@ -84,9 +84,7 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
     offset, heading = np.array(turning.offset, np.float64), np.array(turning.heading, np.int64)
     axes = guide, offset, turning.along_velocity
     ways = np.array(directions, np.float64).reshape(-1, 2)
-    return Frame(
-        False, position, ends, joints, stiffness, rest, *axes, _order(pairs, n), grip, heading, ways, 0.0
-    )
+    return Frame(False, position, ends, joints, stiffness, rest, *axes, _order(pairs, n), grip, heading, ways, 0.0)
 
 
 def _build_vector_frame(body: Body, directions: np.ndarray) -> Frame:

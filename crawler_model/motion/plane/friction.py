@@ -3,9 +3,10 @@
 A set consists of four quarter ellipses in the frame of a link or of the ground (discs, where all four frictions are the
 same), or it is a polygon {f : f . d_k <= mu_k} with directions d_k of the ground, see `polygon`.
 
-In the frame of the axis of an ellipse, with the friction D of the quadrant, a force has the coordinates u = D^-1 s and a displacement
-d = D w; friction balances the force if u lies in the unit disc, and u = d / |d| where the point slides, that is, if
-u = P(u + rho d) with the projection P onto the unit disc. Nothing is singular where a displacement goes to zero.
+In the frame of the axis of an ellipse, with the friction D of the quadrant, a force has the coordinates u = D^-1 s and
+a displacement d = D w; friction balances the force if u lies in the unit disc, and u = d / |d| where the point slides,
+that is, if u = P(u + rho d) with the projection P onto the unit disc. Nothing is singular where a displacement goes to
+zero.
 With the law along the velocity, d = w.
 """
 
@@ -148,12 +149,13 @@ def linearise(frame, command, x, base, force, size, rows):
     Returns:
         The largest miss relative to its rounding error, and the largest miss.
     """
-    worst = 0.0
-    largest = 0.0
+    worst = largest = 0.0
     for i in range(x.shape[0]):
         at, least, most = friction_of(frame, command, i)
         row = rows[i]
         row[:] = 0.0
+        if not abs(force[i, 0]) + abs(force[i, 1]) < np.inf:
+            return np.inf, np.inf
         if most == 0.0:
             scale = size[i] if size[i] > 0.0 else 1.0
             row[0] = force[i, 0] / scale
@@ -165,10 +167,9 @@ def linearise(frame, command, x, base, force, size, rows):
             largest = max(largest, miss)
             continue
         if frame.directions.shape[0] > 0:
-            moved = x[i, 0] - base[i, 0], x[i, 1] - base[i, 1]
             rounding = 1.0 + (size[i] + frame.grip[i] * (abs(x[i, 0]) + abs(x[i, 1]))) / most
-            load = force[i, 0], force[i, 1]
-            miss = linearise_polygon(frame, command, (i, at), load, moved, (SLACK * _CLOSE * rounding, most), row)
+            moved = x[i, 0] - base[i, 0], x[i, 1] - base[i, 1]
+            miss = linearise_polygon(frame, command, (i, at), force[i], moved, (SLACK * _CLOSE * rounding, most), row)
             worst = max(worst, miss / (_CLOSE * rounding))
             largest = max(largest, miss)
             continue
@@ -230,9 +231,6 @@ def linearise(frame, command, x, base, force, size, rows):
         row[10] = f00 * u_by0 - e01 * u_by1 - (e00 * d_by0 + e01 * d_by1)
         row[11] = -e01 * u_by0 + f11 * u_by1 - (e01 * d_by0 + e11 * d_by1)
         row[12] = 1.0
-    for i in range(x.shape[0]):
-        if not abs(force[i, 0]) + abs(force[i, 1]) < np.inf:
-            return np.inf, np.inf
     return worst, largest
 
 

@@ -19,7 +19,7 @@ from .frame import Frame, build_frame
 from .friction import measure_margins
 from .jump import jump
 from .parts.follow import LARGE, follow_in_parts
-from .ramp import LENGTH, MARGIN, PATIENCE, PLACE, follow_ramp
+from .ramp import LENGTH, MARGIN, PATIENCE, PLACE, follow_ramp, force_step
 
 _SHARE = 0.25
 """Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
@@ -273,7 +273,9 @@ class PlaneMotion:
                     patience = _PATIENCE if done > 0.0 else 2.0 * patience
                     progress[PATIENCE] = patience
                 continue
-            assert self.body.turning is not None
+            if self.body.turning is None:
+                force_step(self.frame, arrays, target, account, progress)
+                continue
             place = progress[PLACE]
             if not self.body.turning.jumps:
                 raise CommandError(

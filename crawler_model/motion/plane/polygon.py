@@ -1,7 +1,7 @@
 """Friction whose set of admissible forces is a polygon {f : f . d_k <= mu_k}, with unit vectors d_k of the ground.
 
-Corner k joins the edges of d_k and d_{k+1}. Friction balances a force s during a displacement w if s is the point of the
-polygon nearest to s + r w, for any r > 0.
+Corner k joins the edges of d_k and d_{k+1}. Friction balances a force s during a displacement w if s is the point of
+the polygon nearest to s + r w, for any r > 0.
 """
 
 from __future__ import annotations

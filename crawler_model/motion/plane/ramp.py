@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean, merged
-from .equal_steps import farthest
+from ...rounding import CRITICAL
 from ..state import (
     AMBIGUOUS,
     COMPLEMENTARITY,
@@ -20,7 +20,8 @@ from ..state import (
     WORK,
 )
 from .elastic import energy_of, pull
-from .frame import load_of, unwind, yaw_of
+from .equal_steps import farthest
+from .frame import friction_of, load_of, unwind, yaw_of
 from .friction import gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
@@ -58,14 +59,15 @@ stability margin; the number of parts until the caller may try to divide the bod
 
 
 @lean
-def _time_to_reach(u0, u1, rate0, rate1):
-    """Compute when a force that changes linearly reaches the unit circle from inside; infinite if never."""
+def _time_to_reach(u0, u1, rate0, rate1, growth):
+    """Compute when a force that changes linearly reaches a unit circle that grows, from inside; infinite if never."""
     inside = 1.0 - u0 * u0 - u1 * u1
     if inside <= _BAND:
         return np.inf
-    bend = rate0 * rate0 + rate1 * rate1
-    outwards = u0 * rate0 + u1 * rate1
-    bottom = outwards + math.sqrt(outwards * outwards + bend * inside)
+    bend = rate0 * rate0 + rate1 * rate1 - growth * growth
+    outwards = u0 * rate0 + u1 * rate1 - growth
+    under = outwards * outwards + bend * inside
+    bottom = outwards + math.sqrt(under) if under > 0.0 else 0.0
     return inside / bottom if bottom > 0.0 else np.inf
 
 
@@ -97,10 +99,15 @@ def _glance(frame, way, part, negligible, velocity, force):
         gap = gap_of(frame, command, x, i, force)
         if frame.directions.shape[0] > 0 and gap < np.inf:
             first = min(first, part * time_to_edge(frame, command, now, i, force, after))
+        elif gap < np.inf and speed == 0.0 and frame.vector:
+            at, _, mu = friction_of(frame, command, i)
+            f0, f1 = force[i]
+            rates = (after[i, 0] - f0) / mu, (after[i, 1] - f1) / mu, now[at] / mu - 1.0
+            first = min(first, part * _time_to_reach(f0 / mu, f1 / mu, *rates))
         elif gap < np.inf and speed == 0.0:
             u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
             v0, v1 = load_part(frame, now, moved, i, after[i, 0], after[i, 1])
-            first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part))
+            first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part, 0.0))
         elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
             first = min(first, part * gap / (gap + frame.grip[i] * part * speed))
     return first, unique
@@ -237,7 +244,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     later = moved = np.inf
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
-        part = 1.0 if length >= rest else length / rest
+        part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
         limits = max(tolerance * length, _SPENT * progress[LEFT]), tolerance, determined
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
@@ -267,25 +274,9 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     return 0.0
 
 
-@merged
-def _force(frame, state, target, rest, best, account):
-    """Take one implicit step of vector springs, whatever its error, and count it; return the part of the way."""
-    part = min(_LAST_STEP / rest, 1.0)
-    n = state[0].shape[0]
-    after = np.empty((n, 2))
-    step = np.zeros((n, 2))
-    slid = np.empty((n, 2))
-    walk(frame, (state[0], state[2], target), (part, 1, False), step, best, slid)
-    _, residual = _settle(frame, state, target, part, best, after, 0.0)
-    account[RESIDUAL] += residual
-    account[OVERSPENT] += 1.0
-    _take(frame, state, target, part, best, after, account)
-    return part
-
-
 @compiled
 def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
-    """Follow a ramp of the commands, until it ends, or patience does, or no equilibrium is left to follow.
+    """Follow a ramp of the commands until it ends, or patience does, or no part of it can be followed.
 
     Args:
         frame: the body.
@@ -299,15 +290,13 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
         progress: changed in place, shape (5,), see `PLACE`.
 
     Returns:
-        Whether there is an equilibrium to follow.
+        Whether it can be followed further.
     """
     n = velocity.shape[0]
     best = np.zeros((n + 2, 2))
     while progress[PLACE] < 1.0 and progress[PATIENCE] > 0.0:
         progress[PATIENCE] -= 1.0
         part = _advance(frame, state, target, tolerance, velocity, (account, progress), best)
-        if part == 0.0 and frame.vector:
-            part = _force(frame, state, target, 1.0 - progress[PLACE], best, account)
         if part == 0.0:
             for i in range(n):
                 for c in range(2):
@@ -323,3 +312,27 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
         margin = least_eigenvalue(stiffness_of(frame, state[2], state[0], best, 2.0)[0])
         progress[MARGIN] = min(progress[MARGIN], margin)
     return True
+
+
+@compiled
+def force_step(frame, state, target, account, progress):
+    """Take one implicit step of vector springs, whatever its error, and count it.
+
+    Args:
+        frame: the body.
+        state: as for `follow_ramp`, changed in place.
+        target: end of the ramp, shape (C,).
+        account: added to, shape (14,).
+        progress: as for `follow_ramp`, changed in place.
+    """
+    n = state[0].shape[0]
+    rest = 1.0 - progress[PLACE]
+    part = min(_LAST_STEP / rest, 1.0)
+    best = np.zeros((n + 2, 2))
+    after = np.empty((n, 2))
+    walk(frame, (state[0], state[2], target), (part, 1, False), np.zeros((n, 2)), best, np.empty((n, 2)))
+    _, residual = _settle(frame, state, target, part, best, after, 0.0)
+    account[RESIDUAL] += residual
+    account[OVERSPENT] += 1.0
+    _take(frame, state, target, part, best, after, account)
+    progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest

@@ -13,6 +13,7 @@ from ...compiled import compiled, lean, merged
 from ...rounding import CRITICAL
 from .band import solve_band
 from .elastic import pull, stiffen_joint, stiffen_link
+from .frame import friction_of, load_of
 from .friction import axis_of, linearise
 
 _MOST_STEPS = 40
@@ -222,6 +223,25 @@ def _search(frame, command, base, anchor, x, force, eta):
     return False, True
 
 
+@lean
+def _can_hold(frame, command):
+    """Return whether friction can hold the sum of the loads: it lies in the sum of the sets of friction forces."""
+    total0 = 0.0
+    total1 = 0.0
+    held = 0.0
+    for i in range(frame.position.shape[0]):
+        total0 += load_of(frame, command, i, 0)
+        total1 += load_of(frame, command, i, 1)
+        held += friction_of(frame, command, i)[2]
+    for k in range(frame.directions.shape[0]):
+        along = 0.0
+        for i in range(frame.position.shape[0]):
+            along += command[friction_of(frame, command, i)[0] + k]
+        if total0 * frame.directions[k, 0] + total1 * frame.directions[k, 1] > along:
+            return False
+    return frame.directions.shape[0] > 0 or math.hypot(total0, total1) <= held
+
+
 @compiled
 def _approach(frame, command, base, x, force, eta):
     """Solve an implicit step of vector springs by the proximal point method; the arguments are `solve_stage`'s.
@@ -229,6 +249,8 @@ def _approach(frame, command, base, x, force, eta):
     Springs hold each contact where the last search ended. Energy and friction are convex, so each of these steps leads
     nearer to the solution, until a search without springs succeeds.
     """
+    if not _can_hold(frame, command):
+        return False, False
     anchor = base.copy()
     trial = base.copy()
     more = 1.0

@@ -22,7 +22,7 @@ _SURELY = 1e-6
 
 @compiled
 def _normal_cones(frame, command, velocity, force, size, normals, offsets):
-    """Write the translations t that leave every v_i + t normal to C_i at its force as half-planes normals . t >= offsets.
+    """Write the translations t with every v_i + t normal to C_i at its force as half-planes normals . t >= offsets.
 
     Returns their number, or -1 if a contact inside its C_i, or two contacts together, fix the translation.
     """

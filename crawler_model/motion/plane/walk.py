@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean, merged
+from .elastic import stretch_link, stretch_vector, turn_joint
 from .equal_steps import farthest, find_stop
-from .elastic import pull, stretch_link, stretch_vector, turn_joint
 from .frame import friction_of, load_of
 from .friction import gap_of, resistance
 from .polygon import ON
@@ -182,10 +182,11 @@ def _same_points(one, slid, pieces, negligible):
 
 
 @lean
-def _extrapolate(table, newest, pieces, n):
+def _extrapolate(table, newest, pieces, n, per_force):
     """Add a walk to the Aitken-Neville scheme in 1/steps.
 
-    Returns by how much the displacement of a point changes at most; `newest` becomes the extrapolated walk.
+    Returns by how much the displacement of a point, or the dissipation per force, changes at most; `newest` becomes the
+    extrapolated walk.
     """
     error = 0.0
     for i in range(newest.shape[0]):
@@ -199,9 +200,10 @@ def _extrapolate(table, newest, pieces, n):
                 table[column, i, c] = before
             table[pieces - 1, i, c] = value
             newest[i, c] = value
-            change = math.hypot(change, value - before)
-        if i < n:
-            error = max(error, change)
+            if c == 0 or i < n:
+                change = math.hypot(change, value - before)
+        if i <= n:
+            error = max(error, change if i < n else change * per_force)
     return error
 
 
@@ -287,9 +289,12 @@ def attempt(frame, way, part, velocity, force, limits, best):
     error = np.inf
     growth = 0.0
     unique = True
+    total = 0.0
     for i in range(n):
+        total += friction_of(frame, way[1], i)[2]
         for c in range(2):
             expected[i, c] = step[i, c] = part * velocity[i, c]
+    per_force = 1.0 / total if frame.vector and total > 0.0 else 0.0
     for pieces in range(1, _WALKS + 1):
         solved, also = walk(frame, way, (part, pieces, determined and pieces == 1), step, best, slid)
         unique = unique and also
@@ -315,9 +320,9 @@ def attempt(frame, way, part, velocity, force, limits, best):
             for i in range(n):
                 one[i, 0] = best[i, 0]
                 one[i, 1] = best[i, 1]
-            _extrapolate(table, best, pieces, n)
+            _extrapolate(table, best, pieces, n, per_force)
         else:
-            error = _extrapolate(table, best, pieces, n)
+            error = _extrapolate(table, best, pieces, n, per_force)
             growth = _growth(allowed, error, last, pieces)
             if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
                 break

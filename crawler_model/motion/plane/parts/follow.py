@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import compiled, lean
-from ...state import ACCOUNT_SIZE, EVENTS, OVERSPENT, RESIDUAL, VISITED, WORK, add_ramp
+from ...state import ACCOUNT_SIZE, EVENTS, RESIDUAL, VISITED, WORK, add_ramp
 from ..elastic import pull, stretch_vector
 from ..frame import columns_of, load_of
-from ..ramp import LEFT, LENGTH, MARGIN, PATIENCE, PLACE, follow_ramp
+from ..ramp import LEFT, LENGTH, MARGIN, PATIENCE, follow_ramp
 from ..walk import command_at
 from .division import divide, frame_of, list_neighbours, mark_beyond, sort_by, spread
 
@@ -104,8 +104,8 @@ def _follow_part(frame, neighbours, ramp, tied, part, moved, account):
     progress[LEFT] = tolerance
     progress[MARGIN] = progress[PATIENCE] = np.inf
     places = x[members]
-    follow_ramp(own, (places, np.zeros((m, 2)), now, yaw.copy()), goal, tolerance, np.zeros((m, 2)), account, progress)
-    if progress[PLACE] < 1.0 or account[OVERSPENT] > 0.0:
+    own_state = places, np.zeros((m, 2)), now, yaw.copy()
+    if not follow_ramp(own, own_state, goal, tolerance, np.zeros((m, 2)), account, progress):
         return False, False
     too_small = False
     for a in range(m):
