@@ -240,11 +240,13 @@ def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
     if png is not None:
         from crawler_pictures.optimum import draw_front, draw_optimum
 
+        from .many.units import unit_of
+
         with whole_file(png) as part:
             if isinstance(found, Front):
                 draw_front(found, part)
             else:
-                draw_optimum(found, part)
+                draw_optimum(found, {name: unit_of(found.scene, name) for name in found.names}, part)
 
 
 def _check_robust(robust: list[str] | None, fit: Path | None, over: Over | None, compromises: bool) -> None:

@@ -8,6 +8,7 @@ directions share a pixel, it has a colour of its own.
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ WIDTH, HEIGHT = 1000, 400
 """The largest image: columns of time, rows of contacts [pixels]."""
 _MOST_SAMPLES = 4000
 _EMPTY = "#ffffff"
+_NARROW = 58
+"""Letters of a title or legend that fit above a panel half as wide as a page."""
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 """The ground of text that may stand on a curve."""
 _THINNEST = 0.02
@@ -201,3 +204,22 @@ def write_title(axis: Axes, text: str, pad: float = 4.0) -> None:
         pad: its distance from the axes [points].
     """
     axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=pad)
+
+
+def make_room(axis: Axes) -> None:
+    """Write the title of a panel half as wide as a page above its legend, both in as many lines as they need.
+
+    Args:
+        axis: the axes, with their title and legend.
+    """
+    legend, lines = axis.get_legend(), 0
+    if legend is not None:
+        handles: Any = legend.legend_handles
+        words = [text.get_text() for text in legend.get_texts()]
+        for handle, word in zip(handles, words, strict=True):
+            handle.set_label(word)
+        lines = -(-sum(len(word) + 7 for word in words) // _NARROW)
+        place_legend(axis, handles, lines)
+    title = axis.get_title("left")
+    if title:
+        write_title(axis, textwrap.fill(title, _NARROW), 4.0 + 13.0 * lines)

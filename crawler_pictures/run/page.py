@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -33,6 +32,7 @@ from .kymograph import (
     draw_positions,
     draw_states,
     explain_states,
+    make_room,
     place_legend,
     write_title,
 )
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
 _WIDTH, _DPI = 11.0, 110
 _PRINT_WIDTH, _PRINT_DPI = 9.0, 200
-_NARROW = 58
-"""Letters of a title or legend that fit above a panel of a page with two columns."""
 MOST_CYCLES = 150
 """More cycles are too narrow for their curves to be told apart."""
 Panel = tuple[float, Callable[["Axes"], None]]
@@ -114,7 +112,7 @@ def _draw_column(part: Any, panels: list[Panel], run: RunArrays, narrow: bool) -
         draw(axis)
         axis.margins(x=0)
         if narrow:
-            _make_room(axis)
+            make_room(axis)
         if run.cycles.size <= MOST_BARS:
             for start in run.cycles:
                 axis.axvline(start, color="#c9c9c9", linewidth=0.5, zorder=-1)
@@ -122,19 +120,6 @@ def _draw_column(part: Any, panels: list[Panel], run: RunArrays, narrow: bool) -
         axes[-1].set_xlim(run.time[0], run.time[-1])
     axes[-1].set_xlabel("simulated time [s]")
     part.align_ylabels(axes)
-
-
-def _make_room(axis: Axes) -> None:
-    """Write the title of a narrow panel above its legend, both in as many lines as they need."""
-    legend, lines = axis.get_legend(), 0
-    if legend is not None:
-        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
-            handle.set_label(text.get_text())
-        lines = -(-sum(len(handle.get_label()) + 7 for handle in legend.legend_handles) // _NARROW)
-        place_legend(axis, legend.legend_handles, lines)
-    title = axis.get_title("left")
-    if title:
-        write_title(axis, textwrap.fill(title, _NARROW), 4.0 + 13.0 * lines)
 
 
 def _size(run: RunArrays) -> float:
@@ -172,7 +157,7 @@ def _draw_above(part: Any, run: RunArrays, narrow: bool) -> None:
     left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.scene is not None else (part.subplots(), None)
     draw_plane(left, run.positions, run.state, run.net_translation, run.ends, list(run.contacts))
     if narrow:
-        _make_room(left)
+        make_room(left)
     if right is not None:
         draw_friction(right, run.scene, run.force)  # type: ignore[arg-type]
 
