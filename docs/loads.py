@@ -139,7 +139,8 @@ def draw_crossing(axis: Axes, name: str) -> None:
         axis.plot(run.time, place[:, i], color=color, lw=1.2, label=f"contact {i}")
     for section in list_sections(run.scene, float(place.min()), float(place.max())):
         axis.axhspan(section.start, section.end, color=section.color, alpha=0.35, lw=0)
-        axis.text(0.2, section.middle, section.text, va="center", fontsize=8)  # all walk forward: no curve is here
+        height = 0.25 * section.start + 0.75 * section.end  # all walk forward: at the left no curve is there
+        axis.text(0.2, height, section.text, va="center", fontsize=8)
     axis.set(title=f"{name}, gains {1e3 * run.per_period[1]:.4g} .. {1e3 * run.per_period[-1]:.4g} mm a period")
     axis.set_xlabel("time [s]")
     axis.legend(fontsize=8, frameon=False, loc="lower right")
