@@ -7,7 +7,6 @@ is closed or falls silent; with this process it ends, and the robot holds the la
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +16,8 @@ from typing import Any
 import numpy as np
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -79,10 +79,12 @@ class Console(Robot):
             name: node.create_publisher(Float64MultiArray, name, qos_profile(topics[name])) for name in _COMMANDS
         }
         self.instant = self._measure()
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
         for name in _STATES:
-            node.create_subscription(
-                message_class(topics[name].type), name, self._receiver(name), qos_profile(topics[name]), raw=True
-            )
+            profile = qos_profile(topics[name])
+            profile.depth, profile.reliability = 1, ReliabilityPolicy.BEST_EFFORT  # the newest state is enough
+            node.create_subscription(JointState, name, self._receiver(name), profile, raw=True)
 
     def _receiver(self, name: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
@@ -156,6 +158,8 @@ class Console(Robot):
 
     def advance(self, seconds: float) -> None:
         """Send the next command of the ramp, and remember what the robot did."""
+        for _ in _STATES:
+            self._executor.spin_once(timeout_sec=0.0)
         try:
             self.instant = self._measure()
         except CommandError as error:
@@ -262,7 +266,7 @@ class Console(Robot):
 
 @contextmanager
 def open_console(scene: Scene, namespace: str) -> Iterator[Console]:
-    """Open a node that spins in a thread.
+    """Open a node.
 
     Args:
         scene: the body of the robot.
@@ -281,19 +285,8 @@ def open_console(scene: Scene, namespace: str) -> Iterator[Console]:
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         try:
             node = QuietNode(f"crawler_play_{os.getpid()}", context=context, namespace=namespace)
-            executor = SingleThreadedExecutor(context=context)
-            executor.add_node(node)
-            console = Console(scene, node)
-            threading.Thread(target=_spin, args=(executor,), daemon=True).start()
-            yield console
+            yield Console(scene, node)
         except InvalidNamespaceException as error:
             raise CrawlerError(f"--namespace: {namespace}: {' '.join(str(error).split())}") from None
         finally:
             rclpy.shutdown(context=context)
-
-
-def _spin(executor: SingleThreadedExecutor) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        return
