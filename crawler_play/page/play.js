@@ -6,6 +6,7 @@ const MOST = 1000; // ticks of the past that are drawn
 const NUMBERS = { time: "s", net: "m", yaw: "rad", work: "J", dissipation: "J" };
 let socket, scene, colors, frame, past = [], hand = false, wanted = false, drag = null, queue = {}, camera = null, extent = {};
 const inputs = {}, touched = {};
+const watch = new IntersectionObserver(rows => rows.forEach(row => { row.target.seen = row.isIntersecting; })); // of a hundred sliders few are in view
 
 function make(tag, properties = {}, ...children) {
   const { aria, ...rest } = properties, element = Object.assign(document.createElement(tag), rest);
@@ -111,7 +112,9 @@ function slider(control) {
   number.oninput = () => { touched[name] = Infinity; };
   number.onchange = () => { if (Number.isFinite(number.valueAsNumber)) change(name, number.valueAsNumber); else touched[name] = 0; };
   inputs[name] = [range, number];
-  return make("div", { className: "control" }, make("span", { textContent: name.replace("/", "/\u200b") }), range, number, make("span", { className: "unit", textContent: unit }));
+  const row = make("div", { className: "control" }, make("span", { textContent: name.replace("/", "/\u200b") }), range, number, make("span", { className: "unit", textContent: unit }));
+  watch.observe(row);
+  return row;
 }
 function change(name, value) {
   touched[name] = performance.now();
@@ -331,18 +334,16 @@ function drawDomain() {
   pen.fillText(`${told.join(", ")} N`, 8, 16);
 }
 function show(name, value, element, disabled) {
-  if (performance.now() - (touched[name] ?? -1e9) > 400 && document.activeElement !== element || touched[name] === 0) element.value = element.type === "number" ? short(value) : value;
-  element.disabled = disabled;
+  const told = element.type === "number" ? short(value) : String(value);
+  const free = performance.now() - (touched[name] ?? -1e9) > 400 && document.activeElement !== element || touched[name] === 0;
+  if (free && element.value !== told) element.value = told; // to write a value costs layout, even the same one
+  if (element.disabled !== disabled) element.disabled = disabled;
 }
 function text(id, value) { if (at(id).textContent !== value) at(id).textContent = value; }
-function draw() {
-  wanted = false;
-  if (!frame || !scene) return;
-  drawBody();
-  if (scene.contacts.length < 40 || !((window.drawn || 0) % 5) || !frame.playing) drawHistory(); // the slowest picture
-  drawTension();
-  drawDomain();
+function tell() {
+  drawHistory();
   scene.controls.forEach((control, k) => {
+    if (!inputs[control.name][0].parentElement.seen) return;
     const led = frame.mode === "scene" ? control.driven : frame.mode === "wave" && control.waved;
     for (const element of inputs[control.name]) show(control.name, frame.values[k], element, !hand || led);
   });
@@ -364,6 +365,14 @@ function draw() {
   text("link", (hand ? "you have the hand" : "another page has the hand") + (frame.pages > 1 ? `; ${frame.pages} pages are open` : ""));
   at("take").hidden = hand;
   if (frame.console) at("console").replaceChildren(...frame.console.map(told => make("li", { textContent: told })));
+}
+function draw() {
+  wanted = false;
+  if (!frame || !scene) return;
+  drawBody();
+  drawTension();
+  drawDomain();
+  if (!frame.playing || !((window.drawn || 0) % 3)) tell(); // the history and the numbers cost most, and ten times a second is enough to read them
   window.drawn = (window.drawn || 0) + 1;
   send({ seen: frame.frame });
 }
