@@ -32,7 +32,7 @@ from crawler_ros.node.life.run import stay_on_loopback
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.messages import read_stamp
 from crawler_ros.wire.states import contact_names, joint_state_names
-from crawler_ros.wire.topics import message_class, qos_profile, read_topics
+from crawler_ros.wire.topics import qos_profile, read_topics
 
 from .controls import Clock, read_speed
 from .robot import PAST, Robot

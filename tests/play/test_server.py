@@ -110,6 +110,35 @@ def test_many_pages_see_one_robot_and_one_has_the_hand():
     serve(work)
 
 
+def test_a_lesson_opens_in_all_pages_even_in_one_that_had_not_answered():
+    async def work(server: Server, client: Any) -> None:
+        async with (
+            client.ws_connect(url(server, name="a")) as page,
+            client.ws_connect(url(server, name="slow")) as slow,
+        ):
+            await page.send_json({"play": True})
+            while server.robot.session.now < 10 or next(c for c in server.clients if c.name == "slow").sent < 2:
+                await next_frame(page)
+            await slow.send_json({"lesson": "slack_tendon"})
+            assert "another page has the hand" in await complaint_unanswered(slow)
+            await page.send_json({"lesson": "slack_tendon"})
+            for one in (page, slow):
+                while "scene" not in (message := await one.receive_json()) or message["scene"]["name"] != "tendon_worm":
+                    pass
+                assert message["scene"]["lesson"]["title"] == "A tendon that goes slack"
+                frame = await next_frame(one)
+                assert frame["fresh"]
+                assert len(frame["x"]) == len(message["scene"]["contacts"])
+                assert frame["words"].endswith("link_0 is slack")
+
+    async def complaint_unanswered(page: Any) -> str:
+        while "error" not in (message := await page.receive_json()) or "frame" in message:
+            pass
+        return message["error"]
+
+    serve(work)
+
+
 def test_closing_a_page_and_a_gap_lose_nothing():
     async def work(server: Server, client: Any) -> None:
         async with client.ws_connect(url(server, name="a")) as page:
@@ -165,6 +194,7 @@ def test_a_page_that_does_not_answer_receives_no_more_frames_and_holds_nobody_up
         ('{"speed": 0}', "speed: 0; it must be above 0 and at most 100"),
         ('{"set": {"link_9": 1}}', "link_9: no such control"),
         ('{"restore": "x"}', "link: it is damaged"),
+        ('{"lesson": "x"}', "lesson: 'x'; the lessons are why_it_does_not_move, stasis_polygon"),
     ],
 )
 def test_a_bad_message_is_answered_and_changes_nothing(text, expected):

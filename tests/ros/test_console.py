@@ -122,6 +122,10 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
         with browsing() as browser:
             page = open_page(browser, address)
             wait_until(lambda: page.evaluate("frame.words.startsWith('all contacts hold')"), what="states")
+            shown = [
+                text for text in ("Copy link", "Instant", "work", "Lessons") if page.get_by_text(text).is_visible()
+            ]
+            assert shown == []  # a robot has no other instant, and no sensor measures its work
             page.get_by_label("link_0 in m").fill("0.14")
             page.get_by_label("link_0 in m").press("Enter")
             wait_until(
