@@ -20,6 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -44,6 +45,8 @@ _STATES = ("joint_states", "contact_states")
 _COMMANDS = ("load_controller/commands", "friction_controller/commands", "actuation_controller/commands")
 """In the order in which they are sent: friction and loads take effect with the next actuation."""
 _RIVALS = (*_COMMANDS, "joint_trajectory", "actuation_controller/joint_trajectory")
+_LOOKS = 0.5
+"""Time after which it looks again who else commands [s]."""
 _RESTS = 1e-9
 """A contact below this speed holds [m/s]."""
 
@@ -72,6 +75,7 @@ class Console(Robot):
         self._first = scene.body.dimension if scene.body.turning is None else 3  # of a joint behind the root
         self.row: np.ndarray | None = None  # as sent last; None before the first command
         self._past: list[list[Any]] = []
+        self._looked, self._rivals = -_LOOKS, list[str]()
         self._arrived: dict[str, bytes] = {}
         self._names = dict(zip(_STATES, (joint_state_names(scene.body), contact_names(scene.body)), strict=True))
         topics = read_topics()
@@ -243,15 +247,21 @@ class Console(Robot):
         node, told = self.node, []
         listeners = node.count_subscribers(_COMMANDS[-1])
         heard = f"{listeners} listener{'s' * (listeners != 1)}"
-        told.append(f"{self.sent} commands sent to {heard}; {self.received} states received")
+        told.append(f"{self.sent} commands sent to {heard}; {self.received} states read")
         told.append(f"holds: {self.held}" if self.held else "commands at half the range of a slider per second at most")
+        if time.monotonic() - self._looked > _LOOKS:
+            self._looked, self._rivals = time.monotonic(), list(self._find_rivals())
+        return told + self._rivals
+
+    def _find_rivals(self) -> Iterator[str]:
+        """Tell who else commands; to ask costs more than all else of a frame."""
+        node = self.node
         for topic in _RIVALS:
             own = node.get_name(), node.get_namespace()
             ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
             others = sorted({end.node_name for end in ends if (end.node_name, end.node_namespace) != own})
             if others:
-                told.append(f"{', '.join(others)} commands too, on {topic}")
-        return told
+                yield f"{', '.join(others)} commands too, on {topic}"
 
     @property
     def place(self) -> tuple[Any, ...]:
@@ -284,6 +294,7 @@ def open_console(scene: Scene, namespace: str) -> Iterator[Console]:
         context = rclpy.Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         try:
+            validate_namespace(f"/{namespace.strip('/')}")
             node = QuietNode(f"crawler_play_{os.getpid()}", context=context, namespace=namespace)
             yield Console(scene, node)
         except InvalidNamespaceException as error:

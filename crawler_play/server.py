@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import hmac
 import json
+import os
 import secrets
 import signal
 import tempfile
@@ -102,7 +103,8 @@ class Server:
             await site.start()
         except OSError as error:
             await runner.cleanup()
-            raise CrawlerError(f"--port: {port} on {HOST} cannot be opened: {error.strerror}") from None
+            why = os.strerror(error.errno or 0).lower()
+            raise CrawlerError(f"--port: {port} on {HOST}: {why}; leave it out to take a free port") from None
         self.port = runner.addresses[0][1]
         self.loop = asyncio.create_task(self._run())
         return runner

@@ -4,8 +4,7 @@ const at = id => document.getElementById(id);
 const query = new URLSearchParams(location.search);
 const MOST = 1000; // ticks of the past that are drawn
 const NUMBERS = { time: "s", net: "m", yaw: "rad", work: "J", dissipation: "J" };
-let socket, scene, colors, frame, past = [], hand = false, wanted = false, drag = null, queue = {}, camera = null, extent = {};
-const inputs = {}, touched = {};
+let socket, scene, colors, frame, past = [], hand = false, wanted = false, drag = null, queue = {}, camera = null, extent = {}, inputs = {}, touched = {};
 const watch = new IntersectionObserver(rows => rows.forEach(row => { row.target.seen = row.isIntersecting; }), { rootMargin: "200px" }); // of a hundred sliders few are in view
 
 function make(tag, properties = {}, ...children) {
@@ -24,7 +23,7 @@ function connect() {
   socket.onmessage = event => receive(JSON.parse(event.data));
   socket.onclose = event => {
     hand = false;
-    at("link").textContent = event.code === 4001 ? "opened in another window; reload to continue here" : "connection lost; trying again";
+    at("link").textContent = event.code === 4001 ? "opened in another window; reload to continue here" : "connection lost; trying again. If crawler play ended, start it and open the address that it prints";
     if (event.code !== 4001) setTimeout(connect, 500);
   };
 }
@@ -33,7 +32,7 @@ function receive(message) {
   if (message.scene) {
     sessionStorage.setItem("crawler_page", message.you);
     ({ scene, colors } = message);
-    [frame, past, camera, extent] = [null, [], null, {}];
+    [frame, past, drag, queue, camera, extent, inputs, touched] = [null, [], null, {}, null, {}, {}, {}];
     build();
   } else if (message.frame) {
     if (message.fresh) past = [];
@@ -87,7 +86,8 @@ function build() {
   at("lessons").hidden = !scene.lessons;
   at("lessons").replaceChildren(...[...at("lessons").children].slice(0, 2), ...Object.entries(scene.lessons || {}).map(([lesson, title]) => make("button", { textContent: title, onclick: () => act({ lesson }) })));
   at("lesson").hidden = !scene.lesson;
-  if (scene.lesson) at("lesson").append(make("h2", { textContent: scene.lesson.title }), make("p", { textContent: scene.lesson.text }), make("ol", {}, ...scene.lesson.steps.map(step => make("li", { textContent: step }))));
+  if (scene.lesson) at("lesson").append(make("h2", { textContent: scene.lesson.title, tabIndex: -1 }), make("p", { textContent: scene.lesson.text }), make("ol", {}, ...scene.lesson.steps.map(step => make("li", { textContent: step }))));
+  if (scene.lesson && hand) at("lesson").firstElementChild.focus();
   const words = { stick: "held", forward: scene.planar ? "slides" : "forward", back: "back", both: "both" };
   for (const [name, text] of Object.entries(words)) {
     if (scene.planar && (name === "back" || name === "both")) continue;

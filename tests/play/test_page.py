@@ -159,6 +159,7 @@ def test_a_lesson_opens_in_the_running_page_and_its_steps_are_there(play):
         page.get_by_text("Lessons").press("Enter")
         page.get_by_role("button", name=lesson.title).press("Enter")
         page.get_by_role("heading", name=lesson.title).wait_for()
+        assert page.evaluate("document.activeElement.textContent") == lesson.title  # from there Tab goes on
         assert page.locator("#lesson li").all_inner_texts() == list(lesson.steps)
         session = Session(load_scene(lesson.scene))
         session.restore(lesson.state)

@@ -78,7 +78,7 @@ def test_it_listens_on_loopback_alone():
 
         own = {address for _, address, port in addresses(os.getpid()) if port == server.port}
         assert own == {"127.0.0.1"}
-        with pytest.raises(CrawlerError, match=f"--port: {server.port} on 127.0.0.1 cannot be opened"):
+        with pytest.raises(CrawlerError, match=f"--port: {server.port} on 127.0.0.1: address already in use; leave"):
             await Server(server.robot).start(server.port)
 
     serve(work)
@@ -158,9 +158,9 @@ def test_closing_a_page_and_a_gap_lose_nothing():
             assert not later["fresh"]
             async with client.ws_connect(url(server, name="a")) as again:  # the old connection only seems to live
                 assert (await next_frame(again))["hand"]
-                while (await page.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                while (message := await page.receive()).type is not aiohttp.WSMsgType.CLOSE:
                     pass
-                assert page.close_code == 4001
+                assert message.data == 4001
 
     serve(work)
 

@@ -156,3 +156,20 @@ def test_it_holds_when_the_page_falls_silent(tmp_path):
                     assert not later["playing"]
 
         asyncio.run(asyncio.wait_for(silent(), 300))
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--ros", "--namespace", "le ft"), "--namespace: le ft: Invalid namespace"),
+        (("--namespace", "/left"), "--namespace: /left; only a robot has one, add --ros"),
+        (("--ros", "--state", "x"), "--state: only a simulated crawler can be put into a state"),
+    ],
+)
+def test_a_mistake_is_answered_in_one_line(tmp_path, options, expected):
+    code = "from crawler_command.app import main; main()"
+    with graph(tmp_path) as ros:
+        process = ros.run([sys.executable, "-c", code, "play", SCENE, *options])
+        assert process.wait() == 1
+        (line,) = process.said.splitlines()
+        assert line.startswith(f"crawler: {expected}")
