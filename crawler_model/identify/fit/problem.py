@@ -85,7 +85,8 @@ class Problem:
             replicas: the recordings.
             rows: which of their rows are fitted, bool, each of shape (T,).
             space: the parameters.
-            offset: "none"; "frame" for one constant per recording, added to all contacts; "each" for one per channel.
+            offset: "none"; "frame" for one constant per recording and axis, added to all contacts; "each" for one per
+                channel.
             sensor: priors of what the sensors do.
         """
         self.replicas, self.rows, self.space = tuple(replicas), tuple(rows), space
@@ -382,14 +383,14 @@ def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:
 
 def _count_offsets(replica: Replica, offset: Offset) -> int:
     ground = replica.measured.on_ground
-    return ground.size if offset == "each" else int(offset == "frame" and ground.any())
+    return ground.size if offset == "each" else replica.measured.axes.shape[1] * (offset == "frame")
 
 
 def _build_design(replica: Replica, offset: Offset, sensor: Sensor) -> np.ndarray:
     """Build the derivatives of the channels with respect to offsets and drifts of a recording, shape (T, M, Q)."""
     measured = replica.measured
     ground = measured.on_ground
-    offsets = np.eye(ground.size) if offset == "each" else ground[:, None].astype(float)
+    offsets = np.eye(ground.size) if offset == "each" else measured.axes
     offsets = offsets[:, : _count_offsets(replica, offset)]
     parts = [np.broadcast_to(offsets, (measured.time.size, *offsets.shape))]
     if sensor.drift.deviation > 0.0:
