@@ -40,6 +40,7 @@ class Residuals:
         linear: offsets, then drifts that fit best, per recording, shape (Q,) [m].
         d_linear: their derivatives with respect to the parameters and the sensor's numbers, shape (Q, P + names).
         one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
+        derivative_error: part by which derivatives may be wrong, below which a combination of them counts as zero [1].
     """
 
     all: tuple[np.ndarray, ...]
@@ -49,6 +50,7 @@ class Residuals:
     linear: tuple[np.ndarray, ...]
     d_linear: tuple[np.ndarray, ...]
     one_sided: np.ndarray
+    derivative_error: float
 
 
 @dataclass(frozen=True)
@@ -85,8 +87,7 @@ class Problem:
             replicas: the recordings.
             rows: which of their rows are fitted, bool, each of shape (T,).
             space: the parameters.
-            offset: "none"; "frame" for one constant per recording and axis, added to all contacts; "each" for one per
-                channel.
+            offset: "none", "frame" (one constant per recording and axis) or "each" (one per channel).
             sensor: priors of what the sensors do.
         """
         self.replicas, self.rows, self.space = tuple(replicas), tuple(rows), space
@@ -229,8 +230,7 @@ class Problem:
         return self._last[1]
 
     def _compute(self, unknowns: np.ndarray) -> Residuals | None:
-        count = self.space.origin.size
-        one_sided = np.zeros(count, np.bool_)
+        one_sided = np.zeros(self.space.origin.size, np.bool_)
         found, resting, linears, parts = [], [], [], []
         for i in range(len(self.replicas)):
             observed = self._observe(unknowns, i)
@@ -245,7 +245,8 @@ class Problem:
             one_sided |= sided
         fitted, jacobian = self._join(unknowns, parts)
         linear, d_linear = tuple(one[:, 0] for one in linears), tuple(one[:, 1:] for one in linears)
-        return Residuals(tuple(found), tuple(resting), fitted, jacobian.T, linear, d_linear, one_sided)
+        error = max(replica.derivative_error for replica in self.replicas)
+        return Residuals(tuple(found), tuple(resting), fitted, jacobian.T, linear, d_linear, one_sided, error)
 
     def _join(self, unknowns: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Join the residuals of all recordings and priors, shape (R,), and their derivatives, shape (U, R)."""

@@ -132,7 +132,7 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     largest = max(float(size.max(initial=0.0)), _ZERO * spread / problem.floor)
     found.unseen = {p for p in range(count) if size[p] <= max(_ZERO * largest, _NULL * own[p])} - found.held
     triangle: Any = np.linalg.qr(jacobian, mode="r")  # with the same singular values
-    nothing = max(_NULL, *(replica.derivative_error for replica in problem.replicas))
+    nothing = max(_NULL, fit.residuals.derivative_error)
     while True:
         free = found.free(count)
         if not free:
