@@ -113,7 +113,7 @@ class SampledReplica(Replica):
         count = values.size + with_gain
         steps = np.append(_STEP * np.maximum(np.abs(values), _SMALLEST * np.abs(self._start_values)), _STEP)
         steps = np.where(steps > 0.0, steps, _STEP)
-        moves = [(p, side * steps[p if p < values.size else -1]) for p in range(count) for side in (1.0, -1.0)]
+        moves = [(p, side * steps[p]) for p in range(count) for side in (1.0, -1.0)]
 
         def run(move: tuple[int, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
             moved, more = values.copy(), 0.0
