@@ -21,7 +21,7 @@ setup(
     package_data={
         "crawler_model": ["py.typed"],
         "crawler_pictures.film": ["player.html"],
-        "crawler_play": ["page/*"],
+        "crawler_play": ["page/*", "lessons/*"],
         "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"],
     },
     data_files=[

@@ -12,8 +12,8 @@ import numpy as np
 import typer
 
 from crawler_model import CrawlerError
-from crawler_model.body.plan import refuse_turning
 
+from .optimum_report import describe_front, describe_optimum
 from .screen import (
     ForceOption,
     SceneArgument,
@@ -29,11 +29,6 @@ from .screen import (
 if TYPE_CHECKING:
     from crawler_model import Front, Optimum, Scene
 
-_SHOWN_ROWS = 12
-_NOTHING_BETTER = "; the search ended because several rounds in a row found nothing better"
-_STOPPED_EARLY = "; stopped before the end, the result depends on the machine"
-_HASTY = 4
-"""Reversals of a link in a period: a stroke and its return are two."""
 _TOO_LONG = 10.0  # lengths of the body
 
 
@@ -58,8 +53,8 @@ _Objective = Annotated[
     Objective,
     typer.Option(
         "--for",
-        help="What is best: the largest gain per period, cost of transport, or gain / travel; of bodies that turn the "
-        "largest turn to the left per period, or the motion per period that is nearest to --target.",
+        help="What is best: the largest gain per period, cost of transport, or gain / travel; of bodies that turn also "
+        "the largest turn to the left per period, or the motion per period that is nearest to --target.",
     ),
 ]
 _Target = Annotated[
@@ -69,6 +64,16 @@ _Target = Annotated[
         help="Of `--for screw`: the motion per period, m and rad, in the frame of the body at its first waypoint.",
     ),
 ]
+_Towards = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEGREES",
+        help="In the plane: the direction in which a gain counts, from +x or from the heading of a body that turns; 0.",
+    ),
+]
+_Periods = Annotated[
+    int | None, typer.Option(help="On patches of ground: periods from the start of which the mean counts; 10.")
+]
 _Waypoints = Annotated[
     int | None, typer.Option(help="Number of evenly spaced waypoints, all unknown; 6 where it is needed.")
 ]
@@ -77,7 +82,7 @@ _Stroke = Annotated[
     typer.Option(
         metavar="[NAME=]A:B",
         help="Bounds of rest lengths (m), strains and joint angles (rad), for all or for each by name; by default the "
-        "range of the scene's drive.",
+        "range of the scene's drive. In the plane link_0/x and link_0/y are the components of a link.",
     ),
 ]
 _Free = Annotated[
@@ -129,6 +134,8 @@ def optimise_command(
     scene: SceneArgument,
     objective: _Objective,
     target: _Target = None,
+    towards: _Towards = None,
+    periods: _Periods = None,
     waypoints: _Waypoints = None,
     stroke: _Stroke = None,
     free: _Free = None,
@@ -150,8 +157,9 @@ def optimise_command(
 
     crawler optimise two_contacts_anisotropic --for translation --stroke 0:0.1 --waypoints 2 --out best.yaml
 
-    The objective is that of the periodic regime. The search ends when several rounds have found nothing better; after
-    Ctrl-C or --seconds the best gait so far is the result.
+    The objective is that of the periodic regime; on patches of ground, where no two periods are the same, the mean of
+    the first ones. The search ends when several rounds have found nothing better; after Ctrl-C or --seconds the best
+    gait so far is the result.
     """
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, png, force, compromises)
@@ -167,13 +175,15 @@ def optimise_command(
         "period": period,
         "seconds": seconds,
         "seed": seed,
+        "towards": towards,
+        "periods": periods,
     }
     motion = None if target is None else parse_target(target)
-    from crawler_model import Front, load_scene, optimise, pareto, prepare, read_posterior
+    from crawler_model import load_scene, optimise, pareto, prepare, read_posterior
 
     loaded = load_scene(scene)
-    if png is not None:
-        refuse_turning(loaded, "--png")
+    if png is not None and loaded.dimension == 2:
+        raise CrawlerError(f"--png: {loaded.name} is in the plane; draw the scene of --out with simulate --png")
     if robust_to is not None:
         over = (robust_of or Over.expected).value
         limits |= {"robust_to": read_posterior(robust_to, loaded), "robust_of": over}
@@ -186,12 +196,7 @@ def optimise_command(
         else:
             found = optimise(loaded, objective.value, progress=progress, target=motion, **limits)
     _write(found, out, png)
-    if as_json:
-        print(json.dumps(found.summary(), allow_nan=False))
-    else:
-        lines = describe_front(found) if isinstance(found, Front) else describe_optimum(found)
-        lines += [f"{what}: {file}" for what, file in (("scene", out), ("picture", png)) if file is not None]
-        screen.print("\n".join(lines), markup=False)
+    _print(found, as_json, {"scene": out, "picture": png})
 
 
 def parse_target(text: str) -> tuple[float, float, float]:
@@ -231,6 +236,18 @@ def _check_outputs(out: Path | None, png: Path | None, force: bool, compromises:
     check_output("--png", png, ".png", force)
 
 
+def _print(found: Front | Optimum, as_json: bool, written: dict[str, Path | None]) -> None:
+    """Print the result, and a line about each file that was written."""
+    from crawler_model import Front
+
+    if as_json:
+        print(json.dumps(found.summary(), allow_nan=False))
+        return
+    lines = describe_front(found) if isinstance(found, Front) else describe_optimum(found)
+    lines += [f"{what}: {file}" for what, file in written.items() if file is not None]
+    screen.print("\n".join(lines), markup=False)
+
+
 def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
     """Write the scene and the picture that were asked for."""
     from crawler_model import Front
@@ -240,11 +257,13 @@ def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
     if png is not None:
         from crawler_pictures.optimum import draw_front, draw_optimum
 
+        from .many.units import unit_of
+
         with whole_file(png) as part:
             if isinstance(found, Front):
                 draw_front(found, part)
             else:
-                draw_optimum(found, part)
+                draw_optimum(found, {name: unit_of(found.scene, name) for name in found.names}, part)
 
 
 def _check_robust(robust: list[str] | None, fit: Path | None, over: Over | None, compromises: bool) -> None:
@@ -253,140 +272,3 @@ def _check_robust(robust: list[str] | None, fit: Path | None, over: Over | None,
     for option, given in (("--robust", robust), ("--pareto", compromises)):
         if fit is not None and given:
             raise CrawlerError(f"--robust-to: it cannot be combined with {option}; give one of them")
-
-
-def describe_optimum(found: Optimum) -> list[str]:
-    """Describe an optimum in a few lines.
-
-    Args:
-        found: the optimum.
-
-    Returns:
-        The lines.
-    """
-    words = {
-        "translation": "gain per period",
-        "cost-of-transport": "cost of transport",
-        "travel": "gain / travel",
-        "turn": "turn per period",
-        "screw": "distance from the target",
-    }
-    unit = "" if found.unit == "1" else f" {found.unit}"
-    worst = ", the worst over the box" if found.weaknesses else ""
-    if found.robustness is not None:
-        kind = "the mean" if found.robustness.over == "expected" else "the worst"
-        worst = f", {kind} of {found.robustness.drawn} bodies drawn from the posterior"
-    lines = [f"{found.scene.name}: {words[found.objective]} {found.value:.6g}{unit}{worst}"]
-    if found.motion is not None:
-        dx, dy, dyaw = found.motion
-        lines.append(f"motion per period {dx:.6g} m forward, {dy:.6g} m to the left, {dyaw:.6g} rad")
-    elif found.gain <= 0.0:
-        lines.append("no gait within these bounds was found that moves forward")
-    lines.append(
-        f"gain {found.gain:.6g} m a period, cost of transport {found.cost_of_transport:.4g}, "
-        f"travel {found.travel:.4g} m, largest tension {found.peak_tension:.4g} N; "
-        f"transient left {found.transient_left:.1e} m"
-    )
-    lines.append(describe_pace(found))
-    shown = list(zip(found.names, found.values, strict=True))
-    lines += [f"  {name} = {value:.6g}" for name, value in shown[:_SHOWN_ROWS]]
-    if len(shown) > _SHOWN_ROWS:
-        lines.append(f"  ... and {len(shown) - _SHOWN_ROWS} more unknowns")
-    slope = "one-sided derivatives" if not found.differentiable else "differentiable"
-    slope = f"{slope}, projected gradient {found.gradient_norm:.1e}" if found.motion is None else "without derivatives"
-    lines.append(
-        f"{slope}; {len(found.active_bounds)} active bounds; "
-        f"{'unique' if found.unique else 'not unique'} as far as the search has seen"
-    )
-    if found.flat:
-        more = " ..." if len(found.flat) > 4 else ""
-        lines.append(f"{len(found.flat)} unknowns change nothing near it: {', '.join(found.flat[:4])}{more}")
-    if found.alternatives:
-        lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
-    for weakness in found.weaknesses:
-        lines.append(f"robust: {describe_weakness(weakness.key, weakness.below, weakness.above)}")
-    if found.robustness is not None:
-        one = found.robustness
-        lines.append(
-            f"on {one.verified} other bodies: mean {one.mean:.6g}{unit}, worst {one.worst:.6g}{unit}; with the "
-            f"best-fit values {one.best_fit:.6g}{unit}"
-        )
-        lines += [
-            f"it depends on {name}, which the record did not excite: it keeps its value in the scene"
-            for name in one.unknown
-        ]
-    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
-    lines.append(
-        f"found after {found.found_after_s:.3g} s, {found.evaluations} evaluations in {found.wall_s:.3g} s, "
-        f"seed {found.seed}{ending}"
-    )
-    return lines
-
-
-def describe_pace(found: Optimum) -> str:
-    """Describe a gait by what motors feel: the gain per second, per length of stroke and per reversal.
-
-    Args:
-        found: the optimum.
-
-    Returns:
-        One line; a gait that reverses often without a limit of its rates has a remark.
-    """
-    drive = found.scene.drive
-    rows = drive.actuation.reshape(drive.times.size, -1)
-    reversals = [count_reversals(column) for column in rows.T]
-    period, most = drive.period or float(drive.times[-1]), max(reversals, default=0)
-    per_stroke = f", {found.gain / found.travel:.4g} m per m of stroke" if found.travel > 0.0 else ""
-    per_reversal = f", {found.gain / sum(reversals):.4g} m per reversal" if most else ""
-    hint = "; --fastest limits the speed, --waypoints the number of reversals" if most > _HASTY else ""
-    return (
-        f"gain {found.gain / period:.4g} m/s{per_stroke}{per_reversal}; a link reverses up to {most / period:.3g} "
-        f"times a second{hint}"
-    )
-
-
-def count_reversals(values: np.ndarray) -> int:
-    """Count how often a periodic quantity changes its direction in a period.
-
-    Args:
-        values: at its waypoints, the last one equal to the first, shape (T,).
-
-    Returns:
-        The number of reversals.
-    """
-    steps = np.diff(values)
-    signs = np.sign(steps[np.abs(steps) > 1e-9 * np.ptp(values)])
-    return int((signs != np.roll(signs, 1)).sum())
-
-
-def describe_weakness(key: str, below: float | None, above: float | None) -> str:
-    """Describe at which change of a number a gait fails.
-
-    Args:
-        key: the number.
-        below: the factor below which it does, or None.
-        above: the factor above which it does, or None.
-
-    Returns:
-        A clause.
-    """
-    edges = [f"{factor:.4g}" for factor in (below, above) if factor is not None]
-    if not edges:
-        return f"no change of {key} by a factor of up to 100 stops the gait"
-    return f"the gait no longer moves forward when {key} changes by the factor {' or '.join(edges)}"
-
-
-def describe_front(found: Front) -> list[str]:
-    """Describe the curve of gain against cost of transport.
-
-    Args:
-        found: the curve.
-
-    Returns:
-        The lines.
-    """
-    lines = [f"{found.points[0].scene.name}: gain per period [m], cost of transport [1]"]
-    lines += [f"  {point.gain:.6g}  {point.cost_of_transport:.6g}" for point in found.points]
-    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
-    lines.append(f"{found.evaluations} evaluations in {found.wall_s:.3g} s, seed {found.seed}{ending}")
-    return lines

@@ -41,6 +41,8 @@ def play(
             raise CrawlerError("--open: this desktop has no browser; open the address that was printed")
 
     loaded = load_scene(scene)
+    if namespace != "/" and not ros:
+        raise CrawlerError(f"--namespace: {namespace}; only a robot has one, add --ros")
     if ros:
         from crawler_play.console import open_console
 

@@ -12,7 +12,7 @@ import typer
 from crawler_model import CrawlerError
 from crawler_ros.node.life.leave import STOPPED
 
-from .screen import READERS, ForceOption, check_output, progress_bar, require, screen
+from .screen import READERS, ForceOption, TwoColumnsOption, check_output, progress_bar, require, screen
 
 if TYPE_CHECKING:
     from crawler_model import Scene
@@ -41,6 +41,7 @@ def replay(
     rrd: Annotated[Path | None, typer.Option(help="Write the run to this file for rerun.")] = None,
     parquet: Annotated[Path | None, typer.Option(help="Write tables, or a data set, to this new folder.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
+    two_columns: TwoColumnsOption = False,
     recover: Annotated[
         bool, typer.Option("--recover", help="Write the readable part of a damaged recording to a new one beside it.")
     ] = False,
@@ -80,6 +81,8 @@ def replay(
         single = {"--rrd": rrd is not None, "--png": png is not None, "--recover": recover, "--show": show}
         _replay_many(recordings, scene, namespace, parquet, resume, workers, scheduler, as_json, single)
         return
+    if two_columns and png is None:
+        raise CrawlerError("--two-columns needs --png: it arranges the panels of that page")
     _check_outputs(rrd, parquet, png, force)
     recording = newest(recordings[0])
     if show:
@@ -89,7 +92,7 @@ def replay(
     if recover:
         recording, recovered = _recover(recording)
     loaded = None if scene is None else load_scene(scene)
-    outputs = _Outputs(parquet, png)
+    outputs = _Outputs(parquet, png, two_columns)
     with progress_bar("replaying") as progress:
         found = analyse(recording, loaded, namespace, outputs.open, progress)
     written = outputs.write(found)
@@ -192,8 +195,8 @@ def _recover(recording: Path) -> tuple[Path, str]:
 class _Outputs:
     """The files written while a recording is read, and after."""
 
-    def __init__(self, parquet: Path | None, png: Path | None) -> None:
-        self._parquet, self._png = parquet, png
+    def __init__(self, parquet: Path | None, png: Path | None, two_columns: bool) -> None:
+        self._parquet, self._png, self._two_columns = parquet, png, two_columns
         self._tables: Any = None
         self._samples: Any = None
 
@@ -224,6 +227,6 @@ class _Outputs:
         if self._samples is not None and self._png is not None:
             from crawler_ros.replay.show.page import draw_replay
 
-            draw_replay(found, self._samples, self._png)
+            draw_replay(found, self._samples, self._png, self._two_columns)
             written.append(f"drawn: {self._png}")
         return written

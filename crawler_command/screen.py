@@ -85,6 +85,9 @@ class MethodName(str, Enum):
 
 
 ForceOption = Annotated[bool, typer.Option("--force", "--overwrite", help="Replace existing files.")]
+TwoColumnsOption = Annotated[
+    bool, typer.Option("--two-columns", help="Draw the panels over time of --png in two columns, for print.")
+]
 DurationOption = Annotated[
     float | None, typer.Option(help="Simulated time, s; by default ten periods, or up to the last waypoint.")
 ]

@@ -20,6 +20,7 @@ from .screen import (
     MethodName,
     MethodOption,
     SceneArgument,
+    TwoColumnsOption,
     check_output,
     progress_bar,
     screen,
@@ -107,6 +108,7 @@ def simulate_command(
         Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")
     ] = None,
     png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
+    two_columns: TwoColumnsOption = False,
     force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
@@ -122,6 +124,8 @@ def simulate_command(
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         raise CrawlerError(f"{scene}: the scene has no drive; set the simulated time with --duration")
+    if two_columns and png is None:
+        raise CrawlerError("--two-columns needs --png: it arranges the panels of that page")
     for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):
         check_output(option, file, option.replace("--", "."), force)
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
@@ -130,7 +134,7 @@ def simulate_command(
             write_tables(run, parquet, csv, progress)
     if png is not None:
         with whole_file(png) as part:
-            _draw(run, part)
+            _draw(run, part, two_columns)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         _check_certificate(run)
@@ -193,11 +197,11 @@ def _check_certificate(run: Trajectory) -> None:
             )
 
 
-def _draw(run: Trajectory, png: Path) -> None:
+def _draw(run: Trajectory, png: Path, two_columns: bool) -> None:
     from crawler_pictures.run.page import draw_run
     from crawler_pictures.run.trajectory import read_trajectory
 
-    draw_run(read_trajectory(run), png)
+    draw_run(read_trajectory(run), png, two_columns)
 
 
 def describe_energy(energy: Energy) -> str:

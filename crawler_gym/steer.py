@@ -14,7 +14,7 @@ from gymnasium import spaces
 
 from crawler_model import CommandError, Crawler, CrawlerError, Scene
 from crawler_model.body.names import name_joints
-from crawler_model.optimise.request import find_turning_strokes
+from crawler_model.optimise.request import find_planar_strokes
 from crawler_model.run.screw import largest_distance, to_frame
 from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
@@ -93,7 +93,7 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0:
             raise CrawlerError(f"steps: {steps!r}; it must be a whole number >= 0; 0 for no limit")
         self._steps = steps
-        moves, bounds = find_turning_strokes(self.scene, stroke)  # type: ignore[arg-type]
+        moves, bounds = find_planar_strokes(self.scene, stroke)  # type: ignore[arg-type]
         self._moved = np.flatnonzero(moves)
         self._low, self._high = np.array(bounds).T
         start = self.scene.drive.rows[0, self._moved]

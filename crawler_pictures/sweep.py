@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INVALID = "#d8d8d8"
-_ROUNDING, _GAP = 1e-9, 2.5
+_ROUNDING, _GAP, _JUMP = 1e-9, 2.5, 0.1
 _WORDS = {
     "per_period": "net translation in the last period [m]",
     "gained": "net translation over the run [m]",
@@ -76,13 +76,13 @@ def draw_sweep(
 
 
 def _draw_line(axes: Axes, values: np.ndarray, gain: np.ndarray, runs: ManyRuns, logarithmic: bool) -> None:
+    opened = (runs.status == "done") & ~runs.unique
+    joined = gain if opened.all() else np.where(opened, np.nan, gain)  # one choice of many is on no line
     order = np.argsort(values, kind="stable")
-    at, shown = values[order], gain[order]
-    breaks = np.flatnonzero(find_gaps(np.log(at) if logarithmic else at)) + 1  # the line does not cross them
+    at, shown = values[order], joined[order]
     axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
     style: Any = {"color": TENSION, "linewidth": 1.4, "marker": "o" if values.size <= 60 else "", "ms": 3}
-    axes.plot(np.insert(at, breaks, np.nan), np.insert(shown, breaks, np.nan), **style)
-    opened = (runs.status == "done") & ~runs.unique
+    draw_broken(axes, at, shown, find_gaps(np.log(at) if logarithmic else at) | find_jumps(shown), **style)
     if opened.any():
         axes.plot(values[opened], gain[opened], "o", color=ACTUATION, ms=4, label="translation not unique")
     for i, value in enumerate(values[runs.status == "invalid"]):
@@ -104,6 +104,41 @@ def find_gaps(values: np.ndarray) -> np.ndarray:
     steps = np.diff(values)
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     return np.asarray(steps > _GAP * usual)
+
+
+def find_jumps(values: np.ndarray) -> np.ndarray:
+    """Find large steps of a curve that neither neighbour continues: jumps, and what its samples do not resolve.
+
+    Args:
+        values: samples of the curve, shape (K,); NaN where there is none.
+
+    Returns:
+        Whether the step to the next value is more than a tenth of the range of all values, and more than twice both
+        neighbouring steps in its direction, shape (K - 1,); never the first and the last one.
+    """
+    steps = np.diff(values)
+    if steps.size == 0:
+        return np.zeros(0, bool)
+    before, after = np.append(steps[:1], steps[:-1]), np.append(steps[1:], steps[-1:])
+    known = values[np.isfinite(values)]
+    large = np.abs(steps) > _JUMP * (np.ptp(known) if known.size else 0.0)
+    return np.asarray(large & (np.fmax(before * np.sign(steps), after * np.sign(steps)) < 0.5 * np.abs(steps)))
+
+
+def draw_broken(axes: Axes, at: np.ndarray, values: np.ndarray, breaks: np.ndarray, **style: Any) -> None:
+    """Draw a curve that is not joined across breaks; the samples beside them are dots.
+
+    Args:
+        axes: axes to draw on.
+        at: shape (K,).
+        values: shape (K,).
+        breaks: whether the curve breaks before the next sample, shape (K - 1,).
+        style: of the line, for matplotlib.
+    """
+    after = np.flatnonzero(breaks) + 1
+    axes.plot(np.insert(at, after, np.nan), np.insert(values, after, np.nan), **style)
+    beside = np.union1d(after, after - 1)
+    axes.plot(at[beside], values[beside], "o", color=style["color"], ms=3)
 
 
 def _cells(values: np.ndarray, logarithmic: bool) -> tuple[np.ndarray, np.ndarray]:

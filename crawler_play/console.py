@@ -7,7 +7,6 @@ is closed or falls silent; with this process it ends, and the robot holds the la
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,9 +16,11 @@ from typing import Any
 import numpy as np
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -32,7 +33,7 @@ from crawler_ros.node.life.run import stay_on_loopback
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.messages import read_stamp
 from crawler_ros.wire.states import contact_names, joint_state_names
-from crawler_ros.wire.topics import message_class, qos_profile, read_topics
+from crawler_ros.wire.topics import qos_profile, read_topics
 
 from .controls import Clock, read_speed
 from .robot import PAST, Robot
@@ -44,6 +45,8 @@ _STATES = ("joint_states", "contact_states")
 _COMMANDS = ("load_controller/commands", "friction_controller/commands", "actuation_controller/commands")
 """In the order in which they are sent: friction and loads take effect with the next actuation."""
 _RIVALS = (*_COMMANDS, "joint_trajectory", "actuation_controller/joint_trajectory")
+_LOOKS = 0.5
+"""Time after which it looks again who else commands [s]."""
 _RESTS = 1e-9
 """A contact below this speed holds [m/s]."""
 
@@ -72,6 +75,7 @@ class Console(Robot):
         self._first = scene.body.dimension if scene.body.turning is None else 3  # of a joint behind the root
         self.row: np.ndarray | None = None  # as sent last; None before the first command
         self._past: list[list[Any]] = []
+        self._looked, self._rivals = -_LOOKS, list[str]()
         self._arrived: dict[str, bytes] = {}
         self._names = dict(zip(_STATES, (joint_state_names(scene.body), contact_names(scene.body)), strict=True))
         topics = read_topics()
@@ -79,10 +83,12 @@ class Console(Robot):
             name: node.create_publisher(Float64MultiArray, name, qos_profile(topics[name])) for name in _COMMANDS
         }
         self.instant = self._measure()
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
         for name in _STATES:
-            node.create_subscription(
-                message_class(topics[name].type), name, self._receiver(name), qos_profile(topics[name]), raw=True
-            )
+            profile = qos_profile(topics[name])
+            profile.depth, profile.reliability = 1, ReliabilityPolicy.BEST_EFFORT  # the newest state is enough
+            node.create_subscription(JointState, name, self._receiver(name), profile, raw=True)
 
     def _receiver(self, name: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
@@ -156,6 +162,8 @@ class Console(Robot):
 
     def advance(self, seconds: float) -> None:
         """Send the next command of the ramp, and remember what the robot did."""
+        for _ in _STATES:
+            self._executor.spin_once(timeout_sec=0.0)
         try:
             self.instant = self._measure()
         except CommandError as error:
@@ -239,15 +247,21 @@ class Console(Robot):
         node, told = self.node, []
         listeners = node.count_subscribers(_COMMANDS[-1])
         heard = f"{listeners} listener{'s' * (listeners != 1)}"
-        told.append(f"{self.sent} commands sent to {heard}; {self.received} states received")
+        told.append(f"{self.sent} commands sent to {heard}; {self.received} states read")
         told.append(f"holds: {self.held}" if self.held else "commands at half the range of a slider per second at most")
+        if time.monotonic() - self._looked > _LOOKS:
+            self._looked, self._rivals = time.monotonic(), list(self._find_rivals())
+        return told + self._rivals
+
+    def _find_rivals(self) -> Iterator[str]:
+        """Tell who else commands; to ask costs more than all else of a frame."""
+        node = self.node
         for topic in _RIVALS:
             own = node.get_name(), node.get_namespace()
             ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
             others = sorted({end.node_name for end in ends if (end.node_name, end.node_namespace) != own})
             if others:
-                told.append(f"{', '.join(others)} commands too, on {topic}")
-        return told
+                yield f"{', '.join(others)} commands too, on {topic}"
 
     @property
     def place(self) -> tuple[Any, ...]:
@@ -262,7 +276,7 @@ class Console(Robot):
 
 @contextmanager
 def open_console(scene: Scene, namespace: str) -> Iterator[Console]:
-    """Open a node that spins in a thread.
+    """Open a node.
 
     Args:
         scene: the body of the robot.
@@ -280,20 +294,10 @@ def open_console(scene: Scene, namespace: str) -> Iterator[Console]:
         context = rclpy.Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         try:
+            validate_namespace(f"/{namespace.strip('/')}")
             node = QuietNode(f"crawler_play_{os.getpid()}", context=context, namespace=namespace)
-            executor = SingleThreadedExecutor(context=context)
-            executor.add_node(node)
-            console = Console(scene, node)
-            threading.Thread(target=_spin, args=(executor,), daemon=True).start()
-            yield console
+            yield Console(scene, node)
         except InvalidNamespaceException as error:
             raise CrawlerError(f"--namespace: {namespace}: {' '.join(str(error).split())}") from None
         finally:
             rclpy.shutdown(context=context)
-
-
-def _spin(executor: SingleThreadedExecutor) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        return

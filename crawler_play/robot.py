@@ -118,6 +118,20 @@ class Robot(ABC):
             CommandError: if a value is out of range.
         """
 
+    def open_lesson(self, name: str) -> Robot:
+        """Prepare the robot of a lesson, in any thread.
+
+        Args:
+            name: of the lesson.
+
+        Returns:
+            What then is shown and commanded instead.
+
+        Raises:
+            CommandError: if there is no such lesson.
+        """
+        raise CommandError(f"lesson: {name}; only a simulated crawler opens lessons, start it without --ros")
+
     def hold(self, reason: str) -> None:  # noqa: B027
         """Stop, as the page that has the hand is lost; a simulated crawler goes on, and loses nothing.
 

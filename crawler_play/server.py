@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import hmac
 import json
+import os
 import secrets
 import signal
 import tempfile
@@ -51,6 +52,7 @@ class Client:
             name: by which it is known again after it was closed.
         """
         self.socket, self.name = socket, name
+        self.robot: Robot | None = None  # that its page shows
         self.known: Any = None
         self.sent = self.seen = 0
         self.heard = time.monotonic()
@@ -101,7 +103,8 @@ class Server:
             await site.start()
         except OSError as error:
             await runner.cleanup()
-            raise CrawlerError(f"--port: {port} on {HOST} cannot be opened: {error.strerror}") from None
+            why = os.strerror(error.errno or 0).lower()
+            raise CrawlerError(f"--port: {port} on {HOST}: {why}; leave it out to take a free port") from None
         self.port = runner.addresses[0][1]
         self.loop = asyncio.create_task(self._run())
         return runner
@@ -166,7 +169,6 @@ class Server:
         for other in [other for other in self.clients if other.name == client.name]:
             await other.socket.close(code=_REPLACED, message=b"opened again")
         self.hand = self.hand or client.name
-        await socket.send_json({"scene": self.robot.describe(), "colors": _colors(), "you": client.name})
         self.clients.append(client)
         sender = asyncio.create_task(self._send(client))
         try:
@@ -206,6 +208,8 @@ class Server:
                 await client.socket.send_json({"link": self.robot.link()})
             elif client.name != self.hand:
                 raise CommandError("another page has the hand; take it first")
+            elif "lesson" in message:
+                self.robot = await asyncio.to_thread(self.robot.open_lesson, str(message["lesson"]))
             else:
                 self.robot.receive(message)
         except CommandError as error:
@@ -235,6 +239,13 @@ class Server:
         """Send frames to a page, as fast as it answers them."""
         last, place = 0.0, None
         while not client.socket.closed:
+            if client.robot is not self.robot:
+                client.robot, client.known, place = self.robot, None, None
+                client.seen = client.sent  # the page forgets the frames of another robot
+                scene = {"scene": self.robot.describe(), "colors": _colors(), "you": client.name}
+                with contextlib.suppress(ConnectionError):
+                    await client.socket.send_json(scene)
+                continue
             now = time.monotonic()
             changed = place != self.robot.place
             if client.sent - client.seen < _UNSENT and (changed or now - last > _IDLE or client.sent == 0):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from crawler_model import CommandError, Scene
+from crawler_model import CommandError, Scene, load_scene, prepare
 
 from .controls import read_speed
 from .keep import KEPT
+from .lessons import Lesson, read_lessons
 from .robot import PAST, Robot
 from .session import Session
 from .view import Instant
@@ -22,15 +24,33 @@ class Simulated(Robot):
     keeps = tuple(KEPT)
     simulated = True
 
-    def __init__(self, scene: Scene, rate: float = 100.0) -> None:
+    def __init__(self, scene: Scene, rate: float = 100.0, lesson: Lesson | None = None) -> None:
         """Start a session.
 
         Args:
             scene: the scene.
             rate: ticks per simulated second [Hz].
+            lesson: the lesson that it follows.
         """
         super().__init__(scene)
-        self.session = Session(scene, rate)
+        self.session, self.lesson = Session(scene, rate), lesson
+
+    def describe(self) -> dict[str, Any]:
+        """Describe what does not change, with the lessons."""
+        lesson = None if self.lesson is None else asdict(self.lesson)
+        titles = {lesson.name: lesson.title for lesson in read_lessons().values()}
+        return {**super().describe(), "lesson": lesson, "lessons": titles}
+
+    def open_lesson(self, name: str) -> Simulated:
+        """Prepare a session at the instant of a lesson."""
+        if name not in read_lessons():
+            raise CommandError(f"lesson: {name!r}; the lessons are {', '.join(read_lessons())}")
+        lesson = read_lessons()[name]
+        scene = load_scene(lesson.scene)
+        prepare(scene)
+        robot = Simulated(scene, lesson=lesson)
+        robot.session.restore(lesson.state)
+        return robot
 
     def frame(self) -> dict[str, Any]:
         """Describe the present instant."""

@@ -1,4 +1,4 @@
-"""Generate what is derived from code and tables: the JSON schema of scene files and the pages in docs/reference."""
+"""Generate what is derived: the JSON schema of scene files, the pages in docs/reference, and copies of the lessons."""
 
 from __future__ import annotations
 
@@ -332,6 +332,8 @@ def generated() -> Iterator[tuple[Path, str]]:
     """
     for file, write in FILES.items():
         yield file, write().rstrip("\n") + "\n"
+    for page in sorted((ROOT / "crawler_play" / "lessons").iterdir()):
+        yield ROOT / "docs" / "lessons" / page.name, page.read_text(encoding="utf-8")
 
 
 if __name__ == "__main__":

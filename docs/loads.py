@@ -25,7 +25,6 @@ RATIOS = (0.8, 0.5, 0.3)
 STROKES = (0.1, 0.06, 0.04)
 _COLORS = ("#007d5c", "#2f5fc4", "#b8860b")
 _GREY = "#9a9a9a"
-_AT_RIGHT: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center", "fontsize": 8}
 
 
 def slope_bounds(degrees: np.ndarray, forward: float, backward: float) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +139,8 @@ def draw_crossing(axis: Axes, name: str) -> None:
         axis.plot(run.time, place[:, i], color=color, lw=1.2, label=f"contact {i}")
     for section in list_sections(run.scene, float(place.min()), float(place.max())):
         axis.axhspan(section.start, section.end, color=section.color, alpha=0.35, lw=0)
-        axis.annotate(section.text, (run.time[-1], section.middle), (-4, 0), **_AT_RIGHT)
+        height = 0.25 * section.start + 0.75 * section.end  # all walk forward: at the left no curve is there
+        axis.text(0.2, height, section.text, va="center", fontsize=8)
     axis.set(title=f"{name}, gains {1e3 * run.per_period[1]:.4g} .. {1e3 * run.per_period[-1]:.4g} mm a period")
     axis.set_xlabel("time [s]")
     axis.legend(fontsize=8, frameon=False, loc="lower right")

@@ -48,6 +48,8 @@ def unit_of(scene: Scene, key: str) -> str:
         return "N"
     if steps[:2] == ["body", "joints"]:
         return "N m/rad"
+    if named[:2] == ["drive", "actuation"] and len(named) == 4 and scene.body.dimension == 1:
+        return "m" if int(named[3]) < scene.columns.links else "1"
     if named[:2] == ["drive", "actuation"] and len(named) == 4 and scene.body.turning is not None:
         return "m" if int(named[3]) < scene.body.springs else "rad"
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")

@@ -131,8 +131,12 @@ def excite(
     for name, number in numbers.items():
         if not (math.isfinite(number) and number > 0.0):
             raise CrawlerError(f"excite: {name}: {number:g}; it must be > 0")
-    if scene.dimension == 2:
-        raise CrawlerError(f"excite: {scene.name} is in the plane; identification is for bodies on a line")
+    if not scene.has_exact_derivatives:
+        where = "is in the plane" if scene.dimension == 2 else "has ground.patches"
+        raise CrawlerError(
+            f"excite: {scene.name} {where}, where paths have no exact derivatives; record any drive in which all "
+            "contacts slide, and identify fits it"
+        )
     if duration < _AT_ONCE * every or duration * rate > 1e6:
         raise CrawlerError(
             f"excite: duration: {duration:g} s; it must be at least {_AT_ONCE} times `every`, {_AT_ONCE * every:g} s, "

@@ -29,6 +29,7 @@ from .judge.verdicts import Parameter, Structure, find_covariance, find_structur
 from .measurements import MeasurementError, Measurements, check_measurements
 from .replica.playback import replay_scene
 from .replica.replica import Replica
+from .replica.sampled import SampledReplica
 from .sensor.sensor import Sensor
 
 _COARSE = 16_000
@@ -57,10 +58,11 @@ def identify(
     """Find the numbers of a scene under which the model repeats measured motion, and what the motion tells about each.
 
     The sum of squares of simulated minus measured values, whitened by the noise that is estimated with them, is
-    minimised with exact derivatives from several starts. What the sensor does is a part of the fit, with priors.
+    minimised with exact derivatives from several starts; in the plane and on patches with differences of runs. What the
+    sensor does is a part of the fit, with priors.
 
     Args:
-        scene: a scene on a line, a path or a gallery name; its numbers are the first start.
+        scene: a scene, a path or a gallery name; its numbers are the first start.
         recordings: the measurements; all are fitted together.
         keys: dotted keys, as for `sensitivities`.
         bounds: lower and upper bounds by key; positive numbers without bounds may change by a factor of 100.
@@ -78,7 +80,7 @@ def identify(
         The result.
 
     Raises:
-        SceneError: if a key is unknown or has no effect, or the scene has no derivatives.
+        SceneError: if a key is unknown or has no effect.
         MeasurementError: if a recording cannot be used.
         CrawlerError: if an option is out of range, or no motion exists at any start.
     """
@@ -96,13 +98,13 @@ def identify(
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"identify: offset: {offset!r}; it must be none, frame or each")
     sensor = Sensor() if sensor is None else sensor
-    if scene.dimension == 2:
-        raise CrawlerError(f"identify: {scene.name} is in the plane; identification is for bodies on a line")
     checked = [check_measurements(scene, m) for m in recordings]
     base = replay_scene(scene, checked[0])
-    check_differentiable(base, "identify")
+    if base.has_exact_derivatives:
+        check_differentiable(base, "identify")
     names = expand_keys(base, keys, "identify")
-    replicas = [Replica(scene, m, names) for m in checked]
+    kind = Replica if base.has_exact_derivatives else SampledReplica
+    replicas = [kind(scene, m, names) for m in checked]
     space = build_space(names, replicas[0].start_values, bounds)
     rows = _fitted_rows([m.time.size for m in checked], hold_out)
     problem = Problem(replicas, rows, space, offset, sensor)

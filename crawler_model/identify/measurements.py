@@ -32,7 +32,8 @@ class Measurements:
         name: name of the recording, for messages.
         time: increasing, shape (T,) [s]; the scene starts at the first command, or without commands at the first time.
         channels: names of the measured quantities, shape (M,): `contact_i` (position along the ground), `link_j` or
-            the name of a segment (elongation relative to the reference shape).
+            the name of a segment (elongation relative to the reference shape); in the plane `contact_i/x` and
+            `contact_i/y` (position of a contact, or point of a body that turns).
         values: shape (T, M) [m]; NaN where a value is missing.
         command_names: names of the commanded columns, shape (C,), for example `link_0`; () if the scene's own drive
             was played.
@@ -52,6 +53,16 @@ class Measurements:
     def on_ground(self) -> np.ndarray:
         """Which channels are positions along the ground, not elongations, bool, shape (M,)."""
         return np.array([channel.startswith("contact_") for channel in self.channels], np.bool_)
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Which channels are positions along each measured axis, on a line the only one, shape (M, axes) [1]."""
+        ends = np.array([channel.partition("/")[2] for channel in self.channels])
+        return (
+            np.array([self.on_ground & (ends == axis) for axis in np.unique(ends[self.on_ground])], float)
+            .reshape(-1, len(self.channels))
+            .T
+        )
 
     def head(self, rows: int) -> Measurements:
         """Select the first rows.
@@ -81,8 +92,10 @@ def channel_names(scene: Scene) -> tuple[str, ...]:
         scene: the scene.
 
     Returns:
-        The isolated contacts, the links, then the segments.
+        The isolated contacts, the links, then the segments; in the plane both coordinates of the contacts.
     """
+    if scene.dimension == 2:
+        return tuple(f"{name}/{axis}" for name in name_contacts(scene.body.contacts) for axis in "xy")
     return (*name_contacts(scene.body.isolated.size), *name_joints(scene.body))
 
 
@@ -94,8 +107,12 @@ def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.nda
         channels: from `channel_names`.
 
     Returns:
-        The map, shape (M, N), and what is added, shape (M,) [m].
+        The map, shape (M, N), in the plane (M, 2 N), and what is added, shape (M,) [m].
     """
+    if body.dimension == 2:
+        names = [f"{name}/{axis}" for name in name_contacts(body.contacts) for axis in "xy"]
+        at = [names.index(channel) for channel in channels]
+        return np.eye(len(names))[at], body.position.ravel()[at]
     matrix, added = np.zeros((len(channels), body.contacts)), np.zeros(len(channels))
     contacts = {name: int(i) for name, i in zip(name_contacts(body.isolated.size), body.isolated, strict=True)}
     joints = {name: body.stations[ends] for name, ends in zip(name_joints(body), body.joints, strict=True)}
@@ -243,8 +260,9 @@ def _check_commands(name: str, columns: Sequence[str], time: np.ndarray, command
 def _check_units(scene: Scene, measured: Measurements, arrays: dict[str, np.ndarray]) -> None:
     """Compare the lengths of measurements and commands with those of the body, where both are known."""
     name, values, commands = measured.name, arrays["values"], arrays["commands"]
-    contacts = np.flatnonzero(measured.on_ground).tolist()
     own = observation(scene.body, measured.channels)[1]
+    axes = [np.flatnonzero(axis) for axis in measured.axes.T.astype(bool)]
+    contacts = max((axis.tolist() for axis in axes), key=lambda axis: float(np.ptp(own[axis])), default=[])
     if len(contacts) > 1:
         first, last = contacts[int(np.argmin(own[contacts]))], contacts[int(np.argmax(own[contacts]))]
         between = values[:, last] - values[:, first]

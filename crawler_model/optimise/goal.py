@@ -15,6 +15,8 @@ OBJECTIVES = {"translation": "m", "cost-of-transport": "1", "travel": "1", "turn
 """Objectives and their units: gain per period, work / (distance * force), gain / travel of the actuators; of bodies
 that turn also the turn per period, and the distance of the motion per period from a target."""
 TURNING_OBJECTIVES = ("translation", "cost-of-transport", "turn", SCREW)
+DEFAULT_PERIODS = 10
+"""Periods that count on patches of ground, as many as `simulate` runs."""
 _WORST = 1e6
 
 
@@ -29,7 +31,9 @@ class Goal:
         weights: for a compromise, an origin and a factor for the score for translation, and both for the cost of
             transport: the smaller of (score - origin) * factor counts. None for a single objective.
         target: for "screw", dx, dy [m], dyaw [rad], and the length by which an angle becomes a distance [m].
-        resolution: of the score, the tolerance of a body that turns [unit of the score]; 0 for exact scores.
+        resolution: of the score, the tolerance of a body in the plane [unit of the score]; 0 for exact scores.
+        towards: in the plane, the direction in which a gain counts, from +x or the heading of a body that turns [rad].
+        periods: on patches of ground, number of periods from the start whose mean counts.
     """
 
     objective: str
@@ -38,6 +42,8 @@ class Goal:
     weights: tuple[tuple[float, float], tuple[float, float]] | None = None
     target: tuple[float, float, float, float] | None = None
     resolution: float = 0.0
+    towards: float = 0.0
+    periods: int = DEFAULT_PERIODS
 
     def scores(self, regime: Regime | None) -> list[float]:
         """Compute the scores of a candidate, the larger the better; the least of them counts.

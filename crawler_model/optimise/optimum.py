@@ -78,7 +78,7 @@ class Optimum:
         cost_of_transport: work / (distance * force) [1]; NaN for a gait that does not travel.
         travel: sum of all changes of rest lengths in a period [m].
         peak_tension: largest tension in a period [N].
-        transient_left: estimate of how far the gain is from that of the periodic regime [m].
+        transient_left: estimate of how far the gain is from that of the periodic regime [m]; NaN on patches.
         found_after_s: when the best gait was found [s].
         evaluations: how many candidates were run.
         gradient_norm: by how much the objective would improve to first order if all unknowns moved within their bounds
@@ -96,7 +96,9 @@ class Optimum:
         complete: whether the search ended because nothing better was found; False after Ctrl-C or a time limit, when
             the result depends on the machine.
         wall_s: wall-clock time [s].
-        motion: dx, dy [m] and dyaw [rad] per period of a body that turns, in its own frame; None for others.
+        motion: in the plane dx, dy per period [m], of a body that turns in its own frame and with dyaw [rad]; None on a
+            line.
+        periods: on patches of ground, number of periods from the start of which `gain` is the mean; None elsewhere.
         robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
     """
 
@@ -127,7 +129,8 @@ class Optimum:
     seed: int
     complete: bool
     wall_s: float
-    motion: tuple[float, float, float] | None = None
+    motion: tuple[float, ...] | None = None
+    periods: int | None = None
     robustness: Robustness | None = None
 
     @property
@@ -167,6 +170,7 @@ class Optimum:
             "drive": self.scene.document()["drive"],
             **numbers,
             "motion": None if self.motion is None else list(self.motion),
+            "periods": self.periods,
             "found_after_s": self.found_after_s,
             "evaluations": self.evaluations,
             "differentiable": self.differentiable,

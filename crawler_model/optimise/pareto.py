@@ -109,11 +109,11 @@ def pareto(
     each the part of the way from one end to the other, with several weights.
 
     Args:
-        scene: a scene on a line, a path or a gallery name.
+        scene: a scene of a body that does not turn, a path or a gallery name.
         seconds: time limit [s], on which the result then depends; None for none.
         seed: of the random numbers.
         progress: called with the completed part, in [0, 1].
-        limits: waypoints, stroke, free, rate, tension, robust and period, as for `optimise`.
+        limits: waypoints, stroke, free, rate, tension, robust, period, towards and periods, as for `optimise`.
 
     Returns:
         The curve.
@@ -126,7 +126,7 @@ def pareto(
     began = time.perf_counter()
     scene = coerce_scene(scene, "pareto")
     refuse_turning(scene, "pareto")
-    names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period")
+    names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period", "towards", "periods")
     given = {name: limits.pop(name, None) for name in names}
     if limits:
         raise TypeError(f"pareto: unknown argument {next(iter(limits))}")

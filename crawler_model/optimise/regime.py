@@ -42,7 +42,7 @@ class Regime:
         peak: largest tension [N]; NaN if it was not requested.
         speed: fastest change of a rest length [m/s].
         settled: whether the tensions repeat.
-        motion: dx, which is also the gain, dy [m] and dyaw [rad] of a body that turns; None for others.
+        motion: in the plane dx and dy [m], of a body that turns in its own frame and with dyaw [rad]; None on a line.
     """
 
     gain: float
@@ -52,7 +52,7 @@ class Regime:
     peak: float
     speed: float
     settled: bool
-    motion: tuple[float, float, float] | None = None
+    motion: tuple[float, ...] | None = None
 
 
 def find_regime(cycle: Cycle) -> Regime | None:

@@ -77,10 +77,6 @@ def build_unknowns(
 
 
 def _check_scene(scene: Scene) -> None:
-    if scene.dimension == 2 and scene.body.turning is None:
-        raise SceneError(f"optimise: {scene.name} is in the plane; gaits are sought for bodies on a line, or that turn")
-    if scene.ground.track is not None:
-        raise SceneError(f"optimise: {scene.name} has ground.patches, on which no two periods are the same")
     if scene.body.springs == 0:
         raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
 
@@ -151,8 +147,8 @@ def _build_table(
         raise SceneError(f"period: {period:g} s; it must be between 1e-6 and 1e6")
     columns, body = base.columns, base.body
     names = name_joints(body)
-    if body.turning is not None:
-        return _build_turning_table(scene, names, count, float(period), stroke, friction)
+    if body.dimension == 2:
+        return _build_planar_table(scene, count, float(period), stroke, friction)
     strokes = find_strokes(scene, names, stroke)
     span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])
     column_of = np.full(columns.count, -1)
@@ -171,42 +167,49 @@ def _build_table(
     return Table(count, float(period), len(names), friction is not None, column_of, low.copy(), high.copy(), span)
 
 
-def _build_turning_table(
+def _build_planar_table(
     scene: Scene,
-    names: Sequence[str],
     count: int,
     period: float,
     stroke: Bounds | Mapping[str, Bounds] | None,
     friction: Bounds | None,
 ) -> Table:
-    """Build the waypoints of a body that turns: links and joints without a stroke stay as the scene has them."""
+    """Build the waypoints of a body in the plane: what has no stroke stays as the scene has it."""
     if friction is not None:
-        raise SceneError(f"free: friction: {scene.name} turns; free a number such as friction.left instead")
-    moves, strokes = find_turning_strokes(scene, stroke)
+        kind, key = ("turns", "left") if scene.body.turning is not None else ("is in the plane", "isotropic")
+        raise SceneError(f"free: friction: {scene.name} {kind}; free a number such as friction.{key} instead")
+    moves, strokes = find_planar_strokes(scene, stroke)
     low, high = np.array(strokes).T
     column_of = np.full(scene.columns.count, -1)
-    column_of[: len(names)][moves] = np.arange(low.size)
-    held = np.where(moves, np.nan, scene.drive.rows[0, : len(names)])
-    return Table(count, period, int(low.size), False, column_of, low.copy(), high.copy(), np.ones(low.size), held)
+    column_of[: moves.size][moves] = np.arange(low.size)
+    held = np.where(moves, np.nan, scene.drive.rows[0, : moves.size])
+    axes = 1 if scene.body.turning is not None else 2
+    return Table(count, period, int(low.size), False, column_of, low.copy(), high.copy(), np.ones(low.size), held, axes)
 
 
-def find_turning_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | None) -> tuple[np.ndarray, list[Bounds]]:
-    """Find which links and joints of a body that turns move, and how far.
+def find_planar_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | None) -> tuple[np.ndarray, list[Bounds]]:
+    """Find which links and joints of a body in the plane move, and how far.
 
     Args:
         scene: the scene.
         stroke: bounds by name [m, rad], or of all that the drive of the scene moves; None for the range of this drive.
+            A link that has no length has two components, link_0/x and link_0/y; its own name stands for both.
 
     Returns:
-        Whether each link and joint moves, bool, shape (links + joints,), and the bounds of those that do.
+        Whether each link and joint, or component, moves, bool, shape (columns,), and the bounds of those that do.
 
     Raises:
         SceneError: with one line about the first mistake.
     """
-    names = name_joints(scene.body)
+    names = scene.columns.names[: scene.columns.lengths]
     rows = scene.drive.rows[:, : len(names)]
     moves = np.ptp(rows, axis=0) > 0.0
     if isinstance(stroke, Mapping):
+        stroke = {
+            column: bounds
+            for name, bounds in stroke.items()
+            for column in ([n for n in names if n.partition("/")[0] == name] or [name])
+        }
         for name in stroke:
             if name not in names:
                 raise SceneError(f"stroke: {name!r}; the links and joints are {', '.join(names)}")
@@ -278,12 +281,7 @@ def given_points(unknowns: Unknowns) -> list[np.ndarray]:
         times = np.arange(table.waypoints) / table.waypoints * drive.period
         closed = np.append(drive.times, drive.period) if drive.period > drive.times[-1] else drive.times
         rows = drive.rows[np.arange(closed.size) % drive.times.size]
-        columns = base.columns
-        first = np.cumsum(columns.actuation_sizes) - columns.actuation_sizes
-        places = [int(i) for i in first[table.moved]]
-        if table.friction:
-            sizes = scene.columns.friction_sizes
-            places += [int(i) for i in scene.columns.lengths + np.cumsum(sizes) - sizes]
+        places = [int(np.flatnonzero(table.column_of == j)[0]) for j in range(table.width)]
         waypoints = np.column_stack([np.interp(times, closed, rows[:, i]) for i in places])
         values = np.concatenate((numbers, waypoints.ravel()))
     unit = (values - unknowns.low) / (unknowns.high - unknowns.low)

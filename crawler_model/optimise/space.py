@@ -12,9 +12,9 @@ import numpy as np
 
 from ..errors import CrawlerError
 from ..sweep.workers import available_cores
+from .followed import find_followed_regime
 from .goal import Goal
 from .regime import Regime, differentiate_regime, find_peak, find_regimes
-from .turning import find_turning_regime
 from .unknowns import Unknowns
 
 _CHUNK = 64
@@ -100,10 +100,11 @@ class Space:
             unit: shape (P,).
 
         Returns:
-            Shape (P,), the same for all beginnings; of a body that turns as it is.
+            Shape (P,), the same for all beginnings; of a body that turns, and on patches, as it is.
         """
         table, first = self.scenes[0].table, len(self.scenes[0].keys)
-        if table is None or self.scenes[0].base.body.turning is not None:
+        base = self.scenes[0].base
+        if table is None or base.body.turning is not None or base.ground.track is not None:
             return unit
         rows = unit[first:].reshape(table.waypoints, -1)
         turned = [np.roll(rows, -k, axis=0).ravel() for k in range(table.waypoints)]
@@ -143,8 +144,8 @@ class Space:
 
     def _regimes(self, unknowns: Unknowns, values: np.ndarray) -> list[Regime | None]:
         try:
-            if unknowns.base.body.turning is not None:
-                return [find_turning_regime(unknowns.cycle(row)) for row in values]
+            if not unknowns.base.has_exact_derivatives:
+                return [find_followed_regime(unknowns.cycle(row), self.goal) for row in values]
             found = find_regimes(unknowns.cycles(values))
             if np.isfinite(self.goal.tension):
                 for m, regime in enumerate(found):
@@ -195,7 +196,7 @@ class Space:
             Each score, or their mean, and its derivatives in units of the box, shape (P,); nothing if one of them has
             none.
         """
-        if self.scenes[0].base.body.turning is not None:
+        if not self.scenes[0].base.has_exact_derivatives:
             return []
         values, width = self.values(unit), self.scenes[0].high - self.scenes[0].low
         found: list[tuple[float, np.ndarray]] = []
@@ -252,7 +253,7 @@ class Evaluator:
         self.evaluations += len(points)
         if not points:
             return np.zeros(0)
-        together = _CHUNK if self.space.scenes[0].base.body.turning is None else 1  # bodies that turn run one by one
+        together = _CHUNK if self.space.scenes[0].base.dimension == 1 else 1  # in the plane they run one by one
         parts = [points[i : i + together] for i in range(0, len(points), together)]
         if self._pool is None or len(parts) == 1:
             found = map(self.space.scores, parts)

@@ -13,6 +13,7 @@ import numpy as np
 from ..body.drive import Drive
 from ..derivative.parameters import Derivatives, collect_pieces, differentiate_arrays
 from ..errors import SceneError
+from ..scene.assemble_start import relax_loaded
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
 from ..sweep.stack import stack, stack_scenes
@@ -32,8 +33,9 @@ class Table:
         low: lower bounds of the unknowns of a waypoint, shape (J,) or (J + contacts and segments,) [m, 1, N, N/m].
         high: upper bounds, likewise.
         span: length by which an unknown is multiplied to get a change of length, 1 for links, shape (J,) [1, m].
-        held: of a body that turns, the actuation of each link and joint, NaN where it is unknown [m, rad]; None if the
-            actuation of all is unknown.
+        held: in the plane, the actuation of each link and joint, or component of a link, NaN where it is unknown [m,
+            rad]; None if the actuation of all is unknown.
+        axes: number of components of the actuation of a link.
     """
 
     waypoints: int
@@ -45,6 +47,7 @@ class Table:
     high: np.ndarray
     span: np.ndarray
     held: np.ndarray | None = None
+    axes: int = 1
 
     @functools.cached_property
     def moved(self) -> np.ndarray:
@@ -63,12 +66,16 @@ class Table:
             Names such as `drive.actuation[0][1]`.
         """
         return tuple(
-            f"drive.actuation[{i}][{self.moved[j]}]"
+            f"drive.actuation[{i}]{self._place(int(self.moved[j]))}"
             if j < self.links
             else f"drive.friction.isotropic[{i}][{j - self.links}]"
             for i in range(self.waypoints)
             for j in range(self.width)
         )
+
+    def _place(self, column: int) -> str:
+        """Write the indices of an actuation in its row."""
+        return f"[{column}]" if self.axes == 1 else f"[{column // self.axes}][{column % self.axes}]"
 
 
 @dataclass(frozen=True)
@@ -187,11 +194,18 @@ class Unknowns:
     def _starts_relaxed(self) -> bool:
         """Whether candidates start relaxed at their first waypoint, which loads and bent springs do not allow.
 
-        Where bodies that turn start does not matter, and to relax them takes as long as a period.
+        On patches, where the first periods count, they do as a scene does that is written `start: relaxed`.
+
+        Where bodies in the plane start does not matter, and to relax those that turn takes as long as a period.
         """
         body = self.base.body
-        ready = self.table is not None and self.base.columns.slope_load is None
-        return ready and not body.bends and body.turning is None
+        if self.table is None or self._is_patched:
+            return self.table is not None
+        return self.base.columns.slope_load is None and not body.bends and body.dimension == 1
+
+    @property
+    def _is_patched(self) -> bool:
+        return self.base.ground.track is not None
 
     def _start(self, path: Drive, part: Assembly) -> np.ndarray:
         if not self._starts_relaxed:
@@ -202,7 +216,7 @@ class Unknowns:
         """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
         if self.table is None or waypoints is None:
             _, seconds, order = _period_of(drive)
-            if self.base.body.turning is not None:  # its gains are those in its frame at the first waypoint
+            if self.base.body.turning is not None or self._is_patched:  # gains count from the first waypoint on
                 seconds, order = np.roll(seconds, 1), np.roll(order, 1)
             return np.concatenate((given[..., :1, :], given[..., order, :]), axis=-2), seconds
         rows = np.repeat(given[..., :1, :], 1 + self.table.waypoints, axis=-2)
@@ -221,6 +235,8 @@ class Unknowns:
         path = Drive(np.arange(rows.shape[0], dtype=np.float64), None, rows, drive.columns)
         start = self._start(path, scene)
         plan = Assembly(scene.parts, scene.body, scene.ground, scene.columns, path, start)
+        if self._is_patched and self._starts_relaxed:
+            plan = relax_loaded(plan)
         return Cycle(plan, seconds)
 
     def differentiate(self, values: np.ndarray) -> tuple[Cycle, Derivatives]:
@@ -303,7 +319,8 @@ class Unknowns:
         document = self._scene(numbers).document()
         if self.table is not None and waypoints is not None:
             document["drive"] = _write_table(self.table, waypoints)
-            document.pop("start", None)
+            if not self._is_patched:
+                document.pop("start", None)
         if "start" in self.original.document():
             document["start"] = self.original.document()["start"]
         try:
@@ -332,6 +349,8 @@ def _write_table(table: Table, waypoints: np.ndarray) -> dict[str, Any]:
     if table.held is not None:
         actuation = np.tile(table.held, (table.waypoints + 1, 1))
         actuation[:, table.moved] = closed[:, : table.links]
+    if table.axes > 1:
+        actuation = actuation.reshape(table.waypoints + 1, -1, table.axes)
     drive["actuation"] = actuation.tolist()
     if table.friction:
         drive["friction"] = {"isotropic": closed[:, table.links :].tolist()}

@@ -55,6 +55,11 @@ class Assembly:
         return self.parts.tolerance
 
     @property
+    def has_exact_derivatives(self) -> bool:
+        """Whether paths have exact derivatives: on a line, on ground that is the same everywhere."""
+        return self.dimension == 1 and self.ground.track is None
+
+    @property
     def angles(self) -> np.ndarray:
         """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
         return np.array(angles_of(self.parts), dtype=np.float64)

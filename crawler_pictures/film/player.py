@@ -15,6 +15,7 @@ from ..domain_text import FACE, SECTION
 from ..ground import list_sections
 from ..run.kymograph import HEIGHT, MOST_LINES, WIDTH
 from ..run.pixels import divide, join_states
+from ..strokes import WORDS, friction_strokes
 from .camera import watch_plane, watch_set, watch_track
 from .film import Film
 from .moving_set import moving_set
@@ -69,12 +70,17 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
         "colors": {"1": FORWARD, "0": "#9a9a9a", "-1": BACK, "2": BOTH, "stick": STICK, "grey": GREY}
         | {"face": FACE, "section": SECTION, "stalled": STALLED},
         "yields": _pack(film.yields, "i1") if film.yields.shape[1] == joints.shape[0] else None,
+        "strokes": None,
         "kymograph": None,
         "set": None,
     }
     if film.planar:
         low, high = watch_plane(place, _RATIO)
         found["window"] = [*low.tolist(), *high.tolist()]
+        if film.scene.body.turning is not None and chosen.size <= MOST_ARROWS:
+            reach = 0.07 * float((high - low).min())
+            ends = np.array([friction_strokes(film.scene.body, points, reach) for points in film.place])
+            found["strokes"] = {"ends": _pack(ends), "words": WORDS}
     else:
         found["window"] = [_pack(side) for side in watch_track(place, film.cycle_frames)]
         found["bows"] = bows(film.rest[chosen], joints).tolist()

@@ -135,7 +135,8 @@ def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:
         rows: shape (T, C).
 
     Returns:
-        Rest lengths, strains or rest angles, friction of contacts and of segments, and loads, where there are any.
+        Rest lengths, strains or rest angles, friction of contacts and of segments, and loads, where there are any;
+        vectors by component.
     """
     names, lengths, half = columns.names, columns.lengths, int(columns.friction_sizes.sum())
     links = int(columns.actuation_sizes[: columns.links].sum())
@@ -162,4 +163,14 @@ def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:
     if columns.loads:
         first = lengths + columns.frictions
         kinds.append(Commands("load", "N", tuple(n.removesuffix("/load") for n in names[first:]), rows[:, first:]))
-    return tuple(kinds)
+    return tuple(part for kind in kinds for part in _split_components(kind))
+
+
+def _split_components(kind: Commands) -> list[Commands]:
+    """Split vectors into a kind for each component, whose curves have the names of the vectors."""
+    if not all(name.endswith(("/x", "/y")) for name in kind.names):
+        return [kind]
+    return [
+        Commands(f"{kind.what} along {axis}", kind.unit, tuple(n[:-2] for n in kind.names[k::2]), kind.values[:, k::2])
+        for k, axis in enumerate("xy")
+    ]

@@ -64,7 +64,13 @@ def explain_tension(axis: Axes, bounded: bool) -> None:
 
 
 def draw_tensions(
-    axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike, names: Sequence[str]
+    axis: Axes,
+    time: ArrayLike,
+    tension: ArrayLike,
+    least: ArrayLike,
+    most: ArrayLike,
+    names: Sequence[str],
+    why: str = "",
 ) -> None:
     """Draw many tensions as an image: 1 and -1 at the bounds, where something slips, 0 in the middle between them.
 
@@ -78,6 +84,7 @@ def draw_tensions(
         least: least tension in the stasis domain, shape (T, J) [N]; NaN where it is not known.
         most: the greatest, likewise.
         names: "link_0", the name of a segment, or "trunk/element_7" for a spring of the segment trunk, shape (J,).
+        why: why there are no bounds, for the title.
     """
     value, low, high = np.asarray(tension), np.asarray(least), np.asarray(most)
     inside = any("/" in name for name in names)
@@ -98,7 +105,7 @@ def draw_tensions(
     signed = bool((value < 0.0).any())
     draw_image(axis, time, value, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
     _name_springs(axis, names)
-    write_title(axis, f"{what}; their bounds are drawn only for chains of contacts")
+    write_title(axis, f"{what}{why}")
 
 
 def _range(values: np.ndarray) -> str:
@@ -180,15 +187,17 @@ def draw_commands(axis: Axes, time: ArrayLike, commands: Commands) -> None:
             text = "all" if len(names) == len(commands.names) > 1 else join_names(names)
             handles.append(Line2D([], [], color=color, linewidth=1.6, label=text))
         place_legend(axis, handles)
-        label_values(axis, commands.what.removeprefix("change of "), commands.unit, size)
+        label_values(axis, commands.what.removeprefix("change of ").replace(" along", "\nalong"), commands.unit, size)
         write_title(axis, f"command: {commands.what}")
         return
     scale, unit = choose_prefix(size, commands.unit)
     largest = f"{size / scale:.3g} {unit}".strip()
     signed = bool((values < 0.0).any())
     draw_image(axis, time, values, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
-    low, high = commands.names[0], commands.names[-1]
-    axis.set_ylabel("link" if low.startswith("link") else "element" if "element" in low else "contact")
+    low, high = (name.replace("_", " ").replace("/", " ") for name in (commands.names[0], commands.names[-1]))
+    rows = {"length": "link", "angle": "joint"}
+    known = next((row for word, row in rows.items() if f"rest {word}" in commands.what), "contact")
+    axis.set_ylabel("element" if "element" in low else known)
     write_title(axis, f"command: {commands.what}, {low} (below) to {high} (above)")
 
 
@@ -226,7 +235,7 @@ def join_names(names: Sequence[str]) -> str:
     """
     groups: dict[tuple[str, str], list[str]] = {}
     for name in names:
-        found = re.fullmatch(r"(contact|link)_(\d+)(.*)", name)
+        found = re.fullmatch(r"(contact|link|joint)_(\d+)(.*)", name)
         if found:
             groups.setdefault((f"{found[1]} ", found[3].replace("/", " ")), []).append(found[2])
         else:

@@ -8,13 +8,14 @@ directions share a pixel, it has a colour of its own.
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..colors import BACK, BOTH, FORWARD, STICK, TEXT, rgb
+from ..colors import BACK, BOTH, FORWARD, JUMP, STICK, TEXT, rgb
 from .pixels import divide, join_states, thin
 
 if TYPE_CHECKING:
@@ -25,6 +26,10 @@ WIDTH, HEIGHT = 1000, 400
 """The largest image: columns of time, rows of contacts [pixels]."""
 _MOST_SAMPLES = 4000
 _EMPTY = "#ffffff"
+_NARROW = 58
+"""Letters of a title or legend that fit above a panel half as wide as a page."""
+PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+"""The ground of text that may stand on a curve."""
 _THINNEST = 0.02
 """Part of the body's length that an isolated contact takes beside a segment."""
 
@@ -148,34 +153,40 @@ def _name_rows(axis: Axes, count: int, names: Sequence[str], inside: bool) -> No
         axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
 
 
-def explain_states(axis: Axes, planar: bool, joined: bool) -> None:
+def explain_states(axis: Axes, planar: bool, joined: bool, jumps: bool = False) -> None:
     """Draw the legend of the states above the right end of axes.
 
     Args:
         axis: the axes.
         planar: whether the body moves in the plane, where a slip is not forward or back.
         joined: whether a pixel may show slips in both directions.
+        jumps: whether there are jumps over a border of patches.
     """
     from matplotlib.lines import Line2D
 
     words = [("slides", FORWARD)] if planar else [("slips forward", FORWARD), ("slips back", BACK)]
     words += [("both in one pixel", BOTH)] * (joined and not planar) + [("sticks", "#a0a0a0")]
     handles = [Line2D([], [], color=color, linewidth=4.0, label=word) for word, color in words]
+    if jumps:
+        handles.append(
+            Line2D([], [], color=JUMP, marker="D", markersize=4.5, linestyle=":", label="jumps over a border")
+        )
     place_legend(axis, handles)
 
 
-def place_legend(axis: Axes, handles: Sequence[Any]) -> None:
+def place_legend(axis: Axes, handles: Sequence[Any], lines: int = 1) -> None:
     """Draw a legend above the right end of axes, where it covers no curve.
 
     Args:
         axis: the axes.
         handles: its entries.
+        lines: number of lines among which they are divided.
     """
     axis.legend(
         handles=handles,
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=len(handles),
+        ncols=-(-len(handles) // lines),
         fontsize=8,
         frameon=False,
         borderaxespad=0.1,
@@ -184,11 +195,31 @@ def place_legend(axis: Axes, handles: Sequence[Any]) -> None:
     )
 
 
-def write_title(axis: Axes, text: str) -> None:
+def write_title(axis: Axes, text: str, pad: float = 4.0) -> None:
     """Write what a panel shows above its left end.
 
     Args:
         axis: the axes.
         text: the text.
+        pad: its distance from the axes [points].
     """
-    axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=4)
+    axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=pad)
+
+
+def make_room(axis: Axes) -> None:
+    """Write the title of a panel half as wide as a page above its legend, both in as many lines as they need.
+
+    Args:
+        axis: the axes, with their title and legend.
+    """
+    legend, lines = axis.get_legend(), 0
+    if legend is not None:
+        handles: Any = legend.legend_handles
+        words = [text.get_text() for text in legend.get_texts()]
+        for handle, word in zip(handles, words, strict=True):
+            handle.set_label(word)
+        lines = -(-sum(len(word) + 7 for word in words) // _NARROW)
+        place_legend(axis, handles, lines)
+    title = axis.get_title("left")
+    if title:
+        write_title(axis, textwrap.fill(title, _NARROW), 4.0 + 13.0 * lines)

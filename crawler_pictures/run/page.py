@@ -28,9 +28,11 @@ from .forces import (
 from .kymograph import (
     MOST_LINES,
     MOST_NAMED,
+    PLATE,
     draw_positions,
     draw_states,
     explain_states,
+    make_room,
     place_legend,
     write_title,
 )
@@ -41,18 +43,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _WIDTH, _DPI = 11.0, 110
+_PRINT_WIDTH, _PRINT_DPI = 9.0, 200
 MOST_CYCLES = 150
 """More cycles are too narrow for their curves to be told apart."""
 Panel = tuple[float, Callable[["Axes"], None]]
 """Height of a panel [inch], and the function that draws it."""
 
 
-def draw_run(run: RunArrays, png: Path) -> None:
+def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     """Draw the page of a run.
 
     Args:
         run: the run.
         png: the file to write.
+        two_columns: whether the panels over time stand in two columns, for print: narrower and with more pixels.
 
     Raises:
         CrawlerError: when there is no state to draw.
@@ -66,36 +70,56 @@ def draw_run(run: RunArrays, png: Path) -> None:
 
     notes = [*run.notes, *_constants(run)]
     heights = [0.3 + 0.15 * len(notes)]
-    panels = _panels(run)
+    columns = _halve(_panels(run)) if two_columns else [_panels(run)]
     if run.planar:
         heights.append(5.2)
-    heights.append(sum(height + 0.28 for height, _ in panels) + 0.4)
+    title = 0.45 if two_columns else 0.28
+    heights.append(max(sum(height + title for height, _ in column) for column in columns) + 0.4)
     if run.gains is not None:
         heights.append(2.4)
-    figure = plt.figure(figsize=(_WIDTH, sum(heights)), layout="constrained")
+    width, dpi = (_PRINT_WIDTH, _PRINT_DPI) if two_columns else (_WIDTH, _DPI)
+    figure = plt.figure(figsize=(width, sum(heights)), layout="constrained")
     parts: list[Any] = list(np.atleast_1d(figure.subfigures(len(heights), 1, height_ratios=heights)))  # type: ignore[arg-type]
     _write_head(parts.pop(0), run.title, notes)
     if run.planar:
-        _draw_above(parts.pop(0), run)
+        _draw_above(parts.pop(0), run, two_columns)
     body = parts.pop(0)
-    axes = np.atleast_1d(body.subplots(len(panels), 1, sharex=True, height_ratios=[height for height, _ in panels]))
+    for part, column in zip(np.atleast_1d(body.subfigures(1, len(columns))), columns, strict=True):
+        _draw_column(part, column, run, two_columns)
+    if run.gains is not None:
+        draw_gains(parts.pop(0), run.gains, _size(run), run.planar)
+    layout: Any = figure.get_layout_engine()
+    layout.execute(figure)
+    figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
+    figure.savefig(png, dpi=dpi)
+    plt.close(figure)
+
+
+def _halve(panels: list[Panel]) -> list[list[Panel]]:
+    """Split panels into two columns, the higher of which is as low as possible."""
+
+    def height(first: int) -> float:
+        return max(sum(h for h, _ in panels[:first]), sum(h for h, _ in panels[first:]))
+
+    first = min(range(1, len(panels)), key=height, default=1)
+    return [column for column in (panels[:first], panels[first:]) if column]
+
+
+def _draw_column(part: Any, panels: list[Panel], run: RunArrays, narrow: bool) -> None:
+    """Draw panels over one time axis, one below the other."""
+    axes = np.atleast_1d(part.subplots(len(panels), 1, sharex=True, height_ratios=[height for height, _ in panels]))
     for axis, (_, draw) in zip(axes, panels, strict=True):
         draw(axis)
         axis.margins(x=0)
+        if narrow:
+            make_room(axis)
         if run.cycles.size <= MOST_BARS:
             for start in run.cycles:
                 axis.axvline(start, color="#c9c9c9", linewidth=0.5, zorder=-1)
     if run.time.size > 1:
         axes[-1].set_xlim(run.time[0], run.time[-1])
     axes[-1].set_xlabel("simulated time [s]")
-    body.align_ylabels(axes)
-    if run.gains is not None:
-        draw_gains(parts.pop(0), run.gains, _size(run), run.planar)
-    layout: Any = figure.get_layout_engine()
-    layout.execute(figure)
-    figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
-    figure.savefig(png, dpi=_DPI)
-    plt.close(figure)
+    part.align_ylabels(axes)
 
 
 def _size(run: RunArrays) -> float:
@@ -113,14 +137,15 @@ def _write_head(part: Any, title: str, notes: list[str]) -> None:
 
 def _constants(run: RunArrays) -> list[str]:
     """Write the commands that never change, and the ground."""
-    clauses = [describe_constant(c) for c in run.commands if not c.changes]
+    clauses = [describe_constant(c) for c in run.commands if not c.changes and (c.values.any() or "friction" in c.what)]
     ground = run.scene.parts.ground if isinstance(run.scene, Scene) else None
     if ground is not None and ground.slope != 0.0:
         clauses.append(f"slope {ground.slope:g}\u00b0")
     found = ["; ".join(clauses)] if clauses else []
     if run.planar:
         angle = np.degrees(shape_orientation(run.place, run.positions - run.place))
-        first, last, low, high = (f"{v + 0.0:.4g}\u00b0" for v in (angle[0], angle[-1], angle.min(), angle.max()))
+        shown = np.round((angle[0], angle[-1], angle.min(), angle.max()), 3) + 0.0
+        first, last, low, high = (f"{v:g}\u00b0" for v in shown)
         found.append(f"orientation of the shape: {first} at the start, {last} at the end, between {low} and {high}")
     if run.cycles.size > MOST_CYCLES:
         text = f"{run.cycles.size} cycles: of curves only the range in a cycle can be seen; colours show every slip"
@@ -128,9 +153,11 @@ def _constants(run: RunArrays) -> list[str]:
     return found
 
 
-def _draw_above(part: Any, run: RunArrays) -> None:
+def _draw_above(part: Any, run: RunArrays, narrow: bool) -> None:
     left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.scene is not None else (part.subplots(), None)
     draw_plane(left, run.positions, run.state, run.net_translation, run.ends, list(run.contacts))
+    if narrow:
+        make_room(left)
     if right is not None:
         draw_friction(right, run.scene, run.force)  # type: ignore[arg-type]
 
@@ -149,7 +176,7 @@ def _panels(run: RunArrays) -> list[Panel]:
     if 0 < links <= MOST_BANDS:
         panels += [(1.0, partial(_tension, run=run, link=i)) for i in range(links)]
     elif links:
-        panels.append((1.8, lambda axis: draw_tensions(axis, run.time, run.tension, run.least, run.most, run.links)))
+        panels.append((1.8, lambda axis: _tensions(axis, run)))
     panels += [_command(run, commands) for commands in run.commands if commands.changes]
     if run.energy:
         panels.append((1.1, lambda axis: _energy(axis, run)))
@@ -171,12 +198,13 @@ def _positions(axis: Axes, run: RunArrays) -> None:
         for section in list_sections(run.scene, *limits):
             if section.color is not None:
                 axis.axhspan(section.start, section.end, color=section.color, alpha=0.45, linewidth=0.0, zorder=-1)
-                axis.text(run.time[0], section.middle, f" {section.text}", fontsize=8, va="center", zorder=5)
+                where: Any = {"textcoords": "offset points", "va": "center", "zorder": 5, "bbox": PLATE}
+                axis.annotate(section.text, (run.time[0], section.middle), (5, 0), fontsize=8, **where)
     draw_jumps(axis, run.jumps)
     axis.set_ylim(limits)
     cycles = "; vertical lines: cycles" if 0 < run.cycles.size <= MOST_BARS else ""
     write_title(axis, f"contacts over time, up is forward{cycles}")
-    explain_states(axis, False, bool((run.state == BOTH).any()))
+    explain_states(axis, False, bool((run.state == BOTH).any()), any(jump.border is not None for jump in run.jumps))
 
 
 def _states(axis: Axes, run: RunArrays, explain: bool) -> None:
@@ -216,14 +244,23 @@ def _tension(axis: Axes, run: RunArrays, link: int) -> None:
         f"T {run.links[link].removeprefix('link_')}",
     )
     if link == 0:
-        bounded = bool(np.isfinite(run.least).any())
-        segments = any(not name.startswith("link_") for name in run.links)
-        patched = run.scene is not None and run.scene.ground.track is not None
-        body = "the mean tension of a segment" if segments else "a graph of springs"
-        where = "in the plane" if run.planar else "on patches of ground" if patched else f"for {body}"
-        why = "" if bounded else f"; without its bounds, which are not computed {where}"
-        write_title(axis, f"tension{why}")
-        explain_tension(axis, bounded)
+        write_title(axis, f"tension{_explain_bounds(run)}")
+        explain_tension(axis, bool(np.isfinite(run.least).any()))
+
+
+def _tensions(axis: Axes, run: RunArrays) -> None:
+    draw_tensions(axis, run.time, run.tension, run.least, run.most, run.links, _explain_bounds(run))
+
+
+def _explain_bounds(run: RunArrays) -> str:
+    """Write why tensions have no bounds; nothing where they have."""
+    if np.isfinite(run.least).any():
+        return ""
+    segments = any(not name.startswith("link_") for name in run.links)
+    patched = run.scene is not None and run.scene.ground.track is not None
+    body = "the mean tension of a segment" if segments else "a graph of springs"
+    where = "in the plane" if run.planar else "on patches of ground" if patched else f"for {body}"
+    return f"; without bounds, which are not computed {where}"
 
 
 def _energy(axis: Axes, run: RunArrays) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from crawler_model.body.plan import Plan
 
 from ..colors import BOUND, FORWARD, LINES
-from .kymograph import place_legend, write_title
+from .kymograph import PLATE, place_legend, write_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,15 +44,13 @@ def draw_plane(
     for i in range(place.shape[1]):
         color = LINES[i] if place.shape[1] <= len(LINES) else "#a0a0a0"
         axis.plot(*place[:, i].T, color=color, linewidth=1.0, zorder=2)
-        if place.shape[1] <= len(LINES):
-            text = names[i].removeprefix("contact_")
-            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
-            axis.annotate(text, place[-1, i], (6, 6), textcoords="offset points", fontsize=9, color=color, bbox=box)
     axis.plot(*mean.T, color="black", linewidth=1.6, linestyle="--", zorder=3)
     axis.plot(*mean[-1], "x", color="black", markersize=6, zorder=4)
+    if place.shape[1] <= len(LINES):
+        _name_contacts(axis, place, np.asarray(ends), names)
     drawn, count = _draw_slips(axis, place, moving)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.margins(0.08)
+    axis.margins(0.12)
     axis.set(xlabel="x [m]", ylabel="y [m]")
     which = f"all {count} slips" if drawn == count else f"arrows: the {drawn} longest of {count} slips"
     write_title(axis, f"from above; {which}")
@@ -65,6 +63,30 @@ def draw_plane(
             Line2D([], [], color=FORWARD, marker=">", linewidth=2.0, label="slip"),
         ],
     )
+
+
+def _name_contacts(axis: Axes, place: np.ndarray, ends: np.ndarray, names: list[str]) -> None:
+    """Name each contact at its last position, in the direction in which most room is left by paths and links."""
+    part = np.linspace(0.0, 1.0, 21)[:, None]
+    links = [place[row, a] + part * (place[row, b] - place[row, a]) for row in (0, -1) for a, b in ends]
+    taken = np.concatenate([place[:: max(place.shape[0] // 400, 1)].reshape(-1, 2), *links])
+    angle = 2.0 * np.pi * np.arange(16) / 16
+    around = np.column_stack((np.cos(angle), np.sin(angle)))
+    reach = 0.04 * float(np.ptp(taken, axis=0).max())
+    for i, name in enumerate(names):
+        room = np.linalg.norm(place[-1, i] + reach * around[:, None] - taken, axis=2).min(axis=1)
+        axis.annotate(
+            name.removeprefix("contact_"),
+            place[-1, i],
+            tuple(12.0 * around[room.argmax()]),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=9,
+            color=LINES[i],
+            bbox=PLATE,
+            zorder=5,
+        )
 
 
 def _draw_slips(axis: Axes, place: np.ndarray, moving: np.ndarray) -> tuple[int, int]:
@@ -103,16 +125,15 @@ def draw_friction(axis: Axes, scene: Plan, force: ArrayLike | None = None) -> No
     for i in range(columns.contacts):
         groups.setdefault(values[i].tobytes(), []).append(i)
     for contacts in list(groups.values())[: len(LINES)]:
-        bound, color = values[contacts[0]], LINES[contacts[0] % len(LINES)]
+        bound = values[contacts[0]]
         if directions is None or directions.size == 0:
             reach = np.full(angle.size, bound[0])
         else:
             along = unit @ directions.T
             reach = np.where(along > 1e-12, bound / np.maximum(along, 1e-12), np.inf).min(axis=1)
-        several = len(groups) > 1
-        axis.plot(*(reach[:, None] * unit).T, color=color if several else "#404040", linewidth=1.4)
-        text = f"contact {', '.join(map(str, contacts))}" if several else ""
-        axis.annotate(text, (0.0, -reach[540]), (3, -10), textcoords="offset points", fontsize=8, color=color)
+        axis.plot(*(reach[:, None] * unit).T, color="#404040", linewidth=1.4)
+        text = f"contact {', '.join(map(str, contacts))}" if len(groups) > 1 else ""
+        axis.annotate(text, (0.0, -reach[540]), (3, -10), textcoords="offset points", fontsize=8, bbox=PLATE, zorder=4)
     axis.axhline(0.0, color=BOUND, linewidth=0.5, zorder=0)
     axis.axvline(0.0, color=BOUND, linewidth=0.5, zorder=0)
     for direction, bound in zip([] if directions is None else directions, values[0], strict=False):
@@ -122,6 +143,7 @@ def draw_friction(axis: Axes, scene: Plan, force: ArrayLike | None = None) -> No
         _draw_forces(axis, np.asarray(force))
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.12)
+    axis.locator_params(axis="x", nbins=4)
     axis.set(xlabel="x [N]", ylabel="y [N]")
     left = len(groups) - len(LINES)
     more = f" ({left} more kinds are left out)" if left > 0 else ""
@@ -137,8 +159,9 @@ def _draw_forces(axis: Axes, force: np.ndarray) -> None:
         axis.plot(*force[:, i].T, color=color, linewidth=0.9, alpha=0.7, zorder=2)
         axis.plot(*np.stack((np.zeros(2), force[-1, i])).T, color=color, linewidth=1.8, zorder=3)
         axis.plot(*force[-1, i], "o", color=color, markersize=5, zorder=3)
-    handles = [
-        Line2D([], [], color="#404040", linewidth=0.9, alpha=0.7, label="force on a contact in the run"),
-        Line2D([], [], color="#404040", linewidth=1.8, marker="o", markersize=5, label="at its end"),
-    ]
-    axis.legend(handles=handles, loc="upper center", fontsize=8, frameon=False)
+    words = [str(i) for i in range(force.shape[1])] if force.shape[1] <= len(LINES) else ["each"]
+    colors = LINES if len(words) > 1 else ("#a0a0a0",)
+    handles = [Line2D([], [], color=c, linewidth=1.8, label=word) for c, word in zip(colors, words, strict=False)]
+    handles.append(Line2D([], [], color="#404040", marker="o", markersize=5, label="at the end"))
+    style: Any = {"fontsize": 8, "title_fontsize": 8, "ncols": 3, "frameon": False, "columnspacing": 1.0}
+    axis.legend(handles=handles, loc="upper center", title="force on contact", **style)

@@ -9,6 +9,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.theory.stasis import stasis_bounds
 
+from ..numbers import error_of, write_length
 from .arrays import Gains, RunArrays, planar_forces, sort_commands
 
 
@@ -65,6 +66,8 @@ def _describe_turning(run: Trajectory) -> list[str]:
     """Describe how a body turned, and its gain in the last period."""
     found = [f"turned by {run.yaw[-1] - run.yaw[0]:.6g} rad; tensions are those of the links"]
     if run.per_period.size:
-        dx, dy, dyaw = run.per_period[-1]
-        found.append(f"last period: {dx:.6g} m along its heading, {dy:.6g} m to the left, turned by {dyaw:.6g} rad")
+        size, error = float(np.abs(run.displacement).max()), error_of(run.scene)
+        dx, dy = (write_length(value, size, error) for value in run.per_period[-1, :2])
+        turned = write_length(run.per_period[-1, 2], 1.0, 1e-6)
+        found.append(f"last period: {dx} m along its heading, {dy} m to the left, turned by {turned} rad")
     return found

@@ -4,8 +4,8 @@ const at = id => document.getElementById(id);
 const query = new URLSearchParams(location.search);
 const MOST = 1000; // ticks of the past that are drawn
 const NUMBERS = { time: "s", net: "m", yaw: "rad", work: "J", dissipation: "J" };
-let socket, scene, colors, frame, past = [], hand = false, wanted = false, drag = null, queue = {}, camera = null, extent = {};
-const inputs = {}, touched = {};
+let socket, scene, colors, frame, past = [], hand = false, wanted = false, drag = null, queue = {}, camera = null, extent = {}, inputs = {}, touched = {};
+const watch = new IntersectionObserver(rows => rows.forEach(row => { row.target.seen = row.isIntersecting; }), { rootMargin: "200px" }); // of a hundred sliders few are in view
 
 function make(tag, properties = {}, ...children) {
   const { aria, ...rest } = properties, element = Object.assign(document.createElement(tag), rest);
@@ -23,7 +23,7 @@ function connect() {
   socket.onmessage = event => receive(JSON.parse(event.data));
   socket.onclose = event => {
     hand = false;
-    at("link").textContent = event.code === 4001 ? "opened in another window; reload to continue here" : "connection lost; trying again";
+    at("link").textContent = event.code === 4001 ? "opened in another window; reload to continue here" : "connection lost; trying again. If crawler play ended, start it and open the address that it prints";
     if (event.code !== 4001) setTimeout(connect, 500);
   };
 }
@@ -32,6 +32,7 @@ function receive(message) {
   if (message.scene) {
     sessionStorage.setItem("crawler_page", message.you);
     ({ scene, colors } = message);
+    [frame, past, drag, queue, camera, extent, inputs, touched] = [null, [], null, {}, null, {}, {}, {}];
     build();
   } else if (message.frame) {
     if (message.fresh) past = [];
@@ -55,7 +56,7 @@ function build() {
   at("name").textContent = scene.name;
   at("body").className = scene.planar ? "plane" : "";
   for (const id of ["modes", "wave"]) at(id).replaceChildren(at(id).firstElementChild);
-  for (const id of ["controls", "keep", "legend", "numbers"]) at(id).replaceChildren();
+  for (const id of ["controls", "keep", "legend", "numbers", "lesson"]) at(id).replaceChildren();
   scene.modes.forEach((mode, k) => {
     const radio = make("input", { type: "radio", name: "mode", value: mode, onchange: () => act({ mode }), aria: { keyshortcuts: String(k + 1) } });
     const label = { hand: "hand", scene: "drive of the scene", wave: "wave" }[mode];
@@ -82,15 +83,20 @@ function build() {
   at("keep").append(make("button", { textContent: "Copy link", onclick: () => send({ link: true }) }));
   at("keep").hidden = at("seeking").hidden = !scene.simulated;
   for (const id of ["step", "undo", "reset"]) at(id).hidden = !scene.simulated;
+  at("lessons").hidden = !scene.lessons;
+  at("lessons").replaceChildren(...[...at("lessons").children].slice(0, 2), ...Object.entries(scene.lessons || {}).map(([lesson, title]) => make("button", { textContent: title, onclick: () => act({ lesson }) })));
+  at("lesson").hidden = !scene.lesson;
+  if (scene.lesson) at("lesson").append(make("h2", { textContent: scene.lesson.title, tabIndex: -1 }), make("p", { textContent: scene.lesson.text }), make("ol", {}, ...scene.lesson.steps.map(step => make("li", { textContent: step }))));
+  if (scene.lesson && hand) at("lesson").firstElementChild.focus();
   const words = { stick: "held", forward: scene.planar ? "slides" : "forward", back: "back", both: "both" };
   for (const [name, text] of Object.entries(words)) {
     if (scene.planar && (name === "back" || name === "both")) continue;
     const swatch = make("i", { className: "swatch" });
     swatch.style.background = colors[name];
-    at("legend").append(swatch, text);
+    at("legend").append(make("span", { className: "key" }, swatch, text), " ");
   }
   for (const [name, unit] of Object.entries(NUMBERS)) {
-    if (name === "yaw" && !scene.joints.length) continue;
+    if (name === "yaw" ? !scene.joints.length || !scene.simulated : ["work", "dissipation"].includes(name) && !scene.simulated) continue; // no sensor measures them
     const value = make("dd");
     inputs["number " + name] = [value];
     at("numbers").append(make("div", {}, make("dt", { textContent: `${{ net: "net translation" }[name] || name} [${unit}]` }), value));
@@ -111,7 +117,9 @@ function slider(control) {
   number.oninput = () => { touched[name] = Infinity; };
   number.onchange = () => { if (Number.isFinite(number.valueAsNumber)) change(name, number.valueAsNumber); else touched[name] = 0; };
   inputs[name] = [range, number];
-  return make("div", { className: "control" }, make("span", { textContent: name.replace("/", "/\u200b") }), range, number, make("span", { className: "unit", textContent: unit }));
+  const row = make("div", { className: "control" }, make("span", { textContent: name.replace("/", "/\u200b") }), range, number, make("span", { className: "unit", textContent: unit }));
+  watch.observe(row);
+  return row;
 }
 function change(name, value) {
   touched[name] = performance.now();
@@ -184,6 +192,13 @@ function dot(pen, x, y, radius, color) {
   pen.strokeStyle = ink("ink");
   pen.stroke();
 }
+function note(pen, text, x, y) { // legible on a link and on a band
+  pen.strokeStyle = ink("paper");
+  pen.lineWidth = 3;
+  pen.strokeText(text, x, y);
+  pen.fillStyle = ink("ink");
+  pen.fillText(text, x, y);
+}
 const shade = state => state === 2 ? colors.both : state > 0 ? colors.forward : state < 0 ? colors.back : colors.stick;
 function spacing(span, most) {
   const rough = span / most, power = 10 ** Math.floor(Math.log10(rough));
@@ -223,9 +238,8 @@ function drawBody() {
   const size = Math.max(2, Math.min(8, 0.3 * far / shown.length));
   shown.forEach(([x, y], i) => dot(pen, x, y, size, shade(frame.state[i])));
   if (shown.length <= 20) {
-    pen.fillStyle = ink("dim");
     pen.textAlign = "center";
-    shown.forEach(([x, y], i) => pen.fillText(scene.contacts[i], x, y - size - 5));
+    shown.forEach(([x, y], i) => note(pen, scene.contacts[i], x, y - size - 5));
   }
   pen.restore();
   extent.eye = eye;
@@ -269,14 +283,16 @@ function drawHistory() {
     pen.fillStyle = shades[mark];
     pen.fillRect(first * each, height - (i + 1) * high, (k + 1 - first) * each + 0.3, Math.max(high - (high > 3 ? 1 : 0), 0.5));
   }
+  if (count <= 20) scene.contacts.forEach((name, i) => note(pen, name, 5, height - (i + 0.5) * high + 4));
   const [plot, wide, tall] = canvas("net"), values = past.map(p => p[1]);
   if (!values.length) return;
-  const low = Math.min(...values), span = Math.max(Math.max(...values) - low, 1e-12);
-  line(plot, values.map((v, k) => [k * wide / MOST, tall - 8 - (v - low) / span * (tall - 16)]), ink("curve"), 2);
+  for (const id of ["slid", "moved"]) text(id, `in the last ${short(+(past.at(-1)[0] - past[0][0]).toFixed(2))} s`);
+  const low = Math.min(...values), most = Math.max(...values), span = most - low;
+  line(plot, values.map((v, k) => [k * wide / MOST, tall - 8 - (span > 1e-12 ? (v - low) / span : 0.5) * (tall - 16)]), ink("curve"), 2);
   plot.fillStyle = ink("dim");
   plot.textAlign = "right";
-  plot.fillText(short(low + span), wide - 4, 14);
-  plot.fillText(short(low), wide - 4, tall - 4);
+  plot.fillText(short(most), wide - 4, span > 1e-12 ? 14 : tall / 2 - 6);
+  if (span > 1e-12) plot.fillText(short(low), wide - 4, tall - 4);
 }
 function fit(name, values) { // axes that only grow, so that they stay calm
   const old = extent[name] || [0, 0], low = Math.min(old[0], ...values), high = Math.max(old[1], ...values);
@@ -331,18 +347,17 @@ function drawDomain() {
   pen.fillText(`${told.join(", ")} N`, 8, 16);
 }
 function show(name, value, element, disabled) {
-  if (performance.now() - (touched[name] ?? -1e9) > 400 && document.activeElement !== element || touched[name] === 0) element.value = element.type === "number" ? short(value) : value;
-  element.disabled = disabled;
+  const told = element.type === "number" ? short(value) : String(value);
+  const free = performance.now() - (touched[name] ?? -1e9) > 400 && document.activeElement !== element || touched[name] === 0;
+  if (free && element.value !== told) element.value = told; // to write a value costs layout, even the same one
+  if (element.disabled !== disabled) element.disabled = disabled;
 }
 function text(id, value) { if (at(id).textContent !== value) at(id).textContent = value; }
-function draw() {
-  wanted = false;
-  if (!frame || !scene) return;
-  drawBody();
-  if (scene.contacts.length < 40 || !((window.drawn || 0) % 5) || !frame.playing) drawHistory(); // the slowest picture
-  drawTension();
-  drawDomain();
+function tell() {
+  drawHistory();
   scene.controls.forEach((control, k) => {
+    const [, number] = inputs[control.name];
+    if (number.value && !number.parentElement.seen) return;
     const led = frame.mode === "scene" ? control.driven : frame.mode === "wave" && control.waved;
     for (const element of inputs[control.name]) show(control.name, frame.values[k], element, !hand || led);
   });
@@ -364,6 +379,14 @@ function draw() {
   text("link", (hand ? "you have the hand" : "another page has the hand") + (frame.pages > 1 ? `; ${frame.pages} pages are open` : ""));
   at("take").hidden = hand;
   if (frame.console) at("console").replaceChildren(...frame.console.map(told => make("li", { textContent: told })));
+}
+function draw() {
+  wanted = false;
+  if (!frame || !scene) return;
+  drawBody();
+  drawTension();
+  drawDomain();
+  if (!frame.playing || !((window.drawn || 0) % 3)) tell(); // the history and the numbers cost most, and ten times a second is enough to read them
   window.drawn = (window.drawn || 0) + 1;
   send({ seen: frame.frame });
 }

@@ -152,6 +152,25 @@ def test_a_slack_tendon_and_a_stalled_link_are_drawn_as_such(films, name, state,
     assert (late.yields[50:] == state).mean() == pytest.approx(share, abs=0.03)
 
 
+@pytest.mark.parametrize(("name", "count"), [("tripedal_star", 3), ("planar_three_points", 0)])
+def test_a_page_draws_the_frames_of_friction_of_bodies_that_turn(name, count, tmp_path):
+    """A hub without friction has no frame; each foot has a stroke forward and one half as long to each side."""
+    film = film_of(name, 1.0)
+    write_html(film, tmp_path / "x.html", 25.0, lambda part: None)
+    page, data = read_page(tmp_path / "x.html")
+    if count == 0:
+        assert data["strokes"] is None
+        return
+    ends = unpack(data["strokes"]["ends"]).reshape(film.time.size, 2, count, 2, 2)
+    forward, across = np.linalg.norm(ends[..., 1, :] - ends[..., 0, :], axis=-1).transpose(1, 0, 2)
+    assert forward == pytest.approx(forward[0, 0], rel=1e-4)
+    assert across == pytest.approx(forward, rel=1e-4)
+    feet = film.place[:, film.scene.body.share > 0.0]
+    assert ends[:, 0, :, 0] == pytest.approx(feet, abs=1e-6)
+    assert ends[:, 1].mean(axis=2) == pytest.approx(feet, abs=1e-6)
+    assert page.count("film.strokes.words") == 1
+
+
 def test_a_page_of_many_contacts_names_how_many_it_draws(tmp_path):
     scene = CASES["wave_1000"]().scene
     film = film_of_run(scene, simulate(scene, 0.2, 25.0))

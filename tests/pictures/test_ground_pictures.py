@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 pytest.importorskip("rerun")
 pytest.importorskip("matplotlib")
+from matplotlib import pyplot as plt
 from PIL import Image
 
 from crawler_model import Crawler, Scene, load_scene, simulate
@@ -154,6 +157,24 @@ def test_a_recording_is_drawn_with_the_jumps_of_each_run(tmp_path):
     assert rows["/jumps"] == 4
     assert rows["/world/ground"] == rows["/world/ground/text"] == rows["/world/track"]
     assert rows["/world/jumps/text"] >= 4
+
+
+def test_texts_in_the_figure_of_the_documents_are_not_over_curves():
+    spec = importlib.util.spec_from_file_location("loads", Path(__file__).parent.parent.parent / "docs" / "loads.py")
+    loads = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loads)
+    for name in loads.CROSSED:
+        figure, axis = plt.subplots(figsize=(4.3, 4.2), layout="constrained")
+        loads.draw_crossing(axis, name)
+        figure.canvas.draw()
+        assert axis.texts
+        for text in axis.texts:
+            box = text.get_window_extent()
+            for line in (line for line in axis.lines if line.get_label().startswith("contact")):
+                points = axis.transData.transform(line.get_xydata())
+                dense = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(points)])
+                assert not ((dense > box.min).all(axis=1) & (dense < box.max).all(axis=1)).any(), (name, text)
+        plt.close(figure)
 
 
 def test_a_scene_without_ground_is_drawn_as_before(tmp_path):

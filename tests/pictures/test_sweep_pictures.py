@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
+from matplotlib.figure import Figure
 from PIL import Image
 
 from crawler_model import CrawlerError, load_scene, simulate_many, vary
-from crawler_pictures.sweep import draw_sweep, find_gaps, shown_column
+from crawler_pictures.sweep import draw_sweep, find_gaps, find_jumps, shown_column
 
 UNITS = {"drive.wave.wavelength": "m", "drive.wave.amplitude": "m"}
 
@@ -47,3 +50,27 @@ def test_a_column_without_values_is_refused():
     runs = simulate_many(vary(load_scene("two_anchor_a"), {"drive.length": [1.0, 2.0]}), duration=0.5, workers=1)
     with pytest.raises(CrawlerError, match="--plot: no variation has a value of per_period"):
         shown_column(runs, "per_period")
+
+
+def test_jumps_are_steps_that_neither_neighbour_continues():
+    assert find_jumps(np.array([0.0, 0.0, 1.0, 1.0])).tolist() == [False, True, False]
+    assert find_jumps(np.array([0.0, 0.5, 1.0, 0.5, 0.0])).tolist() == [False] * 4  # a kink is no jump
+    assert find_jumps(np.array([0.0, 0.3, 1.3, 2.3, 2.3])).tolist() == [False] * 4  # nor is the foot of a slope
+    assert find_jumps(np.array([1.0, 1.1, 0.2, 1.2, 0.1, 0.2])).tolist() == [False, True, True, True, False]
+    assert find_jumps(np.array([0.0, 0.0, np.nan, 1.0])).tolist() == [False] * 3
+    assert find_jumps(np.array([2.0])).tolist() == []
+
+
+@pytest.mark.parametrize("count", [26, 25])  # with a sample where both are equal, and without
+def test_a_line_is_not_joined_across_a_jump(count, monkeypatch):
+    """Two contacts go where friction is less: the gain changes sign where both are equal."""
+    variations = vary(load_scene("two_contacts_anisotropic"), {"friction.backward": np.linspace(0.1, 0.35, count)})
+    runs = simulate_many(variations, duration=2.0, workers=1)
+    kept: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    draw_sweep(variations, {"friction.backward": "N"}, [], runs, Path("not_written.png"))
+    _, line, *_ = kept[0].axes[0].get_lines()
+    y = line.get_ydata()
+    assert np.nanmin(y) < -0.05
+    assert np.nanmax(y) > 0.05
+    assert (np.ma.masked_invalid(np.abs(np.diff(y))) < 0.05).all()

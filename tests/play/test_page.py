@@ -10,6 +10,8 @@ import pytest
 pytest.importorskip("aiohttp")
 
 from crawler_model import Crawler, Scene, load_scene, simulate
+from crawler_play.lessons import read_lessons
+from crawler_play.session import Session
 from crawler_play.simulated import Simulated
 
 from .pages import browsing, open_page, served, wait_until
@@ -148,6 +150,23 @@ def test_a_keyboard_is_enough(play):
             " && !e.ariaLabel && !(e.labels && [...e.labels].some(l => l.textContent.trim()))).map(e => e.outerHTML)"
         )
         assert unnamed == []
+
+
+def test_a_lesson_opens_in_the_running_page_and_its_steps_are_there(play):
+    lesson = read_lessons()["stalled_motor"]
+    with served(Simulated(load_scene("two_contacts_anisotropic"))) as server:
+        page = play(server)
+        page.get_by_text("Lessons").press("Enter")
+        page.get_by_role("button", name=lesson.title).press("Enter")
+        page.get_by_role("heading", name=lesson.title).wait_for()
+        assert page.evaluate("document.activeElement.textContent") == lesson.title  # from there Tab goes on
+        assert page.locator("#lesson li").all_inner_texts() == list(lesson.steps)
+        session = Session(load_scene(lesson.scene))
+        session.restore(lesson.state)
+        wait_until(lambda: page.evaluate("frame && frame.x") == session.crawler.displacement.tolist(), "its instant")
+        page.get_by_label("link_0 in m").fill("1")
+        page.get_by_label("link_0 in m").press("Enter")
+        page.locator("#words", has_text="link_0 is stalled").wait_for()
 
 
 def test_reloading_keeps_the_hand_and_the_past(play):

@@ -78,7 +78,7 @@ def test_it_listens_on_loopback_alone():
 
         own = {address for _, address, port in addresses(os.getpid()) if port == server.port}
         assert own == {"127.0.0.1"}
-        with pytest.raises(CrawlerError, match=f"--port: {server.port} on 127.0.0.1 cannot be opened"):
+        with pytest.raises(CrawlerError, match=f"--port: {server.port} on 127.0.0.1: address already in use; leave"):
             await Server(server.robot).start(server.port)
 
     serve(work)
@@ -110,6 +110,35 @@ def test_many_pages_see_one_robot_and_one_has_the_hand():
     serve(work)
 
 
+def test_a_lesson_opens_in_all_pages_even_in_one_that_had_not_answered():
+    async def work(server: Server, client: Any) -> None:
+        async with (
+            client.ws_connect(url(server, name="a")) as page,
+            client.ws_connect(url(server, name="slow")) as slow,
+        ):
+            await page.send_json({"play": True})
+            while server.robot.session.now < 10 or next(c for c in server.clients if c.name == "slow").sent < 2:
+                await next_frame(page)
+            await slow.send_json({"lesson": "slack_tendon"})
+            assert "another page has the hand" in await complaint_unanswered(slow)
+            await page.send_json({"lesson": "slack_tendon"})
+            for one in (page, slow):
+                while "scene" not in (message := await one.receive_json()) or message["scene"]["name"] != "tendon_worm":
+                    pass
+                assert message["scene"]["lesson"]["title"] == "A tendon that goes slack"
+                frame = await next_frame(one)
+                assert frame["fresh"]
+                assert len(frame["x"]) == len(message["scene"]["contacts"])
+                assert frame["words"].endswith("link_0 is slack")
+
+    async def complaint_unanswered(page: Any) -> str:
+        while "error" not in (message := await page.receive_json()) or "frame" in message:
+            pass
+        return message["error"]
+
+    serve(work)
+
+
 def test_closing_a_page_and_a_gap_lose_nothing():
     async def work(server: Server, client: Any) -> None:
         async with client.ws_connect(url(server, name="a")) as page:
@@ -129,9 +158,9 @@ def test_closing_a_page_and_a_gap_lose_nothing():
             assert not later["fresh"]
             async with client.ws_connect(url(server, name="a")) as again:  # the old connection only seems to live
                 assert (await next_frame(again))["hand"]
-                while (await page.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                while (message := await page.receive()).type is not aiohttp.WSMsgType.CLOSE:
                     pass
-                assert page.close_code == 4001
+                assert message.data == 4001
 
     serve(work)
 
@@ -165,6 +194,7 @@ def test_a_page_that_does_not_answer_receives_no_more_frames_and_holds_nobody_up
         ('{"speed": 0}', "speed: 0; it must be above 0 and at most 100"),
         ('{"set": {"link_9": 1}}', "link_9: no such control"),
         ('{"restore": "x"}', "link: it is damaged"),
+        ('{"lesson": "x"}', "lesson: 'x'; the lessons are why_it_does_not_move, stasis_polygon"),
     ],
 )
 def test_a_bad_message_is_answered_and_changes_nothing(text, expected):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import crawler_play
 from crawler_model import CommandError, Crawler, Scene, load_scene, simulate
 from crawler_play.keep import KEPT, write_scene
+from crawler_play.lessons import read_lessons
 from crawler_play.session import MOST_TICKS, Session
 from crawler_ros.replay import simulate_again
 
@@ -200,21 +201,19 @@ def test_a_crawler_that_cannot_go_on_pauses_and_tells_why():
     assert session.settings.slope == pytest.approx(5.0)
 
 
-LESSONS = sorted((Path(__file__).parents[2] / "docs" / "lessons").glob("*.md"))
+@pytest.mark.parametrize("lesson", read_lessons().values(), ids=read_lessons())
+def test_lessons_open_at_their_instant(lesson):
+    session = Session(load_scene(lesson.scene))
+    session.restore(lesson.state)
+    assert session.now > 0
+    assert len(lesson.steps) >= 4
+    assert all(text.endswith((".", ":")) and not set(text) & set("`[]") for text in (lesson.text, *lesson.steps))
 
 
-@pytest.mark.parametrize("page", LESSONS, ids=lambda page: page.stem)
-def test_lessons_open_at_their_instant(page):
-    found = re.findall(r"^crawler play (\S+) --state (\S+)$", page.read_text(encoding="utf-8"), re.M)
-    assert found
-    for scene, state in found:
-        session = Session(load_scene(scene))
-        session.restore(state)
-        assert session.now > 0
-
-
-def test_there_are_six_lessons():
-    assert len(LESSONS) == 6
+def test_there_are_six_lessons_and_none_is_forgotten():
+    pages = (Path(crawler_play.__file__).parent / "lessons").iterdir()
+    assert {name.partition(":")[0] for name in read_lessons()} == {page.stem for page in pages}
+    assert len({lesson.text for lesson in read_lessons().values()}) == 6
 
 
 def test_a_session_ends_where_its_memory_ends(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,20 @@ def drawn(tmp_path_factory):
 @pytest.mark.parametrize("name", ["b6", "compare"])
 def test_the_picture_is_the_one_that_was_looked_at(drawn, name):
     assert distance(drawn[name], GOLDEN / f"replay_{name}.png") < TOLERANCE
+
+
+DOCS = Path(__file__).parent.parent.parent / "docs"
+
+
+@pytest.mark.parametrize("page", ["start", "replay"])
+def test_documents_show_the_page_as_it_is(drawn, page, tmp_path):
+    shown = drawn["b6"]
+    if page == "start":
+        (text,) = re.findall(r"```yaml\n(# my_crawler.yaml.*?)```", (DOCS / "start.md").read_text("utf-8"), re.DOTALL)
+        (tmp_path / "my_crawler.yaml").write_text(text, encoding="utf-8")
+        bag = record(tmp_path / "bag", load_scene(str(tmp_path / "my_crawler.yaml")), 3)
+        shown = draw_page(bag, tmp_path / "walk.png")
+    assert distance(shown, DOCS / "pictures" / f"{page}.png") < TOLERANCE
 
 
 def test_another_run_is_told_from_it(drawn):

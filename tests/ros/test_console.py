@@ -122,6 +122,10 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
         with browsing() as browser:
             page = open_page(browser, address)
             wait_until(lambda: page.evaluate("frame.words.startsWith('all contacts hold')"), what="states")
+            shown = [
+                text for text in ("Copy link", "Instant", "work", "Lessons") if page.get_by_text(text).is_visible()
+            ]
+            assert shown == []  # a robot has no other instant, and no sensor measures its work
             page.get_by_label("link_0 in m").fill("0.14")
             page.get_by_label("link_0 in m").press("Enter")
             wait_until(
@@ -152,3 +156,20 @@ def test_it_holds_when_the_page_falls_silent(tmp_path):
                     assert not later["playing"]
 
         asyncio.run(asyncio.wait_for(silent(), 300))
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--ros", "--namespace", "le ft"), "--namespace: le ft: Invalid namespace"),
+        (("--namespace", "/left"), "--namespace: /left; only a robot has one, add --ros"),
+        (("--ros", "--state", "x"), "--state: only a simulated crawler can be put into a state"),
+    ],
+)
+def test_a_mistake_is_answered_in_one_line(tmp_path, options, expected):
+    code = "from crawler_command.app import main; main()"
+    with graph(tmp_path) as ros:
+        process = ros.run([sys.executable, "-c", code, "play", SCENE, *options])
+        assert process.wait() == 1
+        (line,) = process.said.splitlines()
+        assert line.startswith(f"crawler: {expected}")

@@ -90,7 +90,7 @@ def test_a_body_that_turns_reaches_a_motion(scene, capsys):
         (["screw"], "target: None; the objective 'screw' needs dx, dy, dyaw per period"),
         (["screw", "--target", "1,2"], "--target 1,2: write DX,DY,DYAW"),
         (["turn", "--target", "0,0,1"], "the objective 'screw' needs dx, dy, dyaw per period, others none"),
-        (["turn", "--png", "best.png"], "--png: scissors has `springs: length`"),
+        (["turn", "--png", "best.png"], "--png: scissors is in the plane"),
         (["translation", "--pareto"], "pareto: scissors has `springs: length`"),
         (["travel"], "must be one of translation, cost-of-transport, turn, screw"),
         (["turn", "--fastest", "1"], "rate: not available for scissors, which turns"),

@@ -62,8 +62,11 @@ def see(replica: Replica, rows: np.ndarray) -> Seen | None:
         rows: the rows to use, bool, shape (T,).
 
     Returns:
-        What is seen; None if the measurements do not determine the position of every contact.
+        What is seen; None if the measurements do not determine the position of every contact, or the balance of forces
+        is not that of a line on ground that is the same everywhere.
     """
+    if replica.derivative_error:
+        return None
     matrix, added = replica.observation
     rows = rows & np.isfinite(replica.measured.values).all(axis=1)
     if np.linalg.matrix_rank(matrix) < matrix.shape[1] or rows.sum() < 3:

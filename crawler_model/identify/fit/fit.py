@@ -149,7 +149,7 @@ def compute_step(
     step = np.zeros(unknowns.size)
     if free.size:
         values, vectors = np.linalg.eigh(normal[np.ix_(free, free)] / np.outer(size[free], size[free]))
-        seen = values > _NULL * values[-1]
+        seen = values > max(_NULL, now.derivative_error**2) * values[-1]
         share = np.where(seen, 1.0 / np.where(seen, values + damping * values[-1], 1.0), 0.0)
         step[free] = -(vectors @ (share * (vectors.T @ (gradient[free] / size[free])))) / size[free]
     return step

@@ -40,6 +40,7 @@ class Residuals:
         linear: offsets, then drifts that fit best, per recording, shape (Q,) [m].
         d_linear: their derivatives with respect to the parameters and the sensor's numbers, shape (Q, P + names).
         one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
+        derivative_error: part by which derivatives may be wrong, below which a combination of them counts as zero [1].
     """
 
     all: tuple[np.ndarray, ...]
@@ -49,6 +50,7 @@ class Residuals:
     linear: tuple[np.ndarray, ...]
     d_linear: tuple[np.ndarray, ...]
     one_sided: np.ndarray
+    derivative_error: float
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Problem:
             replicas: the recordings.
             rows: which of their rows are fitted, bool, each of shape (T,).
             space: the parameters.
-            offset: "none"; "frame" for one constant per recording, added to all contacts; "each" for one per channel.
+            offset: "none", "frame" (one constant per recording and axis) or "each" (one per channel).
             sensor: priors of what the sensors do.
         """
         self.replicas, self.rows, self.space = tuple(replicas), tuple(rows), space
@@ -228,8 +230,7 @@ class Problem:
         return self._last[1]
 
     def _compute(self, unknowns: np.ndarray) -> Residuals | None:
-        count = self.space.origin.size
-        one_sided = np.zeros(count, np.bool_)
+        one_sided = np.zeros(self.space.origin.size, np.bool_)
         found, resting, linears, parts = [], [], [], []
         for i in range(len(self.replicas)):
             observed = self._observe(unknowns, i)
@@ -244,7 +245,8 @@ class Problem:
             one_sided |= sided
         fitted, jacobian = self._join(unknowns, parts)
         linear, d_linear = tuple(one[:, 0] for one in linears), tuple(one[:, 1:] for one in linears)
-        return Residuals(tuple(found), tuple(resting), fitted, jacobian.T, linear, d_linear, one_sided)
+        error = max(replica.derivative_error for replica in self.replicas)
+        return Residuals(tuple(found), tuple(resting), fitted, jacobian.T, linear, d_linear, one_sided, error)
 
     def _join(self, unknowns: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Join the residuals of all recordings and priors, shape (R,), and their derivatives, shape (U, R)."""
@@ -382,14 +384,14 @@ def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:
 
 def _count_offsets(replica: Replica, offset: Offset) -> int:
     ground = replica.measured.on_ground
-    return ground.size if offset == "each" else int(offset == "frame" and ground.any())
+    return ground.size if offset == "each" else replica.measured.axes.shape[1] * (offset == "frame")
 
 
 def _build_design(replica: Replica, offset: Offset, sensor: Sensor) -> np.ndarray:
     """Build the derivatives of the channels with respect to offsets and drifts of a recording, shape (T, M, Q)."""
     measured = replica.measured
     ground = measured.on_ground
-    offsets = np.eye(ground.size) if offset == "each" else ground[:, None].astype(float)
+    offsets = np.eye(ground.size) if offset == "each" else measured.axes
     offsets = offsets[:, : _count_offsets(replica, offset)]
     parts = [np.broadcast_to(offsets, (measured.time.size, *offsets.shape))]
     if sensor.drift.deviation > 0.0:

@@ -188,6 +188,12 @@ def predict(
     if not isinstance(posterior, Posterior):
         posterior = read_posterior(posterior, scene)
     played = _with_drive(posterior.apply(scene), drive)
+    if not played.has_exact_derivatives:
+        where = "is in the plane" if played.dimension == 2 else "has ground.patches"
+        raise SceneError(
+            f"predict: {played.name} {where}, where paths have no exact derivatives for bands; simulate the scene of "
+            "identify --out under the other drive"
+        )
     check_differentiable(played, "predict")
     period = played.drive.period
     if periods is not None and period is None:

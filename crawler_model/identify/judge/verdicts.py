@@ -132,13 +132,14 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     largest = max(float(size.max(initial=0.0)), _ZERO * spread / problem.floor)
     found.unseen = {p for p in range(count) if size[p] <= max(_ZERO * largest, _NULL * own[p])} - found.held
     triangle: Any = np.linalg.qr(jacobian, mode="r")  # with the same singular values
+    nothing = max(_NULL, fit.residuals.derivative_error)
     while True:
         free = found.free(count)
         if not free:
             return found
         part = triangle[:, free] / size[free]
         _, values, right = np.linalg.svd(part, full_matrices=False)
-        null = right[values <= _NULL * values[0]]
+        null = right[values <= nothing * values[0]]
         if null.shape[0]:
             shares = null.T @ null
             first = next(i for i in range(len(free)) if shares[i, i] > _MEMBER)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ...body.drive import Drive
-from ...body.names import name_joints
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ..measurements import Measurements
@@ -35,11 +34,11 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
     place = {name: c for c, name in enumerate(measured.command_names)}
     document = scene.document()
     parts = len(document["body"].get("segments", ()))
-    links = name_joints(scene.body)
-    if scene.columns.lengths != scene.columns.links + parts:
+    links = scene.columns.names[: scene.columns.lengths]
+    if scene.dimension == 1 and scene.columns.lengths != scene.columns.links + parts:
         raise SceneError(f"identify: {scene.name}: the strain of a segment varies along it; commands must be constant")
-    row = [float(measured.commands[0, place[name]]) for name in links]
-    document["drive"] = {"times": [0.0, 1.0], "actuation": [row, row]}
+    row = _as_actuation(scene, measured.commands[:1, [place[name] for name in links]])
+    document["drive"] = {"times": [0.0, 1.0], "actuation": row * 2}
     return Scene.model_validate(document)
 
 
@@ -62,7 +61,7 @@ def playback(scene: Scene, measured: Measurements) -> Scene:
     kept = _corners(measured.command_time, rows)
     rows = rows[kept]
     drive: dict[str, Any] = {"times": measured.command_time[kept].tolist()}
-    drive["actuation"] = rows[:, : columns.lengths].tolist()
+    drive["actuation"] = _as_actuation(scene, rows[:, : columns.lengths])
     commanded = {name.rpartition("/")[2] for name in measured.command_names}
     if commanded & {"forward", "backward"}:
         forward, backward = np.split(rows[:, columns.lengths : columns.lengths + columns.frictions], 2, axis=1)
@@ -70,6 +69,12 @@ def playback(scene: Scene, measured: Measurements) -> Scene:
     if "load" in commanded:
         drive["loads"] = rows[:, columns.count - columns.loads :].tolist()
     return Scene.model_validate(base.document() | {"drive": drive})
+
+
+def _as_actuation(scene: Scene, rows: np.ndarray) -> list[Any]:
+    """Convert commanded lengths to rows of a drive, in which links without a length have pairs of components."""
+    pairs = scene.dimension == 2 and scene.body.turning is None
+    return rows.reshape(rows.shape[0], -1, 2).tolist() if pairs else rows.tolist()
 
 
 def _corners(time: np.ndarray, rows: np.ndarray) -> np.ndarray:

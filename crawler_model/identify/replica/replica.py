@@ -67,7 +67,13 @@ class Slack:
 
 
 class Replica:
-    """A recording, and the model that repeats it."""
+    """A recording, and the model that repeats it.
+
+    Attributes:
+        derivative_error: part by which derivatives may be wrong [1]; 0 for exact ones.
+    """
+
+    derivative_error = 0.0
 
     def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str = "identify") -> None:
         """Prepare the model.
@@ -82,17 +88,7 @@ class Replica:
             SceneError: if a key is unknown or has no effect.
             MeasurementError: if the derivatives of the recording take too much memory.
         """
-        self.measured = measured
-        self._keys = tuple(keys)
-        self._base = replay_scene(scene, measured)
-        for key in keys:
-            if self._is_recorded and key.startswith("drive."):
-                raise SceneError(f"{caller}: {key}: no effect, as the commands of {measured.name} replace the drive")
-        try:
-            vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
-        except SceneError as error:
-            raise SceneError(str(error).replace("vary: ", f"{caller}: ").replace("; vary ", "; fit ")) from None
-        self.observation = observation(self._base.body, measured.channels)
+        self._prepare(scene, measured, keys, caller)
         numbers = (measured.time.size + measured.command_time.size) * self._base.body.contacts * len(keys)
         if numbers > _MOST_NUMBERS:
             raise MeasurementError(
@@ -105,6 +101,20 @@ class Replica:
             self._affine = agrees and self._is_recorded
         except SceneError:
             self._affine = False
+
+    def _prepare(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str) -> None:
+        """Check the keys against the scene that plays the recording."""
+        self.measured = measured
+        self._keys = tuple(keys)
+        self._base = replay_scene(scene, measured)
+        for key in keys:
+            if self._is_recorded and key.startswith("drive."):
+                raise SceneError(f"{caller}: {key}: no effect, as the commands of {measured.name} replace the drive")
+        try:
+            vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
+        except SceneError as error:
+            raise SceneError(str(error).replace("vary: ", f"{caller}: ").replace("; vary ", "; fit ")) from None
+        self.observation = observation(self._base.body, measured.channels)
 
     def select(self, rows: slice) -> Replica:
         """Build the replica of some rows.

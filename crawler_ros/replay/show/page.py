@@ -19,18 +19,19 @@ if TYPE_CHECKING:
     from .samples import Samples
 
 
-def draw_replay(replay: Replay, samples: Samples, png: Path) -> None:
+def draw_replay(replay: Replay, samples: Samples, png: Path, two_columns: bool = False) -> None:
     """Draw the page.
 
     Args:
         replay: the analysed recording.
         samples: samples of the run.
         png: the file to write.
+        two_columns: whether the panels over time stand in two columns.
 
     Raises:
         CrawlerError: when there is no state to draw.
     """
-    draw_run(read_replay(replay, samples), png)
+    draw_run(read_replay(replay, samples), png, two_columns)
 
 
 def read_replay(replay: Replay, samples: Samples) -> RunArrays:

@@ -318,8 +318,6 @@ def test_a_mistake_is_one_line(given, message):
 @pytest.mark.parametrize(
     ("name", "given", "message"),
     [
-        ("planar_rectilinear", {"stroke": (0, 1)}, "is in the plane; gaits are sought for bodies on a line"),
-        ("ice", {"stroke": (0, 1)}, "ground.patches, on which no two periods are the same"),
         ("ten_contact_wave", {"free": {"drive.wave.samples": (4, 8)}}, "it is a whole number"),
         ("ten_contact_wave", {"free": {"drive.wave.period": (1, 2)}}, "does not depend on how fast the drive is"),
         (

@@ -1,0 +1,173 @@
+"""Optimal gaits in words: what `crawler optimise` prints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from crawler_model import Front, Optimum, Scene
+
+_SHOWN_ROWS = 12
+_NOTHING_BETTER = "; the search ended because several rounds in a row found nothing better"
+_STOPPED_EARLY = "; stopped before the end, the result depends on the machine"
+_HASTY = 4
+"""Reversals of a link in a period: a stroke and its return are two."""
+
+
+def describe_optimum(found: Optimum) -> list[str]:
+    """Describe an optimum in a few lines.
+
+    Args:
+        found: the optimum.
+
+    Returns:
+        The lines.
+    """
+    words = {
+        "translation": "gain per period",
+        "cost-of-transport": "cost of transport",
+        "travel": "gain / travel",
+        "turn": "turn per period",
+        "screw": "distance from the target",
+    }
+    unit = "" if found.unit == "1" else f" {found.unit}"
+    worst = ", the worst over the box" if found.weaknesses else ""
+    if found.robustness is not None:
+        kind = "the mean" if found.robustness.over == "expected" else "the worst"
+        worst = f", {kind} of {found.robustness.drawn} bodies drawn from the posterior"
+    lines = [f"{found.scene.name}: {words[found.objective]} {found.value:.6g}{unit}{worst}"]
+    if found.motion is not None and len(found.motion) == 3:
+        dx, dy, dyaw = found.motion
+        lines.append(f"motion per period {dx:.6g} m forward, {dy:.6g} m to the left, {dyaw:.6g} rad")
+    elif found.motion is not None:
+        lines.append(f"motion per period {found.motion[0]:.6g} m along x, {found.motion[1]:.6g} m along y")
+    elif found.gain <= 0.0:
+        lines.append("no gait within these bounds was found that moves forward")
+    lines += [_describe_numbers(found), describe_pace(found)]
+    shown = list(zip(found.names, found.values, strict=True))
+    lines += [f"  {name} = {value:.6g}" for name, value in shown[:_SHOWN_ROWS]]
+    if len(shown) > _SHOWN_ROWS:
+        lines.append(f"  ... and {len(shown) - _SHOWN_ROWS} more unknowns")
+    slope = "one-sided derivatives" if not found.differentiable else "differentiable"
+    slope = f"{slope}, projected gradient {found.gradient_norm:.1e}"
+    if not found.scene.has_exact_derivatives:
+        slope = "without derivatives"
+    lines.append(
+        f"{slope}; {len(found.active_bounds)} active bounds; "
+        f"{'unique' if found.unique else 'not unique'} as far as the search has seen"
+    )
+    if found.flat:
+        more = " ..." if len(found.flat) > 4 else ""
+        lines.append(f"{len(found.flat)} unknowns change nothing near it: {', '.join(found.flat[:4])}{more}")
+    if found.alternatives:
+        lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
+    for weakness in found.weaknesses:
+        lines.append(f"robust: {describe_weakness(weakness.key, weakness.below, weakness.above)}")
+    if found.robustness is not None:
+        one = found.robustness
+        lines.append(
+            f"on {one.verified} other bodies: mean {one.mean:.6g}{unit}, worst {one.worst:.6g}{unit}; with the "
+            f"best-fit values {one.best_fit:.6g}{unit}"
+        )
+        lines += [
+            f"it depends on {name}, which the record did not excite: it keeps its value in the scene"
+            for name in one.unknown
+        ]
+    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
+    lines.append(
+        f"found after {found.found_after_s:.3g} s, {found.evaluations} evaluations in {found.wall_s:.3g} s, "
+        f"seed {found.seed}{ending}"
+    )
+    return lines
+
+
+def _describe_numbers(found: Optimum) -> str:
+    end = f"transient left {found.transient_left:.1e} m"
+    if found.periods is not None:
+        end = f"the mean of the first {found.periods} periods, as patches make them differ"
+    return (
+        f"gain {found.gain:.6g} m a period, cost of transport {found.cost_of_transport:.4g}, "
+        f"travel {found.travel:.4g} m, largest tension {found.peak_tension:.4g} N; {end}"
+    )
+
+
+def describe_pace(found: Optimum) -> str:
+    """Describe a gait by what motors feel: the gain per second, per length of stroke and per reversal.
+
+    Args:
+        found: the optimum.
+
+    Returns:
+        One line; a gait that reverses often without a limit of its rates has a remark.
+    """
+    turns = found.objective == "turn"
+    name, gain, unit = ("turn", found.value, "rad") if turns else ("gain", found.gain, "m")
+    period, reversals = _find_reversals(found.scene)
+    most = max(reversals, default=0)
+    per_stroke = f", {gain / found.travel:.4g} {unit} per m of stroke" if found.travel > 0.0 else ""
+    per_reversal = f", {gain / sum(reversals):.4g} {unit} per reversal" if most else ""
+    hint = "; --fastest limits the speed, --waypoints the number of reversals" if most > _HASTY else ""
+    return (
+        f"{name} {gain / period:.4g} {unit}/s{per_stroke}{per_reversal}; a link reverses up to {most / period:.3g} "
+        f"times a second{hint}"
+    )
+
+
+def _find_reversals(scene: Scene) -> tuple[float, list[int]]:
+    """Find the period of a gait [s], and how often each link reverses in it."""
+    drive = scene.drive
+    rows = drive.actuation.reshape(drive.times.size, -1)
+    return drive.period or float(drive.times[-1]), [count_reversals(column) for column in rows.T]
+
+
+def count_reversals(values: np.ndarray) -> int:
+    """Count how often a periodic quantity changes its direction in a period.
+
+    Args:
+        values: at its waypoints, the last one equal to the first, shape (T,).
+
+    Returns:
+        The number of reversals.
+    """
+    steps = np.diff(values)
+    signs = np.sign(steps[np.abs(steps) > 1e-9 * np.ptp(values)])
+    return int((signs != np.roll(signs, 1)).sum())
+
+
+def describe_weakness(key: str, below: float | None, above: float | None) -> str:
+    """Describe at which change of a number a gait fails.
+
+    Args:
+        key: the number.
+        below: the factor below which it does, or None.
+        above: the factor above which it does, or None.
+
+    Returns:
+        A clause.
+    """
+    edges = [f"{factor:.4g}" for factor in (below, above) if factor is not None]
+    if not edges:
+        return f"no change of {key} by a factor of up to 100 stops the gait"
+    return f"the gait no longer moves forward when {key} changes by the factor {' or '.join(edges)}"
+
+
+def describe_front(found: Front) -> list[str]:
+    """Describe the curve of gain against cost of transport.
+
+    Args:
+        found: the curve.
+
+    Returns:
+        The lines.
+    """
+    heads = "gain per period [m], cost of transport [1], gain [m/s], most reversals of a link [1/s]"
+    lines = [f"{found.points[0].scene.name}: {heads}"]
+    for point in found.points:
+        period, reversals = _find_reversals(point.scene)
+        pace = f"{point.gain / period:.6g}  {max(reversals, default=0) / period:.3g}"
+        lines.append(f"  {point.gain:.6g}  {point.cost_of_transport:.6g}  {pace}")
+    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
+    lines.append(f"{found.evaluations} evaluations in {found.wall_s:.3g} s, seed {found.seed}{ending}")
+    return lines

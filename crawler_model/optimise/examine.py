@@ -1,0 +1,205 @@
+"""Examine the best gait of a search: what it is worth, which bounds it reaches, and where it fails."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+
+import numpy as np
+
+from ..derivative.sensitivities import Kink, group_kinks
+from ..errors import CrawlerError
+from ..run.cycle import limit_cycle
+from ..scene.scene import Scene
+from .followed import find_followed_peak, find_regime_of
+from .goal import Goal, measure
+from .optimum import ActiveBound, Alternative, Optimum, Weakness
+from .polish import best_step
+from .regime import Regime, RegimeDerivatives, differentiate_regime
+from .search import Found
+from .space import Evaluator, Space
+from .unknowns import Unknowns, with_numbers
+
+_NEAR = 1e-9
+_FLAT_STEP, _FLAT = 2e-3, 1e-9
+_ALTERNATIVES = 5
+_FACTORS = np.geomspace(1.0, 100.0, 49)[1:]
+
+
+def finish(
+    unknowns: Unknowns,
+    space: Space,
+    found: Found,
+    robust: tuple[str, ...],
+    seed: int,
+    seconds: float | None,
+    began: float,
+) -> Optimum:
+    """Examine the best point of a search.
+
+    Args:
+        unknowns: of the scene itself.
+        space: the candidates.
+        found: what the search found.
+        robust: the uncertain numbers.
+        seed: of the random numbers.
+        seconds: the time limit [s], or None.
+        began: when the optimisation began [s].
+
+    Returns:
+        The optimum.
+    """
+    goal, point = space.goal, space.canonical(found.point)
+    values = space.values(point)
+    cycle = unknowns.cycle(values)
+    regime = find_regime_of(cycle, goal)
+    assert regime is not None
+    scene = Scene.model_validate(unknowns.document(values))
+    if not scene.has_exact_derivatives:
+        regime = dataclasses.replace(regime, peak=find_followed_peak(scene, goal.periods))
+    patched = scene.ground.track is not None
+    value = worst_value(space, point)
+    one_sided, kinks = _find_kinks(unknowns, values, goal)
+    others = [
+        (score, other) for score, other in found.optima if not np.allclose(space.canonical(other), point, atol=1e-3)
+    ]
+    alternatives = tuple(_alternative(unknowns, space, other) for _, other in others[:_ALTERNATIVES])
+    flat = tuple(name for name, is_flat in zip(unknowns.names, _find_flat(space, point), strict=True) if is_flat)
+    as_good = any(score >= found.score - _NEAR * abs(found.score) for score, _ in others)
+    return Optimum(
+        goal.objective,
+        value,
+        scene,
+        unknowns.names,
+        values,
+        unknowns.low,
+        unknowns.high,
+        regime.gain,
+        measure("cost-of-transport", regime),
+        regime.travel,
+        regime.peak,
+        math.nan if patched else float(limit_cycle(scene).transient_left),
+        found.found_after_s,
+        found.evaluations,
+        _gradient_norm(space, point, value),
+        not one_sided,
+        kinks,
+        _active_bounds(unknowns, space, point, regime),
+        alternatives,
+        flat,
+        not as_good and not flat,
+        tuple(_find_weakness(unknowns, key, values, goal) for key in robust),
+        space,
+        point,
+        seed,
+        seconds is None and not found.interrupted,
+        time.perf_counter() - began,
+        motion=regime.motion,
+        periods=goal.periods if patched else None,
+    )
+
+
+def worst_value(space: Space, point: np.ndarray) -> float:
+    """Compute the objective of a candidate over all scenes.
+
+    Args:
+        space: the candidates.
+        point: in the unit box, shape (P,).
+
+    Returns:
+        The value [m or 1]; NaN where it has none.
+    """
+    return space.value(space.regimes(point[None])[0])
+
+
+def _alternative(unknowns: Unknowns, space: Space, point: np.ndarray) -> Alternative:
+    point = space.canonical(point)
+    values = space.values(point)
+    return Alternative(worst_value(space, point), values, unknowns.drive_of(values))
+
+
+def _find_kinks(unknowns: Unknowns, values: np.ndarray, goal: Goal) -> tuple[bool, tuple[Kink, ...]]:
+    """Find whether the derivative at a point is one-sided, and where."""
+    if not unknowns.base.has_exact_derivatives:
+        return True, ()
+    try:
+        cycle, derivatives = unknowns.differentiate(values)
+        found: RegimeDerivatives = differentiate_regime(cycle, derivatives)
+    except CrawlerError:
+        return True, ()
+    one_sided = bool(found.one_sided.any())
+    if goal.objective == "travel":
+        one_sided |= bool(found.travel_one_sided.any())
+    ends = np.cumsum(cycle.seconds)
+    shift = cycle.seconds[0] if unknowns.table is not None else 0.0
+    times = [
+        float((ends[ramp] - (1.0 - place) * cycle.seconds[ramp] - shift) % ends[-1]) for ramp, place, _ in found.kinks
+    ]
+    return one_sided, group_kinks(cycle.plan.body, times, [contact for _, _, contact in found.kinks])
+
+
+def _gradient_norm(space: Space, point: np.ndarray, value: float) -> float:
+    slopes = space.slopes(point)
+    if not slopes:
+        return math.nan
+    evaluator, size = Evaluator(space, 1), 1e-6
+    planes = [(point, score, slope) for score, slope in slopes]
+    step = best_step(evaluator, point, planes, size) - point
+    ahead = min(score + slope @ step for _, score, slope in planes) - min(score for _, score, _ in planes)
+    per_score = 1.0 + value**2 if space.goal.objective == "cost-of-transport" else 1.0
+    return max(float(ahead) / size * per_score, 0.0)
+
+
+def _find_flat(space: Space, point: np.ndarray) -> list[bool]:
+    """Find the unknowns that change nothing near a point."""
+    moves = [(i, np.clip(point[i] + step, 0.0, 1.0)) for i in range(point.size) for step in (_FLAT_STEP, -_FLAT_STEP)]
+    moves = [(i, place) for i, place in moves if place != point[i]]
+    others = np.repeat(point[None], len(moves), axis=0)
+    for other, (i, place) in zip(others, moves, strict=True):
+        other[i] = place
+    score, *scores = space.scores([point, *others])
+    same = [abs(other - score) <= _FLAT * abs(score) for other in scores]
+    flat = {i for (i, _), is_same in zip(moves, same, strict=True) if is_same}
+    return [i in flat for i in range(point.size)]
+
+
+def _active_bounds(unknowns: Unknowns, space: Space, point: np.ndarray, regime: Regime) -> tuple[ActiveBound, ...]:
+    found = []
+    for name, place, low, high in zip(unknowns.names, point, unknowns.low, unknowns.high, strict=True):
+        if place <= _NEAR:
+            found.append(ActiveBound(name, "lower", float(low)))
+        elif place >= 1.0 - _NEAR:
+            found.append(ActiveBound(name, "upper", float(high)))
+    goal = space.goal
+    for name, reached, limit in (("rate", regime.speed, goal.rate), ("tension", regime.peak, goal.tension)):
+        if reached >= (1.0 - 1e-6) * limit:
+            found.append(ActiveBound(name, "upper", limit))
+    return tuple(found)
+
+
+def _find_weakness(unknowns: Unknowns, key: str, values: np.ndarray, goal: Goal) -> Weakness:
+    """Find the factors of a number at which a gait no longer moves forward."""
+
+    def moves(factor: float) -> bool:
+        try:
+            regime = find_regime_of(with_numbers(unknowns, {key: factor}).cycle(values), goal)
+        except CrawlerError:
+            return True
+        return regime is None or regime.gain > _NEAR * max(regime.travel, 1e-300)
+
+    def edge(factors: np.ndarray) -> float | None:
+        inside = 1.0
+        for factor in factors:
+            if not moves(float(factor)):
+                outside = float(factor)
+                while abs(outside - inside) > 1e-6 * inside:
+                    middle = math.sqrt(inside * outside)
+                    inside, outside = (middle, outside) if moves(middle) else (inside, middle)
+                return outside
+            inside = float(factor)
+        return None
+
+    if not moves(1.0):
+        return Weakness(key, 1.0, 1.0)
+    return Weakness(key, edge(1.0 / _FACTORS), edge(_FACTORS))

@@ -1,0 +1,187 @@
+"""Gaits without exact derivatives: in the plane, of bodies that turn, and on patches of ground.
+
+Candidates are followed period by period. In the plane the periodic regime is judged as on a line; on patches, where no
+two periods are the same, the mean of the first periods from the start is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..body.turning import TURNING_TOLERANCE
+from ..crawler.crawler import Crawler
+from ..errors import CommandError, SceneError
+from ..motion.plane.motion import DEFAULT_TOLERANCE
+from ..run.account import average_displacement
+from ..run.cycle import repeat_period
+from ..run.screw import largest_distance
+from ..run.simulate import simulate
+from ..scene.assembly import Assembly
+from ..scene.scene import Scene
+from .goal import SCREW, TURNING_OBJECTIVES, Goal
+from .regime import Regime, find_regime
+from .unknowns import Cycle
+
+_MOST_PERIODS = 12
+_SETTLED = 0.1
+"""Part of the tolerance of the scene within which the gains of periods have to settle."""
+_ROUNDING = 1e-13
+"""Gains below this part of the size of the body are rounding."""
+_PEAK_PERIODS, _PEAK_TICKS = 4, 200
+_MOST_COUNTED = 10_000
+
+
+def find_regime_of(cycle: Cycle, goal: Goal) -> Regime | None:
+    """Compute the periodic regime of a candidate of any kind.
+
+    Args:
+        cycle: the candidate.
+        goal: the direction, and the number of periods, of which the gain counts.
+
+    Returns:
+        The regime; None if the candidate cannot be followed.
+    """
+    return find_regime(cycle) if cycle.plan.has_exact_derivatives else find_followed_regime(cycle, goal)
+
+
+def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
+    """Follow a candidate period by period.
+
+    Args:
+        cycle: the candidate, in the plane or on patches.
+        goal: the direction, and the number of periods, of which the gain counts.
+
+    Returns:
+        The regime, with NaN for the peak; its travel and speed are those of links, in the plane of each component. None
+        if the body loses its stability, or comes to ground on which nothing holds it.
+    """
+    plan, targets = cycle.plan, cycle.plan.drive.targets
+    body, period = plan.body, np.vstack((targets[2:], targets[1:2]))
+    crawler = Crawler(plan)
+    motion: tuple[float, ...] | None = None
+    try:
+        crawler.follow(targets[1:2])
+        if plan.ground.track is not None:
+            gain, work = _average_periods(crawler, period, goal.periods)
+            settled = True
+        else:
+            found = repeat_period(crawler, period, _SETTLED * _tolerance_of(plan), _MOST_PERIODS)
+            least = _ROUNDING * largest_distance(body)
+            motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.asarray(found.gain))
+            gain = math.cos(goal.towards) * motion[0] + math.sin(goal.towards) * motion[1]
+            work, settled = found.work, found.settled
+    except CommandError:
+        return None
+    lengths = body.springs if body.turning is not None else body.lengths
+    change = np.abs(np.diff(targets[1:, :lengths], axis=0, append=targets[1:2, :lengths]))
+    speed = (change / np.roll(cycle.seconds, -1)[:, None]).max(initial=0.0)
+    each = 2 if plan.columns.planar is None else max(plan.columns.planar, 1)
+    friction = targets[1:, body.lengths :][:, : each * body.contacts].sum(axis=1) / each
+    force = float(plan.ground.weight.sum()) or float(friction @ cycle.share)
+    return Regime(gain, work, float(change.sum()), force, math.nan, float(speed), settled, motion)
+
+
+def _average_periods(crawler: Crawler, period: np.ndarray, count: int) -> tuple[float, float]:
+    """Compute the mean gain [m] and work [J] of the next periods."""
+    gain, work = 0.0, 0.0
+    for _ in range(count):
+        work += crawler.follow(period).work
+        gain += float(average_displacement(crawler.body, crawler.gained[None])[0])
+    return gain / count, work / count
+
+
+def find_followed_peak(scene: Scene, periods: int) -> float:
+    """Find the largest tension of a link in the first periods of a gait.
+
+    Args:
+        scene: a scene that plays it.
+        periods: on patches, number of periods that count; elsewhere four are enough.
+
+    Returns:
+        The tension [N], at 200 times a period.
+    """
+    period = scene.drive.period
+    assert period is not None
+    count = _PEAK_PERIODS if scene.ground.track is None else periods
+    tension = simulate(scene, count * period, rate=_PEAK_TICKS / period).tension[:, : scene.body.springs]
+    vectors = tension.reshape(*tension.shape[:2], -1)
+    return float(np.linalg.norm(vectors, axis=2).max(initial=0.0))
+
+
+def followed_goal(scene: Scene, goal: Goal, target: Sequence[float] | None) -> Goal:
+    """Set the target and the resolution of the goal of a body in the plane.
+
+    Args:
+        scene: the scene.
+        goal: the objective.
+        target: dx, dy [m] and dyaw [rad] of the screw, or None.
+
+    Returns:
+        The goal, which does not count differences below the tolerance of the scene.
+    """
+    if scene.dimension == 1:
+        return goal
+    length = largest_distance(scene.body)
+    if target is not None:
+        dx, dy, dyaw = (float(value) for value in target)
+        goal = dataclasses.replace(goal, target=(dx, dy, dyaw, length))
+    unit = length if goal.objective in ("translation", SCREW) else 1.0
+    return dataclasses.replace(goal, resolution=_tolerance_of(scene) * unit)
+
+
+def _tolerance_of(scene: Assembly) -> float:
+    return scene.tolerance or (DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE)
+
+
+def check_request(scene: Scene, objective: str, target: Sequence[float] | None, limits: Mapping[str, object]) -> None:
+    """Check a request against the kind of scene.
+
+    Args:
+        scene: the scene.
+        objective: a key of `OBJECTIVES`.
+        target: dx, dy [m] and dyaw [rad] of the screw, or None.
+        limits: what else is requested, by the name of the argument; None or empty for nothing.
+
+    Raises:
+        SceneError: if this kind of scene cannot have it.
+        CommandError: if the target is missing, or a number is out of range.
+    """
+    turns = scene.body.turning is not None
+    if turns and objective not in TURNING_OBJECTIVES:
+        names = ", ".join(TURNING_OBJECTIVES)
+        raise SceneError(f"objective: {objective!r}; that of {scene.name}, which turns, must be one of {names}")
+    if not turns and objective in ("turn", SCREW):
+        raise SceneError(f"objective: {objective!r}; {scene.name} does not turn, as it has no `springs: length`")
+    for name in ("rate", "tension", "robust"):
+        if turns and limits[name]:
+            raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
+    if limits["tension"] and not scene.has_exact_derivatives:
+        where = "is in the plane" if scene.dimension == 2 else "has ground.patches"
+        raise SceneError(f"tension: not available for {scene.name}, which {where}; limit stroke or rate instead")
+    _check_towards_and_periods(scene, limits["towards"], limits["periods"])
+    if (target is not None) != (objective == SCREW):
+        raise CommandError(f"target: {target}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
+    if target is not None and (len(target) != 3 or not all(math.isfinite(value) for value in target)):
+        raise CommandError(f"target: {list(target)}; it must be three finite numbers: dx, dy [m], dyaw [rad]")
+
+
+def _check_towards_and_periods(scene: Scene, towards: object, periods: object) -> None:
+    if towards is not None:
+        if scene.dimension == 1:
+            raise SceneError(f"towards: {scene.name} is on a line, where the gain towards +x counts; leave it out")
+        if not isinstance(towards, (int, float)) or not math.isfinite(towards):
+            raise CommandError(f"towards: {towards!r}; it must be an angle in degrees, 0 for +x, 90 for +y")
+    if periods is not None:
+        if scene.ground.track is None:
+            raise SceneError(f"periods: {scene.name} has no ground.patches, so that its periods repeat; leave it out")
+        if not isinstance(periods, int) or not 1 <= periods <= _MOST_COUNTED:
+            raise CommandError(f"periods: {periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
+    if scene.ground.track is not None and scene.parts.start not in (None, "relaxed"):
+        raise SceneError(
+            f"start.displacement: {scene.name} has ground.patches, where gaits are sought from a relaxed start; "
+            "leave it out, and move body.contacts instead"
+        )

@@ -1,0 +1,85 @@
+"""Identification in the plane, and on patches of ground, from differences of runs."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_model import Measurements, Scene, identify, load_scene, simulate
+from crawler_model.identify.measurements import MeasurementError, channel_names
+from crawler_model.identify.sensor.sensor import PERFECT
+
+NOISE = 2e-4
+
+
+def record(name: str, seconds: float) -> Measurements:
+    """The gallery's scene under its own drive, seen at 100 Hz with noise."""
+    scene = load_scene(name)
+    run = simulate(scene, seconds, 100.0)
+    position = (scene.body.position + run.displacement).reshape(run.time.size, -1)
+    position = position + NOISE * np.random.default_rng(0).normal(size=position.shape)
+    commands = scene.columns.names[: scene.columns.lengths]
+    rows = scene.drive.sample(np.rint(run.time * 1e9).astype(np.int64))[:, : len(commands)]
+    channels = tuple(name for name in channel_names(scene) if name.startswith("contact_"))
+    return Measurements("camera", run.time, channels, position, commands, rows, run.time)
+
+
+def guess(name: str, **friction: Any) -> Scene:
+    """The gallery's scene with other friction."""
+    document = copy.deepcopy(load_scene(name).document())
+    return Scene.model_validate(document | {"friction": friction})
+
+
+def test_friction_in_the_plane_is_found() -> None:
+    record_ = record("planar_three_points", 3.0)
+    found = identify(
+        guess("planar_three_points", isotropic=[0.36, 0.36, 0.24]), [record_], ["friction.isotropic"], sensor=PERFECT
+    )
+    assert found.model_fits, found.where
+    for parameter, true in zip(found.parameters, (0.3, 0.3, 0.2), strict=True):
+        assert parameter.verdict == "identified"
+        low, high = parameter.interval
+        assert low < true < high
+        assert high - low < 0.1 * true
+    assert found.playback().document()["drive"]["actuation"][0] == [[0.0, 0.0]] * 3
+
+
+def test_from_positions_alone_only_ratios_are_found() -> None:
+    keys = ["friction.forward", "body.links.stiffness"]
+    found = identify(guess("ice", forward=0.26, backward=0.5), [record("ice", 4.0)], keys, sensor=PERFECT, seconds=0.0)
+    assert [parameter.verdict for parameter in found.parameters] == ["ratio", "ratio"]
+    assert found.parameters[1].value == pytest.approx(26.0, rel=0.01)
+
+
+def test_the_friction_of_a_patch_is_found() -> None:
+    scene = load_scene("ice")
+    document = copy.deepcopy(scene.document())
+    document["ground"]["patches"][0]["friction"] = 0.32
+    found = identify(
+        Scene.model_validate(document), [record("ice", 7.0)], ["ground.patches[0].friction"], sensor=PERFECT
+    )
+    (patch,) = found.parameters
+    assert patch.verdict == "identified"
+    assert patch.value == pytest.approx(0.25, rel=0.05)
+    assert patch.interval[0] < 0.25 < patch.interval[1]
+
+
+def test_a_frame_in_the_plane_has_an_offset_along_each_axis() -> None:
+    measured = record("planar_rectilinear", 3.0)
+    moved = Measurements(**(vars(measured) | {"values": measured.values + np.tile([0.3, -0.2], 2)}))
+    found = identify(
+        "planar_rectilinear", [moved], ["body.links.stiffness"], offset="frame", sensor=PERFECT, seconds=0.0
+    )
+    assert found.model_fits, found.where
+    assert found.offsets[0] == pytest.approx([0.3, -0.2, 0.3, -0.2], abs=1e-3)
+    assert found.parameters[0].value == pytest.approx(20.0, rel=0.02)
+
+
+def test_a_channel_on_a_line_is_none_in_the_plane() -> None:
+    measured = record("planar_rectilinear", 1.0)
+    wrong = Measurements(**(vars(measured) | {"channels": ("contact_0", *measured.channels[1:])}))
+    with pytest.raises(MeasurementError, match="column contact_0 does not belong to planar_rectilinear, which has"):
+        identify("planar_rectilinear", [wrong], ["body.links.stiffness"])

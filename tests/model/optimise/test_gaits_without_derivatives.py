@@ -1,0 +1,111 @@
+"""Gaits in the plane, and on patches of ground."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cma")
+
+from crawler_model import CrawlerError, Scene, load_scene, optimise, pareto, simulate
+
+STROKE = {"drive.actuation[1][0][0]": (0.0, 0.2)}
+
+
+def rotated() -> Scene:
+    """The scene `planar_rectilinear`, along y."""
+    document = load_scene("planar_rectilinear").document()
+    document["body"]["contacts"] = [[0.0, 0.0], [0.0, 0.2]]
+    document["friction"] = {"directions": [0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi], "value": [0.4, 0.2, 0.4, 0.5]}
+    document["drive"]["actuation"] = [[[0.0, 0.0]], [[0.0, 0.1]], [[0.0, 0.0]]]
+    return Scene.model_validate(document)
+
+
+def test_the_longest_stroke_in_the_plane_gains_most():
+    """Closed form: D - 2 mu_plus / k."""
+    best = optimise("planar_rectilinear", free=STROKE)
+    assert best.values == pytest.approx([0.2])
+    assert best.value == pytest.approx(0.2 - 2.0 * 0.2 / 20.0, abs=1e-4)
+    assert best.motion == pytest.approx((best.value, 0.0), abs=1e-4)
+    assert best.complete
+
+
+def test_waypoints_in_the_plane_are_components_of_links():
+    best = optimise("planar_rectilinear", waypoints=2, stroke={"link_0/x": (0.0, 0.1)}, seconds=0.5)
+    assert best.names == ("drive.actuation[0][0][0]", "drive.actuation[1][0][0]")
+    assert simulate(best.scene, 3.0).per_period[-1] == pytest.approx([best.value, 0.0], abs=1e-4)
+    both = optimise("planar_rectilinear", waypoints=2, stroke={"link_0": (0.0, 0.1)}, seconds=0.2)
+    assert len(both.names) == 4
+
+
+def test_a_direction_is_chosen():
+    free = {"drive.actuation[1][0][1]": (0.0, 0.1)}
+    assert optimise(rotated(), free=free, towards=90.0).value == pytest.approx(0.08, abs=1e-4)
+    assert optimise(rotated(), free=free, towards=60.0).value == pytest.approx(0.08 * math.sin(math.pi / 3), abs=1e-4)
+    assert optimise(rotated(), free=free).value == pytest.approx(0.0, abs=1e-4)
+
+
+def test_on_patches_the_first_periods_count():
+    """Closed form on the rough ground: D - 1.5 mu_plus / k in the first period, then D - 2 mu_plus / k."""
+    step = load_scene("friction_step")
+    best = optimise(step, free={"drive.actuation[1][0]": (0.0, 0.1)}, periods=2)
+    assert best.value == pytest.approx(0.1 - 1.75 * 0.2 / 20.0)
+    assert best.periods == 2
+    farther = optimise(step, free={"drive.actuation[1][0]": (0.0, 0.1)})
+    assert farther.periods == 10
+    assert farther.value == pytest.approx(simulate(step, 10.0).per_period.mean())
+
+
+@pytest.mark.parametrize("name", ["hill_top", "ice"])
+def test_the_gait_on_patches_is_that_of_its_scene(name):
+    best = optimise(name, waypoints=3, seconds=0.5)
+    run = simulate(best.scene)
+    assert run.per_period.mean() == pytest.approx(best.value, abs=1e-12)
+    assert best.value > 0.9 * simulate(load_scene(name)).per_period.mean()
+    assert best.peak_tension == pytest.approx(np.abs(run.tension).max(), rel=0.02)
+
+
+def test_the_cost_of_transport_is_that_of_the_run():
+    best = optimise("planar_rectilinear", "cost-of-transport", free=STROKE)
+    last = simulate(best.scene, 3.0)
+    work = simulate(best.scene, 3.0).energy.work - simulate(best.scene, 2.0).energy.work
+    force = 2 * (0.2 + 0.4 + 0.5 + 0.4) / 4
+    assert best.cost_of_transport == pytest.approx(work / (last.per_period[-1][0] * force), rel=1e-3)
+
+
+def test_compromises_exist_on_patches_too():
+    front = pareto("friction_step", free={"drive.actuation[1][0]": (0.01, 0.1)}, periods=2, seconds=2.0)
+    assert front.points[0].gain == pytest.approx(0.0825)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        (
+            "planar_rectilinear",
+            {"tension": 1.0},
+            "tension: not available for planar_rectilinear, which is in the plane",
+        ),
+        ("ice", {"tension": 1.0}, "tension: not available for ice, which has ground.patches; limit stroke or rate"),
+        ("planar_rectilinear", {"periods": 3}, "periods: planar_rectilinear has no ground.patches"),
+        ("ice", {"periods": 0}, "periods: 0; it must be a whole number between 1 and"),
+        ("ice", {"towards": 90.0}, "towards: ice is on a line, where the gain towards +x counts"),
+        ("planar_rectilinear", {"towards": math.nan}, "towards: nan; it must be an angle in degrees"),
+        ("planar_rectilinear", {"stroke": {"link_1": (0, 1)}}, "the links and joints are link_0/x, link_0/y"),
+        ("planar_rectilinear", {"objective": "turn"}, "'turn'; planar_rectilinear does not turn"),
+        ("planar_rectilinear", {"free": {"friction": (0, 1)}}, "free: friction: planar_rectilinear is in the plane"),
+    ],
+)
+def test_a_mistake_is_one_line(name, given, message):
+    with pytest.raises(CrawlerError) as error:
+        optimise(name, **given)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_start_elsewhere_is_refused_on_patches():
+    document = load_scene("ice").document() | {"start": {"displacement": 0.1}}
+    with pytest.raises(CrawlerError, match=r"start\.displacement: ice has ground\.patches, where gaits"):
+        optimise(Scene.model_validate(document))

@@ -1,0 +1,64 @@
+"""The page of an optimal gait: keys have units, curves that coincide stay visible, ticks keep apart."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("cma")
+from matplotlib.figure import Figure
+
+from crawler_model import Scene, optimise
+from crawler_pictures.optimum import draw_optimum
+
+BODY = {"contacts": [0.0, 0.1, 0.2], "links": {"stiffness": 10.0}}
+
+
+@pytest.fixture(scope="module")
+def figure() -> Figure:
+    scene = Scene.model_validate({"name": "worm", "body": BODY, "friction": {"forward": 0.02, "backward": 0.06}})
+    best = optimise(scene, "translation", waypoints=2, stroke=(-0.01, 0.01))
+    kept: list[Figure] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+        draw_optimum(best, dict.fromkeys(best.names, "m"), Path("not_written.png"))
+    kept[0].canvas.draw()
+    return kept[0]
+
+
+def panel(figure: Figure, title: str):
+    (axis,) = [axis for axis in figure.axes if axis.get_title("left").startswith(title)]
+    return axis
+
+
+def test_no_two_ticks_collide(figure):
+    for axis in figure.axes:
+        boxes = [label.get_window_extent() for label in axis.get_xticklabels() if label.get_text()]
+        assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_keys_have_units(figure):
+    profiles, plane = panel(figure, "around the optimum (dots)"), panel(figure, "around the optimum (circle)")
+    keys = [text.get_text() for text in profiles.get_legend().get_texts()]
+    assert len(keys) == 4
+    assert all(key.startswith("drive.actuation[") and key.endswith(", \u22120.01 .. 0.01 m") for key in keys)
+    assert plane.get_xlabel().endswith("] [m]")
+    assert plane.get_ylabel().endswith("] [m]")
+
+
+def test_curves_that_coincide_show_through_each_other(figure):
+    lines = panel(figure, "around the optimum (dots)").get_lines()
+    named = [line for line in lines if line.get_linestyle() != "None" and len(line.get_xdata()) > 2]
+    assert [line.get_linestyle() for line in named] == ["-", "--", "-.", ":"]
+    widths = [line.get_linewidth() for line in named]
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_commands_and_motion_are_drawn_as_on_the_page_of_a_run(figure):
+    commands, motion = panel(figure, "command: change of rest length"), panel(figure, "contacts over time")
+    assert commands.get_legend().get_texts()
+    assert [text.get_text() for text in motion.get_legend().get_texts()] == ["slips forward", "slips back", "sticks"]
+    assert [text.get_text() for text in motion.texts] == ["0", "1", "2"]
