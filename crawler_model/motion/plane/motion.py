@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
@@ -158,9 +159,12 @@ class PlanarState:
         total = float(self.friction.reshape(self.x.shape[0], -1).mean(axis=1).sum()) * (1.0 + self.frame.vector)
         return float(np.maximum(self.margins(force), 0.0).sum()) / total if total > 0.0 else 0.0
 
-    def recentre(self) -> None:
-        """Move the origin to a body that is far from it: forces follow from differences of displacements."""
-        unit = 2.0 ** np.ceil(np.log2(np.ptp(self.frame.position, axis=0).max() or 1.0))
+    def recentre(self, unit: float) -> None:
+        """Move the origin to a body that is far from it: forces follow from differences of displacements.
+
+        Args:
+            unit: a power of 2 as large as the body [m].
+        """
         if np.abs(self.x).max() > _FAR * unit:
             shift = unit * np.round(self.x.mean(axis=0) / unit)
             self.x -= shift  # exact
@@ -200,13 +204,18 @@ class PlaneMotion:
     frame: Frame
     tolerance: float
 
+    @functools.cached_property
+    def unit(self) -> float:
+        """The least power of 2 that is not shorter than the body [m]."""
+        return float(2.0 ** np.ceil(np.log2(np.ptp(self.frame.position, axis=0).max() or 1.0)))
+
     def start(self, x: np.ndarray, target: np.ndarray) -> PlanarState:
         """Build the state at rest, see `Motion`."""
         x, command = np.array(x, np.float64), self._expand(np.array(target, np.float64)[None])[0]
         turns = not self.frame.vector
         yaw = measure_angles(self.frame.position + x, self.frame.heading[None]) if turns else np.zeros(1)
         state = PlanarState(self.frame, np.zeros(2), x, np.zeros_like(x), command, yaw, np.full(1, np.inf))
-        state.recentre()
+        state.recentre(self.unit)
         return state
 
     def _expand(self, targets: np.ndarray) -> np.ndarray:
@@ -232,15 +241,16 @@ class PlaneMotion:
         records: np.ndarray,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`; `exact` and `budget` have no effect."""
-        moving = state.copy()
+        moving = state if self.frame.vector else state.copy()  # only bodies that turn may have nowhere to go
         moving.gained[:] = 0.0
         moving.stability[:] = np.inf
         n, parts = self.body.contacts, self.frame.rest.size
         jumps: list[Jump] = []
         for v, target in enumerate(self._expand(targets)):
-            if not np.array_equal(target, moving.command):
+            if (target != moving.command).any():
                 jumps += self._follow_ramp(moving, scratch, target, v, account)
-                account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
+                if not self.frame.vector:
+                    account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
             if records.shape[0]:
                 x = moving.displacement
                 records[v, : 2 * n] = x.ravel()
@@ -249,7 +259,7 @@ class PlaneMotion:
                 if records.shape[1] > 4 * n + parts:
                     lost = account[DISSIPATION] + account[LOADS_WORK]
                     records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
-        moving.recentre()
+        moving.recentre(self.unit)
         vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed
             account[VISITED] = state.visited_margin(state.force)

@@ -17,11 +17,12 @@ from ..state import (
     OVERSPENT,
     RESIDUAL,
     VIOLATION,
+    VISITED,
     WORK,
 )
 from .elastic import energy_of, pull
 from .equal_steps import farthest
-from .frame import friction_of, load_of, unwind, yaw_of
+from .frame import columns_of, friction_of, load_of, unwind, yaw_of
 from .friction import gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
@@ -186,7 +187,7 @@ def _take(frame, state, target, part, best, after, account):
     force = np.empty((n, 2))
     size = np.empty(n)
     command_at(command, target, part, command)
-    before = yaw_of(frame, x)
+    before = yaw_of(frame, x) if not frame.vector else 0.0
     for i in range(n):
         for c in range(2):
             gained[i, c] += best[i, c]
@@ -199,7 +200,18 @@ def _take(frame, state, target, part, best, after, account):
         lost = resistance(frame, command, x, i, best[i, 0], best[i, 1])
         lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
-    yaw[0] += unwind(yaw_of(frame, x) - before)
+    if frame.vector:
+        total = 0.0
+        near = 0.0
+        columns = columns_of(frame)
+        for i in range(n):
+            for k in range(columns):
+                total += 2.0 * command[frame.stiffness.shape[0] + columns * i + k] / columns
+            gap = gap_of(frame, command, x, i, force)
+            near += max(gap, 0.0) if gap < np.inf else 0.0
+        account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+    else:
+        yaw[0] += unwind(yaw_of(frame, x) - before)
     account[WORK] += best[n, 1]
     account[DISSIPATION] += best[n, 0] - best[n + 1, 0]
     account[LOADS_WORK] += best[n + 1, 0]
