@@ -81,16 +81,12 @@ def replay(
         single = {"--rrd": rrd is not None, "--png": png is not None, "--recover": recover, "--show": show}
         _replay_many(recordings, scene, namespace, parquet, resume, workers, scheduler, as_json, single)
         return
-    if two_columns and png is None:
-        raise CrawlerError("--two-columns needs --png: it arranges the panels of that page")
-    _check_outputs(rrd, parquet, png, force)
+    _check_outputs(rrd, parquet, png, two_columns, force)
     recording = newest(recordings[0])
     if show:
         _show(recording)
         return
-    recovered = ""
-    if recover:
-        recording, recovered = _recover(recording)
+    recording, recovered = _recover(recording) if recover else (recording, "")
     loaded = None if scene is None else load_scene(scene)
     outputs = _Outputs(parquet, png, two_columns)
     with progress_bar("replaying") as progress:
@@ -157,7 +153,9 @@ def _replay_many(
         raise typer.Exit(1)
 
 
-def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None, force: bool) -> None:
+def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None, two_columns: bool, force: bool) -> None:
+    if two_columns and png is None:
+        raise CrawlerError("--two-columns needs --png: it arranges the panels of that page")
     check_output("--png", png, ".png", force)
     check_output("--rrd", rrd, ".rrd", force)
     if parquet is not None and parquet.exists() and (not parquet.is_dir() or any(parquet.iterdir())):
