@@ -111,15 +111,15 @@ def test_warm_loads_what_is_there_and_says_where_it_is():
 def test_what_is_expected_is_about_what_is_compiled(tmp_path):
     """The bars end near their ends. Compiled anew, on all cores."""
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
-    words = [sys.executable, "-m", "crawler_command.app", "warm", "line", "turning"]
+    words = [sys.executable, "-m", "crawler_command.app", "warm", "line", "plane"]
     done = subprocess.run(words, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     code = "from crawler_command.many.warm import measure_compiled; print(measure_compiled()[1])"
     seconds = float(subprocess.check_output([sys.executable, "-c", code], text=True, env=environment))
-    assert seconds == pytest.approx(SECONDS[Kind.line] + SECONDS[Kind.turning], rel=0.3)
+    assert seconds == pytest.approx(SECONDS[Kind.line] + SECONDS[Kind.plane], rel=0.3)
 
 
 def test_the_cache_is_measured_by_the_cost_of_its_functions():
     count, seconds = measure_compiled()
     assert count > 100
-    assert 0.3 * count <= seconds <= 2.4 * count
+    assert 0.3 * count <= seconds <= 0.9 * count
