@@ -27,9 +27,7 @@ demo: $(READY_DEMO)
 WORKERS ?= $(shell n=$$((2 * $$(nproc))); echo $$((n < 6 ? n : 6)))
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
 
-# kernels first, on all cores: else each worker, and each process that a test starts, would compile the same ones
 test: $(READY)
-	$(BIN)/crawler warm
 	$(PYTEST) -m "not slow"
 
 test-all: test

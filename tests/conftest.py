@@ -48,7 +48,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 KERNELS = (
     ("line", "plane"),
-    ("environments", "patches", "long", "turning"),
+    ("environments", "patches", "long"),
     ("derivatives", "batches"),
 )
 """Kinds of kernels of `crawler warm`; those of the last row build on the first."""

@@ -19,8 +19,8 @@ from .friction_parts import (
 )
 from .link_parts import Bendable, JointsPart, Links, LinksPart, SegmentPart
 
-LEAST_TOLERANCE = 1e-7
-"""Least tolerance of a body in the plane [1]: the errors of smaller ones were found to exceed them."""
+LEAST_TOLERANCE = 1e-9
+"""Least tolerance of a body in the plane [1]: rounding would exceed smaller ones."""
 
 
 class BodyPart(Part):

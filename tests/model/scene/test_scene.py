@@ -572,7 +572,7 @@ WRONG_BODIES = [
     (plane(friction={"directions": [0, 1, 2, 3], "value": 1}), "friction.directions"),
     (plane(friction={"directions": [0, 1.57, 3.14, 4.71], "value": [1, 1, 1]}), "3 value(s) for 4 direction(s)"),
     (plane(tolerance=-1.0), "tolerance: -1"),
-    (plane(tolerance=9e-8), "tolerance: 9e-08; it must be between 1e-07 and 0.5"),
+    (plane(tolerance=9e-10), "tolerance: 9e-10; it must be between 1e-09 and 0.5"),
     (change("tolerance", 1e-3), "tolerance: only planar scenes have a tolerance"),
 ]
 

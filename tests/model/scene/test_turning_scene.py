@@ -267,7 +267,7 @@ WRONG = [
     ([("heading", [0, 0])], "heading: it has [0, 0], point 0 twice; a direction needs two places"),
     ([("heading", [0, 4])], "heading: it has [0, 4], but there are points 0 .. 3"),
     ([("on_instability", "stop")], "on_instability: Input should be 'jump' or 'refuse'"),
-    ([("tolerance", 1e-8)], "tolerance: 1e-08; it must be between 1e-07 and 0.5"),
+    ([("tolerance", 1e-10)], "tolerance: 1e-10; it must be between 1e-09 and 0.5"),
     ([("drive/actuation", [[0, 0, 0]] * 3)], "drive.actuation: row 0: 3 value(s) for 5 link(s) and joint(s)"),
     ([("drive/actuation", [[[0, 0]] * 5] * 3)], "drive.actuation: row 0 holds lists"),
     ([("drive/friction", {"forward": 1, "backward": 1})], "drive.friction.left: missing; with `springs: length` give"),
