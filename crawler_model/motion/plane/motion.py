@@ -219,9 +219,9 @@ class PlaneMotion:
         return state
 
     def _expand(self, targets: np.ndarray) -> np.ndarray:
-        """Give each disc the four frictions of its axes."""
+        """Give each disc the four frictions of its axes, in arrays of one type, for which kernels are compiled once."""
         if not self.frame.vector or self.frame.directions.size > 0:
-            return targets
+            return targets.copy()
         parts, n = self.frame.rest.size, self.body.contacts
         friction = np.repeat(targets[:, parts : parts + n], 4, axis=1)
         return np.concatenate((targets[:, :parts], friction, targets[:, parts + n :]), axis=1)
