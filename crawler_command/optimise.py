@@ -121,7 +121,9 @@ _Compromises = Annotated[
 _Period = Annotated[
     float | None, typer.Option(help="Period of the waypoints, s; by default that of the scene's drive, or 1.")
 ]
-_Seconds = Annotated[float | None, typer.Option(help="Time limit, s; the result then depends on the machine.")]
+_Seconds = Annotated[
+    float | None, typer.Option(help="Time to search, s, to its end; the result then depends on the machine.")
+]
 _Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)]
 _AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 _Out = Annotated[Path | None, typer.Option(help="The scene to write, which plays the gait; .yaml.")]

@@ -192,7 +192,10 @@ def _describe_tables(
     for option, given in (("--columns", columns), ("--units", units), ("--commands", commands)):
         other = next((path for path in recordings if not _is_table(path)), None)
         if given and other is not None:
-            raise CrawlerError(f"{option}: {other} is a recording; the option applies only to tables")
+            if not other.exists():
+                raise CrawlerError(f"{other}: no such file")
+            names = ", ".join(_TABLES)
+            raise CrawlerError(f"{option}: {other} is a recording; the option applies only to tables: {names}")
     if commands is not None and not _is_table(commands):
         raise CrawlerError(f"--commands: {commands} is not a table; its name must end in one of {', '.join(_TABLES)}")
     return {

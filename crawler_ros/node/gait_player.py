@@ -75,7 +75,8 @@ class GaitPlayer(QuietNode):
         descriptor = ParameterDescriptor(**whole, integer_range=bounds)
         self.periods = int(self.declare_parameter("periods", 0, descriptor).value)
         meaning = (
-            "Time [s] to wait for a simulator, or for simulated time to advance, before giving up; 0 waits for ever."
+            "Time [s] to wait for simulated time to advance before giving up, ten times as long for a simulator to "
+            "start; 0 waits for ever."
         )
         descriptor = ParameterDescriptor(
             description=meaning,
@@ -210,7 +211,9 @@ class GaitPlayer(QuietNode):
             return min(
                 _GONE_S, self.patience_s
             ), f"the simulator disappeared at simulated time {self.now_ns / NS:.3f} s"
-        where = "start crawler-simulator in the same namespace and domain (the first start compiles for minutes)"
+        where = (
+            "start crawler-simulator in the same namespace and domain (its first start compiles for a minute or two)"
+        )
         return 10.0 * self.patience_s, f"no simulator was found: {where}"
 
     def look_for_rivals(self) -> None:

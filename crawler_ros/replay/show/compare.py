@@ -179,7 +179,8 @@ def _pair_cycles(one: Sequence[Cycle], two: Sequence[Cycle]) -> tuple[tuple[tupl
         spans = [
             f"those of {n} last {c.end - c.start:g} s from {c.start:g} s on" for n, c in (("A", one[0]), ("B", two[0]))
         ]
-        return (), f"cycles: none are compared, as they are not at the same times: {', '.join(spans)}"
+        why = f"they are not at the same times: {', '.join(spans)}; --by-phase compares them"
+        return (), f"cycles: none are compared, as {why}"
     left = [f"{n} of {name}" for name, n in (("A", len(one) - len(pairs)), ("B", len(two) - len(pairs))) if n]
     return tuple(pairs), f"cycles: {' and '.join(left)} without a partner at the same time" if left else ""
 
