@@ -14,11 +14,12 @@ import numpy as np
 from ..errors import SceneError
 from ..run.simulate import simulate
 from ..run.trajectory import Trajectory
-from ..scene.parts import LEAST_TOLERANCE
 from ..scene.scene import Scene
 from ..sweep.vary import Variations, vary
 from .parameters import changing_keys, expand_keys
 
+_TOLERANCE = 1e-7
+"""Tolerance of the runs whose differences are taken."""
 _STEP = 2.0**-10
 """Step of the differences, relative to the value of the parameter."""
 _SMALLEST = 2.0**-3
@@ -75,7 +76,7 @@ def differentiate_in_plane(
     names = expand_keys(scene, keys, caller)
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)
     document = scene.document()
-    fine = Scene.model_validate(document | {"tolerance": LEAST_TOLERANCE})
+    fine = Scene.model_validate(document | {"tolerance": _TOLERANCE})
     base = simulate(scene, duration, rate)
     columns, one_sided, errors = [], [], [0.0]
     middle = _numbers(simulate(fine, duration, rate))
