@@ -86,6 +86,7 @@ $(MADE): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("crawler needs Python >= 3.10, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv --clear $(VENV)
 	touch $(MADE)
+	@echo 'installing what pyproject.toml names: some minutes, without further output'
 
 $(READY): $(MADE)
 	$(call install,-e '.[$(EXTRAS)]')

@@ -70,7 +70,8 @@ def view(
             rrd = Path(folder) / "recording.rrd"
             draw_recording(recording, rrd, jumps=find_jumps(recording))
         if png is not None:
-            _render(recording, rrd, png, at)
+            with progress_bar(f"rendering {png.name}"):
+                _render(recording, rrd, png, at)
             screen.print(f"rendered: {png}", markup=False)
             return
         raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
