@@ -637,7 +637,10 @@ def test_mistakes_in_the_description_of_a_table_are_named_in_one_line(robot, tmp
 def test_options_of_tables_are_refused_with_a_recording(robot, tmp_path, capsys, option):
     guess, header, rows = robot
     csv, bag = write_csv(tmp_path / "run.csv", header, rows), tmp_path / "bag"
-    status, out, error = run(capsys, "identify", csv, bag, "--scene", guess, "--fit", "friction.forward", *option)
+    words = ("identify", csv, bag, "--scene", guess, "--fit", "friction.forward", *option)
+    assert run(capsys, *words) == (1, "", f"crawler: {bag}: no such file\n")
+    bag.mkdir()
+    status, out, error = run(capsys, *words)
     assert (status, out, error.count("\n")) == (1, "", 1)
     assert f"{option[0]}: {bag} is a recording; the option applies only to tables" in error
 
