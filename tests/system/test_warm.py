@@ -66,7 +66,7 @@ def test_in_a_pipe_a_kind_is_announced_by_one_line(tiny, tmp_path):
     assert done.returncode == 0, done.stderr
     (line,) = done.stderr.splitlines()
     assert line == (
-        "crawler: compiling the kernels of bodies in the plane, once on this machine: about 175 functions ..."
+        "crawler: compiling the kernels of bodies in the plane, once on this machine: about 100 functions ..."
     )
 
 
@@ -74,7 +74,7 @@ def test_on_a_terminal_the_announcement_moves_and_is_removed(tiny, tmp_path):
     shown = on_a_terminal([sys.executable, str(tiny)], XDG_CACHE_HOME=str(tmp_path), NUMBA_CACHE_DIR="", COLUMNS="80")
     *lines, last = shown.split("\r\x1b[K")
     assert "crawler: compiling bodies in the plane" in lines[1]
-    assert " of about 175, " in lines[1]
+    assert " of about 100, " in lines[1]
     assert all(len(line) < 80 for line in lines)
     assert last == ""
 
