@@ -172,11 +172,31 @@ def _settle(frame, state, target, part, best, after, allowed):
     gained = energy_of(frame, now, after) - stored
     spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
     residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
-    balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
     if frame.vector:
         return solved, residual
+    balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
     return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual
+
+
+@lean
+def part_of_friction(frame, command, force):
+    """Relate the sum of the distances of forces from their bounds to all friction: the visited margin.
+
+    Args:
+        frame: the body.
+        command: the command.
+        force: the sum [N].
+
+    Returns:
+        The part [1].
+    """
+    total = 0.0
+    columns = columns_of(frame)
+    first = frame.stiffness.shape[0]
+    for k in range(first, first + columns * frame.position.shape[0]):
+        total += 2.0 * command[k] / columns
+    return force / total if total > 0.0 else 0.0
 
 
 @merged
@@ -193,23 +213,17 @@ def _take(frame, state, target, part, best, after, account):
             gained[i, c] += best[i, c]
             x[i, c] = after[i, c]
     pull(frame, command, x, force, size)
+    near = 0.0
     for i in range(n):
         gap = gap_of(frame, command, x, i, force)
+        near += max(gap, 0.0) if gap < np.inf else 0.0
         strength = math.hypot(force[i, 0], force[i, 1])
         account[VIOLATION] = max(account[VIOLATION], -gap if gap < np.inf else strength)
         lost = resistance(frame, command, x, i, best[i, 0], best[i, 1])
         lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
     if frame.vector:
-        total = 0.0
-        near = 0.0
-        columns = columns_of(frame)
-        for i in range(n):
-            for k in range(columns):
-                total += 2.0 * command[frame.stiffness.shape[0] + columns * i + k] / columns
-            gap = gap_of(frame, command, x, i, force)
-            near += max(gap, 0.0) if gap < np.inf else 0.0
-        account[VISITED] = min(account[VISITED], near / total if total > 0.0 else 0.0)
+        account[VISITED] = min(account[VISITED], part_of_friction(frame, command, near))
     else:
         yaw[0] += unwind(yaw_of(frame, x) - before)
     account[WORK] += best[n, 1]

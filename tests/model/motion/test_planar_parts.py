@@ -19,6 +19,7 @@ from crawler_model.motion.state import (
     OVERSPENT,
     RESIDUAL,
     VIOLATION,
+    VISITED,
     WORK,
 )
 
@@ -36,6 +37,7 @@ class Ramp:
         at_rest = np.concatenate((np.zeros(2 * len(ends)), np.ravel(friction), np.ravel(loads)))
         self.state = PlaneMotion(body_of(ends, stiffness, n), self.frame, TOLERANCE).start(np.zeros((n, 2)), at_rest)
         self.account = np.zeros(ACCOUNT_SIZE)
+        self.account[VISITED] = np.inf
 
     @property
     def arrays(self):
@@ -113,6 +115,7 @@ def test_random_ramps(directions, tolerance, grid, loaded):
             target = body.target(int(body.rng.integers(1, 6)), 3.0)
             parts = whole.copy()
             parts.account[:], whole.account[:] = 0.0, 0.0
+            parts.account[VISITED] = whole.account[VISITED] = np.inf
             reached = parts.follow_in_parts(target)
             whole.follow(target)
             if reached < 1.0:
@@ -120,6 +123,7 @@ def test_random_ramps(directions, tolerance, grid, loaded):
             followed += 1
             moved += int(np.abs(whole.state.gained).max() > 0.0)
             check_alike(parts, whole, tolerance)
+            assert parts.account[VISITED] >= 0.9 * whole.account[VISITED]  # sampled at other places
     assert followed > 20
     assert moved > 20
 
@@ -168,6 +172,7 @@ def test_a_ramp_in_which_all_rest():
     assert not state.x.any()
     assert state.tension[50, 0] == -0.5
     assert body.account[WORK] == pytest.approx(0.125, rel=1e-14)
+    assert body.account[VISITED] == pytest.approx((100 - 1.0) / 200, rel=1e-14)
     assert state.visited_margin(state.force) == pytest.approx((100 - 1.0) / 200, rel=1e-14)
 
 

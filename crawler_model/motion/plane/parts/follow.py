@@ -15,7 +15,8 @@ from ....compiled import compiled, lean
 from ...state import ACCOUNT_SIZE, EVENTS, RESIDUAL, VISITED, WORK, add_ramp
 from ..elastic import pull, stretch_vector
 from ..frame import columns_of, load_of
-from ..ramp import LEFT, LENGTH, MARGIN, PATIENCE, follow_ramp
+from ..friction import gap_of
+from ..ramp import LEFT, LENGTH, MARGIN, PATIENCE, follow_ramp, part_of_friction
 from ..walk import command_at
 from .division import divide, frame_of, list_neighbours, mark_beyond, sort_by, spread
 
@@ -107,6 +108,7 @@ def _follow_part(frame, neighbours, ramp, tied, part, moved, account):
     own_state = places, np.zeros((m, 2)), now, yaw.copy()
     if not follow_ramp(own, own_state, goal, tolerance, np.zeros((m, 2)), account, progress):
         return False, False
+    account[VISITED] = np.inf  # that of the part
     too_small = False
     for a in range(m):
         i = members[a]
@@ -138,6 +140,14 @@ def _commit_parts(frame, state, target, owner, moved, account):
                 gained[i, c] += moved[i, c] - x[i, c]
                 x[i, c] = moved[i, c]
     command[:] = target
+    n = owner.shape[0]
+    force, size = np.empty((n, 2)), np.empty(n)
+    pull(frame, command, x, force, size)
+    near = 0.0
+    for i in range(n):
+        gap = gap_of(frame, command, x, i, force)
+        near += max(gap, 0.0) if gap < np.inf else 0.0
+    account[VISITED] = min(account[VISITED], part_of_friction(frame, command, near))
 
 
 @compiled
