@@ -45,6 +45,11 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 _UsageError: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of it
+_PLAIN = {
+    "Input should be a valid number, unable to parse string as a number": "it must be a number, without a unit",
+    "Input should be a valid integer, unable to parse string as an integer": "it must be a whole number",
+}
+"""What the library writes of a value of an option, and the same in plain words."""
 
 
 def _print_version(asked: bool) -> None:
@@ -207,6 +212,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except _UsageError as error:
         verb = f" {error.ctx.info_name}" if error.ctx is not None and error.ctx.parent is not None else ""
         text = " ".join(error.format_message().split())
+        for of_the_library, ours in _PLAIN.items():
+            text = text.replace(of_the_library, ours)
         if "No such command" in text and "Did you mean" not in text:
             text += f" The commands are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
         print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)

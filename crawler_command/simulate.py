@@ -172,6 +172,8 @@ def _print_translation(run: Trajectory, rate: float) -> None:
     if run.time[-1] > run.waypoint_time[-1]:
         table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size, error), "")
     screen.print(table)
+    if abs(y[0]).max() > max(error, _MISSED * size):
+        screen.print("at 0 s: the move from the start onto the first waypoint, before time runs")
 
 
 def _check_certificate(run: Trajectory) -> None:

@@ -96,7 +96,7 @@ class _Search:
     ) -> None:
         self.space, self.seconds, self.rounds = space, seconds, min(rounds, 3 + space.size)
         self.random = np.random.default_rng(seed)
-        self.evaluator = Evaluator(space, threads)
+        self.evaluator = Evaluator(space, threads, None if seconds is None else self.over)
         self.began = time.perf_counter()
         self.progress = progress
         self.part = 0.0
@@ -166,6 +166,8 @@ class _Search:
         self.keep(point, score)
 
     def keep(self, point: np.ndarray, score: float) -> None:
+        if score == -np.inf and self.found.optima:
+            return
         optima = sorted([*self.found.optima, (score, point.copy())], key=lambda pair: -pair[0])
         self.found.optima = distinct(optima, self.space.canonical)[:_KEPT]
 
@@ -251,6 +253,9 @@ class _Search:
             asked = strategy.ask()
             points = [self.space.repair(np.asarray(x)) for x in asked]
             scores = self.evaluator.scores(points)
+            if self.over():  # candidates may be left out
+                self.note(points[int(best_first(scores)[0])], float(scores.max()))
+                break
             strategy.tell(asked, list(-scores))
             k = int(best_first(scores)[0])
             if scores[k] > score:

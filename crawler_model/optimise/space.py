@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -229,14 +229,16 @@ def _mean(values: Sequence[float]) -> float:
 class Evaluator:
     """Computes scores on all cores, and counts them. The scores do not depend on the number of threads."""
 
-    def __init__(self, space: Space, threads: int | None = None) -> None:
+    def __init__(self, space: Space, threads: int | None = None, over: Callable[[], bool] | None = None) -> None:
         """Start the threads.
 
         Args:
             space: the candidates.
             threads: their number; None for one per core.
+            over: tells that the time limit is reached, after which no candidates but the very first are run; None
+                without a limit.
         """
-        self.space = space
+        self.space, self.over = space, over
         self.evaluations = 0
         self._threads = available_cores() if threads is None else threads
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
@@ -248,18 +250,21 @@ class Evaluator:
             points: in the unit box, each of shape (P,).
 
         Returns:
-            Shape (M,).
+            Shape (M,); -inf for those that the time limit leaves out.
         """
+        first = self.evaluations == 0
         self.evaluations += len(points)
         if not points:
             return np.zeros(0)
         together = _CHUNK if self.space.scenes[0].base.dimension == 1 else 1  # in the plane they run one by one
         parts = [points[i : i + together] for i in range(0, len(points), together)]
-        if self._pool is None or len(parts) == 1:
-            found = map(self.space.scores, parts)
-        else:
-            found = self._pool.map(self.space.scores, parts)  # type: ignore[assignment]
-        return np.array([value for part in found for value in part])
+
+        def scores(i: int) -> list[float]:
+            left_out = self.over is not None and self.over() and not (first and i == 0)
+            return [-math.inf] * len(parts[i]) if left_out else self.space.scores(parts[i])
+
+        run = map if self._pool is None or len(parts) == 1 else self._pool.map
+        return np.array([value for part in run(scores, range(len(parts))) for value in part])
 
     def slopes(self, point: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Differentiate the scores of a candidate.

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
@@ -20,6 +21,8 @@ _MOST_LISTED = 20  # keys listed in an error message
 _NEAR = 0.6  # minimum similarity of a proposed key
 _INNER = re.compile(r"function-|literal\[|(\w+Part|float|int|str)$")
 """Entries that pydantic adds to a path for unions of types."""
+_WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?\s*[a-zA-Z°µ/%^0-9]+$")
+"""A number and a unit."""
 
 
 def validate_parts(document: Any) -> SceneParts:
@@ -77,7 +80,20 @@ def _describe_one(mistake: ErrorDetails) -> str:
     if mistake["type"] in ("model_type", "dict_type"):
         return f"{where or 'scene'}: {mistake['input']!r}; it must be a mapping with {', '.join(known_keys(path))}"
     text = mistake["msg"].removeprefix("Value error, ")
+    if text.endswith("is not a number"):
+        text += _explain_unit(mistake["input"], path)
     return f"{where}: {text}" if where else text
+
+
+def _explain_unit(value: object, path: list[str]) -> str:
+    """Explain a value that was given with its unit, as '8 deg'."""
+    if not isinstance(value, str) or not _WITH_UNIT.match(value):
+        return ""
+    names = [p for p in path if not p.isdigit()]
+    field = _fields(path[: path.index(names[-1])]).get(names[-1]) if names else None
+    extra = field.json_schema_extra if field is not None else None
+    unit = extra.get("unit") if isinstance(extra, dict) else None
+    return f"; write the number alone, {f'in {unit}' if unit else 'without a unit'}"
 
 
 def known_keys(path: list[str]) -> Iterable[str]:
@@ -89,6 +105,11 @@ def known_keys(path: list[str]) -> Iterable[str]:
     Returns:
         Its keys, as written in files.
     """
+    return list(_fields(path))
+
+
+def _fields(path: list[str]) -> dict[str, FieldInfo]:
+    """Find the fields of a part of a scene by their names in files."""
     model: type[BaseModel] = SceneParts
     parts: dict[str, type[BaseModel]] = {
         "body": BodyPart,
@@ -109,11 +130,11 @@ def known_keys(path: list[str]) -> Iterable[str]:
         "friction_wave": WavePart,
     }
     if path[-2:-1] == ["links"] and path[-1].isdigit():
-        return list(LinkPart.model_fields)
+        return LinkPart.model_fields
     path = [p for p in path if not p.isdigit()]
     if path:
         model = parts.get(path[-1], SceneParts)
-    return [field.alias or name for name, field in model.model_fields.items()]
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def propose_key(key: str, known: Iterable[str]) -> str:

@@ -74,7 +74,8 @@ def find_files(path: Path) -> list[Path]:
     for file in files:
         with file.open("rb") as stream:
             if not b"\x89MCAP0\r\n".startswith(stream.read(8)):  # a file that has just begun may be shorter
-                raise BagError(f"{file}: not an MCAP file")
+                scene = "; a scene is run by crawler simulate" if file.suffix in (".yaml", ".yml") else ""
+                raise BagError(f"{file}: not an MCAP file{scene}")
     return files
 
 

@@ -12,6 +12,7 @@ import mcap.writer
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
@@ -19,6 +20,7 @@ from crawler_ros.recording import bag
 from crawler_ros.recording.bag import BagError
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
+from crawler_ros.replay.show.report import print_replay
 from crawler_ros.replay.standstill import Standstill
 
 from ..commands import crawler
@@ -40,6 +42,9 @@ def test_the_first_cycle_from_rest_is_a_transient(tmp_path):
     assert [c.transient for c in found.cycles] == [True, False, False, False]
     assert found.cycles[0].translation != pytest.approx(0.14)
     assert [c.translation for c in found.cycles[1:]] == pytest.approx([0.14] * 3)
+    screen = Console(width=200, record=True)
+    print_replay(found, screen)
+    assert "transient: a cycle whose shape or translation still differs from the steady one" in screen.export_text()
 
 
 def test_ticks_with_waypoints_inside_are_followed_exactly(tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 from crawler_model.body.drive import NS
 from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
 from crawler_pictures.numbers import ROUNDING, label_values
-from crawler_pictures.run.kymograph import place_legend, write_title
+from crawler_pictures.run.kymograph import write_title
 
 from ..analysis import Replay, size_of
 from .compare import RunComparison
@@ -36,6 +36,7 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
     runs = (found.first, found.second)
     labels = [f"{letter}: {run.path.name}" for letter, run in zip("AB", runs, strict=True)]
     _draw_translations(axes[0, 0], runs, labels, _COLORS)
+    axes[0, 0].legend(loc="upper left", frameon=False, fontsize=8)  # below the title: names of recordings are long
     energy = 0.0
     for run, color in zip(runs, _COLORS, strict=True):
         if run.energy is not None:
@@ -82,17 +83,12 @@ def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
 
 def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str], colors: Sequence[str]) -> None:
     """Draw the net translation of the first run of each recording between resets, from its start."""
-    from matplotlib.lines import Line2D
-
-    handles = []
     for run, label, color in zip(runs, labels, colors, strict=True):
         rows = np.flatnonzero(run.table.run == 0)
         rows = rows[:: max(rows.size // _MOST_POINTS, 1)]
         time, y = run.table.end_ns[rows] / NS, run.table.net_translation[rows, 0]
-        axis.plot(time, y - y[0], color=color, linewidth=1.6)
-        handles.append(Line2D([], [], color=color, linewidth=1.6, label=label))
+        axis.plot(time, y - y[0], color=color, linewidth=1.6, label=label)
     label_values(axis, "net translation", "m", max(size_of(run.table) for run in runs))
-    place_legend(axis, handles)
 
 
 def draw_all(found: Sequence[RunComparison], png: Path) -> None:
@@ -112,7 +108,6 @@ def draw_all(found: Sequence[RunComparison], png: Path) -> None:
     colors = LINES[: len(runs)] if few else ("#000000", *["#9a9a9a"] * len(found))
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 2.6 + 0.22 * len(runs)), layout="constrained")
     _draw_translations(left, runs, [run.path.name for run in runs], colors)
-    left.get_legend().remove()
     left.set_xlabel("simulated time [s]")
     write_title(left, f"net translation of {len(runs)} runs" + ("" if few else f"; black: {runs[0].path.name}"))
     size = max(size_of(run.table) for run in runs)

@@ -91,6 +91,8 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
         last = i
         table.add_row(*_cycle(cycles[i], known, replay.table.shape_size)[: len(columns)])
     screen.print(table)
+    if transient:
+        screen.print("transient: a cycle whose shape or translation still differs from the steady one")
 
 
 def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("cma")
 
 from crawler_model import CrawlerError, Scene, load_scene, optimise, pareto, simulate
+from crawler_model.optimise.space import Evaluator
 
 STROKE = {"drive.actuation[1][0][0]": (0.0, 0.2)}
 
@@ -38,6 +39,22 @@ def test_waypoints_in_the_plane_are_components_of_links():
     assert simulate(best.scene, 3.0).per_period[-1] == pytest.approx([best.value, 0.0], abs=1e-4)
     both = optimise("planar_rectilinear", waypoints=2, stroke={"link_0": (0.0, 0.1)}, seconds=0.2)
     assert len(both.names) == 4
+
+
+def test_the_time_limit_leaves_out_the_rest_of_a_batch():
+    """In the plane a batch takes long: a limit that waited for its end would be exceeded many times over."""
+    best = optimise("planar_rectilinear", free=STROKE, seconds=0.2)
+    asked = []
+
+    def over() -> bool:
+        asked.append(True)
+        return len(asked) > 2
+
+    evaluator = Evaluator(best.space, threads=1, over=over)
+    scores = evaluator.scores([np.full(1, part) for part in (0.25, 0.5, 0.75, 1.0)])
+    assert scores[:2] == pytest.approx([0.05 - 0.02, 0.1 - 0.02], abs=1e-4)  # D - 2 mu_plus / k
+    assert np.isneginf(scores[2:]).all()
+    assert np.isfinite(Evaluator(best.space, threads=1, over=lambda: True).scores([best.point])).all()
 
 
 def test_a_direction_is_chosen():
