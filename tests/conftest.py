@@ -6,8 +6,11 @@ import contextlib
 import fcntl
 import functools
 import os
+import re
 import signal
+import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,12 +49,28 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Groups(config, log)
 
 
+OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
+"""Kernels that write into parts of larger arrays."""
 KERNELS = (
     ("line", "plane"),
-    ("environments", "patches", "long"),
-    ("derivatives", "batches"),
+    ("springs", "node", "patches", "long"),
+    ("derivatives", "batches", "environments"),
 )
 """Kinds of kernels of `crawler warm`; those of the last row build on the first."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once() -> Iterator[None]:
+    """Refuse kernels that were compiled twice because an array had another order in memory, or could not be written."""
+    yield
+    values = [value for name, module in [*sys.modules.items()] if "crawler" in name for value in vars(module).values()]
+    kernels = {id(value): value for value in values if hasattr(value, "signatures") and hasattr(value, "py_func")}
+    twice = set()
+    for kernel in kernels.values():
+        plain = [re.sub(r"(readonly|nonconst) |(?<=\dd, )[ACF]", "", str(types)) for types in kernel.signatures]
+        if len(set(plain)) < len(plain):
+            twice.add(f"{kernel.py_func.__module__}.{kernel.py_func.__name__}")
+    assert not twice - OF_ANY_ORDER, f"compiled twice, as an array had another order: {', '.join(sorted(twice))}"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -234,6 +234,7 @@ class LineMotion:
         ramps, memory = scratch
         ramps["budget"], ramps["exact"] = budget, True
         output = (accounts, spent, records)
+        targets = np.ascontiguousarray(targets)
         many.follow_many(state.contacts, state.springs, ramps, memory, targets, (rows, legs), output)
 
     def _follow_on_ground(

@@ -144,7 +144,8 @@ class PlanarState:
             Shape (N,) [N].
         """
         margins = np.empty(self.x.shape[0])
-        measure_margins(self.frame, self.command, self.x, force + self.loads if self.loads.size else force, margins)
+        force = np.array(force + self.loads if self.loads.size else force, order="C")
+        measure_margins(self.frame, self.command, self.x, force, margins)
         return margins
 
     def visited_margin(self, force: np.ndarray) -> float:
@@ -211,7 +212,7 @@ class PlaneMotion:
 
     def start(self, x: np.ndarray, target: np.ndarray) -> PlanarState:
         """Build the state at rest, see `Motion`."""
-        x, command = np.array(x, np.float64), self._expand(np.array(target, np.float64)[None])[0]
+        x, command = np.array(x, np.float64, order="C"), self._expand(np.array(target, np.float64)[None])[0]
         turns = not self.frame.vector
         yaw = measure_angles(self.frame.position + x, self.frame.heading[None]) if turns else np.zeros(1)
         state = PlanarState(self.frame, np.zeros(2), x, np.zeros_like(x), command, yaw, np.full(1, np.inf))
