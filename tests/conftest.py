@@ -51,10 +51,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
+BOTH = "bent springs on patches"
 KERNELS = (
     ("line", "plane"),
     ("springs", "node", "patches", "long"),
-    ("derivatives", "batches", "environments"),
+    ("derivatives", "batches", "environments", BOTH),
 )
 """Kinds of kernels of `crawler warm`; those of the last row build on the first."""
 
@@ -79,12 +80,14 @@ def kernels() -> None:
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return
-    from crawler_command.many.warm import BUILDS, Kind
+    from crawler_command.many import warm
 
+    builds = {kind.value: build for kind, build in warm.BUILDS.items()}
+    builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
     for kinds in KERNELS:
         for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):  # first what no other worker compiles
             for kind in kinds:
                 file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{kind}"
                 with contextlib.suppress(BlockingIOError), file.open("w") as lock:
                     fcntl.flock(lock, how)
-                    BUILDS[Kind(kind)]()
+                    builds[kind]()

@@ -16,7 +16,7 @@ from crawler_model import CrawlerError
 from ..screen import ShowProgress, progress_bar
 from .cores import WorkerEndedError, run_on_cores
 
-_PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
+PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
 _LONG = {"contacts": list(range(300)), "links": {"stiffness": 1.0}}
 _LOOK_EVERY_S = 0.5
 
@@ -65,7 +65,7 @@ def compile_node() -> None:
 
 def compile_patches() -> None:
     """Compile the kernels of bodies on patches of ground."""
-    compile_scene("three_contacts_two_ways", ground=_PATCHES)
+    compile_scene("three_contacts_two_ways", ground=PATCHES)
 
 
 def compile_long() -> None:
@@ -84,7 +84,7 @@ def compile_derivatives() -> None:
     """Compile the kernels of derivatives, which `optimise` and `identify` use."""
     from crawler_model import load_scene, sensitivities
 
-    for name in ("two_contacts_anisotropic", "three_springs", "tendon_worm"):
+    for name in ("two_contacts_anisotropic", "tendon_worm"):
         sensitivities(load_scene(name), ["friction.forward[0]"], 0.2, 10.0)
 
 
@@ -92,7 +92,7 @@ def compile_batches() -> None:
     """Compile the kernels of many runs at once, which `sweep` and `optimise` use."""
     from crawler_model import load_scene, simulate_many
 
-    for name in ("two_contacts_anisotropic", "three_springs", "planar_three_points"):
+    for name in ("two_contacts_anisotropic", "planar_three_points"):
         simulate_many([load_scene(name)] * 2, 0.05)
 
 

@@ -374,14 +374,15 @@ def test_compiled_kernels_are_loaded_without_what_only_compilation_needs():
 
 
 def test_a_chain_compiles_nothing_that_other_bodies_need(tmp_path):
-    """From an empty cache: no mesh of a graph, no sleeping run of a long chain, no border of a patch."""
+    """From an empty cache: no sleeping run of a long chain, no border of a patch, no knot of a curve."""
     run = """
 from crawler_model import load_scene, simulate
-from crawler_model.motion.line import mesh, path, runs
+from crawler_model.motion.line import path, runs
 from crawler_model.motion.line.ground import borders, falls, jumps
+from crawler_model.motion.line.springs import bends
 simulate(load_scene("two_anchor_a"), duration=0.1)
 needed = [len(k.signatures) for k in (path.solve_path, path._find_first_flow)]
-others = (mesh.solve_mesh, runs._form_leaf, runs._wake, borders.set_bound, falls._let_all_fall, jumps.begin_on_ground)
+others = (bends.find_pieces, runs._form_leaf, runs._wake, borders.set_bound, falls._let_all_fall, jumps.begin_on_ground)
 print(min(needed) > 0, sum(len(k.signatures) for k in others))
 """
     cold = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}

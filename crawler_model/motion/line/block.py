@@ -296,18 +296,6 @@ def _find_mesh(contacts, springs, model, ramp, i):
 
 
 @inlined
-def _find_rows(contacts, springs, model, matrix, ramp, i):
-    """Enter the rows of the block around contact i; returns their number."""
-    if matrix is None:
-        return _find_stretch(contacts, springs, model, model.runs, ramp, i)
-    count = _find_path(contacts, springs, model, ramp, i)
-    if count == 0:
-        ramp.block += 1
-        count = _find_mesh(contacts, springs, model, ramp, i)
-    return count
-
-
-@inlined
 def find_block(contacts, springs, model, ramp, i):
     """Enter in the block all contacts at their bounds that springs join to contact i without passing a wall.
 
@@ -323,4 +311,10 @@ def find_block(contacts, springs, model, ramp, i):
     """
     ramp.block += 1
     ramp.path = ramp.guards = 0
-    return _find_rows(contacts, springs, model, model.matrix, ramp, i)
+    if model.matrix.shape[0] == 0:
+        return _find_stretch(contacts, springs, model, model.runs, ramp, i)
+    count = _find_path(contacts, springs, model, ramp, i)
+    if count == 0:
+        ramp.block += 1
+        count = _find_mesh(contacts, springs, model, ramp, i)
+    return count

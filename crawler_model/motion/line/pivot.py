@@ -153,15 +153,6 @@ def _is_loose(ramp, block, curves, count):
 
 
 @inlined
-def _solve_sides(contacts, springs, model, matrix, ramp, count):
-    """Solve for the rates of a block with given sides; all blocks of a chain, which has no matrix, are paths."""
-    if matrix is None or ramp.path > 0:
-        solve_path(model.block, count)
-    else:
-        solve_mesh(contacts, springs, model, count)
-
-
-@inlined
 def find_sides(contacts, springs, model, ramp, count):
     """Find which contacts of the block slide, and the rates in it.
 
@@ -198,7 +189,10 @@ def find_sides(contacts, springs, model, ramp, count):
                 return False
             side = block[brake].side
             block[brake].side = 0
-        _solve_sides(contacts, springs, model, model.matrix, ramp, count)
+        if ramp.path > 0:
+            solve_path(block, count)
+        else:
+            solve_mesh(contacts, springs, model, count)
         if wake_turning(contacts, springs, block, model.runs, ramp, count):
             return False
         if resting == 1:

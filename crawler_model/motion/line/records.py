@@ -351,9 +351,9 @@ class Model(NamedTuple):
     """END, two of each spring, those of a contact together, shape (2 S,)."""
     block: np.ndarray
     """BLOCK, memory, shape (N + 1,)."""
-    matrix: Any
-    """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, for which no
-    meshes are compiled."""
+    matrix: np.ndarray
+    """Conductances between sliding contacts, memory, a row for each, shape (N, width); no rows for chains, all of whose
+    blocks are paths."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray

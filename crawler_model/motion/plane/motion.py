@@ -166,7 +166,7 @@ class PlanarState:
         Args:
             unit: a power of 2 as large as the body [m].
         """
-        if np.abs(self.x).max() > _FAR * unit:
+        if max(map(abs, self.x[0].tolist())) > _FAR * unit:
             shift = unit * np.round(self.x.mean(axis=0) / unit)
             self.x -= shift  # exact
             self.origin += shift
@@ -221,11 +221,8 @@ class PlaneMotion:
 
     def _expand(self, targets: np.ndarray) -> np.ndarray:
         """Give each disc the four frictions of its axes, in arrays of one type, for which kernels are compiled once."""
-        if not self.frame.vector or self.frame.directions.size > 0:
-            return targets.copy()
-        parts, n = self.frame.rest.size, self.body.contacts
-        friction = np.repeat(targets[:, parts : parts + n], 4, axis=1)
-        return np.concatenate((targets[:, :parts], friction, targets[:, parts + n :]), axis=1)
+        discs = self.body.contacts if self.frame.vector and self.frame.directions.size == 0 else 0
+        return np.take(targets, _columns_of(targets.shape[1], self.frame.rest.size, discs), axis=1)
 
     def scratch(self) -> np.ndarray:
         """Allocate the velocities with which a ramp begins, see `Motion`."""
@@ -248,10 +245,9 @@ class PlaneMotion:
         n, parts = self.body.contacts, self.frame.rest.size
         jumps: list[Jump] = []
         for v, target in enumerate(self._expand(targets)):
-            if (target != moving.command).any():
-                jumps += self._follow_ramp(moving, scratch, target, v, account)
-                if not self.frame.vector:
-                    account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
+            jumps += self._follow_ramp(moving, scratch, target, v, account)
+            if not self.frame.vector:
+                account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
             if records.shape[0]:
                 x = moving.displacement
                 records[v, : 2 * n] = x.ravel()
@@ -261,7 +257,8 @@ class PlaneMotion:
                     lost = account[DISSIPATION] + account[LOADS_WORK]
                     records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
         moving.recentre(self.unit)
-        vars(state).update(vars(moving))
+        if moving is not state:
+            vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed
             account[VISITED] = state.visited_margin(state.force)
         return tuple(jumps)
@@ -272,7 +269,7 @@ class PlaneMotion:
         """Follow one ramp through its jumps."""
         arrays = state.x, state.gained, state.command, state.turned
         patience = _PATIENCE if self.frame.vector and state.x.shape[0] >= LARGE else np.inf
-        progress = np.array([0.0, 1.0, self.tolerance, state.stability_margin, patience])
+        progress = np.array([0.0, 1.0, self.tolerance, state.stability[0], patience])
         velocity[:] = 0.0
         ahead, landed = _AHEAD, -1.0
         while progress[PLACE] < 1.0:
@@ -304,6 +301,14 @@ class PlaneMotion:
             if distance > self.tolerance:
                 yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))
         state.stability[0] = progress[MARGIN]
+
+
+@functools.lru_cache
+def _columns_of(width: int, first: int, discs: int) -> np.ndarray:
+    """List the columns of a target, four times those of the frictions of discs."""
+    times = np.ones(width, np.int64)
+    times[first : first + discs] = 4
+    return np.repeat(np.arange(width), times)
 
 
 def build_plane_motion(plan: Plan) -> PlaneMotion:

@@ -28,7 +28,7 @@ from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .translation import choose_translation
-from .walk import AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at, walk
+from .walk import AT_END, AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
 _GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-4, 1e-2
 """Parts of a ramp in which velocities are measured: in general, and with polygons, whose paths are straight; and by how
@@ -143,10 +143,11 @@ def _dyadic(frame, length):
 
 
 @merged
-def _settle(frame, state, target, part, best, after, allowed):
-    """Solve for the end of a part of a ramp, where friction balances the forces.
+def _settle(frame, state, target, part, best, after, limits):
+    """Solve for the end of a part of a ramp, where friction balances the forces, as at the end of an implicit step.
 
-    The displacement, the dissipation and the work of the loads in `best` become those to that end.
+    The displacement, the dissipation and the work of the loads in `best` become those to that end. `limits` has the
+    error that is allowed [m], and whether `best` is one implicit step.
 
     Returns whether it is stable and the energies balance: where they do not, the body has jumped; and their residual.
     """
@@ -159,21 +160,24 @@ def _settle(frame, state, target, part, best, after, allowed):
     for i in range(n):
         for c in range(2):
             base[i, c] = after[i, c] = x[i, c] + best[i, c]
-    solved, _ = solve_stage(frame, now, base, after, force, 0.0)
-    most = 0.0
+    allowed, solved = limits
+    if not solved:
+        solved, _ = solve_stage(frame, now, base, after, force, 0.0)
     for i in range(n):
         best[n, 0] += resistance(frame, now, after, i, after[i, 0] - base[i, 0], after[i, 1] - base[i, 1])
         for c in range(2):
             best[n + 1, 0] += load_of(frame, now, i, c) * (after[i, c] - base[i, c])
         best[i, 0] = after[i, 0] - x[i, 0]
         best[i, 1] = after[i, 1] - x[i, 1]
-        most = max(most, math.hypot(force[i, 0], force[i, 1]))
     stored = energy_of(frame, command, x)
     gained = energy_of(frame, now, after) - stored
     spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
     residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
     if frame.vector:
         return solved, residual
+    most = 0.0
+    for i in range(n):
+        most = max(most, math.hypot(force[i, 0], force[i, 1]))
     balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
     return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual
@@ -281,8 +285,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             aim = min(growth, _SHORT_OF) * length
         else:
             paid = max(error - tolerance * length, 0.0)
-            if outcome == TAKEN and paid <= _AT_ONCE * progress[LEFT]:
-                settled, residual = _settle(frame, state, target, part, best, after, limits[0])
+            if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
+                settled, residual = _settle(frame, state, target, part, best, after, (limits[0], outcome == AT_END))
                 if settled:
                     account[RESIDUAL] += residual
                     progress[LEFT] -= paid
@@ -320,6 +324,8 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
     """
     n = velocity.shape[0]
     best = np.zeros((n + 2, 2))
+    if (state[2] == target).all():
+        progress[PLACE] = 1.0
     while progress[PLACE] < 1.0 and progress[PATIENCE] > 0.0:
         progress[PATIENCE] -= 1.0
         part = _advance(frame, state, target, tolerance, velocity, (account, progress), best)
@@ -357,7 +363,7 @@ def force_step(frame, state, target, account, progress):
     best = np.zeros((n + 2, 2))
     after = np.empty((n, 2))
     walk(frame, (state[0], state[2], target), (part, 1, False), np.zeros((n, 2)), best, np.empty((n, 2)))
-    _, residual = _settle(frame, state, target, part, best, after, 0.0)
+    _, residual = _settle(frame, state, target, part, best, after, (0.0, False))
     account[RESIDUAL] += residual
     account[OVERSPENT] += 1.0
     _take(frame, state, target, part, best, after, account)

@@ -26,8 +26,9 @@ _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
 _AT_ONE_PLACE = 0.1
 """A force is on the boundary of its set if its contact starts within this part of what is negligible."""
-FAILED, START, STOP, TAKEN = range(4)
-"""Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; done, with some error."""
+FAILED, START, STOP, TAKEN, AT_END = range(5)
+"""Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; done, with some error; done
+in one step of vector springs, at whose end friction balances the forces."""
 
 
 @lean
@@ -307,7 +308,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
             if frame.vector:
                 error = _missed(frame, way, best, force, _AT_ONE_PLACE * negligible)
                 if error <= allowed:
-                    return TAKEN, error, 4.0, unique
+                    return AT_END, error, 4.0, unique
             outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
             if outcome != TAKEN or moves > 0.0:
                 return outcome, moves, factor, unique
