@@ -149,7 +149,7 @@ def check_request(scene: Scene, objective: str, target: Sequence[float] | None, 
         raise SceneError(f"objective: {objective!r}; that of {scene.name}, which turns, must be one of {names}")
     if not turns and objective in ("turn", SCREW):
         raise SceneError(f"objective: {objective!r}; {scene.name} does not turn, as it has no `springs: length`")
-    for name in ("rate", "tension", "robust"):
+    for name in ("rate", "tension"):
         if turns and limits[name]:
             raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
     if limits["tension"] and not scene.has_exact_derivatives:
