@@ -184,8 +184,6 @@ def optimise_command(
     from crawler_model import load_scene, optimise, pareto, prepare, read_posterior
 
     loaded = load_scene(scene)
-    if png is not None and loaded.dimension == 2:
-        raise CrawlerError(f"--png: {loaded.name} is in the plane; draw the scene of --out with simulate --png")
     if robust_to is not None:
         over = (robust_of or Over.expected).value
         limits |= {"robust_to": read_posterior(robust_to, loaded), "robust_of": over}

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 _SHOWN_ROWS = 12
 _NOTHING_BETTER = "; the search ended because several rounds in a row found nothing better"
 _STOPPED_EARLY = "; stopped before the end, the result depends on the machine"
+_MOVES = {"turn": "turns to the left", "screw": "comes nearer to the target"}
 _HASTY = 4
 """Reversals of a link in a period: a stroke and its return are two."""
 
@@ -64,7 +65,8 @@ def describe_optimum(found: Optimum) -> list[str]:
     if found.alternatives:
         lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
     for weakness in found.weaknesses:
-        lines.append(f"robust: {describe_weakness(weakness.key, weakness.below, weakness.above)}")
+        moves = _MOVES.get(found.objective, "moves forward")
+        lines.append(f"robust: {describe_weakness(weakness.key, weakness.below, weakness.above, moves)}")
     if found.robustness is not None:
         one = found.robustness
         lines.append(
@@ -136,13 +138,14 @@ def count_reversals(values: np.ndarray) -> int:
     return int((signs != np.roll(signs, 1)).sum())
 
 
-def describe_weakness(key: str, below: float | None, above: float | None) -> str:
+def describe_weakness(key: str, below: float | None, above: float | None, moves: str = "moves forward") -> str:
     """Describe at which change of a number a gait fails.
 
     Args:
         key: the number.
         below: the factor below which it does, or None.
         above: the factor above which it does, or None.
+        moves: what the gait does as long as it does not fail.
 
     Returns:
         A clause.
@@ -150,7 +153,7 @@ def describe_weakness(key: str, below: float | None, above: float | None) -> str
     edges = [f"{factor:.4g}" for factor in (below, above) if factor is not None]
     if not edges:
         return f"no change of {key} by a factor of up to 100 stops the gait"
-    return f"the gait no longer moves forward when {key} changes by the factor {' or '.join(edges)}"
+    return f"the gait no longer {moves} when {key} changes by the factor {' or '.join(edges)}"
 
 
 def describe_front(found: Front) -> list[str]:

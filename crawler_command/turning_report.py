@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from crawler_model import Trajectory
-from crawler_pictures.numbers import error_of, write_length
+from crawler_pictures.numbers import error_of, write_length, write_stability
 
 _MOST_JUMPS = 8
 _TURN = 2.0 * math.pi
@@ -32,9 +32,8 @@ def print_turning(run: Trajectory, screen: Console) -> None:
         text = f"in the last period, along and across its heading: {along} m, and it turned by "
         circle = "" if screw.radius is None else f", on a circle of radius {screw.radius:.6g} m"
         screen.print(f"{text}{write_length(gain[2], _TURN)} rad{circle}")
-    if run.stability_margin is not None:
-        grows = "; below 0 a small deviation grows along the path" if run.stability_margin < 0.0 else ""
-        screen.print(f"stability margin: at least {run.stability_margin:.4g}, at {run.stability_time:g} s{grows}")
+    if run.stability_margin is not None and run.stability_time is not None:
+        screen.print(write_stability(run.stability_margin, run.stability_time))
     for jump in run.jumps[:_MOST_JUMPS]:
         screen.print(
             f"[yellow]it jumped[/] at {jump.time:g} s: its point {jump.contact} moved {jump.distance:.4g} m at once, "

@@ -42,14 +42,24 @@ def error_of(scene: Plan) -> float:
     Returns:
         The tolerance of a ramp in the plane [m]; 0 on a line, where only rounding is left.
     """
-    from crawler_model.body.turning import TURNING_TOLERANCE
-    from crawler_model.motion.plane.motion import DEFAULT_TOLERANCE
+    from crawler_model.run.account import tolerance_of
 
-    if scene.body.dimension == 1:
-        return 0.0
-    default = DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE
     lengths = scene.drive.actuation.reshape(scene.drive.times.size, -1)[:, : scene.body.lengths]
-    return (scene.tolerance or default) * float(np.ptp(lengths, axis=0).max(initial=0.0))
+    return tolerance_of(scene) * float(np.ptp(lengths, axis=0).max(initial=0.0))
+
+
+def write_stability(margin: float, when: float) -> str:
+    """Write the least stability margin of a body that turns.
+
+    Args:
+        margin: the margin [1].
+        when: the time at which it was least [s].
+
+    Returns:
+        The text.
+    """
+    grows = "; below 0 a small deviation grows along the path" if margin < 0.0 else ""
+    return f"stability margin: at least {margin:.4g}, at {when:g} s{grows}"
 
 
 def write_energy(value: float, size: float) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +14,10 @@ from crawler_model.optimise.landscape import map_plane, profile
 
 from .colors import GREY, LINES, STICK, TENSION
 from .numbers import label_values
+from .run.arrays import RunArrays
 from .run.forces import draw_commands
 from .run.kymograph import draw_positions, explain_states, make_room, place_legend, write_title
+from .run.plane import draw_plane
 from .run.trajectory import read_trajectory
 from .sweep import draw_broken, find_jumps
 
@@ -26,14 +28,20 @@ _LABELS = {
     "translation": "gain per period [m]",
     "cost-of-transport": "cost of transport",
     "travel": "gain / travel of the actuators",
+    "turn": "turn per period [rad]",
+    "screw": "distance from the target [m]",
 }
 _PERIODS = 2
 _SETTLING = 8
+_SAMPLES = {1: 200, 2: 60}
+"""Samples of a period, by the dimension of the body."""
 _MOST_LINES, _NAMED = 40, 4
 
 
 def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
     """Draw an optimal gait: commands and motion over two periods, and the objective around it.
+
+    In the plane the motion is seen from above, and the objective over two unknowns, many gaits, is left out.
 
     Args:
         optimum: the gait.
@@ -43,10 +51,19 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
     plt = _pyplot()
     figure = plt.figure(figsize=(11, 8), layout="constrained")
     left, right = figure.subfigures(1, 2)
-    _draw_gait(left, optimum)
-    above, below = right.subplots(2, 1)
-    _draw_profiles(above, optimum, units)
-    _draw_plane(right, below, optimum, units)
+    run, shown = _run_settled(optimum)
+    if run.planar:
+        above, below = left.subfigures(2, 1)
+        _draw_commands(above, run, shown)
+        view, names = right.subplots(), list(run.contacts)
+        draw_plane(view, run.positions[shown], run.state[shown], run.net_translation[shown], run.ends, names)
+        make_room(view)
+        _draw_profiles(below.subplots(), optimum, units)
+    else:
+        _draw_gait(left, run, shown)
+        above, below = right.subplots(2, 1)
+        _draw_profiles(above, optimum, units)
+        _draw_map(right, below, optimum, units)
     unit = "" if optimum.unit == "1" else f" {optimum.unit}"
     title = f"{optimum.scene.name}: {_LABELS[optimum.objective].split(' [')[0]} {optimum.value:.5g}{unit}"
     figure.suptitle(title, x=0.005, ha="left", fontsize=12, fontweight="bold")
@@ -63,28 +80,39 @@ def _pyplot() -> Any:
     return plt
 
 
-def _draw_gait(part: Any, optimum: Optimum) -> None:
-    """Draw the commands that change, and the motion, over two periods of the periodic regime."""
-    period = optimum.scene.drive.period
+def _run_settled(optimum: Optimum) -> tuple[RunArrays, np.ndarray]:
+    """Run a gait; return the run, and which of its samples are in two periods of the periodic regime."""
+    scene, period = optimum.scene, optimum.scene.drive.period
     assert period is not None
-    run = read_trajectory(simulate(optimum.scene, duration=(_SETTLING + _PERIODS) * period, rate=200.0 / period))
-    shown = run.time >= (_SETTLING - 1e-9) * period
-    time = run.time[shown] - _SETTLING * period
+    rate = _SAMPLES[scene.dimension] / period
+    run = read_trajectory(simulate(scene, duration=(_SETTLING + _PERIODS) * period, rate=rate))
+    return run, run.time >= (_SETTLING - 1e-9) * period
+
+
+def _draw_commands(part: Any, run: RunArrays, shown: np.ndarray, heights: Sequence[float] = ()) -> Any:
+    """Draw the commands that change over the shown time, above other panels of these heights; return all axes."""
+    time = run.time[shown] - run.time[shown][0]
     commands = [replace(kind, values=kind.values[shown]) for kind in run.commands if kind.changes]
-    heights = [1.0] * len(commands) + [2.0]
-    axes = np.atleast_1d(part.subplots(len(heights), 1, sharex=True, height_ratios=heights))
+    rows = [*[1.0] * len(commands), *heights]
+    axes = np.atleast_1d(part.subplots(len(rows), 1, sharex=True, height_ratios=rows))
     for axis, kind in zip(axes, commands, strict=False):
         draw_commands(axis, time, kind)
         make_room(axis)
-    axis, count = axes[-1], run.positions.shape[1]
+    axes[-1].set(xlabel="time in the periodic regime [s]", xlim=(time[0], time[-1]))
+    part.align_ylabels(axes)
+    return axes
+
+
+def _draw_gait(part: Any, run: RunArrays, shown: np.ndarray) -> None:
+    """Draw the commands that change, and the motion, over two periods of the periodic regime."""
+    time = run.time[shown] - run.time[shown][0]
+    axis, count = _draw_commands(part, run, shown, [2.0])[-1], run.positions.shape[1]
     chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).astype(int))
     x = run.positions[shown][:, chosen]
     draw_positions(axis, time, x - x[0, 0], run.state[shown][:, chosen], [run.contacts[i] for i in chosen])
     label_values(axis, "position", "m", float(np.ptp(x)))
     write_title(axis, "contacts over time" + (f", {chosen.size} of {count}" if chosen.size < count else ""))
     explain_states(axis, False, False)
-    axis.set(xlabel="time in the periodic regime [s]", xlim=(time[0], time[-1]))
-    part.align_ylabels(axes)
 
 
 def _name_unknown(name: str, unit: str) -> str:
@@ -116,7 +144,7 @@ def _draw_profiles(axis: Axes, optimum: Optimum, units: Mapping[str, str]) -> No
     make_room(axis)
 
 
-def _draw_plane(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str]) -> None:
+def _draw_map(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str]) -> None:
     """Draw the objective over the two unknowns that matter most."""
     if len(optimum.names) < 2:
         axis.set_axis_off()

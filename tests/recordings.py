@@ -67,7 +67,7 @@ def messages(scene: Scene, ticks, rate: float = 100.0, crawler: Crawler | None =
         readout.read(crawler, seconds, joints.numbers, contacts.numbers)
         yield "joint_states", ns, joints.encode(ns)
         yield "contact_states", ns, contacts.encode(ns)
-        yield "pose", ns, pose.encode(ns, *np.atleast_1d(crawler.net_translation))
+        yield "pose", ns, pose.encode(ns, *np.atleast_1d(crawler.net_translation), yaw=crawler.yaw)
 
     yield from states(0, np.inf)
     for start, offsets, rows in ticks:

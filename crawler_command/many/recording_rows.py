@@ -29,7 +29,7 @@ TABLES = ("cycles", "slips", "account", "runs")
 """The tables of a data set; a recording is finished as soon as it has its row of `runs`, which is written last."""
 IDENTITY = b"crawler_recording"
 """Key in the metadata of a row of `runs`: which file it describes, and what the analysis depended on."""
-_LAYOUT = 1
+_LAYOUT = 2
 _MOST_NUMBERS = 16
 """Longer lists of a scene have no columns."""
 _RUNS = {
@@ -47,6 +47,7 @@ _RUNS = {
     "first_difference": (pa.float64(), "s"),
     "explanation": (pa.string(), "1"),
     **dict.fromkeys(("translation", "translation_y"), (pa.float64(), "m")),
+    "turned": (pa.float64(), "rad"),
     **dict.fromkeys(("cycles", "transient_cycles"), (pa.int32(), "1")),
     "cycle_source": (pa.string(), "1"),
     "speed": (pa.float64(), "m/s"),
@@ -57,6 +58,8 @@ _RUNS = {
     "least_margin_contact": (pa.string(), "1"),
     "visited_margin": (pa.float64(), "1"),
     "unique": (pa.bool_(), "1"),
+    "stability_margin": (pa.float64(), "1"),
+    "stability_time": (pa.float64(), "s"),
     "rests_since": (pa.float64(), "s"),
 }
 _LENGTHS = ("translation", "translation_y", "slip_forward", "slip_backward")
@@ -64,6 +67,7 @@ _ACCOUNT = {
     "reset": (pa.int32(), "1"),
     **dict.fromkeys(("start", "end"), (pa.float64(), "s")),
     **dict.fromkeys(_LENGTHS, (pa.float64(), "m")),
+    "turned": (pa.float64(), "rad"),
     **{f.name: (pa.float64(), "1" if f.name == "residual" else "J") for f in fields(EnergyBalance)},
 }
 
@@ -181,14 +185,13 @@ def _serialise(table: pa.Table) -> bytes:
 
 
 def _build_tables(replay: Replay, identity: Identity) -> dict[str, pa.Table]:
-    found = cycles_table(replay)
-    found = found.drop_columns(["turned"]) if "turned" in found.column_names else found  # as for all other bodies
-    cycles = _with_two_axes(_renamed(found, {"run": "reset", "translation_x": "translation"}))
+    cycles = _renamed(cycles_table(replay), {"run": "reset", "translation_x": "translation"})
+    cycles = _with_column(cycles, "translation_y", "m", cycles.column_names.index("translation") + 1)
     slips = _renamed(slips_table(replay), {"run": "reset"})
     at = slips.column_names.index("contact")
     contact = pa.field("contact", pa.string(), metadata=slips.schema.field(at).metadata)
     return {
-        "cycles": cycles,
+        "cycles": _with_column(cycles, "turned", "rad", cycles.num_columns),
         "slips": slips.set_column(at, contact, slips["contact"].cast(pa.string())),
         "account": _rows(list(_account(replay)), _ACCOUNT),
         "runs": _build_run(replay, identity),
@@ -199,13 +202,13 @@ def _renamed(table: pa.Table, names: Mapping[str, str]) -> pa.Table:
     return table.rename_columns([names.get(name, name) for name in table.column_names])
 
 
-def _with_two_axes(cycles: pa.Table) -> pa.Table:
-    """Add the second component of the translation to cycles on a line, unknown."""
-    if "translation_y" in cycles.column_names:
-        return cycles
-    at = cycles.column_names.index("translation")
-    field = pa.field("translation_y", pa.float64(), metadata={"unit": "m"})
-    return cycles.add_column(at + 1, field, pa.nulls(cycles.num_rows, pa.float64()))
+def _with_column(table: pa.Table, name: str, unit: str, at: int) -> pa.Table:
+    """Add a column that other bodies have, unknown."""
+    if name in table.column_names:
+        return table
+    return table.add_column(
+        at, pa.field(name, pa.float64(), metadata={"unit": unit}), pa.nulls(table.num_rows, pa.float64())
+    )
 
 
 def _rows(rows: list[dict[str, Any]], columns: Mapping[str, tuple[Any, str]]) -> pa.Table:
@@ -229,6 +232,7 @@ def _account(replay: Replay) -> Iterator[dict[str, Any]]:
             "start": float(table.end_ns[first]) / NS,
             "end": float(table.end_ns[last]) / NS,
             **dict(zip(_LENGTHS, (*gained, *slid), strict=True)),
+            "turned": float(table.yaw[last] - table.yaw[first]) if table.turns else None,
             **{f.name: None if known is None else getattr(known, f.name) for f in fields(EnergyBalance)},
         }
 
@@ -304,6 +308,7 @@ def _describe_motion(replay: Replay) -> dict[str, Any]:
         "duration": replay.seconds,
         "translation": sum(row["translation"] for row in gained),
         "translation_y": sum(row["translation_y"] for row in gained) if planar else None,
+        "turned": sum(row["turned"] for row in gained) if replay.table.turns else None,
         "cycles": len(replay.cycles),
         "transient_cycles": sum(cycle.transient for cycle in replay.cycles),
         "cycle_source": replay.cycle_source,
@@ -316,6 +321,8 @@ def _describe_motion(replay: Replay) -> dict[str, Any]:
         "least_margin_contact": None if margins is None else margins.least_contact,
         "visited_margin": None if margins is None else margins.visited,
         "unique": None if margins is None else margins.unique,
+        "stability_margin": None if margins is None else margins.stability_margin,
+        "stability_time": None if margins is None else margins.stability_time,
         "rests_since": None if replay.standstill is None else replay.standstill.since,
     }
 

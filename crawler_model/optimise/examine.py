@@ -179,14 +179,14 @@ def _active_bounds(unknowns: Unknowns, space: Space, point: np.ndarray, regime: 
 
 
 def _find_weakness(unknowns: Unknowns, key: str, values: np.ndarray, goal: Goal) -> Weakness:
-    """Find the factors of a number at which a gait no longer moves forward."""
+    """Find the factors of a number at which a gait no longer moves as it should."""
 
     def moves(factor: float) -> bool:
         try:
             regime = find_regime_of(with_numbers(unknowns, {key: factor}).cycle(values), goal)
         except CrawlerError:
             return True
-        return regime is None or regime.gain > _NEAR * max(regime.travel, 1e-300)
+        return regime is None or goal.progress(regime) > max(_NEAR * regime.travel, goal.resolution)
 
     def edge(factors: np.ndarray) -> float | None:
         inside = 1.0

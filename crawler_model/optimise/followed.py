@@ -12,15 +12,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..body.turning import TURNING_TOLERANCE
 from ..crawler.crawler import Crawler
 from ..errors import CommandError, SceneError
-from ..motion.plane.motion import DEFAULT_TOLERANCE
-from ..run.account import average_displacement
+from ..run.account import average_displacement, tolerance_of
 from ..run.cycle import repeat_period
 from ..run.screw import largest_distance
 from ..run.simulate import simulate
-from ..scene.assembly import Assembly
 from ..scene.scene import Scene
 from .goal import SCREW, TURNING_OBJECTIVES, Goal
 from .regime import Regime, find_regime
@@ -69,7 +66,7 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
             gain, work = _average_periods(crawler, period, goal.periods)
             settled = True
         else:
-            found = repeat_period(crawler, period, _SETTLED * _tolerance_of(plan), _MOST_PERIODS)
+            found = repeat_period(crawler, period, _SETTLED * tolerance_of(plan), _MOST_PERIODS)
             least = _ROUNDING * largest_distance(body)
             motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.asarray(found.gain))
             gain = math.cos(goal.towards) * motion[0] + math.sin(goal.towards) * motion[1]
@@ -130,11 +127,7 @@ def followed_goal(scene: Scene, goal: Goal, target: Sequence[float] | None) -> G
         dx, dy, dyaw = (float(value) for value in target)
         goal = dataclasses.replace(goal, target=(dx, dy, dyaw, length))
     unit = length if goal.objective in ("translation", SCREW) else 1.0
-    return dataclasses.replace(goal, resolution=_tolerance_of(scene) * unit)
-
-
-def _tolerance_of(scene: Assembly) -> float:
-    return scene.tolerance or (DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE)
+    return dataclasses.replace(goal, resolution=tolerance_of(scene) * unit)
 
 
 def check_request(scene: Scene, objective: str, target: Sequence[float] | None, limits: Mapping[str, object]) -> None:
@@ -156,7 +149,7 @@ def check_request(scene: Scene, objective: str, target: Sequence[float] | None, 
         raise SceneError(f"objective: {objective!r}; that of {scene.name}, which turns, must be one of {names}")
     if not turns and objective in ("turn", SCREW):
         raise SceneError(f"objective: {objective!r}; {scene.name} does not turn, as it has no `springs: length`")
-    for name in ("rate", "tension", "robust"):
+    for name in ("rate", "tension"):
         if turns and limits[name]:
             raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
     if limits["tension"] and not scene.has_exact_derivatives:

@@ -80,6 +80,20 @@ class Goal:
         dx, dy, dyaw = (reached - wanted for reached, wanted in zip(regime.motion, self.target[:3], strict=True))
         return math.hypot(dx, dy, self.target[3] * dyaw)
 
+    def progress(self, regime: Regime) -> float:
+        """Compute how far a gait moves as it should; a gait that does not has failed.
+
+        Args:
+            regime: the regime.
+
+        Returns:
+            The gain [m], the turn to the left [rad], or by how much the motion is nearer to the target than none [m].
+        """
+        if self.target is not None:
+            dx, dy, dyaw, length = self.target
+            return math.hypot(dx, dy, length * dyaw) - self.distance(regime)
+        return score("turn" if self.objective == "turn" else "translation", regime)
+
     def measure(self, regime: Regime) -> float:
         """Compute what the objective is named after.
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..body.plan import refuse_turning
 from ..errors import CommandError, SceneError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
@@ -26,8 +25,6 @@ from .space import Space
 from .unknowns import Unknowns, with_numbers
 
 _MOST_ROBUST = 5
-PLANAR_ROUNDS = 4
-"""As `_STALE_ROUNDS` of the search: one of each kind, as each gait takes a hundred times longer than on a line."""
 
 
 def optimise(
@@ -98,8 +95,6 @@ def optimise(
     if robust_to is not None:
         check_uncertain(robust_of, objective, robust)
         scene = robust_to.apply(scene)
-    if robust_to is not None:
-        refuse_turning(scene, "robust_to")
     unknowns, space = build_space(
         scene,
         objective,
@@ -119,8 +114,7 @@ def optimise(
     if robust_to is not None:
         space = spread_over(space, unknowns, robust_to, robust_of)
     begin = [*given_points(unknowns), np.full(space.size, 0.5)]
-    more = {} if scene.dimension == 1 else {"rounds": PLANAR_ROUNDS}
-    found = search(space, seed, seconds, begin, progress, **more)
+    found = search(space, seed, seconds, begin, progress)
     check_found(space, found)
     best = finish(unknowns, space, found, tuple(robust or ()), seed, seconds, began)
     if robust_to is None:

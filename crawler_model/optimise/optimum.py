@@ -47,11 +47,11 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Weakness:
-    """How much a number of the scene may change before the gait no longer moves forward.
+    """How much a number of the scene may change before the gait no longer moves as it should.
 
     Attributes:
         key: the number.
-        below: the factor [1] at which the gain is no longer positive when it becomes smaller; None if none was found.
+        below: the factor [1] at which that happens when it becomes smaller; None if none was found.
         above: likewise when it becomes larger [1].
     """
 

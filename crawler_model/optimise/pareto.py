@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ..body.plan import refuse_turning
 from ..notebook import write_html
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
@@ -84,7 +83,7 @@ class Front:
             "front": [
                 {
                     "gain": point.gain,
-                    "cost_of_transport": point.cost_of_transport,
+                    "cost_of_transport": point.cost_of_transport if math.isfinite(point.cost_of_transport) else None,
                     "drive": point.scene.document()["drive"],
                 }
                 for point in self.points
@@ -109,7 +108,7 @@ def pareto(
     each the part of the way from one end to the other, with several weights.
 
     Args:
-        scene: a scene of a body that does not turn, a path or a gallery name.
+        scene: a scene, a path or a gallery name.
         seconds: time limit [s], on which the result then depends; None for none.
         seed: of the random numbers.
         progress: called with the completed part, in [0, 1].
@@ -125,7 +124,6 @@ def pareto(
     """
     began = time.perf_counter()
     scene = coerce_scene(scene, "pareto")
-    refuse_turning(scene, "pareto")
     names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period", "towards", "periods")
     given = {name: limits.pop(name, None) for name in names}
     if limits:
@@ -140,8 +138,7 @@ def pareto(
             if progress is not None:
                 progress((len(runs) + part) / (_POINTS + 2))
 
-        more = {} if rounds is None else {"rounds": rounds}
-        runs.append(search(space, seed + len(runs), each, points, report, **more))
+        runs.append(search(space, seed + len(runs), each, points, report, rounds))
         return runs[-1]
 
     far = go(space, begin, None)

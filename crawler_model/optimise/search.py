@@ -13,8 +13,9 @@ from .goal import best_first
 from .polish import climb, flip, improves
 from .space import Evaluator, Space
 
-_STALE_ROUNDS = 12
-"""Rounds without a better gait after which the search ends."""
+_STALE_ROUNDS = {1: 12, 2: 4}
+"""Rounds without a better gait after which the search ends, by the dimension of the body: in the plane one of each
+kind, as each gait takes a hundred times longer than on a line."""
 _BETTER = 1e-4
 """Improvements by a smaller part do not count as better for this."""
 _MOST_ROUNDS = 100
@@ -53,7 +54,7 @@ def search(
     seconds: float | None,
     begin: list[np.ndarray],
     progress: Callable[[float], None] | None = None,
-    rounds: int = _STALE_ROUNDS,
+    rounds: int | None = None,
     threads: int | None = None,
 ) -> Found:
     """Search the best candidate.
@@ -64,7 +65,7 @@ def search(
         seconds: time limit [s]; None to end when several rounds found nothing better.
         begin: points to begin with.
         progress: called with the completed part, in [0, 1].
-        rounds: how many rounds without a better gait end the search.
+        rounds: how many rounds without a better gait end the search; None for 12, in the plane 4.
         threads: number of threads; None for one per core. Nothing depends on it.
 
     Returns:
@@ -91,9 +92,10 @@ class _Search:
         seed: int,
         seconds: float | None,
         progress: Callable[[float], None] | None,
-        rounds: int,
+        rounds: int | None,
         threads: int | None,
     ) -> None:
+        rounds = rounds or _STALE_ROUNDS[space.scenes[0].base.dimension]
         self.space, self.seconds, self.rounds = space, seconds, min(rounds, 3 + space.size)
         self.random = np.random.default_rng(seed)
         self.evaluator = Evaluator(space, threads, None if seconds is None else self.over)

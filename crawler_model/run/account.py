@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Body
+from ..body.plan import Plan
+from ..body.turning import TURNING_TOLERANCE
 from ..motion.state import (
     AMBIGUOUS,
     DISSIPATION,
@@ -152,3 +154,19 @@ def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:
     if not body.segments and body.turning is None:
         return x.mean(axis=1)
     return np.einsum("ti...,i->t...", x, body.share)  # not `@`: its last bit depends on how many rows there are
+
+
+def tolerance_of(scene: Plan) -> float:
+    """Find the error that a ramp may have, relative to its largest change of length.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The tolerance of a scene in the plane [1]; 0 on a line, where only rounding is left.
+    """
+    from ..motion.plane.motion import DEFAULT_TOLERANCE  # its kernels are not needed on a line
+
+    if scene.body.dimension == 1:
+        return 0.0
+    return scene.tolerance or (DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE)

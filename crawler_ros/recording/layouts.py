@@ -18,6 +18,7 @@ from .bag import BagError, Block
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 POSE = "geometry_msgs/msg/PoseStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
 _HEAD = 4
 _LONGEST = 1 << 28
 _MOST_LAYOUTS = 64
@@ -88,11 +89,11 @@ def find_layout(kind: str, data: bytes) -> Layout:
     """Find the positions of the numbers in a message.
 
     Args:
-        kind: JOINT_STATE, TRAJECTORY or POSE.
+        kind: JOINT_STATE, TRAJECTORY, POSE or ODOMETRY.
         data: its CDR bytes, little-endian.
 
     Returns:
-        The layout; for the points of a trajectory it covers only the positions.
+        The layout; for the points of a trajectory it covers only the positions, for odometry only the pose.
 
     Raises:
         ValueError: when the bytes are not such a message.
@@ -104,7 +105,9 @@ def find_layout(kind: str, data: bytes) -> Layout:
             raise ValueError("not little-endian CDR")
         walk.stamp()
         walk.text()
-        if kind == POSE:
+        if kind == ODOMETRY:
+            walk.text()
+        if kind in (POSE, ODOMETRY):
             walk.doubles(7)
         else:
             names = tuple(walk.text() for _ in range(walk.count()))
@@ -143,7 +146,7 @@ class Decoder:
 
         Args:
             topic: its name, for errors.
-            kind: JOINT_STATE, TRAJECTORY or POSE.
+            kind: JOINT_STATE, TRAJECTORY, POSE or ODOMETRY.
         """
         self.topic = topic
         self.names: tuple[str, ...] | None = None

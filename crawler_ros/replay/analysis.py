@@ -8,8 +8,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
@@ -92,6 +90,11 @@ class Replay:
     def healthy(self) -> bool:
         """Whether there are no problems."""
         return not self.problems
+
+    @property
+    def turns(self) -> bool:
+        """Whether the body turns, as its scene or its recorded yaw tell."""
+        return self.table.turns or (self.scene is not None and self.scene.body.turning is not None)
 
     @property
     def seconds(self) -> float:
@@ -384,15 +387,3 @@ def _problems(
     elif compared is not None and compared.stopped:
         found.append(compared.stopped)
     return found
-
-
-def size_of(table: RampTable) -> float:
-    """Compute the size of the lengths in a run, against which rounding is judged.
-
-    Args:
-        table: all ramps of the run.
-
-    Returns:
-        The largest length in it [m].
-    """
-    return max(table.shape_size, float(np.abs(table.net_translation).max(initial=0.0)))

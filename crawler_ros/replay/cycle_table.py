@@ -137,10 +137,11 @@ def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle,
 
 
 def _tabulate(table: RampTable, run: int, rows: np.ndarray, scene: Scene | None) -> list[Cycle]:
-    y, shape = table.net_translation, table.shape
+    y, shape = table.origin, table.shape
     gained, equal, turned = y[rows[1:]] - y[rows[:-1]], ROUNDING, None
-    if scene is not None and scene.body.turning is not None:  # its steps end in other places when it is turned
-        equal, turned = scene.tolerance or TURNING_TOLERANCE, np.diff(table.yaw[rows])
+    if table.turns:  # its steps end in other places when it is turned
+        tolerance = None if scene is None else scene.tolerance
+        equal, turned = tolerance or TURNING_TOLERANCE, np.diff(table.yaw[rows])
         cos, sin = np.cos(table.yaw[rows[:-1]]), np.sin(table.yaw[rows[:-1]])
         gained = np.column_stack((cos * gained[:, 0] + sin * gained[:, 1], cos * gained[:, 1] - sin * gained[:, 0]))
     # rounding is judged against the largest elongation, and against the largest translation of a cycle

@@ -17,16 +17,16 @@ from crawler_model.run.ticks import rational_rate
 
 from ..recording import bag
 from ..recording.incidents import DIAGNOSTICS, Parts, read_diagnostics
-from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY
+from ..recording.layouts import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY
 from ..recording.recorded_robot import Robot, noted_robot, robot_in
 
-_STAMPED = (JOINT_STATE, TRAJECTORY, POSE, "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock")
+_STAMPED = (JOINT_STATE, TRAJECTORY, POSE, ODOMETRY, "rosgraph_msgs/msg/Clock")
 _TYPES = {
     "applied_commands": TRAJECTORY,
     "joint_states": JOINT_STATE,
     "contact_states": JOINT_STATE,
     "pose": POSE,
-    "odom": "nav_msgs/msg/Odometry",
+    "odom": ODOMETRY,
 }
 """The topics that have a message at every tick, or states at every n-th one."""
 _LEDGER = "applied_commands"

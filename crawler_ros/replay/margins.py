@@ -28,6 +28,9 @@ class Margins:
         visited: how near all contacts came to sliding at once [1], 0 when all did; None when nothing was commanded.
         unique: whether the translation was determined throughout.
         ambiguous: the first hundred intervals in which it was not, (start, end) [s].
+        stability_margin: of a body that turns, the least of `Crawler.stability_margin` [1]; None if nothing moved, and
+            for other bodies.
+        stability_time: end of the ramp on which it was least [s]; None likewise.
     """
 
     least: float
@@ -36,6 +39,8 @@ class Margins:
     visited: float | None
     unique: bool
     ambiguous: tuple[tuple[float, float], ...]
+    stability_margin: float | None
+    stability_time: float | None
 
     def as_plain(self) -> dict[str, Any]:
         """Convert to plain values for JSON.
@@ -61,6 +66,8 @@ def find_margins(table: RampTable, scene: Scene) -> Margins:
         (table.margin <= max(float(table.margin.min()), 0.0) + near).argmax()
     )  # differences by rounding do not count
     visited = float(table.visited.min())
+    least = int(np.nan_to_num(table.stability, nan=np.inf).argmin())
+    known = bool(np.isfinite(table.stability[least]))
     open_ = np.concatenate(([False], ~table.unique, [False])).astype(np.int8)
     begins, ends = np.flatnonzero(np.diff(open_) > 0), np.flatnonzero(np.diff(open_) < 0) - 1
     pairs = zip(table.start_ns[begins].tolist(), table.end_ns[ends].tolist(), strict=True)
@@ -71,4 +78,6 @@ def find_margins(table: RampTable, scene: Scene) -> Margins:
         visited=visited if np.isfinite(visited) else None,
         unique=bool(table.unique.all()),
         ambiguous=tuple((a / NS, b / NS) for a, b in pairs)[:_MOST_LISTED],
+        stability_margin=float(table.stability[least]) if known else None,
+        stability_time=float(table.end_ns[least]) / NS if known else None,
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..recording import bag
-from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
+from ..recording.layouts import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY, Decoder
 from ..recording.recorded_robot import Robot
 from .health import Survey
 from .parts import Parts, parts_by_name
@@ -29,7 +29,8 @@ def observe(
     Args:
         survey: survey of the recording.
         robot: the crawler.
-        table: table to fill; its net translation is that of `pose` if recorded, else the mean of contacts and segments.
+        table: table to fill; its net translation and yaw are those of `pose` or `odom` if recorded, else its net
+            translation is the mean of contacts and segments.
         sinks: callables that receive the pieces.
         progress: called with the fraction done, in [0, 1].
 
@@ -44,8 +45,9 @@ def observe(
         raise bag.BagError(
             f"{survey.path}: neither contact_states nor joint_states was recorded: the motion is not known"
         )
-    kinds = {states: JOINT_STATE, "applied_commands": TRAJECTORY, "pose": POSE}
+    kinds = {states: JOINT_STATE, "applied_commands": TRAJECTORY, "pose": POSE, "odom": ODOMETRY}
     decoders = {n: Decoder(robot.recorded(n), k) for n, k in kinds.items() if robot.recorded(n) in survey.topics}
+    where = "pose" if "pose" in decoders else "odom"
     head = bag.Bag({})
     reader = _Reader(states)
     poses: list[np.ndarray] = []
@@ -57,8 +59,8 @@ def observe(
             which = np.flatnonzero(block.channel == names.get(decoder.topic, -1))
             if which.size:
                 read[name] = _in_order(decoder.read(block, which), which.size)
-        if "pose" in read:
-            poses.append(np.column_stack((read["pose"][0], read["pose"][1][:, 0, :2])))
+        if where in read:
+            poses.append(np.column_stack((read[where][0], read[where][1][:, 0])))
         reader.command(*read.get("applied_commands", (None, None)))
         if states in read:
             piece = reader.piece(*read[states], decoders[states].names or ())
@@ -139,16 +141,19 @@ class _Reader:
         moved = np.abs(gained) > _NOISE * np.abs(position).max(initial=0.0)
         gained = gained * moved
         shape = (count, -1, 2) if planar else (count, -1)
+        place = position.reshape(shape)
         if self._begin is None:
             self._begin = position[0].copy()
         if self.parts is None:
             own = [name.removesuffix("/x") for name in names if not name.endswith("/y")]
-            self.parts = parts_by_name(tuple(own[: position.reshape(shape).shape[1]]), position.reshape(shape)[0])
+            self.parts = parts_by_name(tuple(own[: place.shape[1]]), place[0])
         moved_by = (position - self._begin).reshape(shape)
         y = moved_by.mean(axis=1) if planar else self.parts.average(moved_by).mean(axis=1)
         forward, backward = self.parts.slid(gained.reshape(shape))
         nothing, unknown = np.zeros((count, 0)), np.full(count, np.nan)
-        elongation = np.diff(position.reshape(shape), axis=1)
+        elongation = np.diff(place, axis=1)
+        if planar:  # distances to the next contacts, as a body may turn
+            elongation = np.hstack([np.linalg.norm(place[:, k:] - place[:, :-k], axis=2) for k in (1, 2)])
         rows = self._rows.shape[1]
         command = np.zeros((count, rows))
         if rows:
@@ -161,7 +166,7 @@ class _Reader:
             end_ns=stamps,
             ends_tick=np.ones(count, bool),
             command=command,
-            position=position.reshape(shape),
+            position=place,
             gained=gained.reshape(shape),
             station_gained=gained.reshape(shape)[:, self.parts.stations],
             forward=forward,
@@ -185,9 +190,12 @@ class _Reader:
 
 
 def _use_poses(table: RampTable, poses: np.ndarray) -> None:
-    """Replace the net translations by recorded poses if each state has one."""
+    """Replace the net translations, and the yaw where it changes, by recorded poses if each state has one."""
     run = np.cumsum(np.append(False, (poses[1:, 0] == 0) & (poses[:-1, 0] > 0)))
     place = {key: i for i, key in enumerate(zip(run.tolist(), poses[:, 0].astype(np.int64).tolist(), strict=True))}
     at = np.array([place.get(key, -1) for key in zip(table.run.tolist(), table.end_ns.tolist(), strict=True)])
     if at.size and (at >= 0).all():
-        table.net_translation = poses[at, 1 : 1 + table.net_translation.shape[1]]
+        table.net_translation = table.origin = poses[at, 1 : 1 + table.net_translation.shape[1]]
+        yaw = 2.0 * np.arctan2(poses[at, 6], poses[at, 7])
+        if yaw.any() and table.net_translation.shape[1] == 2:
+            table.yaw = np.concatenate([np.unwrap(yaw[table.run == one]) for one in np.unique(table.run)])

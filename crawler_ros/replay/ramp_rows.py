@@ -55,6 +55,7 @@ class RampRows:
         self._losses: list[float] = []
         self._own_margins: list[np.ndarray] = []
         self._yaw: list[float] = []
+        self._stability: list[float | None] = []
         self._jumps: list[tuple[int, TimedJump]] = []
         self.joints: list[np.ndarray] = []
         self.contacts: list[np.ndarray] = []
@@ -98,6 +99,7 @@ class RampRows:
         if crawler.body.turning is not None:  # they depend on the frames of the points
             self._own_margins.append(crawler.margins)
             self._yaw.append(crawler.yaw)
+            self._stability.append(crawler.stability_margin)
         self._losses.append(0.0 if step is None else step.jump_loss)
         for jump in () if step is None else step.jumps:
             when = (start_ns + jump.part * (end_ns - start_ns)) / NS
@@ -180,6 +182,8 @@ class RampRows:
             unique=account[:, AMBIGUOUS] == 0.0,
             jumps=tuple(self._jumps),
             yaw=np.array(self._yaw) if body.turning is not None else None,
+            origin=None if body.turning is None else x[:, body.turning.heading].mean(axis=1),
+            stability=np.array(self._stability, np.float64) if body.turning is not None else None,
         )
 
     def _local_targets(self) -> np.ndarray:

@@ -49,6 +49,9 @@ class Piece:
         unique: whether the translation was determined, shape (R,).
         jumps: the number of its run and each jump in the ramps, in order.
         yaw: yaw at the end, whole turns counted, shape (R,) [rad]; None where the body does not turn or is not known.
+        stability: least stability margin, infinite where nothing moved, shape (R,) [1]; None likewise.
+        origin: displacement of the origin of its frame, between the points of the heading, shape (R, 2) [m]; None
+            likewise.
 
     Of a body that turns, elongation and tension have shape (R, S + J): of links, then angles of joints [rad] and their
     torques [N m].
@@ -81,6 +84,8 @@ class Piece:
     unique: np.ndarray
     jumps: tuple[tuple[int, TimedJump], ...] = ()
     yaw: np.ndarray | None = None
+    stability: np.ndarray | None = None
+    origin: np.ndarray | None = None
 
 
 Sink = Callable[[Piece], None]
@@ -107,8 +112,10 @@ class RampTable:
         """Distances slid, all contacts and segments together, shape (R,) [m]."""
         self.net_translation = np.zeros((0, 1))
         """Shape (R, d) [m]."""
-        self.yaw = np.zeros(0)
-        """Yaw at the end of each ramp, shape (R,) [rad]; 0 where the body does not turn or is not known."""
+        self.origin = np.zeros((0, 1))
+        """As `net_translation`, of bodies that turn that of the origin of their frame, shape (R, d) [m]."""
+        self.yaw = self.stability = np.zeros(0)
+        """Yaw at the end of each ramp, and least stability margin, shape (R,) [rad, 1]; NaN where it is not known."""
         self.place = self.shape = np.zeros((0, 2))
         """Commands and elongations as two combinations, shape (R, 2)."""
         self.shape_size = 0.0
@@ -120,7 +127,9 @@ class RampTable:
         made = {name: getattr(piece, name) for name in _COPIED}
         rows = piece.run.size
         made["net_translation"] = piece.net_translation.reshape(rows, -1)
-        made["yaw"] = np.zeros(rows) if piece.yaw is None else piece.yaw
+        made["origin"] = made["net_translation"] if piece.origin is None else piece.origin
+        for name, known in (("yaw", piece.yaw), ("stability", piece.stability)):
+            made[name] = np.full(rows, np.nan) if known is None else known
         made["place"] = piece.command @ signature_weights(piece.command.shape[1])
         shape = piece.elongation.reshape(rows, -1)
         made["shape"] = shape @ signature_weights(shape.shape[1])
@@ -138,6 +147,16 @@ class RampTable:
         for name in list(self._parts):
             setattr(self, name, np.concatenate(self._parts.pop(name)))
         return self
+
+    @property
+    def turns(self) -> bool:
+        """Whether the yaw is known: of bodies that turn."""
+        return bool(np.isfinite(self.yaw).any())
+
+    @property
+    def size(self) -> float:
+        """The largest length in the ramps, against which rounding is judged [m]."""
+        return max(self.shape_size, float(np.abs(self.net_translation).max(initial=0.0)))
 
     def path(self, run: int) -> tuple[int, CommandPath]:
         """Return the path of the commands of a run; its first ramp is the state at its start.

@@ -12,6 +12,7 @@ import numpy as np
 from crawler_model import Crawler
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
+from crawler_model.run.account import tolerance_of
 
 from ..recording import bag
 from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
@@ -23,7 +24,8 @@ from .ramps import Sink
 
 _MOST_WAITING = 20_000
 _ROUNDING = 1e-9
-"""Differences up to this part of the largest number are taken for rounding, which grows along a run."""
+"""Differences up to this part of the largest number are taken for rounding, which grows along a run; in the plane those
+up to the tolerance of the scene, as other roundings there lead to other steps."""
 _LEDGER, _JOINTS = "applied_commands", "joint_states"
 _STATES = {_JOINTS: JOINT_STATE, "contact_states": JOINT_STATE, "pose": POSE}
 _AXES = ("x", "y", "z", *(f"orientation.{axis}" for axis in "xyzw"))
@@ -47,6 +49,7 @@ class Comparison:
         missing: number of ticks whose ledger message is missing.
         missing_at: simulated time of the first of them [s]; None when there is none.
         duplicates: number of repeated ledger messages; each was followed once.
+        rounding: part of the largest number below which differences are taken for rounding [1].
     """
 
     ticks: int = 0
@@ -62,6 +65,7 @@ class Comparison:
     missing: int = 0
     missing_at: float | None = None
     duplicates: int = 0
+    rounding: float = _ROUNDING
 
     @property
     def identical(self) -> bool:
@@ -71,8 +75,8 @@ class Comparison:
     @property
     def equal(self) -> bool:
         """Whether all lengths and forces are the same up to rounding."""
-        lengths = self.max_difference <= _ROUNDING * self.max_length
-        return self.ticks > 0 and lengths and self.max_force_difference <= _ROUNDING * self.max_force
+        lengths = self.max_difference <= self.rounding * self.max_length
+        return self.ticks > 0 and lengths and self.max_force_difference <= self.rounding * self.max_force
 
 
 @dataclass(eq=False)
@@ -105,7 +109,7 @@ class Resimulation:
             sinks: callables that receive every ramp.
             begin_ns: simulated time before which ledger messages are skipped [ns].
         """
-        self.comparison = Comparison()
+        self.comparison = Comparison(rounding=max(_ROUNDING, tolerance_of(start.scene)))
         self._survey, self._robot, self._rate, self._sinks = survey, robot, rate, sinks
         self._start, self._crawler, self._begin_ns = start, start.copy(), begin_ns
         scene = start.scene

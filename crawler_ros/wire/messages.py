@@ -128,8 +128,9 @@ def find_orientation(yaw: float) -> tuple[float, float]:
         yaw: its angle [rad].
 
     Returns:
-        sin(yaw / 2), cos(yaw / 2).
+        sin(yaw / 2), cos(yaw / 2), the latter >= 0 however often the body turned round.
     """
+    yaw = math.remainder(yaw, 2.0 * math.pi)
     return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 

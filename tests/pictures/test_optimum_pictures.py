@@ -5,28 +5,33 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("cma")
 from matplotlib.figure import Figure
 
-from crawler_model import Scene, optimise
+from crawler_model import Optimum, Scene, load_scene, optimise
+from crawler_pictures.colors import LINES
 from crawler_pictures.optimum import draw_optimum
 
 BODY = {"contacts": [0.0, 0.1, 0.2], "links": {"stiffness": 10.0}}
 
 
-@pytest.fixture(scope="module")
-def figure() -> Figure:
-    scene = Scene.model_validate({"name": "worm", "body": BODY, "friction": {"forward": 0.02, "backward": 0.06}})
-    best = optimise(scene, "translation", waypoints=2, stroke=(-0.01, 0.01))
+def draw(best: Optimum) -> Figure:
     kept: list[Figure] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
         draw_optimum(best, dict.fromkeys(best.names, "m"), Path("not_written.png"))
     kept[0].canvas.draw()
     return kept[0]
+
+
+@pytest.fixture(scope="module")
+def figure() -> Figure:
+    scene = Scene.model_validate({"name": "worm", "body": BODY, "friction": {"forward": 0.02, "backward": 0.06}})
+    return draw(optimise(scene, "translation", waypoints=2, stroke=(-0.01, 0.01)))
 
 
 def panel(figure: Figure, title: str):
@@ -62,3 +67,19 @@ def test_commands_and_motion_are_drawn_as_on_the_page_of_a_run(figure):
     assert commands.get_legend().get_texts()
     assert [text.get_text() for text in motion.get_legend().get_texts()] == ["slips forward", "slips back", "sticks"]
     assert [text.get_text() for text in motion.texts] == ["0", "1", "2"]
+
+
+def test_in_the_plane_two_periods_are_seen_from_above():
+    """The scissors turn about their hinge, the first point, by 0.76 rad a period."""
+    free = {"drive.actuation[1][2]": (0.0, 0.8)}
+    figure = draw(optimise(load_scene("scissors"), "turn", free=free, seconds=0.01))
+    above, profile = panel(figure, "from above"), panel(figure, "around the optimum (dots)")
+    assert panel(figure, "command: change of rest angle")
+    paths = {line.get_color(): line.get_xydata() for line in above.get_lines() if len(line.get_xydata()) == 121}
+    hinge, left = paths[LINES[0]], paths[LINES[1]]
+    assert np.ptp(hinge, axis=0).max() < 1e-6
+    start, end = left[0] - hinge[0], left[-1] - hinge[-1]
+    turned = np.arctan2(start[0] * end[1] - start[1] * end[0], start @ end)
+    (curve,) = [line for line in profile.get_lines() if len(line.get_xdata()) > 2]
+    assert curve.get_ydata()[-1] == pytest.approx(0.76, abs=1e-4)
+    assert turned == pytest.approx(2.0 * float(profile.get_lines()[-1].get_ydata()[0]), abs=1e-4)

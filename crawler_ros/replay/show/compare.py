@@ -17,7 +17,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.numbers import write_length
 
 from ...recording.bag import BagError
-from ..analysis import Replay, analyse, size_of
+from ..analysis import Replay, analyse
 from ..cycle_table import Cycle
 from ..cycles import ROUNDING
 
@@ -133,7 +133,7 @@ def compare_runs(one: Replay, two: Replay) -> RunComparison:
             f"{one.path} has the contacts {', '.join(one.stations[:6])} and {two.path} {', '.join(two.stations[:6])}: "
             "runs of different bodies cannot be compared"
         )
-    size = max(size_of(one.table), size_of(two.table))
+    size = max(one.table.size, two.table.size)
     same_kind = one.table.place.any() == two.table.place.any()
     commands, _ = _first_difference(one, two, "place", ROUNDING * max(_largest(one, "place"), _largest(two, "place")))
     motion, most = _first_difference(one, two, "net_translation", ROUNDING * size)
@@ -282,7 +282,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         table.add_column(escape(column), justify="right")
     if abs(one.seconds - two.seconds) > 1e-6:
         screen.print("the runs have different durations: work, energy and slips below are sums over each whole run")
-    size = max(size_of(one.table), size_of(two.table))
+    size = max(one.table.size, two.table.size)
     for (a, b), gain in list(zip(found.pairs, found.translation, strict=True))[:_MOST_SHOWN]:
         pair = one.cycles[a].translation, two.cycles[b].translation
         number = f"{a + 1}" if a == b else f"{a + 1} / {b + 1}"
@@ -321,7 +321,7 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
     columns = ("commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]", "work [J]")
     for column in (*columns, "cycles paired"):
         table.add_column(escape(column), justify="right")
-    size = max(size_of(run.table) for run in (first, *(c.second for c in found)))
+    size = max(run.table.size for run in (first, *(c.second for c in found)))
     for run, compared in ((first, None), *((c.second, c) for c in found)):
         y = run.table.net_translation
         row = [run.path.name, "", "", ""]

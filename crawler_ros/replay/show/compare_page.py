@@ -13,7 +13,7 @@ from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
 from crawler_pictures.numbers import ROUNDING, label_values
 from crawler_pictures.run.kymograph import write_title
 
-from ..analysis import Replay, size_of
+from ..analysis import Replay
 from .compare import RunComparison
 
 _COLORS = ("#46688f", "#d07a1e")
@@ -58,7 +58,7 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
 
 def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
     """Draw the translation of the cycles of two runs at their times, and the sums of their slips."""
-    size = max(size_of(run.table) for run in runs)
+    size = max(run.table.size for run in runs)
     for k, (run, color) in enumerate(zip(runs, _COLORS, strict=True)):
         gained = np.array([np.atleast_1d(c.translation)[0] for c in run.cycles])
         gained = np.where(np.abs(gained) > ROUNDING * size, gained, 0.0)
@@ -87,8 +87,15 @@ def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str],
         rows = np.flatnonzero(run.table.run == 0)
         rows = rows[:: max(rows.size // _MOST_POINTS, 1)]
         time, y = run.table.end_ns[rows] / NS, run.table.net_translation[rows, 0]
+<<<<<<< HEAD
         axis.plot(time, y - y[0], color=color, linewidth=1.6, label=label)
     label_values(axis, "net translation", "m", max(size_of(run.table) for run in runs))
+=======
+        axis.plot(time, y - y[0], color=color, linewidth=1.6)
+        handles.append(Line2D([], [], color=color, linewidth=1.6, label=label))
+    label_values(axis, "net translation", "m", max(run.table.size for run in runs))
+    place_legend(axis, handles)
+>>>>>>> turn-gaps
 
 
 def draw_all(found: Sequence[RunComparison], png: Path) -> None:
@@ -110,7 +117,7 @@ def draw_all(found: Sequence[RunComparison], png: Path) -> None:
     _draw_translations(left, runs, [run.path.name for run in runs], colors)
     left.set_xlabel("simulated time [s]")
     write_title(left, f"net translation of {len(runs)} runs" + ("" if few else f"; black: {runs[0].path.name}"))
-    size = max(size_of(run.table) for run in runs)
+    size = max(run.table.size for run in runs)
     y = [run.table.net_translation for run in runs]
     total = np.array([v[-1, 0] - v[0, 0] if len(v) else 0.0 for v in y])
     total = np.where(np.abs(total) > ROUNDING * size, total, 0.0)

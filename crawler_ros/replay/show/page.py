@@ -49,7 +49,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
     if replay.energy is not None:
         names = {"work": "work of the actuators", "dissipation": "dissipation", "stored": "stored"}
         energy = {text: samples.get(name) for name, text in names.items()}
-    y, turns = samples.get("net_translation"), scene is not None and scene.body.turning is not None
+    y, turns = samples.get("net_translation"), replay.turns
     links = tuple(name_links(tension.shape[1]) if scene is None else name_joints(scene.body))
     if scene is not None and turns:
         tension, links = tension[:, : scene.body.springs], links[: scene.body.springs]
@@ -91,10 +91,11 @@ def _notes(replay: Replay) -> tuple[str, ...]:
 def _describe_turning(replay: Replay) -> list[str]:
     """Describe how a body that turns turned, and its gain in the last cycle."""
     table, cycles = replay.table, replay.cycles
-    if replay.scene is None or replay.scene.body.turning is None or replay.comparison is None:
+    if not table.turns:
         return []
     last = int((table.run == 0).sum()) - 1
-    found = [f"turned by {table.yaw[last] - table.yaw[0]:.6g} rad; tensions are those of the links"]
+    shown = "" if replay.comparison is None else "; tensions are those of the links"
+    found = [f"turned by {table.yaw[last] - table.yaw[0]:.6g} rad{shown}"]
     if cycles and cycles[-1].turned is not None:
         dx, dy = np.atleast_1d(cycles[-1].translation)
         turned = f"turned by {cycles[-1].turned:.6g} rad"

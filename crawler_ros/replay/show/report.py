@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from crawler_model.body.drive import NS
-from crawler_pictures.numbers import write_length
+from crawler_pictures.numbers import write_length, write_stability
 
 from ..analysis import Replay
 from ..cycle_table import Cycle
@@ -201,6 +201,8 @@ def _print_account(replay: Replay, screen: Console) -> None:
         f"margins: least distance from a bound {least:.3g} N, "
         f"first at {margins.least_at:g} s ({margins.least_contact}); visited margin {visited}"
     )
+    if margins.stability_margin is not None and margins.stability_time is not None:
+        screen.print(write_stability(margins.stability_margin, margins.stability_time))
     if not margins.unique:
         first = margins.ambiguous[0]
         screen.print(

@@ -171,9 +171,9 @@ class TableWriter:
         for name in ("ticks", "contacts", "links", *["joints"] * self._turns):
             self._open_one(name)
 
-    def _open_one(self, name: str) -> None:
-        path = self._folder / f"{name}.parquet"
-        self._writers[name] = parquet.ParquetWriter(path, _schema(name, self._planar, self._turns), compression="zstd")
+    def _open_one(self, name: str, schema: pa.Schema | None = None) -> None:
+        path, schema = self._folder / f"{name}.parquet", schema or _schema(name, self._planar, self._turns)
+        self._writers[name] = parquet.ParquetWriter(path, schema, compression="zstd")
 
     def _axes(self, values: np.ndarray) -> list[np.ndarray]:
         return [values[..., 0], values[..., 1]] if self._planar else [values]
@@ -201,7 +201,7 @@ class TableWriter:
         if not self._writers:
             self._open(0, 0)
         for name, table in (("slips", slips_table(replay)), ("cycles", cycles_table(replay))):
-            self._open_one(name)
+            self._open_one(name, table.schema)
             self._writers[name].write_table(table)
         if self._turns or (self._scene is not None and self._scene.ground.track is not None):
             self._open_one("jumps")
@@ -243,7 +243,7 @@ def cycles_table(replay: Replay) -> pa.Table:
     Returns:
         A row for each cycle.
     """
-    planar, turns = _is_planar(replay), replay.scene is not None and replay.scene.body.turning is not None
+    planar, turns = _is_planar(replay), replay.turns
     rows = [_cycle_row({"turned": None, **cycle.as_plain()}, planar, turns) for cycle in replay.cycles]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return _table("cycles", planar, columns or [[]] * len(_schema("cycles", planar, turns)), turns)

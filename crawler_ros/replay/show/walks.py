@@ -18,7 +18,7 @@ from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_energy, write_length
 from crawler_pictures.run.kymograph import write_title
 
-from ..analysis import Replay, size_of
+from ..analysis import Replay
 
 _PERIODS, _SAMPLES = 10, 100
 _MOST_POINTS = 5000
@@ -141,7 +141,7 @@ def walk_of_recording(name: str, found: Replay) -> Walk:
         lost,
         phase=np.interp(time, np.append(starts, ends[-1]), np.arange(len(cycles) + 1)),
         y=y - y[0],
-        size=size_of(found.table),
+        size=found.table.size,
         error=0.0 if found.scene is None else error_of(found.scene),
     )
 

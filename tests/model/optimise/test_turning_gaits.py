@@ -7,7 +7,9 @@ import pytest
 
 pytest.importorskip("cma")
 
-from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, optimise, simulate
+from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, load_scene, optimise, pareto, simulate
+from crawler_model.optimise.bodies import _DRAWN, _SEED, spread_over
+from crawler_model.optimise.optimise import build_space
 
 SCISSORS = load_scene("scissors")
 OPENED = "drive.actuation[1][2]"
@@ -67,6 +69,48 @@ def test_a_number_of_the_scene_is_free():
     best = optimise(SCISSORS, "turn", free=free, seconds=1.0)
     assert best.values == pytest.approx([10.0])
     assert best.value == pytest.approx(0.5 - 2.0 * 0.1 / 10.0, abs=1e-5)
+
+
+STIFFNESS = "body.joints.stiffness"
+
+
+def test_the_worst_turn_is_that_of_the_softest_joint_and_a_softer_one_stops_it():
+    best = optimise(SCISSORS, "turn", free={OPENED: (0.0, 0.8)}, robust={STIFFNESS: (0.8, 1.2)}, seconds=0.01)
+    opened = best.values[0]
+    assert best.value == pytest.approx(opened - 2.0 * 0.1 / (0.8 * 5.0), abs=1e-5)
+    (weakness,) = best.weaknesses
+    assert weakness.below == pytest.approx(2.0 * 0.1 / (5.0 * opened), rel=1e-3)
+    assert weakness.above is None
+
+
+def test_the_expected_turn_is_the_mean_over_the_drawn_bodies():
+    known = Posterior((STIFFNESS,), np.array([5.0]), np.array([[0.25]]))
+    given = dict.fromkeys(("waypoints", "stroke", "rate", "tension", "robust", "period", "seconds"))
+    unknowns, space = build_space(SCISSORS, "turn", free={OPENED: (0.0, 0.8)}, **given, seed=0)
+    space = spread_over(space, unknowns, known, "expected")
+    drawn = known.draw_bodies(np.random.default_rng(_SEED), _DRAWN)[STIFFNESS]
+    assert np.ptp(drawn) > 0.1
+    assert space.scores([np.ones(1)])[0] == pytest.approx(0.8 - 0.2 * np.mean(1.0 / drawn), abs=1e-5)
+
+
+def test_the_nearest_motion_fails_where_standing_still_is_as_near():
+    target = limit_cycle(scissors(0.3)).gain
+    given = dict.fromkeys(("waypoints", "stroke", "rate", "tension", "robust", "period", "seconds"))
+    _, space = build_space(SCISSORS, "screw", free={OPENED: (0.0, 0.6)}, **given, seed=0, target=target)
+    (reached,), (still,) = space.regimes(np.array([[0.5], [0.0]]))
+    assert space.goal.progress(reached) == pytest.approx(np.hypot(np.hypot(*target[:2]), target[2]), abs=1e-4)
+    assert space.goal.progress(still) == 0.0
+
+
+def test_compromises_between_going_far_and_going_cheaply(monkeypatch):
+    monkeypatch.setitem(pareto.__globals__, "_POINTS", 1)
+    found = pareto(SCISSORS, free={OPENED: (0.0, 0.8)}, towards=90, seconds=0.01)
+    assert len(found.points) >= 2
+    for better, cheaper in zip(found.points, found.points[1:], strict=False):
+        assert better.gain > cheaper.gain > 0.0
+        assert better.cost_of_transport > cheaper.cost_of_transport
+    gain = limit_cycle(found.points[0].scene).gain
+    assert gain[1] == pytest.approx(found.points[0].gain, abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,120 @@
+"""Recordings of bodies that turn: gains in their own frame, stability, starts in mid-run, and poses alone."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+
+from crawler_model import load_scene, simulate
+from crawler_model.body.drive import NS
+from crawler_ros.replay import analyse
+from crawler_ros.wire.messages import OdometryMessage
+
+from ..commands import crawler
+from ..recordings import record, rewrite
+from .test_replay import bare
+
+PERIODS, RATE = 8, 10.0
+"""After eight periods the scissors have turned by more than half a turn."""
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(load_scene("scissors"), duration=PERIODS, rate=RATE)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("scissors") / "bag", "scissors", PERIODS, wait=0.0, rate=RATE)
+
+
+def gains_of(found):
+    return np.array([(*cycle.translation, cycle.turned) for cycle in found.cycles])
+
+
+def test_gains_and_the_least_stability_margin_are_those_of_simulate(bag, run):
+    done = crawler("replay", bag, "--json")
+    found = json.loads(done.stdout)
+    assert found["resimulation"]["identical"]
+    gains = [(*cycle["translation"], cycle["turned"]) for cycle in found["cycles"]]
+    assert np.array(gains) == pytest.approx(run.per_period, abs=1e-12)
+    margins = found["margins"]
+    assert (margins["stability_margin"], margins["stability_time"]) == (run.stability_margin, run.stability_time)
+    line = f"stability margin: at least {run.stability_margin:.4g}, at {run.stability_time:g} s"
+    assert line in crawler("replay", bag).stdout
+    assert line in crawler("simulate", "scissors", "--duration", PERIODS, "--rate", RATE).stdout
+
+
+def odometry(name, stamp, data):
+    """The pose as odometry."""
+    if name != "pose":
+        return [(name, stamp, data)]
+    x, y, _, _, _, z, w = np.frombuffer(data[-56:])
+    message = OdometryMessage("world", "base_link")
+    return [("odom", stamp, message.encode(stamp, np.array([x, y]), np.zeros(2), 2.0 * np.arctan2(z, w), 0.0))]
+
+
+def test_without_a_scene_the_yaw_is_that_of_the_pose_or_of_the_odometry(bag, run, tmp_path):
+    alone = analyse(bare(bag, tmp_path / "pose"))
+    assert alone.comparison is None
+    gains = gains_of(alone)
+    ticks = np.rint(RATE * np.array([(cycle.start, cycle.end) for cycle in alone.cycles])).astype(int)
+    assert len(ticks) == PERIODS - 1
+    assert gains[:, 2] == pytest.approx(np.diff(run.yaw[ticks])[:, 0], abs=1e-12)
+    moved = np.diff(run.net_translation[ticks], axis=1)[:, 0]
+    assert not any(cycle.transient for cycle in alone.cycles[1:])
+    assert np.linalg.norm(gains[:, :2], axis=1) == pytest.approx(np.linalg.norm(moved, axis=1), abs=1e-12)
+    assert gains[1:] == pytest.approx(np.tile(gains[-1], (PERIODS - 2, 1)), abs=1e-6)  # in its own frame all are equal
+    assert gains_of(analyse(rewrite(bag, tmp_path / "odom", odometry, None))) == pytest.approx(gains, abs=1e-12)
+    done = crawler("replay", tmp_path / "odom", "--parquet", tmp_path / "tables")
+    assert "turned [rad]" in done.stdout
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert parquet.read_table(tmp_path / "tables" / "cycles.parquet")["turned"].to_pylist() == list(gains[:, 2])
+
+
+def test_without_poses_nothing_is_known_of_the_yaw(bag, tmp_path):
+    drop = lambda name, stamp, data: [(name, stamp, data)] * (name != "pose")  # noqa: E731
+    found = analyse(bare(bag, tmp_path / "bare", drop))
+    assert [cycle.turned for cycle in found.cycles] == [None] * (PERIODS - 1)
+    assert "turned" not in found.as_plain()["cycles"][0]
+
+
+@pytest.mark.parametrize(
+    ("name", "periods", "cut", "left_out"),
+    [("scissors", 9, 7.0, ()), ("scissors", 9, 7.0, ("contact_states",)), ("three_link_snake", 2, 0.5, ())],
+)
+def test_a_recording_that_begins_in_mid_run_is_compared(name, periods, cut, left_out, tmp_path):
+    """The scissors have turned round by then; the steps of the snake end elsewhere, within its tolerance."""
+    late = lambda topic, stamp, data: [(topic, stamp, data)] * (stamp >= cut * NS and topic not in left_out)  # noqa: E731
+    source = record(tmp_path / "bag", name, periods, wait=0.0, rate=RATE)
+    whole = analyse(source)
+    found = analyse(bare(source, tmp_path / "bare", late), load_scene(name))
+    assert found.fitted_ns == pytest.approx((cut + 1.0 / RATE) * NS)
+    assert found.problems == ()
+    assert found.comparison.max_difference < 1e-6
+    assert found.table.net_translation[-1] == pytest.approx(whole.table.net_translation[-1], abs=1e-6)
+    assert math.remainder(found.table.yaw[-1] - whole.table.yaw[-1], math.tau) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_data_set_has_the_turn_of_bodies_that_turn(bag, run, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    from crawler_command.many.recording_rows import tabulate
+
+    def rows_of(folder):
+        made = tabulate(str(folder / f"{folder.name}_0.mcap"), None, None)
+        return {name: parquet.read_table(io.BytesIO(table)).to_pylist() for name, table in made.tables.items()}
+
+    turns, line = rows_of(bag), rows_of(record(tmp_path / "line", "two_anchor_b", 1, rate=RATE))
+    cycles = [[row[name] for name in ("translation", "translation_y", "turned")] for row in turns["cycles"]]
+    assert np.array(cycles) == pytest.approx(run.per_period, abs=1e-12)
+    (account,), (row,) = turns["account"], turns["runs"]
+    assert account["turned"] == row["turned"] == pytest.approx(run.yaw[-1] - run.yaw[0])
+    assert (row["stability_margin"], row["stability_time"]) == (run.stability_margin, run.stability_time)
+    assert [line["runs"][0][name] for name in ("turned", "stability_margin", "stability_time")] == [None] * 3
+    for name in ("cycles", "account"):
+        assert list(line[name][0]) == list(turns[name][0])
+        assert line[name][0]["turned"] is None
