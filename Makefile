@@ -54,6 +54,7 @@ bench: $(READY)
 	$(BIN)/crawler bench --out benchmarks/results
 	$(BIN)/crawler bench --growth --out benchmarks/results
 	$(BIN)/crawler bench --springs --out benchmarks/results
+	$(BIN)/crawler bench --turning --out benchmarks/results
 	$(BIN)/crawler bench --node --out benchmarks/results
 	$(BIN)/crawler bench --replay --out benchmarks/results
 	$(BIN)/crawler bench --animate --out benchmarks/results

@@ -164,6 +164,38 @@ def wave_scene(contacts: int, wavelength: float, ground: float = 1.0) -> Scene:
     )
 
 
+def snake_scene(contacts: int) -> Scene:
+    """Build a snake of elastic links and joints along which waves run, on isotropic friction.
+
+    Args:
+        contacts: number of contacts N.
+
+    Returns:
+        The scene.
+    """
+    t = np.arange(21)[:, None] / 20.0
+    phase = 2.0 * np.pi * (np.where(t < 1.0, t, 0.0) - np.arange(contacts - 1) / 5.0)
+    return Scene.model_validate(
+        {
+            "name": f"snake_{contacts}",
+            "dimension": 2,
+            "body": {
+                "points": [[0.1 * i, 0.0] for i in range(contacts)],
+                "springs": "length",
+                "links": {"stiffness": 200.0},
+                "joints": {"stiffness": 1.0},
+            },
+            "friction": {"isotropic": 0.1},
+            "start": "relaxed",
+            "drive": {
+                "times": t[:, 0].tolist(),
+                "period": 1.0,
+                "actuation": np.hstack((0.02 * np.sin(phase), 0.4 * np.sin(phase[:, :-1]))).tolist(),
+            },
+        }
+    )
+
+
 def _wave(contacts: int) -> Case:
     return Case(f"wave_{contacts}", f"{contacts:,} contacts, waves twenty links long", wave_scene(contacts, 20.0))
 

@@ -22,6 +22,7 @@ _IN_PROCESS = {
     "gradients": ("gradients", "measure_gradients", "CONTACTS"),
     "growth": ("growth", "measure_growth", "SECONDS"),
     "springs": ("springs", "measure_springs", "CONTACTS"),
+    "turning": ("turning", "measure_turning", "CONTACTS"),
     "search": ("search", "measure_search", "SECONDS"),
     "identify": ("identify", "measure_identification", "STEPS"),
     "gym": ("environments", "measure_environments", "STEPS"),
@@ -56,6 +57,9 @@ def bench(
     springs: Annotated[
         bool, typer.Option("--springs", help="Measure instead what limits of tension, curves and stops cost a tick.")
     ] = False,
+    turning: Annotated[
+        bool, typer.Option("--turning", help="Measure bodies that turn instead, beside MuJoCo and kinematic-snake.")
+    ] = False,
     search: Annotated[
         bool, typer.Option("--search", help="Measure the search for the best gait instead, beside general optimisers.")
     ] = False,
@@ -75,7 +79,7 @@ def bench(
 ) -> None:
     """Measure time against error of our methods and of their peers on this machine."""
     models = {"sweep": sweep, "gradients": gradients, "search": search, "identify": identify, "gym": gym}
-    models |= {"animate": animate, "growth": growth, "springs": springs}
+    models |= {"animate": animate, "growth": growth, "springs": springs, "turning": turning}
     chosen = [name for name, is_chosen in ({"node": node, "replay": replay} | models).items() if is_chosen]
     if chosen:
         if case:
@@ -126,7 +130,7 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
     if name == "animate":
         require("matplotlib")
     module: Any = importlib.import_module(f"crawler_bench.features.{file}")
-    if name in ("gym", "identify"):
+    if name in ("gym", "identify", "turning"):
         _name_missing(module.missing_peers())
     with progress_bar("measuring") as progress:
         rows = getattr(module, function)(module.QUICK if quick else getattr(module, size), progress)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from crawler_model.body.names import name_links
+from crawler_model.body.names import name_joints, name_links
 
+from ..cases import snake_scene
 from .domain import Domain, build_trajectory
 
 
@@ -51,6 +52,29 @@ def write_segment(folder: Path, accuracy: float) -> Path:
     path = folder / f"segment_{accuracy:g}.yaml"
     path.write_text(yaml.safe_dump(scene), encoding="utf-8")
     return path
+
+
+def write_snake(folder: Path, contacts: int) -> Path:
+    """Write the scene of a snake that turns.
+
+    Args:
+        folder: folder of the file.
+        contacts: number of contacts N.
+
+    Returns:
+        The file.
+    """
+    path = folder / f"snake_{contacts}.yaml"
+    path.write_text(yaml.safe_dump(snake_scene(contacts).document()), encoding="utf-8")
+    return path
+
+
+def swim(domain: Domain, contacts: int) -> None:
+    """Drive a snake by the waves of its scene, with a period of 1 s, for the longest duration of a measurement."""
+    scene = snake_scene(contacts)
+    rows = np.tile(scene.drive.actuation[:-1], (300, 1))
+    trajectory = build_trajectory(name_joints(scene.body), rows, float(scene.drive.times[1]))
+    domain.publisher("joint_trajectory").publish(trajectory)
 
 
 def wave(domain: Domain, contacts: int) -> None:

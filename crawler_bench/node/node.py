@@ -27,9 +27,10 @@ from .processes import PATIENCE_S, children, cpu_seconds, memory_mb, wait_until
 from .rows import Row, summarise
 from .steps import Steps
 from .throughput import measure_throughput, throughput_variants
+from .turning import measure_turning
 
 Feature = tuple[str, Path, dict[str, Any], Callable[[], None] | None]
-PARTS = ("throughput", "latency", "lock_step", "real_time", "start", "ledger")
+PARTS = ("throughput", "latency", "lock_step", "real_time", "turning", "start", "ledger")
 QUICK: Row = {
     "contacts": (10,),
     "rates": (1000.0,),
@@ -335,6 +336,7 @@ def measure_node(
             "latency": len(rates),
             "lock_step": 3 * repeats,
             "real_time": len(ends) * repeats,
+            "turning": repeats,
             "start": repeats + 1,
             "ledger": len(compared) * repeats,
         }
@@ -346,6 +348,7 @@ def measure_node(
                 domain, scene, one, 10 * trials, seconds, repeats, lambda: wave(domain, one), steps
             ),
             "real_time": lambda: measure_real_time(domain, ends, 3.0 * seconds, repeats, steps),
+            "turning": lambda: measure_turning(domain, min(contacts[-1], 30), 3.0 * seconds, repeats, steps),
             "start": lambda: measure_start(domain, one, repeats, steps),
             "ledger": lambda: measure_ledger(domain, one, compared, seconds, repeats, steps),
         }

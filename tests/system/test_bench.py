@@ -26,6 +26,7 @@ from crawler_bench.features.identify import TASKS, TUNED, build_spec, load_sysid
 from crawler_bench.features.search import measure_search
 from crawler_bench.features.springs import LINKS, measure_springs
 from crawler_bench.features.sweep import measure_sweep
+from crawler_bench.features.turning import measure_turning
 from crawler_command.app import main
 from crawler_model import Crawler, CrawlerError, Scene
 
@@ -400,6 +401,20 @@ def test_ticks_of_all_kinds_of_links_are_measured_beside_linear_ones():
         assert row["overspent"] == 0
     pieces = {row["links"]: row["pieces"] for row in rows}
     assert pieces["motor that never stalls"] == pieces["linear"] < min(pieces["stops"], pieces["motor that stalls"])
+
+
+@pytest.mark.slow
+def test_bodies_that_turn_are_measured_beside_peers():
+    pytest.importorskip("mujoco")
+    found = measure_turning((3,), lambda part: None)
+    rows, continuous = ([row for row in found if (row["case"] == "continuous snake") == flag] for flag in (False, True))
+    errors = {row["setting"]: row["error"] for row in rows}
+    for row in rows:
+        assert 0.0 < row["us_per_tick"] == pytest.approx(1e3 * row["ms_per_period"] / row["ticks"])
+    assert errors["tolerance 1e-07"] < 1e-6 < errors["tolerance 1e-05"] < 1e-4
+    assert errors["10000 steps"] < errors["3000 steps"] < errors["1000 steps"] < 0.05
+    assert errors["10000 steps"] < 3e-3
+    assert [row["n"] for row in continuous if row["method"] == "crawler"] == [10]
 
 
 def test_a_body_for_which_the_time_does_not_suffice_is_named():

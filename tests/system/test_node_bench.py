@@ -20,6 +20,7 @@ KEYS = {
     "round_trips": {"n", "trips", "trips_per_s", "median_ms", "p99_ms"},
     "lock_step": {"n", "ticks_per_s"},
     "real_time": {"n", "rate_hz", "ticks", "late_ticks", "late_ticks_of_an_empty_loop", "core_simulator"},
+    "turning": {"n", "rate_hz", "ticks", "late_ticks", "cpu_us_per_tick", "core_simulator", "real_time"},
     "start": {"n", "ready_s", "first_state_s"},
     "ledger": {"n", "feature", "beside", "us_per_tick", "extra_us", "memory_mb", "start_s"},
 }
@@ -33,6 +34,7 @@ COUNTS = {
     "round_trips": 1,
     "lock_step": 1,
     "real_time": 1,
+    "turning": 1,
     "start": 1,
     "ledger": 5,
 }

@@ -87,15 +87,8 @@ def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str],
         rows = np.flatnonzero(run.table.run == 0)
         rows = rows[:: max(rows.size // _MOST_POINTS, 1)]
         time, y = run.table.end_ns[rows] / NS, run.table.net_translation[rows, 0]
-<<<<<<< HEAD
         axis.plot(time, y - y[0], color=color, linewidth=1.6, label=label)
-    label_values(axis, "net translation", "m", max(size_of(run.table) for run in runs))
-=======
-        axis.plot(time, y - y[0], color=color, linewidth=1.6)
-        handles.append(Line2D([], [], color=color, linewidth=1.6, label=label))
     label_values(axis, "net translation", "m", max(run.table.size for run in runs))
-    place_legend(axis, handles)
->>>>>>> turn-gaps
 
 
 def draw_all(found: Sequence[RunComparison], png: Path) -> None:
