@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .domain import Domain
 from .drives import swim, write_snake
+from .processes import wait_until
 from .rows import Row, summarise
 from .steps import Steps
 
@@ -31,14 +32,13 @@ def measure_turning(domain: Domain, contacts: int, seconds: float, repeats: int,
             scene = write_snake(domain.folder, contacts)
             values: dict[str, float] = {}
             with domain.simulator(scene, rate=_RATE_HZ, real_time_factor=1.0) as (pid, _log):
-                swim(domain, contacts)
-                domain.rate(1.0, driven=True)
+                _start_swimming(domain, contacts)
                 before = int(domain.reports[-1][1]["late ticks"])
                 _, (used,) = domain.cost(seconds, [pid], driven=True)
                 values["late_ticks"] = int(domain.reports[-1][1]["late ticks"]) - before
             values |= {"cpu_us_per_tick": used, "core_simulator": 1e-6 * used * _RATE_HZ}
             with domain.simulator(scene, rate=_RATE_HZ, real_time_factor=0.0):
-                swim(domain, contacts)
+                _start_swimming(domain, contacts)
                 values["real_time"] = domain.rate(seconds, driven=True) / _RATE_HZ
             for name, value in values.items():
                 found.setdefault(name, []).append(value)
@@ -46,3 +46,11 @@ def measure_turning(domain: Domain, contacts: int, seconds: float, repeats: int,
     for name, measured in found.items():
         row |= summarise(measured, name)
     return [row] if found else []
+
+
+def _start_swimming(domain: Domain, contacts: int) -> None:
+    """Drive the snake, and wait for two periods: the first ticks load kernels."""
+    swim(domain, contacts)
+    wait_until(lambda: not domain.reports[-1][1]["rows waiting"].startswith("0 "))
+    first = int(domain.reports[-1][1]["ticks"])
+    wait_until(lambda: int(domain.reports[-1][1]["ticks"]) > first + 2 * _RATE_HZ)
