@@ -53,11 +53,12 @@ OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
 BOTH = "bent springs on patches"
 KERNELS = (
-    ("line", "plane"),
-    ("springs", "node", "patches", "long"),
-    ("derivatives", "batches", "environments", BOTH),
+    (("line", "plane"), ("line",)),
+    (("springs", "patches", "long", "node"), ("springs", "patches", "long", "node", "plane")),
+    (("derivatives", BOTH, "environments", "batches"), ("derivatives", BOTH, "environments", "batches")),
 )
-"""Kinds of kernels of `crawler warm`; those of the last row build on the first."""
+"""Kinds of kernels of `crawler warm` that begin together, if no other worker compiles them, and those to wait for then: a
+later row builds on them."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -84,8 +85,8 @@ def kernels() -> None:
 
     builds = {kind.value: build for kind, build in warm.BUILDS.items()}
     builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
-    for kinds in KERNELS:
-        for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):  # first what no other worker compiles
+    for begun, ended in KERNELS:
+        for how, kinds in ((fcntl.LOCK_EX | fcntl.LOCK_NB, begun), (fcntl.LOCK_EX, ended)):
             for kind in kinds:
                 file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{kind}"
                 with contextlib.suppress(BlockingIOError), file.open("w") as lock:
