@@ -51,14 +51,27 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
-BOTH = "bent springs on patches"
+BOTH, PARTS = "bent springs on patches", "long bodies in the plane"
 KERNELS = (
     (("line", "plane"), ("line",)),
     (("springs", "patches", "long", "node"), ("springs", "patches", "long", "node", "plane")),
-    (("derivatives", BOTH, "environments", "batches"), ("derivatives", BOTH, "environments", "batches")),
+    ((BOTH, "derivatives", PARTS, "environments", "batches"), (BOTH, "derivatives", PARTS, "environments", "batches")),
 )
 """Kinds of kernels of `crawler warm` that begin together, if no other worker compiles them, and those to wait for then: a
 later row builds on them."""
+
+
+def compile_parts() -> None:
+    """Compile the kernels of long bodies in the plane."""
+    import numpy as np
+
+    from crawler_model import Crawler, load_scene
+    from crawler_model.motion.plane.parts.follow import follow_in_parts
+    from crawler_model.motion.state import ACCOUNT_SIZE
+
+    state = Crawler(load_scene("planar_three_points"))._state
+    arrays = state.x, state.gained, state.command, state.turned
+    follow_in_parts(state.frame, arrays, state.command.copy(), 1e-6, np.zeros(ACCOUNT_SIZE))
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -85,6 +98,7 @@ def kernels() -> None:
 
     builds = {kind.value: build for kind, build in warm.BUILDS.items()}
     builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
+    builds[PARTS] = compile_parts
     for begun, ended in KERNELS:
         for how, kinds in ((fcntl.LOCK_EX | fcntl.LOCK_NB, begun), (fcntl.LOCK_EX, ended)):
             for kind in kinds:

@@ -427,7 +427,13 @@ def test_a_fit_that_ends_at_a_bound_is_reported() -> None:
             assert "of 2 starts" in found.warnings[1]
 
 
-@pytest.mark.parametrize(("seed", "forward", "backward"), [(12, 6.338415, 2.457537), (12, 0.369095, 5.971581)])
+@pytest.mark.parametrize(
+    ("seed", "forward", "backward"),
+    [
+        (12, 6.338415, 2.457537),
+        pytest.param(12, 0.369095, 5.971581, marks=pytest.mark.slow),
+    ],
+)
 def test_more_starts_are_tried_as_long_as_none_fits(seed: int, forward: float, backward: float) -> None:
     """The first start ends in a local minimum, far above the noise."""
     document = mixed(seed=seed)

@@ -9,10 +9,13 @@ from crawler_bench.features.laboratory import KEYS, build_robot, guess_robot, id
 from crawler_model import CrawlerError, Identification, Measurements, Prior, Scene, Sensor, identify, simulate
 
 LAG = "pixels, tracker, lag"
+RARE = ("linear drift", "1 % outliers", "scale", "dropped frames", "unequal noise")
 KINDS = ("white", "pixels", "tracker, AR(0.9)", LAG, "linear drift", "1 % outliers", "scale", "dropped frames")
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "unequal noise", "nine digits"])
+@pytest.mark.parametrize(
+    "kind", [*KINDS[:4], "nine digits", *(pytest.param(kind, marks=pytest.mark.slow) for kind in RARE)]
+)
 def test_intervals_contain_the_truth_whatever_the_camera_does(kind: str) -> None:
     rows = [identify_robot(seed, kind) for seed in (1, 3, 5)]
     assert all(row["fits"] for row in rows)
