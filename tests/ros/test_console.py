@@ -44,6 +44,15 @@ def shows(text: str) -> Any:
     return lambda frame: any(text in line for line in frame["console"])
 
 
+async def command(page: Any, values: dict[str, float], done: Any) -> dict[str, Any]:
+    """Set values until a frame fits; on a busy machine the page may fall silent for a second, and the robot holds."""
+    await page.send_json({"set": values})
+    while not done(frame := await next_frame(page)):
+        if frame["console"][1].startswith("holds"):
+            await page.send_json({"set": values})
+    return frame
+
+
 def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
     expected = Crawler(load_scene(SCENE))
     expected.advance([0.05])
@@ -51,22 +60,18 @@ def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
     async def work(page: Any) -> None:
         await next_frame(page, shows("1 listener"))
         await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
-        await page.send_json({"set": {"link_0": 0.05}})
-        frame = await next_frame(
-            page, lambda frame: frame["x"][1] == pytest.approx(expected.displacement[1], abs=1e-12)
-        )
+        there = pytest.approx(expected.displacement[1], abs=1e-12)
+        frame = await command(page, {"link_0": 0.05}, lambda frame: frame["x"][1] == there)
         assert frame["x"][0] == 0.0
         assert frame["tension"] == pytest.approx(expected.tension, abs=1e-12)
         sent = int(re.match(r"(\d+) commands", frame["console"][0])[1])
         assert sent >= 0.05 / 0.3 / 0.5 / 0.1  # a ramp of a third of a second and more, a message each 0.1 s at least
         await page.send_json({"set": {"contact_0/backward": -1.0}})
         assert "friction must be >= 0" in await complaint(page)
-        await page.send_json({"set": {"contact_0/backward": 0.25}})
-        while not any(row[3] == 0.25 for row in moves()):
-            await next_frame(page)
+        await command(page, {"contact_0/backward": 0.25}, lambda _: any(row[3] == 0.25 for row in moves(5)))
 
-    def moves() -> list[Any]:
-        return [point.positions for message in list(ros.heard["applied_commands"]) for point in message.points]
+    def moves(last: int = 0) -> list[Any]:
+        return [point.positions for message in list(ros.heard["applied_commands"])[-last:] for point in message.points]
 
     with graph(tmp_path) as ros:
         ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
