@@ -187,7 +187,7 @@ def drive(folder, left: float, waypoints: np.ndarray = WAYPOINTS, parameters: tu
     return place, found[:, 1:]
 
 
-@pytest.mark.parametrize("left", [0.1, 0.3], ids=["even", "uneven"])
+@pytest.mark.parametrize("left", [pytest.param(0.1, marks=pytest.mark.slow, id="even"), pytest.param(0.3, id="uneven")])
 def test_a_path_is_followed_whatever_the_friction(tmp_path, left):
     """It stays within the width of the body, except where it cuts a corner, and passes the last waypoint closely."""
     place, lines = drive(tmp_path, left)
