@@ -10,6 +10,7 @@ pytest.importorskip("cma")
 from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, load_scene, optimise, pareto, simulate
 from crawler_model.optimise.bodies import _DRAWN, _SEED, spread_over
 from crawler_model.optimise.optimise import build_space
+from crawler_model.optimise.search import _STALE_ROUNDS
 
 SCISSORS = load_scene("scissors")
 OPENED = "drive.actuation[1][2]"
@@ -104,7 +105,8 @@ def test_the_nearest_motion_fails_where_standing_still_is_as_near():
 
 def test_compromises_between_going_far_and_going_cheaply(monkeypatch):
     monkeypatch.setitem(pareto.__globals__, "_POINTS", 1)
-    found = pareto(SCISSORS, free={OPENED: (0.0, 0.8)}, towards=90, seconds=0.01)
+    monkeypatch.setitem(_STALE_ROUNDS, 2, 1)
+    found = pareto(SCISSORS, free={OPENED: (0.0, 0.8)}, towards=90)
     assert len(found.points) >= 2
     for better, cheaper in zip(found.points, found.points[1:], strict=False):
         assert better.gain > cheaper.gain > 0.0
