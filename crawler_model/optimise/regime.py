@@ -142,7 +142,7 @@ def _run(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Run candidates for some periods and one more: its gain and work, whether it settled, whether it was lost."""
     body = dataclasses.replace(plan.body, stiffness=np.ascontiguousarray(plan.body.stiffness[lanes]))
-    targets = np.ascontiguousarray(targets[lanes])
+    targets = targets[lanes]
     motion: Any = build_motion(dataclasses.replace(plan, body=body))
     state = motion.start(np.ascontiguousarray(plan.start_displacement[lanes]), targets[:, 0])
     count, n = targets.shape[1] - 1, body.contacts

@@ -255,10 +255,8 @@ class _Search:
             asked = strategy.ask()
             points = [self.space.repair(np.asarray(x)) for x in asked]
             scores = self.evaluator.scores(points)
-            if self.over():  # candidates may be left out
-                self.note(points[int(best_first(scores)[0])], float(scores.max()))
-                break
-            strategy.tell(asked, list(-scores))
+            if not self.over():  # else candidates may be left out, and the loop ends
+                strategy.tell(asked, list(-scores))
             k = int(best_first(scores)[0])
             if scores[k] > score:
                 point, score = points[k], float(scores[k])

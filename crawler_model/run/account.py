@@ -165,8 +165,8 @@ def tolerance_of(scene: Plan) -> float:
     Returns:
         The tolerance of a scene in the plane [1]; 0 on a line, where only rounding is left.
     """
-    from ..motion.plane.motion import DEFAULT_TOLERANCE  # its kernels are not needed on a line
-
     if scene.body.dimension == 1:
         return 0.0
+    from ..motion.plane.motion import DEFAULT_TOLERANCE  # its kernels are not needed on a line
+
     return scene.tolerance or (DEFAULT_TOLERANCE if scene.body.turning is None else TURNING_TOLERANCE)
