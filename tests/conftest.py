@@ -51,6 +51,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
+ORDER = r"'[ACF]', (True|False)|readonly |(?<=\dd, )[ACF]"
+"""How numba writes the order in memory of an array, and whether it can be written, alone and within tuples."""
 BOTH, PARTS = "bent springs on patches", "long bodies in the plane"
 KERNELS = (
     (("line", "plane"), ("line",)),
@@ -82,7 +84,7 @@ def compiled_once() -> Iterator[None]:
     kernels = {id(value): value for value in values if hasattr(value, "signatures") and hasattr(value, "py_func")}
     twice = set()
     for kernel in kernels.values():
-        plain = [re.sub(r"(readonly|nonconst) |(?<=\dd, )[ACF]", "", str(types)) for types in kernel.signatures]
+        plain = [re.sub(ORDER, "", str(types)) for types in kernel.signatures]
         if len(set(plain)) < len(plain):
             twice.add(f"{kernel.py_func.__module__}.{kernel.py_func.__name__}")
     assert not twice - OF_ANY_ORDER, f"compiled twice, as an array had another order: {', '.join(sorted(twice))}"

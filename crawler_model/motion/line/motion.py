@@ -199,6 +199,7 @@ class LineMotion:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
         ramps, memory = scratch
         ramps["budget"], ramps["exact"] = budget, exact
+        targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again
         if self.track is not None:
             return self._follow_on_ground(state, scratch, targets, account, records)
         if pieces is not NO_PIECES:
