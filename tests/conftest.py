@@ -76,14 +76,21 @@ def compile_parts() -> None:
     follow_in_parts(state.frame, arrays, state.command.copy(), 1e-6, np.zeros(ACCOUNT_SIZE))
 
 
-@pytest.fixture(scope="session", autouse=True)
-def compiled_once() -> Iterator[None]:
-    """Refuse kernels that were compiled twice because an array had another order in memory, or could not be written."""
-    yield
+def used_kernels() -> list[Any]:
+    """List the kernels that have been compiled or read from the cache in this process."""
     values = [value for name, module in [*sys.modules.items()] if "crawler" in name for value in vars(module).values()]
     kernels = {id(value): value for value in values if hasattr(value, "signatures") and hasattr(value, "py_func")}
+    return [kernel for kernel in kernels.values() if kernel.signatures]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once() -> Iterator[None]:
+    """Refuse kernels that are compiled by every worker, or twice because of the order of an array in memory."""
+    early = [kernel.py_func.__name__ for kernel in used_kernels()]
+    assert not early, f"used while tests are collected, by each worker at once: {', '.join(early[:10])}"
+    yield
     twice = set()
-    for kernel in kernels.values():
+    for kernel in used_kernels():
         plain = [re.sub(ORDER, "", str(types)) for types in kernel.signatures]
         if len(set(plain)) < len(plain):
             twice.add(f"{kernel.py_func.__module__}.{kernel.py_func.__name__}")
