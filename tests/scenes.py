@@ -12,7 +12,9 @@ import yaml
 from crawler_model import gallery
 
 FOLDER = resources.files("msgs_config") / "scenes"
-TURNING = tuple(n for n in gallery() if yaml.safe_load((FOLDER / f"{n}.yaml").read_text("utf-8"))["body"].get("springs"))
+TURNING = tuple(
+    n for n in gallery() if yaml.safe_load((FOLDER / f"{n}.yaml").read_text("utf-8"))["body"].get("springs")
+)
 """Scenes of bodies that turn."""
 NOT_TURNING = tuple(name for name in gallery() if name not in TURNING)
 """All others."""

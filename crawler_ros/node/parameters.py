@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..wire.topics import read_table
+from .life.scheduling import check_priority
 
 _KINDS = {"double": "a number", "integer": "a whole number", "bool": "true or false", "string": "text"}
 
@@ -83,7 +84,7 @@ def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
         The values, by name.
 
     Raises:
-        ValueError: when a value has the wrong type or is not one of the choices.
+        ValueError: when a value has the wrong type, is not one of the choices or is not permitted.
     """
     from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
     from rclpy.exceptions import InvalidParameterTypeException
@@ -113,4 +114,5 @@ def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
             raise ValueError(f"parameter {name} takes {_KINDS[row.type]} ({row.meaning}) {error}") from None
         if row.choices and values[name] not in row.choices:
             raise ValueError(f"parameter {name}: {values[name]!r}; it must be one of {', '.join(row.choices)}")
+    check_priority(values)
     return values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import sys
 import threading
@@ -33,6 +32,7 @@ from .intake.intake import Intake
 from .intake.limits import command_limits
 from .life.quiet_node import QuietNode
 from .life.run import run_node
+from .life.scheduling import check_priority, raise_priority, reduce_delays
 from .life.stop import StopFlag, end_on_signals
 from .outgoing import STATES, Outgoing
 from .outlet import Outlet
@@ -90,7 +90,7 @@ class Simulator(QuietNode):
         self._outlets: dict[str, Outlet] = {}
         view = str(self.values["view"])
         if view != "off":
-            from ..viewer.feed import check_view
+            from ..viewer.feed import ViewerFeed, check_view
 
             check_view(view)  # before anything is opened
         if self.values["record"]:
@@ -106,8 +106,6 @@ class Simulator(QuietNode):
         self._open_services()
         self.add_on_set_parameters_callback(self._on_parameters)
         if view != "off":
-            from ..viewer.feed import ViewerFeed
-
             self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
         self.every = int(self.values["publish.every"])
         single = self.feed is not None or not runs_in_one_call(self.crawler)
@@ -188,6 +186,10 @@ class Simulator(QuietNode):
 
         for change in changes:
             if change.name == "real_time_factor":
+                try:
+                    check_priority(self.values | {change.name: change.value})
+                except CommandError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
                 with self.lock:
                     self.stepper.real_time_factor = float(change.value)
         return SetParametersResult(successful=True)
@@ -199,6 +201,7 @@ class Simulator(QuietNode):
         executor = EventsExecutor()
         executor.add_node(self)
         gc.collect()
+        raise_priority(self.values["thread_priority"])
         gc.freeze()  # objects loaded so far stay: collecting them again and again would make ticks late
         with self.lock:
             if self._outlets["robot_description"].wanted:
@@ -364,9 +367,7 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when the scene or a parameter was invalid or the recording failed.
     """
-    sys.setswitchinterval(0.0005)  # the loop must not wait five milliseconds for a callback to release the lock
-    with contextlib.suppress(OSError):  # by default, Linux lets a thread sleep 50 us longer than it asked for
-        Path("/proc/self/timerslack_ns").write_text("1", encoding="ascii")
+    reduce_delays()
     return run_node("simulator", _build, _spin, args, " ".join(read_parameters()))
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,11 +16,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Parameter, ParameterValue
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_bench.node.processes import PATIENCE_S, wait_until
-from crawler_model import Crawler, load_scene, simulate
+from crawler_model import CommandError, Crawler, load_scene, simulate
+from crawler_ros.node.life.scheduling import check_priority
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
@@ -50,6 +54,13 @@ def pause(ros, value=True, name="crawler"):
 
 def step(ros, name="crawler"):
     return ros.call(f"/{name}/step", "std_srvs/srv/Trigger")
+
+
+def change(ros, name, value):
+    """Set a parameter of the simulator, and return the result."""
+    parameter = Parameter(name=name, value=ParameterValue(type=3, double_value=value))
+    answer = ros.call("/crawler/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[parameter])
+    return answer.results[0]
 
 
 def diagnostics(ros) -> dict[str, str]:
@@ -225,20 +236,43 @@ def test_parameters_are_declared_with_ranges_and_mostly_read_only(ros):
     assert by_name["rate"].floating_point_range[0].to_value == 100000.0
     assert not by_name["real_time_factor"].read_only
 
-    from rcl_interfaces.msg import Parameter, ParameterValue
-
-    def change(name, value):
-        parameter = Parameter(name=name, value=ParameterValue(type=3, double_value=value))
-        answer = ros.call("/crawler/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[parameter])
-        return answer.results[0]
-
-    assert change("real_time_factor", 20.0).successful
+    assert change(ros, "real_time_factor", 20.0).successful
     before = seconds(ros.heard["joint_states"][-1])
     wait_until(lambda: seconds(ros.heard["joint_states"][-1]) > before + 10.0)  # it took a quarter of an hour before
-    assert not change("real_time_factor", 1000.0).successful
-    refused = change("rate", 10.0)
+    assert not change(ros, "real_time_factor", 1000.0).successful
+    refused = change(ros, "rate", 10.0)
     assert not refused.successful
     assert refused.reason
+
+
+def may_have_priority() -> bool:
+    values = {"thread_priority": 10, "lock_step": False, "real_time_factor": 1.0}
+    try:
+        check_priority(values)
+    except CommandError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not may_have_priority(), reason="this user has no permission for real-time priorities")
+def test_all_threads_have_the_priority_that_is_asked_for(ros):
+    simulator = ros.simulator("thread_priority:=10", hear=("joint_states",))
+    threads = [int(name) for name in os.listdir(f"/proc/{simulator.process.pid}/task")]
+    assert {os.sched_getscheduler(t) for t in threads} == {os.SCHED_FIFO}
+    assert {os.sched_getparam(t).sched_priority for t in threads} == {10}
+    assert "thread_priority: 10 with real_time_factor 0" in change(ros, "real_time_factor", 0.0).reason
+
+
+@pytest.mark.skipif(
+    not may_have_priority() or not shutil.which("setpriv"), reason="nothing to take away, or no setpriv"
+)
+def test_a_priority_without_permission_is_one_line():
+    command = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice", sys.executable, "-m"]
+    command += ["crawler_ros.node.simulator", "--ros-args", "-p", "thread_priority:=10"]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
+    assert done.returncode == 1
+    assert "simulator: thread_priority: 10: this user has no permission for real-time priorities" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_the_clock_is_simulated_time(ros):
@@ -269,6 +303,7 @@ WRONG = [
     (["rate:=fast"], "parameter rate takes a number"),
     (["method:=euler"], "it must be one of auto, exact, catch_up"),
     (["view:=window"], "it must be off, live, or a path that ends in .rrd"),
+    (["thread_priority:=10", "lock_step:=true"], "thread_priority: 10 with lock_step: the node would run as fast"),
     (["record:=/proc/nowhere"], "record: /proc/nowhere: the folder cannot be created: No such file or directory"),
     (["record:=file"], "record: file: the folder cannot be created: file is not a folder"),
     (["record:=file/deep/er"], "record: file/deep/er: the folder cannot be created: file is not a folder"),
