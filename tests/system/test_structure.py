@@ -184,23 +184,23 @@ def public_things(package: ModuleType) -> Iterator[tuple[str, Any]]:
 
 
 _WRAPPED = (property, functools.cached_property, staticmethod, classmethod)
-EVERYTHING = list(
-    dict(
-        t
-        for p in (
-            crawler_model,
-            crawler_pictures,
-            crawler_ros,
-            crawler_gym,
-            crawler_play,
-            crawler_bench,
-            crawler_command,
-        )
-        for t in public_things(p)
-    ).items()
+EVERYTHING = (
+    crawler_model,
+    crawler_pictures,
+    crawler_ros,
+    crawler_gym,
+    crawler_play,
+    crawler_bench,
+    crawler_command,
 )
-INTERFACE = list(dict(t for p in (crawler_model, crawler_ros.replay) for t in public_things(p)).items())
+INTERFACE = (crawler_model, crawler_ros.replay)
 """What others call: the model, and what reads recordings."""
+
+
+@functools.cache
+def things_of(packages: tuple[ModuleType, ...]) -> list[tuple[str, Any]]:
+    """All public things of packages, each once."""
+    return list(dict(thing for package in packages for thing in public_things(package)).items())
 
 
 def plain(thing: Any) -> Any:
@@ -210,12 +210,12 @@ def plain(thing: Any) -> Any:
     return getattr(thing, "func", getattr(thing, "__func__", thing))
 
 
-def functions(things: list[tuple[str, Any]]) -> list[Any]:
-    return [pytest.param(name, thing, id=name) for name, thing in things if inspect.isfunction(plain(thing))]
+def functions(packages: tuple[ModuleType, ...]) -> list[tuple[str, Any]]:
+    return [(name, thing) for name, thing in things_of(packages) if inspect.isfunction(plain(thing))]
 
 
-def classes(things: list[tuple[str, Any]]) -> list[Any]:
-    return [pytest.param(name, thing, id=name) for name, thing in things if inspect.isclass(thing)]
+def classes(packages: tuple[ModuleType, ...]) -> list[tuple[str, Any]]:
+    return [(name, thing) for name, thing in things_of(packages) if inspect.isclass(thing)]
 
 
 def entries(text: str, section: str) -> dict[str, str]:
@@ -267,41 +267,44 @@ def documentation(thing: Any) -> str:
     return inspect.cleandoc(plain(thing).__doc__ or "")  # its own: not one that it inherits
 
 
-@pytest.mark.parametrize(("name", "function"), functions(EVERYTHING))
-def test_docstrings_name_the_arguments_that_there_are(name, function):
-    text = documentation(function)
-    assert text, f"{name} has no docstring"
-    if "Args:" in text:
-        assert names(text, "Args") == parameters(plain(function)), name
+def test_docstrings_name_the_arguments_that_there_are():
+    wrong = []
+    for name, function in functions(EVERYTHING):
+        text = documentation(function)
+        wrong += [] if text and ("Args:" not in text or names(text, "Args") == parameters(plain(function))) else [name]
+    assert wrong == []
 
 
-@pytest.mark.parametrize(("name", "function"), functions(INTERFACE))
-def test_docstrings_say_what_a_function_takes_gives_and_raises(name, function):
+def described(text: str, function: Any) -> bool:
+    """Whether a docstring describes what a function takes, returns or yields, and raises."""
     attribute = isinstance(function, (property, functools.cached_property))
-    text, function = documentation(function), plain(function)
-    if "see `Motion`" in text:  # the contract that it keeps describes it
-        return
-    assert names(text, "Args") == parameters(function)
+    function = plain(function)
     nodes = body(function)
     gives = any(isinstance(n, ast.Return) and n.value is not None for n in nodes)
     yields = any(isinstance(n, (ast.Yield, ast.YieldFrom)) for n in nodes)
-    if not attribute:
-        assert gives <= ("\nReturns:\n" in text), "it returns something"
-        assert yields <= ("\nYields:\n" in text), "it yields something"
-    assert raised(function) <= set(names(text, "Raises"))
+    returned = attribute or (gives <= ("\nReturns:\n" in text) and yields <= ("\nYields:\n" in text))
+    return names(text, "Args") == parameters(function) and returned and raised(function) <= set(names(text, "Raises"))
 
 
-@pytest.mark.parametrize(("name", "kind"), classes(EVERYTHING))
-def test_classes_have_docstrings_of_their_own(name, kind):
-    text = documentation(kind)
-    assert text
-    assert not text.startswith(f"{kind.__name__}("), "that is what `dataclass` writes where there is none"
+def test_docstrings_say_what_a_function_takes_gives_and_raises():
+    """Where a function keeps the contract of `Motion`, that describes it."""
+    texts = {name: (documentation(function), function) for name, function in functions(INTERFACE)}
+    assert [name for name, (text, f) in texts.items() if "see `Motion`" not in text and not described(text, f)] == []
 
 
-@pytest.mark.parametrize(("name", "kind"), [c for c in classes(INTERFACE) if dataclasses.is_dataclass(c.values[1])])
-def test_docstrings_of_dataclasses_name_the_fields_that_there_are(name, kind):
-    own = [f.name for f in dataclasses.fields(kind) if f.name in vars(kind).get("__annotations__", {})]
-    assert names(documentation(kind), "Attributes") == [f for f in own if not f.startswith("_")]
+def test_classes_have_docstrings_of_their_own():
+    """Not what `dataclass` writes where there is none."""
+    texts = [(name, documentation(kind), f"{kind.__name__}(") for name, kind in classes(EVERYTHING)]
+    assert [name for name, text, written in texts if not text or text.startswith(written)] == []
+
+
+def test_docstrings_of_dataclasses_name_the_fields_that_there_are():
+    wrong = []
+    for name, kind in classes(INTERFACE):
+        own = [f.name for f in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else []
+        given = [f for f in own if f in vars(kind).get("__annotations__", {}) and not f.startswith("_")]
+        wrong += [name] if own and names(documentation(kind), "Attributes") != given else []
+    assert wrong == []
 
 
 FLOAT = ("float", "float | None")
@@ -311,7 +314,7 @@ UNIT = r"\[[^\]]+\]"
 def test_numbers_in_docstrings_have_units():
     """What is annotated `float` has its unit in brackets; [1] where it has none."""
     silent = []
-    for name, thing in INTERFACE:
+    for name, thing in things_of(INTERFACE):
         text, annotated = documentation(thing), inspect.get_annotations(plain(thing))
         for entry, said in {**entries(text, "Args"), **entries(text, "Attributes")}.items():
             for key in entry.split(", "):
@@ -322,11 +325,10 @@ def test_numbers_in_docstrings_have_units():
     assert silent == []
 
 
-@pytest.mark.parametrize(("name", "kind"), [c for c in classes(INTERFACE) if issubclass(c.values[1], BaseModel)])
-def test_keys_of_scene_files_are_described(name, kind):
-    for key, field in kind.model_fields.items():
-        assert field.description, key
-        assert field.description.endswith("."), key
+def test_keys_of_scene_files_are_described():
+    models = [(name, kind) for name, kind in classes(INTERFACE) if issubclass(kind, BaseModel)]
+    keys = [(f"{name}.{key}", field.description) for name, kind in models for key, field in kind.model_fields.items()]
+    assert [key for key, text in keys if not (text and text.endswith("."))] == []
 
 
 def run_probe(folder, cache):
@@ -374,7 +376,10 @@ def test_compiled_kernels_are_loaded_without_what_only_compilation_needs():
 
 
 def test_a_chain_compiles_nothing_that_other_bodies_need(tmp_path):
-    """From an empty cache: no sleeping run of a long chain, no border of a patch, no knot of a curve."""
+    """From an empty cache: no sleeping run of a long chain, no border of a patch, no knot of a curve.
+
+    Nothing is optimised, which would take half of the time.
+    """
     run = """
 from crawler_model import load_scene, simulate
 from crawler_model.motion.line import path, runs
@@ -385,7 +390,7 @@ needed = [len(k.signatures) for k in (path.solve_path, path._find_first_flow)]
 others = (bends.find_pieces, runs._form_leaf, runs._wake, borders.set_bound, falls._let_all_fall, jumps.begin_on_ground)
 print(min(needed) > 0, sum(len(k.signatures) for k in others))
 """
-    cold = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    cold = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": "0"}
     done = subprocess.run([sys.executable, "-c", run], env=cold, capture_output=True, text=True, check=True)
     assert done.stdout == "True 0\n"
 
