@@ -49,15 +49,32 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Groups(config, log)
 
 
+SLOW = Path(__file__).parent / "slow.txt"
+"""Tests that take more than some four seconds of a processor, of what others test in a smaller case: one in a line."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the tests that `make test` leaves to `make test-all`."""
+    slow = set(SLOW.read_text(encoding="utf-8").splitlines())
+    marked = [item for item in items if item.nodeid in slow]
+    for item in marked:
+        item.add_marker(pytest.mark.slow)
+    unknown = slow - {item.nodeid for item in marked}
+    if unknown and config.args == config.getini("testpaths"):
+        raise pytest.UsageError(f"{SLOW.name} names tests that do not exist: {', '.join(sorted(unknown)[:5])}")
+
+
 OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
 ORDER = r"'[ACF]', (True|False)|readonly |(?<=\dd, )[ACF]"
 """How numba writes the order in memory of an array, and whether it can be written, alone and within tuples."""
 BOTH, PARTS = "bent springs on patches", "long bodies in the plane"
+LAST = ("node", "environments", "batches")
 KERNELS = (
     (("line", "plane"), ("line",)),
-    (("springs", "patches", "long", "node"), ("springs", "patches", "long", "node", "plane")),
-    ((BOTH, "derivatives", PARTS, "environments", "batches"), (BOTH, "derivatives", PARTS, "environments", "batches")),
+    (("springs", "patches", "long"), ("springs", "patches", "long", "plane")),
+    ((BOTH, "derivatives", PARTS, *LAST), (BOTH, "derivatives", PARTS, *LAST)),
 )
 """Kinds of kernels of `crawler warm` that begin together, if no other worker compiles them, and those to wait for then: a
 later row builds on them."""

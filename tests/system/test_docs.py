@@ -8,7 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from ..pages import ROOT, Block, Page, anchors, blocks, compare, inline_code, links, look_up, needs_ros, pages, verbs
+from ..pages import (
+    KNOWN,
+    ROOT,
+    Block,
+    Page,
+    anchors,
+    blocks,
+    compare,
+    inline_code,
+    links,
+    look_up,
+    needs_ros,
+    pages,
+    verbs,
+)
 from .test_rooms import PACKAGES
 
 NAMES = [str(page.relative_to(ROOT)) for page in pages()]
@@ -25,6 +39,18 @@ def test_every_block_runs_or_says_why_not(name, tmp_path):
     if needs_ros(page.blocks):
         pytest.importorskip("rclpy")
     page.run()
+
+
+def test_every_verb_and_option_of_every_page_exists():
+    """That of pages that take long to run, too."""
+    found = 0
+    for name, text in TEXTS.items():
+        for block in blocks(name, text):
+            for said in re.findall(r"^crawler ([^|&;>#\n]+)", block.text.replace("\\\n", " "), re.M):
+                if block.language in ("bash", "console"):
+                    found += 1
+                    assert KNOWN["crawler"](said.split()), f"{block.place}: there is no such thing: crawler {said}"
+    assert found > 50
 
 
 def run(text: str, folder: Path) -> None:
