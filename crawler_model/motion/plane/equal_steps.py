@@ -29,7 +29,8 @@ def find_stop(velocity, part, total, last, pieces, negligible):
     """Estimate the part of a walk up to where the first point stops, from its velocity before and in the last step.
 
     Steps do not show a point that stops and moves back, unless it moves back by more than it moves forward in one of
-    them. Its velocity before is that at the start, or the mean of the other steps, and is taken to change evenly.
+    them. Its velocity is taken to change evenly, from that at the start or the mean of the other steps to that of the
+    last step; and, where there are other steps, like the parabola that has all three.
 
     Args:
         velocity: at the start, shape (N, 2) [m per unit of the way].
@@ -43,19 +44,25 @@ def find_stop(velocity, part, total, last, pieces, negligible):
         The part of the walk; 1 if no point stops.
     """
     first = 1.0
+    others = 1.0 - 1.0 / pieces
     for i in range(last.shape[0]):
         size = math.hypot(total[i, 0], total[i, 1])
         if size == 0.0:
             continue
-        before = 0.0
-        latest = 0.0
-        for c in range(2):
-            along = total[i, c] / size
-            others = part * velocity[i, c] if pieces == 1 else (total[i, c] - last[i, c]) * pieces / (pieces - 1.0)
-            before += others * along
-            latest += last[i, c] * pieces * along
+        start = part * (velocity[i, 0] * total[i, 0] + velocity[i, 1] * total[i, 1]) / size
+        latest = (last[i, 0] * total[i, 0] + last[i, 1] * total[i, 1]) * pieces / size
+        before = start if pieces == 1 else (size - latest / pieces) / others
         slowing = 2.0 * (before - latest)
         end = latest - 0.5 * slowing / pieces
+        stop = 1.0 + end / slowing if slowing > 0.0 else 1.0
+        if pieces > 1 and start > 0.0:
+            bend = 3.0 * (latest - before - size + start) / others
+            curved = 2.0 * size - start + bend / 3.0
+            if bend < 0.0 and curved < end:
+                slope = curved - start - bend
+                slowing = math.sqrt(slope * slope - 4.0 * bend * start)
+                stop = 2.0 * start / (slowing - slope)
+                end = curved
         if end < 0.0 < before and end * end > 2.0 * slowing * negligible:
-            first = min(first, 1.0 + end / slowing)
+            first = min(first, stop)
     return first

@@ -36,7 +36,8 @@ much a part is shortened in which they change."""
 _BAND = 1e-9
 """A point this close to the boundary of its set, relative to its size, is on it."""
 _LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
-"""Shortest part of a ramp that is tried before the body jumps; that of vector springs, before a step is forced."""
+"""Shortest part of a ramp that is tried before the body jumps; that of vector springs, before a step is forced, and up
+to a point that starts or stops."""
 _LEAST_FALL = 1e-6
 """Shortest part of a ramp in whose end an equilibrium may become unstable."""
 _BEYOND = 0.3 * AT_ONCE
@@ -130,7 +131,7 @@ def glance(frame, way, negligible, velocity, force):
     """
     part = _GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE
     first, unique = _glance(frame, way, part, negligible, velocity, force)
-    while frame.directions.shape[0] > 0 and first < part and part > _LEAST_PART:
+    while first < part and part > _LEAST_PART:
         part *= _SHORTER  # an event within changed the velocities
         first, unique = _glance(frame, way, part, negligible, velocity, force)
     return first, unique
@@ -272,6 +273,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     aim = first * rest
     wanted = progress[LENGTH]
     later = moved = np.inf
+    stops = 0
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
         part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
@@ -282,7 +284,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             later = length
             moved = error
         elif outcome == STOP:
-            aim = min(growth, _SHORT_OF) * length
+            stops += 1
+            aim = min(growth, _SHORT_OF) ** stops * length  # the first estimates of a far stop are too long
         else:
             paid = max(error - tolerance * length, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
@@ -299,7 +302,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                     break
                 growth = 0.5
             wanted = _dyadic(frame, (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
-        if min(aim, wanted) < (_LEAST_STRAIGHT if frame.vector else _LEAST_PART):
+        if aim < _LEAST_STRAIGHT or wanted < (_LEAST_STRAIGHT if frame.vector else _LEAST_PART):
             break
     return 0.0
 

@@ -186,8 +186,8 @@ def _same_points(one, slid, pieces, negligible):
 def _extrapolate(table, newest, pieces, n, per_force):
     """Add a walk to the Aitken-Neville scheme in 1/steps.
 
-    Returns by how much the displacement of a point, or the dissipation per force, changes at most; `newest` becomes the
-    extrapolated walk.
+    Returns by how much the displacement of a point, or dissipation and work per force, change at most; `newest` becomes
+    the extrapolated walk.
     """
     error = 0.0
     for i in range(newest.shape[0]):
@@ -201,8 +201,7 @@ def _extrapolate(table, newest, pieces, n, per_force):
                 table[column, i, c] = before
             table[pieces - 1, i, c] = value
             newest[i, c] = value
-            if c == 0 or i < n:
-                change = math.hypot(change, value - before)
+            change = math.hypot(change, value - before)
         if i <= n:
             error = max(error, change if i < n else change * per_force)
     return error
@@ -295,7 +294,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
         total += friction_of(frame, way[1], i)[2]
         for c in range(2):
             expected[i, c] = step[i, c] = part * velocity[i, c]
-    per_force = 1.0 / total if frame.vector and total > 0.0 else 0.0
+    per_force = 1.0 / total if total > 0.0 else 0.0
     for pieces in range(1, _WALKS + 1):
         solved, also = walk(frame, way, (part, pieces, determined and pieces == 1), step, best, slid)
         unique = unique and also
