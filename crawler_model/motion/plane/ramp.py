@@ -28,7 +28,7 @@ from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .translation import choose_translation
-from .walk import AT_END, AT_ONCE, FAILED, START, STOP, TAKEN, attempt, command_at, walk
+from .walk import AT_END, AT_ONCE, CROSS, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
 _GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-4, 1e-2
 """Parts of a ramp in which velocities are measured: in general, and with polygons, whose paths are straight; and by how
@@ -43,10 +43,12 @@ _LEAST_FALL = 1e-6
 _BEYOND = 0.3 * AT_ONCE
 """A part ends where a point that starts has moved by this part of the tolerance."""
 _SHORT_OF = 0.95
-"""A part is shortened at least by this factor where a point stops inside."""
+"""A part is shortened at least by this factor where a point stops inside, or starts unseen."""
 _SPENT, _AT_ONCE = 0.02, 0.125
 """Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
 that it may take."""
+_LEAST_SHARE = 1e-5
+"""Part of the tolerance that any part of the ramp may take, or rounding errors would exhaust it."""
 _BALANCED, _ROUNDING = 0.01, 1e-12
 """The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
 _EDGE = 1e-6
@@ -150,7 +152,8 @@ def _settle(frame, state, target, part, best, after, limits):
     The displacement, the dissipation and the work of the loads in `best` become those to that end. `limits` has the
     error that is allowed [m], and whether `best` is one implicit step.
 
-    Returns whether it is stable and the energies balance: where they do not, the body has jumped; and their residual.
+    Returns whether it is stable and the energies balance: where they do not, the body has jumped; their residual; and
+    how far a point moves: beyond the error, one has started before the end, unseen by the steps.
     """
     x, _, command, _ = state
     n = x.shape[0]
@@ -162,6 +165,7 @@ def _settle(frame, state, target, part, best, after, limits):
         for c in range(2):
             base[i, c] = after[i, c] = x[i, c] + best[i, c]
     allowed, solved = limits
+    shift = 0.0
     if not solved:
         solved, _ = solve_stage(frame, now, base, after, force, 0.0)
     for i in range(n):
@@ -170,18 +174,19 @@ def _settle(frame, state, target, part, best, after, limits):
             best[n + 1, 0] += load_of(frame, now, i, c) * (after[i, c] - base[i, c])
         best[i, 0] = after[i, 0] - x[i, 0]
         best[i, 1] = after[i, 1] - x[i, 1]
+        shift = max(shift, math.hypot(after[i, 0] - base[i, 0], after[i, 1] - base[i, 1]))
     stored = energy_of(frame, command, x)
     gained = energy_of(frame, now, after) - stored
     spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
     residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
     if frame.vector:
-        return solved, residual
+        return solved, residual, shift
     most = 0.0
     for i in range(n):
         most = max(most, math.hypot(force[i, 0], force[i, 1]))
     balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
-    return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual
+    return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual, shift
 
 
 @lean
@@ -277,7 +282,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
         part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
-        limits = max(tolerance * length, _SPENT * progress[LEFT]), tolerance, determined
+        share = tolerance * max(length, _LEAST_SHARE)
+        limits = max(share, _SPENT * progress[LEFT]), tolerance, determined
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
             aim = _find_start(length, error, (later, moved), growth, _BEYOND * tolerance)
@@ -286,10 +292,16 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         elif outcome == STOP:
             stops += 1
             aim = min(growth, _SHORT_OF) ** stops * length  # the first estimates of a far stop are too long
+        elif outcome == CROSS:
+            aim = growth * length
         else:
-            paid = max(error - tolerance * length, 0.0)
+            paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
-                settled, residual = _settle(frame, state, target, part, best, after, (limits[0], outcome == AT_END))
+                ending = limits[0], outcome == AT_END
+                settled, residual, shift = _settle(frame, state, target, part, best, after, ending)
+                if settled and shift > limits[0] and length > _LEAST_FALL:
+                    aim = _SHORT_OF * length
+                    continue
                 if settled:
                     account[RESIDUAL] += residual
                     progress[LEFT] -= paid
@@ -366,7 +378,7 @@ def force_step(frame, state, target, account, progress):
     best = np.zeros((n + 2, 2))
     after = np.empty((n, 2))
     walk(frame, (state[0], state[2], target), (part, 1, False), np.zeros((n, 2)), best, np.empty((n, 2)))
-    _, residual = _settle(frame, state, target, part, best, after, (0.0, False))
+    _, residual, _ = _settle(frame, state, target, part, best, after, (0.0, False))
     account[RESIDUAL] += residual
     account[OVERSPENT] += 1.0
     _take(frame, state, target, part, best, after, account)

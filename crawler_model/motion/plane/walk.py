@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from ...compiled import compiled, lean, merged
-from .elastic import stretch_link, stretch_vector, turn_joint
+from .elastic import pull, stretch_link, stretch_vector, turn_joint
 from .equal_steps import farthest, find_stop
 from .frame import friction_of, load_of
-from .friction import gap_of, resistance
+from .friction import gap_of, load_part, resistance
 from .polygon import ON
 from .stage import solve_stage
 from .translation import choose_translation, stay
@@ -26,9 +26,14 @@ _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
 _AT_ONE_PLACE = 0.1
 """A force is on the boundary of its set if its contact starts within this part of what is negligible."""
-FAILED, START, STOP, TAKEN, AT_END = range(5)
-"""Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; done, with some error; done
-in one step of vector springs, at whose end friction balances the forces."""
+_BORDER = 1e-3
+"""A force that changes to another quarter of its set within this part of an end of a part of the way does so there."""
+_FAR_BEYOND = 1.5
+"""A change in the first half of a part is looked for again in a part that is so much longer: the estimate is coarse."""
+FAILED, START, STOP, CROSS, TAKEN, AT_END = range(6)
+"""Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; the force on one changes to
+another quarter of its set inside; done, with some error; done in one step of vector springs, at whose end friction
+balances the forces."""
 
 
 @lean
@@ -172,6 +177,38 @@ def _foresee(frame, way, moved, expected, force, negligible):
     return (TAKEN, 0.3, np.inf) if stops else (TAKEN, 1.0, 0.0)
 
 
+@compiled
+def _find_crossing(frame, way, part, moved, force, negligible):
+    """Estimate the part of a step up to where the force on a point that slides changes to another quarter of its set.
+
+    The boundary has another curvature there, and so have paths: extrapolation across it converges by chance alone.
+
+    Returns the part; 1 if there is none inside.
+    """
+    start, command, target = way
+    n = start.shape[0]
+    now = np.empty(command.shape[0])
+    x = np.empty((n, 2))
+    after = np.empty((n, 2))
+    command_at(command, target, part, now)
+    for i in range(n):
+        x[i, 0] = start[i, 0] + moved[i, 0]
+        x[i, 1] = start[i, 1] + moved[i, 1]
+    pull(frame, now, x, after, np.empty(n))
+    first = 1.0
+    for i in range(n):
+        at, _, most = friction_of(frame, command, i)
+        if most == 0.0 or math.hypot(moved[i, 0], moved[i, 1]) <= negligible:
+            continue
+        before = load_part(frame, command, start, i, force[i, 0], force[i, 1])
+        later = load_part(frame, now, x, i, after[i, 0], after[i, 1])
+        for c in range(2):
+            if before[c] * later[c] < 0.0 and command[at + 2 * c] != command[at + 2 * c + 1]:
+                place = before[c] / (before[c] - later[c])
+                first = min(first, place) if place > _BORDER else first
+    return first if first < 1.0 - _BORDER else 1.0
+
+
 @lean
 def _same_points(one, slid, pieces, negligible):
     """Return whether the same points slide in all steps of a walk as in a single step, but for negligible moves."""
@@ -311,6 +348,9 @@ def attempt(frame, way, part, velocity, force, limits, best):
             outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
             if outcome != TAKEN or moves > 0.0:
                 return outcome, moves, factor, unique
+            crossing = 1.0 if frame.vector else _find_crossing(frame, way, part, best, force, negligible)
+            if crossing < 1.0:
+                return CROSS, np.inf, crossing * (1.0 + 0.5 * _BORDER if crossing > 0.5 else _FAR_BEYOND), unique
         elif not _same_points(one, slid, pieces, negligible):
             return TAKEN, np.inf, 0.5, unique
         stop = find_stop(velocity, part, best, step, pieces, negligible)

@@ -223,6 +223,24 @@ def test_work_is_stored_dissipated_or_lost_in_jumps(seed):
     assert max(step.certificate.violation for step in steps) < 1e-9
 
 
+@pytest.mark.parametrize("seed", [30, 42])
+def test_energies_keep_the_tolerance(seed):
+    """A bare point that moves alone arrives at the same place in any number of steps, which shows nothing of the work."""
+    _, steps = follow(*wriggle(seed), 1e-7)
+    residual = sum(step.certificate.energy_residual for step in steps)
+    assert abs(residual) < 1e-7 * sum(step.work for step in steps)
+
+
+@pytest.mark.parametrize("seed", [1, 7, 9, 11, 19])
+def test_small_tolerances_are_kept_without_false_jumps(seed):
+    """Starts, stops and changes to other quarters of the sets of friction are found as closely as needed."""
+    scene, goals = wriggle(seed)
+    exact, steps = follow(scene, goals, 1e-8)
+    body, _ = follow(scene, goals, 1e-7)
+    assert not any(step.jumps for step in steps)
+    assert np.abs(body.displacement - exact.displacement).max() < 1e-7 * len(goals)
+
+
 @pytest.mark.parametrize("ticks", [1, 10, 100])
 def test_a_contact_that_begins_without_force_starts_where_it_is_overcome(ticks):
     """Until the weaker of two contacts slides, the link stores mu^2 / (2 k)."""
