@@ -69,7 +69,7 @@ OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
 ORDER = r"'[ACF]', (True|False)|readonly |(?<=\dd, )[ACF]"
 """How numba writes the order in memory of an array, and whether it can be written, alone and within tuples."""
-BOTH, PARTS = "bent springs on patches", "long bodies in the plane"
+BOTH, PARTS = "bent springs on patches", "long bodies and jumps in the plane"
 LAST = ("node", "environments", "batches")
 KERNELS = (
     (("line", "plane"), ("line",)),
@@ -81,15 +81,17 @@ later row builds on them."""
 
 
 def compile_parts() -> None:
-    """Compile the kernels of long bodies in the plane."""
+    """Compile the kernels of long bodies in the plane, and those of jumps of bodies that turn."""
     import numpy as np
 
     from crawler_model import Crawler, load_scene
+    from crawler_model.motion.plane.jump import jump
     from crawler_model.motion.plane.parts.follow import follow_in_parts
     from crawler_model.motion.state import ACCOUNT_SIZE
 
-    state = Crawler(load_scene("planar_three_points"))._state
+    state = Crawler(load_scene("scissors"))._state
     arrays = state.x, state.gained, state.command, state.turned
+    jump(state.frame, arrays, state.command.copy(), 1.0, np.zeros_like(state.x), np.zeros(ACCOUNT_SIZE))
     follow_in_parts(state.frame, arrays, state.command.copy(), 1e-6, np.zeros(ACCOUNT_SIZE))
 
 

@@ -349,9 +349,9 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
                 for c in range(2):
                     velocity[i, c] = best[i, c]
             return False
-        for i in range(n):
+        for i in range(n):  # of several solutions, that of the last part goes on
             for c in range(2):
-                velocity[i, c] *= 1.0 - part
+                velocity[i, c] = best[i, c] * (1.0 - part) / part
         rest = 1.0 - progress[PLACE]
         progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
         if frame.vector:
