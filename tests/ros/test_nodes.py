@@ -257,6 +257,7 @@ def may_have_priority() -> bool:
 @pytest.mark.skipif(not may_have_priority(), reason="this user has no permission for real-time priorities")
 def test_all_threads_have_the_priority_that_is_asked_for(ros):
     simulator = ros.simulator("thread_priority:=10", hear=("joint_states",))
+    assert change(ros, "real_time_factor", 2.0).successful
     threads = [int(name) for name in os.listdir(f"/proc/{simulator.process.pid}/task")]
     assert {os.sched_getscheduler(t) for t in threads} == {os.SCHED_FIFO}
     assert {os.sched_getparam(t).sched_priority for t in threads} == {10}

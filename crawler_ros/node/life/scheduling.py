@@ -41,6 +41,7 @@ def check_priority(values: Mapping[str, Any]) -> None:
             f"thread_priority: {priority} with {pace}: the node would run as fast as possible and leave no time to "
             f"other programs; it must be 0 there"
         )
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
@@ -48,7 +49,7 @@ def check_priority(values: Mapping[str, Any]) -> None:
             f"thread_priority: {priority}: this user has no permission for real-time priorities; a line 'USER - rtprio "
             f"{priority}' in /etc/security/limits.conf gives it, and 0 needs none"
         ) from None
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.sched_setscheduler(0, *before)
 
 
 def raise_priority(priority: int) -> None:
@@ -60,4 +61,5 @@ def raise_priority(priority: int) -> None:
         priority: that of SCHED_FIFO, 1 to 99; 0 leaves the threads where they are.
     """
     for thread in os.listdir("/proc/self/task") if priority else ():
-        os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
+        with contextlib.suppress(ProcessLookupError):  # one that has just ended
+            os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
