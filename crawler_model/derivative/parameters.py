@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..body.body import Body
 from ..errors import SceneError
+from ..motion.plane.frame import build_frame
 from ..scene.scene import Scene
 from ..sweep.keys import key_steps
 from ..sweep.stack import Stack, shares_mesh, stack
@@ -35,6 +36,10 @@ _LINEAR = 1e-13
 """Arrays whose second difference is below this part of their size depend on the parameter linearly."""
 
 
+def _nothing() -> np.ndarray:
+    return np.zeros(0)
+
+
 @dataclass(frozen=True)
 class Derivatives:
     """Derivatives of the arrays of a scene with respect to P parameters.
@@ -42,13 +47,16 @@ class Derivatives:
     Attributes:
         names: names of the parameters.
         values: their values in the scene, shape (P,).
-        stiffness: of k, shape (S, P).
+        stiffness: of k, shape (S, P); in the plane as in a `Frame`, shape (K, P).
         pieces: of the pieces of the curves of bent springs, actuator and passive spring of each in turn, columns as in
             `body.curves`, shape (R, 6, P); zero where they are infinite.
         targets: of the targets at the waypoints, shape (W, F, P).
-        start: of x at the start, shape (N, P).
+        start: of x at the start, shape (N, P), in the plane (N, 2, P).
         times: of the times of the waypoints, shape (W, P) [s per unit of the parameter].
         period: of the period, shape (P,), likewise; zero without one.
+        position: of the reference positions in the plane, shape (N, 2, P); empty on a line.
+        rest: of the rest lengths and angles in the plane, as in a `Frame`, shape (K, P); empty on a line.
+        offset: of the angles of the axes of friction in the plane, shape (N, P); empty on a line.
     """
 
     names: tuple[str, ...]
@@ -59,6 +67,9 @@ class Derivatives:
     start: np.ndarray
     times: np.ndarray
     period: np.ndarray
+    position: np.ndarray = field(default_factory=_nothing)
+    rest: np.ndarray = field(default_factory=_nothing)
+    offset: np.ndarray = field(default_factory=_nothing)
 
 
 def expand_keys(scene: Scene, keys: Sequence[str], caller: str) -> tuple[str, ...]:
@@ -131,7 +142,9 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)
     origin = {name: everything.origin(name) for name in names}
     changing = {name: changing_keys(scene, name, path) for name, path in zip(names, everything.paths, strict=True)}
-    together = names if shares_mesh(everything) else [n for n in names if shares_mesh(vary(scene, {n: [0.0]}))]
+    together: Sequence[str] = [] if scene.dimension == 2 else names
+    if not shares_mesh(everything):
+        together = [name for name in together if shares_mesh(vary(scene, {name: [0.0]}))]
     found = _differentiate_together(scene, origin, {name: changing[name] for name in together})
     for name in names:
         if name not in found:
@@ -145,8 +158,8 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
         parts.append(np.ascontiguousarray(stacked[first : first + size].reshape(*shape, len(names))))
         first += size
     values = np.array(list(origin.values()))
-    stiffness, pieces, targets, start, times, period = parts
-    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0])
+    stiffness, pieces, targets, start, times, period, position, rest, offset = parts
+    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0], position, rest, offset)
 
 
 def constant_arrays(scene: Scene, names: tuple[str, ...], values: np.ndarray) -> Derivatives:
@@ -161,7 +174,7 @@ def constant_arrays(scene: Scene, names: tuple[str, ...], values: np.ndarray) ->
         Zeros.
     """
     zeros = [np.zeros((*np.shape(array), len(names))) for array in _arrays(scene)]
-    stiffness, pieces, targets, start, times, period = zeros
+    stiffness, pieces, targets, start, times, period, *_ = zeros
     return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0])
 
 
@@ -260,14 +273,12 @@ def _arrays(scene: Scene) -> tuple[Any, ...]:
     """Collect all arrays of a scene that a run depends on."""
     drive = scene.drive
     period = 0.0 if drive.period is None else drive.period
-    return (
-        scene.body.stiffness,
-        collect_pieces(scene.body),
-        drive.targets,
-        scene.start_displacement,
-        drive.times,
-        [period],
-    )
+    stiffness, shape = scene.body.stiffness, (np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    if scene.dimension == 2:
+        frame = build_frame(scene.body, scene.directions)
+        stiffness, shape = frame.stiffness, (frame.position, frame.rest, frame.offset)
+    start = scene.start_displacement
+    return (stiffness, collect_pieces(scene.body), drive.targets, start, drive.times, [period], *shape)
 
 
 def collect_pieces(body: Body) -> np.ndarray:
@@ -293,7 +304,7 @@ def _arrays_of_stack(many: Stack) -> np.ndarray:
     """Collect the same arrays of stacked scenes, shape (M, size)."""
     count = len(many)
     period = np.zeros(count) if many.period is None else many.period
-    parts = (many.stiffness, np.zeros((count, 0)), many.targets, many.start, many.times, period)
+    parts = (many.stiffness, many.targets, many.start, many.times, period)
     return np.hstack([np.reshape(part, (count, -1)) for part in parts])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,19 +13,22 @@ import numpy as np
 from ..arrays import frozen
 from ..body.body import Body
 from ..body.drive import NS
-from ..body.plan import refuse_turning
 from ..errors import CommandError, SceneError
 from ..notebook import write_html, write_numbers
 from ..run.simulate import default_duration
 from ..run.ticks import check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
-from .parameters import differentiate_arrays
+from .parameters import Derivatives, differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
-from .planar import PlanarDerivatives, differentiate_in_plane
+from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
 
 _CHUNK = 4096
 _MOST_NUMBERS = 200_000_000
+_COARSER = 10.0
+"""Factor for the tolerance of the path in the plane that the derivatives are compared with."""
+_NOTHING = 1e-12
+"""Derivatives of the displacement up to this size are 0 but for rounding [m per unit of the parameter]."""
 _MOST_SHOWN = 24
 """Parameters that a notebook shows."""
 
@@ -53,15 +57,16 @@ class Sensitivities:
         time: times of the start and of the end of each tick, as in `Trajectory`, shape (T,) [s].
         displacement: d x / d p, shape (T, N, P), in the plane (T, N, 2, P).
         net_translation: d y / d p, shape (T, P), in the plane (T, 2, P).
+        yaw: derivatives of the yaw, shape (T, P); 0 for bodies that do not turn.
         per_period: derivatives of the net translation gained in each whole period, shape (periods, P), in the plane
-            (periods, 2, P).
+            (periods, 2, P); of bodies that turn those of dx, dy and dyaw as in `Trajectory`, shape (periods, 3, P).
         work: derivatives of the work of the actuators in the whole run, shape (P,).
-        period_work: derivatives of that work in each whole period, shape (periods, P); in the plane shape (0, P).
+        period_work: derivatives of that work in each whole period, shape (periods, P).
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
             derivative, bool, shape (P,).
-        kinks: where they are; not located in the plane.
-        tolerance: on a line 0, as derivatives are exact but for rounding; in the plane an estimate of their error,
-            relative to the largest derivative with respect to the same parameter [1].
+        kinks: where they are.
+        tolerance: on a line 0, as derivatives are exact but for rounding; in the plane an estimate of the error of
+            those of the displacement, relative to the largest one with respect to the same parameter [1].
     """
 
     parameters: tuple[str, ...]
@@ -69,6 +74,7 @@ class Sensitivities:
     time: np.ndarray
     displacement: np.ndarray
     net_translation: np.ndarray
+    yaw: np.ndarray
     per_period: np.ndarray
     work: np.ndarray
     period_work: np.ndarray
@@ -108,8 +114,9 @@ def sensitivities(
 
     The derivatives are exact through events: the path is piecewise linear, and only contacts that stop remember how
     they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative is that of the
-    path with the events in the order in which they are met. In the plane, where paths are followed to a tolerance, the
-    derivatives are differences of refined runs, four for each parameter, and `tolerance` estimates their error.
+    path with the events in the order in which they are met. In the plane, where paths are curved, the derivatives are
+    those of a path that is followed to 1e-8, by the matrices of its implicit steps; `tolerance` is by how much they
+    differ from those of a path that is followed to 1e-7.
 
     A waypoint's derivatives are those at the moving waypoint for gains and work, and at the fixed time for
     displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
@@ -126,12 +133,10 @@ def sensitivities(
 
     Raises:
         SceneError: if a key is unknown or names no number, if the scene has no drive, or has patches of ground.
-        CommandError: if duration or rate is out of range, or a ramp has too many events.
+        CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
     scene = coerce_scene(scene, "sensitivities")
     check_differentiable(scene, "sensitivities", plane=True)
-    if scene.dimension == 2:
-        return _in_plane(differentiate_in_plane(scene, keys, duration, rate, "sensitivities"))
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     seconds = default_duration(scene.drive) if duration is None else float(duration)
     check_duration(seconds)
@@ -145,55 +150,58 @@ def sensitivities(
         )
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
-    path = TangentPath(scene, derivatives, samples=True)
-    dx = [path.dx[None]]
-    marks, works, d_works = [(path.dx, 0)], np.zeros(0), [np.zeros((0, len(derivatives.names)))]
+    if scene.dimension == 1:
+        return _differentiate(scene, derivatives, tick_ns, TangentPath(scene, derivatives, samples=True))
+    paths = (PlanePath(scene, derivatives, factor) for factor in (_COARSER, 1.0))
+    coarse, fine = (_differentiate(scene, derivatives, tick_ns, path) for path in paths)
+    size = np.abs(fine.displacement).max(axis=(0, 1, 2))
+    error = np.abs(fine.displacement - coarse.displacement).max(axis=(0, 1, 2))[~fine.one_sided]
+    relative = error / np.maximum(size[~fine.one_sided], _NOTHING)
+    return dataclasses.replace(fine, tolerance=float(relative.max(initial=0.0)))
+
+
+def _differentiate(
+    scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, path: TangentPath | PlanePath
+) -> Sensitivities:
+    """Differentiate a run along a path."""
+    x, dx = [scene.start_displacement[None]], [path.dx[None]]
+    marks, d_works = [(x[0][0], path.dx, 0)], [np.zeros((0, len(derivatives.names)))]
     vertex_ns = [np.zeros(1, np.int64)]
     for first in range(0, tick_ns.size, _CHUNK):
         ends = tick_ns[first : first + _CHUNK]
         vertices = build_vertices(scene.drive, derivatives, int(tick_ns[first - 1]) if first else 0, ends)
         stretch = path.follow(vertices)
         at = np.searchsorted(vertices.time_ns, ends)
+        x.append(stretch.x[at])
         dx.append(_at_fixed_times(path, vertices, stretch, at))
         if scene.drive.period is not None:
+            ramps = sum(map(len, d_works)) + 1
             done = np.flatnonzero((vertices.before == 0) & (vertices.part == 0.0) & (vertices.after == 0))
-            marks.extend((stretch.dx[i].copy(), works.size + int(i) + 1) for i in done)
-        works = np.concatenate((works, stretch.work))
+            marks.extend((stretch.x[i].copy(), stretch.dx[i].copy(), ramps + int(i)) for i in done)
         d_works.append(stretch.d_work)
         vertex_ns.append(vertices.time_ns)
-    d_work = np.concatenate(d_works)
-    share = scene.body.share
-    ends_of_periods = np.array([share @ mark for mark, _ in marks])
-    spent = np.array([d_work[a:b].sum(axis=0) for (_, a), (_, b) in itertools.pairwise(marks)])
+    d_work, displacement = np.concatenate(d_works), np.concatenate(dx)
+    spent = np.array([d_work[a:b].sum(axis=0) for (_, _, a), (_, _, b) in itertools.pairwise(marks)])
     columns = len(derivatives.names)
-    displacement = np.concatenate(dx)
+    translation = np.einsum("n,tn...->t...", scene.body.share, displacement)
+    yaw = differentiate_yaw(scene.body, np.concatenate(x), displacement, derivatives.position)
+    mark_x, mark_dx = (np.array([mark[k] for mark in marks]) for k in range(2))
+    if scene.body.turning is None:
+        gains = np.diff(np.einsum("n,tn...->t...", scene.body.share, mark_dx), axis=0)
+    else:
+        gains = differentiate_gains(scene.body, mark_x, mark_dx, derivatives.position)
     return Sensitivities(
         derivatives.names,
         frozen(derivatives.values),
         frozen(np.concatenate(([0], tick_ns)) / NS),
         frozen(displacement),
-        frozen(np.einsum("n,tnp->tp", share, displacement)),
-        frozen(np.diff(ends_of_periods, axis=0).reshape(-1, columns)),
+        frozen(translation),
+        frozen(yaw),
+        frozen(gains),
         frozen(d_work.sum(axis=0)),
         frozen(spent.reshape(-1, columns)),
         frozen(path.one_sided, np.bool_),
         _kinks(scene, path, np.concatenate(vertex_ns)),
-    )
-
-
-def _in_plane(found: PlanarDerivatives) -> Sensitivities:
-    return Sensitivities(
-        found.names,
-        frozen(found.values),
-        found.run.time,
-        frozen(found.displacement),
-        frozen(found.net_translation),
-        frozen(found.per_period),
-        frozen(found.work),
-        frozen(np.zeros((0, len(found.names)))),
-        frozen(found.one_sided, np.bool_),
-        (),
-        found.tolerance,
     )
 
 
@@ -203,12 +211,11 @@ def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None
     Args:
         scene: the scene.
         caller: name of the function, for error messages.
-        plane: whether differences of runs in the plane will do.
+        plane: whether bodies in the plane will do.
 
     Raises:
         SceneError: if it has no drive, is in the plane, or has patches of ground.
     """
-    refuse_turning(scene, caller)
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
     if scene.dimension == 2 and not plane:
@@ -217,19 +224,19 @@ def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None
         raise SceneError(f"{caller}: {scene.name} has ground.patches; derivatives across jumps are not implemented")
 
 
-def _at_fixed_times(path: TangentPath, vertices: Vertices, stretch: Stretch, at: np.ndarray) -> np.ndarray:
+def _at_fixed_times(path: TangentPath | PlanePath, vertices: Vertices, stretch: Stretch, at: np.ndarray) -> np.ndarray:
     """Select the derivatives at ticks; where a waypoint moves past a tick, those of the path at the fixed time."""
     dx = stretch.dx[at]
     for k in np.flatnonzero(vertices.d_time[at].any(axis=1)):
         i = int(at[k])
         begin = int(vertices.time_ns[i - 1]) if i else int(vertices.time_ns[i]) - 1
         speed = stretch.speed[i] * (NS / (int(vertices.time_ns[i]) - begin))
-        dx[k] -= speed[:, None] * vertices.d_time[i]
+        dx[k] -= speed[..., None] * vertices.d_time[i]
         path.one_sided |= vertices.d_time[i] != 0.0
     return dx
 
 
-def _kinks(scene: Scene, path: TangentPath, vertex_ns: np.ndarray) -> tuple[Kink, ...]:
+def _kinks(scene: Scene, path: TangentPath | PlanePath, vertex_ns: np.ndarray) -> tuple[Kink, ...]:
     """Find the times of kinks."""
     times = [
         (int(vertex_ns[ramp]) + place * (int(vertex_ns[ramp + 1]) - int(vertex_ns[ramp]))) / NS

@@ -212,15 +212,22 @@ class PlaneMotion:
 
     def start(self, x: np.ndarray, target: np.ndarray) -> PlanarState:
         """Build the state at rest, see `Motion`."""
-        x, command = np.array(x, np.float64, order="C"), self._expand(np.array(target, np.float64)[None])[0]
+        x, command = np.array(x, np.float64, order="C"), self.expand(np.array(target, np.float64)[None])[0]
         turns = not self.frame.vector
         yaw = measure_angles(self.frame.position + x, self.frame.heading[None]) if turns else np.zeros(1)
         state = PlanarState(self.frame, np.zeros(2), x, np.zeros_like(x), command, yaw, np.full(1, np.inf))
         state.recentre(self.unit)
         return state
 
-    def _expand(self, targets: np.ndarray) -> np.ndarray:
-        """Give each disc the four frictions of its axes, in arrays of one type, for which kernels are compiled once."""
+    def expand(self, targets: np.ndarray) -> np.ndarray:
+        """Repeat the friction of each disc for its four sides: kernels know quarter ellipses alone.
+
+        Args:
+            targets: rows as in `Columns.target`, or derivatives of such rows, shape (V, F, ...).
+
+        Returns:
+            The rows of `PlanarState.command`, shape (V, C, ...).
+        """
         discs = self.body.contacts if self.frame.vector and self.frame.directions.size == 0 else 0
         return np.take(targets, _columns_of(targets.shape[1], self.frame.rest.size, discs), axis=1)
 
@@ -244,7 +251,7 @@ class PlaneMotion:
         moving.stability[:] = np.inf
         n, parts = self.body.contacts, self.frame.rest.size
         jumps: list[Jump] = []
-        for v, target in enumerate(self._expand(targets)):
+        for v, target in enumerate(self.expand(targets)):
             jumps += self._follow_ramp(moving, scratch, target, v, account)
             if not self.frame.vector:
                 account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))

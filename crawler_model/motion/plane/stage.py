@@ -132,17 +132,26 @@ def _assemble(frame, command, x, eta, system):
 
 
 @merged
-def _find_step(frame, command, x, base, rows, step, eta):
-    """Solve for the Newton step; return the least relative pivot."""
+def find_step(frame, command, x, rows, step, eta):
+    """Solve for a step by which the miss of each point that moves becomes zero.
+
+    Args:
+        frame: the body.
+        command: the command.
+        x: displacements, shape (N, 2) [m].
+        rows: from `linearise`, shape (N, 13).
+        step: changed in place: of the points that stick, then of all, shape (N, 2) [m].
+        eta: stiffness of springs to an anchor, relative to the grip of each point [1].
+
+    Returns:
+        The least relative pivot.
+    """
     n = x.shape[0]
     place = np.empty(n, np.int64)
     count = 0
     for i in frame.order:
         place[i] = count if rows[i, 12] > 0.0 else -1
         count += rows[i, 12] > 0.0
-    for i in range(n):
-        for c in range(2):
-            step[i, c] = base[i, c] - x[i, c]
     if count == 0:
         return 1.0
     reach = min(_reach_of(frame, place), 2 * count - 1)
@@ -200,7 +209,10 @@ def _search(frame, command, base, anchor, x, force, eta):
                     x[i, 0] = base[i, 0]
                     x[i, 1] = base[i, 1]
             return True, pivot > CRITICAL
-        pivot = _find_step(frame, command, x, base, rows, step, eta)
+        for i in range(n):
+            for c in range(2):
+                step[i, c] = base[i, c] - x[i, c]
+        pivot = find_step(frame, command, x, rows, step, eta)
         if not pivot > 0.0:
             return False, False
         part = _shorten(frame, step)

@@ -183,8 +183,10 @@ def _find_crossing(frame, way, part, moved, force, negligible):
 
     The boundary has another curvature there, and so have paths: extrapolation across it converges by chance alone.
 
-    Returns the part; 1 if there is none inside.
+    Returns the factor up to just beyond it; 1 if there is none inside.
     """
+    if frame.vector:
+        return 1.0
     start, command, target = way
     n = start.shape[0]
     now = np.empty(command.shape[0])
@@ -206,7 +208,9 @@ def _find_crossing(frame, way, part, moved, force, negligible):
             if before[c] * later[c] < 0.0 and command[at + 2 * c] != command[at + 2 * c + 1]:
                 place = before[c] / (before[c] - later[c])
                 first = min(first, place) if place > _BORDER else first
-    return first if first < 1.0 - _BORDER else 1.0
+    if first >= 1.0 - _BORDER:
+        return 1.0
+    return first * (1.0 + 0.5 * _BORDER if first > 0.5 else _FAR_BEYOND)
 
 
 @lean
@@ -348,9 +352,9 @@ def attempt(frame, way, part, velocity, force, limits, best):
             outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
             if outcome != TAKEN or moves > 0.0:
                 return outcome, moves, factor, unique
-            crossing = 1.0 if frame.vector else _find_crossing(frame, way, part, best, force, negligible)
+            crossing = _find_crossing(frame, way, part, best, force, negligible)
             if crossing < 1.0:
-                return CROSS, np.inf, crossing * (1.0 + 0.5 * _BORDER if crossing > 0.5 else _FAR_BEYOND), unique
+                return CROSS, np.inf, crossing, unique
         elif not _same_points(one, slid, pieces, negligible):
             return TAKEN, np.inf, 0.5, unique
         stop = find_stop(velocity, part, best, step, pieces, negligible)
@@ -369,4 +373,8 @@ def attempt(frame, way, part, velocity, force, limits, best):
         for i in range(n):
             for c in range(2):
                 step[i, c] = one[i, c] / (pieces + 1.0)
+    if error <= allowed:  # a single step may end short of a change
+        crossing = _find_crossing(frame, way, part, best, force, negligible)
+        if crossing < 1.0:
+            return CROSS, np.inf, crossing, unique
     return TAKEN, error, growth, unique

@@ -9,6 +9,7 @@ import pytest
 
 from crawler_model import CommandError, Scene, SceneError, Sensitivities, load_scene, sensitivities, simulate, vary
 
+from ..motion.test_turning import build, wriggle
 from .drawn import KEYS, SEGMENT_KEYS, differences, draw, draw_bent, draw_segment
 
 DURATION, RATE = 3.0, 7.0
@@ -285,22 +286,98 @@ def test_fixed_times_have_no_derivative() -> None:
     assert np.abs(found.per_period).max() <= 1e-15
 
 
+POLYGONS = {
+    "name": "polygons",
+    "dimension": 2,
+    "body": {
+        "contacts": [[0.0, 0.0], [0.2, 0.03], [0.1, 0.17]],
+        "links": {"stiffness": 20.0, "between": [[0, 1], [1, 2], [2, 0]]},
+    },
+    "friction": {"directions": [0.0, 1.2, 2.5, 3.6, 5.1], "value": [0.3, 0.25, 0.2, 0.28, 0.26]},
+    "tolerance": 1e-6,
+    "drive": {
+        "times": [0.0, 0.33, 0.66, 1.0],
+        "period": 1.0,
+        "actuation": [
+            [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0]],
+            [[-0.06, -0.03], [0.01, 0.02], [0.05, 0.03]],
+            [[0.02, 0.01], [-0.06, -0.03], [0.06, 0.02]],
+            [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0]],
+        ],
+    },
+}
+SCALES = {
+    "friction": {"law": "along_velocity", "angle": 0.2, "forward": 0.1, "backward": 1.0, "left": 0.5, "right": 0.5}
+}
+"""An inchworm whose friction is not that of most dissipation, and whose axes are not those of its links."""
+
+
 @pytest.mark.parametrize(
-    ("name", "key", "value"),
-    [("planar_three_points", "friction.isotropic[2]", 0.2), ("planar_rectilinear", "body.links.stiffness", 20.0)],
+    ("scene", "key"),
+    [
+        ("planar_three_points", "friction.isotropic[2]"),
+        ("planar_rectilinear", "body.links.stiffness"),
+        (POLYGONS, "friction.value[2]"),
+        (POLYGONS, "drive.actuation[1][2][0]"),
+        ("steering_inchworm", "body.links.stiffness"),
+        ("steering_inchworm", "body.joints.stiffness"),
+        ("steering_inchworm", "body.points[1][1]"),
+        ("steering_inchworm", "friction.left"),
+        ("steering_inchworm", "drive.actuation[1][0]"),
+        ("steering_inchworm", "drive.times[1]"),
+        (SCALES, "friction.angle"),
+        (SCALES, "friction.right"),
+    ],
 )
-def test_in_the_plane_derivatives_have_a_tolerance(name: str, key: str, value: float) -> None:
-    scene = load_scene(name)
-    found = sensitivities(scene, [key], 2.0, 2.0)
-    assert found.displacement.shape == (5, scene.body.contacts, 2, 1)
-    assert found.per_period.shape == (2, 2, 1)
+def test_in_the_plane_derivatives_agree_with_differences(scene: str | dict[str, Any], key: str) -> None:
+    document = load_scene(scene).document() if isinstance(scene, str) else scene
+    document = load_scene("steering_inchworm").document() | scene if scene is SCALES else document
+    made = Scene.model_validate(document)
+    found = sensitivities(made, [key], 2.0, 3.0)
+    assert found.displacement.shape == (7, made.body.contacts, 2, 1)
     assert found.differentiable
-    assert 0.0 < found.tolerance < 1e-3
-    step = 1e-3 * value
-    low, high = (simulate(one, 2.0, 2.0) for one in vary(scene, {key: [value - step, value + step]}))
-    expected = (high.displacement - low.displacement) / (2.0 * step)
+    assert found.tolerance < 1e-5
+    step = 1e-3 * float(found.values[0])
+    fine = Scene.model_validate(document | {"tolerance": 1e-8})
+    low, high = (simulate(one, 2.0, 3.0) for one in vary(fine, {key: [found.values[0] - step, found.values[0] + step]}))
     size = np.abs(found.displacement).max()
-    assert np.abs(found.displacement[..., 0] - expected).max() <= 1e-3 * size + 1e-3 * scene.drive.targets.max()
+    for name in ("displacement", "net_translation", "yaw", "per_period"):
+        ours = getattr(found, name)[..., 0]
+        expected = (getattr(high, name) - getattr(low, name)) / (2.0 * step)
+        assert ours.shape == expected.shape
+        assert np.abs(ours - expected).max() <= 1e-5 * size, name
+    work = (high.energy.work - low.energy.work) / (2.0 * step)
+    assert found.work[0] == pytest.approx(work, rel=1e-5, abs=1e-6 * size)
+    assert found.period_work.sum() == pytest.approx(found.work[0], rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", [3, 9])
+def test_chains_that_turn_agree_with_differences(seed: int) -> None:
+    """Many contacts start and stop, some because others start, and friction changes its quadrant."""
+    body, goals = wriggle(seed)
+    rows = [[0.0] * goals.shape[1], *goals[:2].tolist()]
+    scene = build(**{**body, "drive": {"times": [0, 1, 2], "actuation": rows}, "tolerance": 1e-5})
+    keys = ["body.links.stiffness", "body.joints.stiffness[1]", "drive.actuation[2][0]"]
+    found = sensitivities(scene, keys, 2.0, 1.0)
+    assert found.tolerance < 1e-4
+    fine = Scene.model_validate(scene.document() | {"tolerance": 1e-8})
+    for p, key in enumerate(keys):
+        step = 1e-3 * abs(float(found.values[p]))
+        low, high = (simulate(one, 2.0, 1.0) for one in vary(fine, {key: found.values[p] + np.array([-step, step])}))
+        expected = (high.displacement - low.displacement) / (2.0 * step)
+        assert np.abs(found.displacement[..., p] - expected).max() <= 1e-4 * np.abs(expected).max(), key
+
+
+def test_a_body_that_jumps_has_no_derivative() -> None:
+    body, drive = {"points": [[0, 0], [1, 0.1], [2, 0]], "links": {"stiffness": 50.0}, "springs": "length"}, {}
+    joints = {"stiffness": 0.05, "between": [[0, 1, 2]]}
+    drive = {"times": [0, 1], "actuation": [[0.0, 0.0, 0.0], [0.0, 0.0, 1.2]]}
+    document = {"name": "x", "dimension": 2, "body": body | {"joints": joints}, "drive": drive}
+    document["friction"] = {"forward": 0.5, "backward": 0.5, "left": 0.05, "right": 0.05}
+    scene = Scene.model_validate(document)
+    assert simulate(scene, 1.0, 4.0).jumps
+    with pytest.raises(CommandError, match="jumps"):
+        sensitivities(scene, ["body.links.stiffness"], 1.0, 4.0)
 
 
 def test_in_the_plane_kinks_are_found() -> None:

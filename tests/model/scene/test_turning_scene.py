@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Scene, SceneError, TrajectoryColumns, sensitivities, steepest_climb
+from crawler_model import Scene, SceneError, TrajectoryColumns, steepest_climb
 from crawler_model.body.turning import find_forces, load_of_friction, measure_shape, wrap
 from crawler_model.run.screw import find_screw
 
@@ -320,8 +320,6 @@ def test_bodies_that_do_not_turn_have_none_of_these_keys(path, value, message, d
 
 def test_what_is_not_known_for_bodies_that_turn_is_refused():
     given = scene()
-    with pytest.raises(SceneError, match="has `springs: length`, so that it turns"):
-        sensitivities(given, ["friction.left"])
     with pytest.raises(ValueError, match="only for bodies on a line"):
         steepest_climb(given)
 
