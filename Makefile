@@ -89,8 +89,10 @@ $(MADE): pyproject.toml
 	touch $(MADE)
 	@echo 'installing what pyproject.toml names: some minutes, without further output'
 
+# colcon brings coverage, which numba imports wherever it is installed: a twentieth of a second in each of those processes
 $(READY): $(MADE)
 	$(call install,-e '.[$(EXTRAS)]')
+	$(if $(findstring coverage,$(EXTRAS)),,$(BIN)/python -m pip --quiet --disable-pip-version-check uninstall --yes coverage pytest-cov)
 	touch $(READY)
 
 # the model comes first: its kernels are compiled while the rest is installed
