@@ -1,0 +1,81 @@
+"""Processes of modules that are forked from one that has imported them: a node imports half a second of libraries."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import runpy
+import signal
+import subprocess
+import sys
+from functools import cache
+from multiprocessing.context import ForkServerContext
+from pathlib import Path
+
+IMPORTED = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player")
+"""What they share; kernels are loaded by each process, as where a user starts it."""
+READ_AT_IMPORT = {"ROS_PYTHON_CHECK_FIELDS": "1"}
+
+
+@cache
+def _server() -> ForkServerContext:
+    """Start the process that they are forked from, with the variables that are read where modules are imported."""
+    from multiprocessing import forkserver
+
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([*IMPORTED, __name__])
+    before = {name: os.environ.get(name) for name in READ_AT_IMPORT}
+    os.environ.update(READ_AT_IMPORT)
+    try:
+        forkserver.ensure_running()
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+    return context
+
+
+def _run(module: str, arguments: list[str], environment: dict[str, str], log: Path, folder: Path) -> None:
+    """Run a module as `python -m` does, in a session of its own; runs in the new process."""
+    os.setsid()
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    out = os.open(log, os.O_WRONLY | os.O_APPEND)
+    os.dup2(out, 1)
+    os.dup2(out, 2)
+    os.close(out)
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(write_through=True)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.argv = ["", *arguments]
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+class Forked:
+    """A process with the methods of `subprocess.Popen` that tests use."""
+
+    def __init__(self, module: str, arguments: list[str], environment: dict[str, str], log: Path) -> None:
+        self._process = _server().Process(target=_run, args=(module, arguments, environment, log, Path.cwd()))
+        self._process.start()
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
+        return self._process.exitcode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
