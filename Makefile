@@ -27,8 +27,13 @@ demo: $(READY_DEMO)
 WORKERS ?= $(shell n=$$((2 * $$(nproc))); echo $$((n < 6 ? n : 6)))
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
 
-test: $(READY)
+test: $(VENV)/.collected
 	$(PYTEST) -m "not slow"
+
+# once for each environment: all workers at once would compile the bytecode of the tests and of all that they import
+$(VENV)/.collected: $(READY)
+	@$(BIN)/python -m pytest --collect-only -qq > /dev/null || true
+	@touch $@
 
 test-all: test
 	$(PYTEST) -m slow
