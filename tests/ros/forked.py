@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -12,7 +12,9 @@ from functools import cache
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
-IMPORTED = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player")
+from crawler_bench.node.processes import PATIENCE_S
+
+IMPORTED = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console")
 """What they share; kernels are loaded by each process, as where a user starts it."""
 READ_AT_IMPORT = {"ROS_PYTHON_CHECK_FIELDS": "1"}
 
@@ -35,7 +37,7 @@ def _server() -> ForkServerContext:
 
 
 def _run(module: str, arguments: list[str], environment: dict[str, str], log: Path, folder: Path) -> None:
-    """Run a module as `python -m` does, in a session of its own; runs in the new process."""
+    """Run the `main` of a module in a session of its own, as `python -m` does; runs in the new process."""
     os.setsid()
     os.chdir(folder)
     os.environ.clear()
@@ -48,14 +50,18 @@ def _run(module: str, arguments: list[str], environment: dict[str, str], log: Pa
         stream.reconfigure(write_through=True)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.argv = ["", *arguments]
-    runpy.run_module(module, run_name="__main__", alter_sys=True)
+    sys.exit(importlib.import_module(module).main())
 
 
 class Forked:
     """A process with the methods of `subprocess.Popen` that tests use."""
 
-    def __init__(self, module: str, arguments: list[str], environment: dict[str, str], log: Path) -> None:
-        self._process = _server().Process(target=_run, args=(module, arguments, environment, log, Path.cwd()))
+    def __init__(
+        self, module: str, arguments: list[str], environment: dict[str, str], log: Path, folder: Path | None = None
+    ) -> None:
+        log.touch()
+        place = folder or Path.cwd()
+        self._process = _server().Process(target=_run, args=(module, arguments, environment, log, place))
         self._process.start()
         assert self._process.pid is not None
         self.pid = self._process.pid
@@ -79,3 +85,13 @@ class Forked:
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
+
+
+def finish(folder: Path, module: str, *arguments: str, environment: dict[str, str]) -> tuple[int, str]:
+    """Run a module in a folder to its own end; return its status and what it said."""
+    log = folder / "forked.log"
+    process = Forked(module, [*arguments], environment, log, folder)
+    try:
+        return process.wait(PATIENCE_S), log.read_text()
+    finally:
+        process.kill()

@@ -114,14 +114,19 @@ class Graph:
     def start(self, module: str, *parameters: str, arguments: tuple[str, ...] = ()) -> Process:
         """Start a node, forked from a process that has imported it; `run` starts it as a user would."""
         _, _, _, *words = node_command(module, *parameters, arguments=arguments)
+        return self._fork(module, words)
+
+    def command(self, *words: str) -> Process:
+        """Start the command `crawler` in the same way."""
+        return self._fork("crawler_command.app", [*words])
+
+    def _fork(self, module: str, words: list[str]) -> Process:
         log = self._new_log()
         self.processes.append(Process(Forked(module, words, environment(self.domain), log), log))
         return self.processes[-1]
 
     def _new_log(self) -> Path:
-        log = self.folder / f"process_{len(self.processes)}.log"
-        log.touch()
-        return log
+        return self.folder / f"process_{len(self.processes)}.log"
 
     def simulator(
         self, *parameters: str, arguments: tuple[str, ...] = (), hear: tuple[str, ...] = ("joint_states",)
