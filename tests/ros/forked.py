@@ -14,7 +14,18 @@ from pathlib import Path
 
 from crawler_bench.node.processes import PATIENCE_S
 
-IMPORTED = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console")
+IMPORTED = (
+    *("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console"),
+    *(
+        "diagnostic_msgs.msg",
+        "geometry_msgs.msg",
+        "nav_msgs.msg",
+        "rosgraph_msgs.msg",
+        "sensor_msgs.msg",
+        "std_srvs.srv",
+    ),
+    *("rcl_interfaces.srv", "trajectory_msgs.msg", "rosidl_generator_py"),
+)
 """What they share; kernels are loaded by each process, as where a user starts it."""
 READ_AT_IMPORT = {"ROS_PYTHON_CHECK_FIELDS": "1"}
 
