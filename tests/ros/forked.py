@@ -12,38 +12,26 @@ from functools import cache
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
+import pytest
+
 from crawler_bench.node.processes import PATIENCE_S
 
-IMPORTED = (
-    *("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console"),
-    *(
-        "diagnostic_msgs.msg",
-        "geometry_msgs.msg",
-        "nav_msgs.msg",
-        "rosgraph_msgs.msg",
-        "sensor_msgs.msg",
-        "std_srvs.srv",
-    ),
-    *("rcl_interfaces.srv", "trajectory_msgs.msg", "rosidl_generator_py"),
-)
+NODES = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console")
+MESSAGES = ("diagnostic_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "sensor_msgs", "trajectory_msgs")
+IMPORTED = (*NODES, *(f"{name}.msg" for name in MESSAGES), "rcl_interfaces.srv", "std_srvs.srv", "rosidl_generator_py")
 """What they share; kernels are loaded by each process, as where a user starts it."""
-READ_AT_IMPORT = {"ROS_PYTHON_CHECK_FIELDS": "1"}
 
 
 @cache
 def _server() -> ForkServerContext:
-    """Start the process that they are forked from, with the variables that are read where modules are imported."""
+    """Start the process that they are forked from."""
     from multiprocessing import forkserver
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([*IMPORTED, __name__])
-    before = {name: os.environ.get(name) for name in READ_AT_IMPORT}
-    os.environ.update(READ_AT_IMPORT)
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")  # read where messages are imported
         forkserver.ensure_running()
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
     return context
 
 
@@ -72,7 +60,10 @@ class Forked:
     ) -> None:
         log.touch()
         place = folder or Path.cwd()
-        self._process = _server().Process(target=_run, args=(module, arguments, environment, log, place))
+        words = (module, arguments, environment, log, place)
+        self._process = _server().Process(
+            target=_run, args=words, daemon=True
+        )  # the end of the tests waits for no other
         self._process.start()
         assert self._process.pid is not None
         self.pid = self._process.pid
