@@ -18,7 +18,8 @@ from crawler_bench.node.processes import PATIENCE_S
 
 NODES = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console")
 MESSAGES = ("diagnostic_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "sensor_msgs", "trajectory_msgs")
-IMPORTED = (*NODES, *(f"{name}.msg" for name in MESSAGES), "rcl_interfaces.srv", "std_srvs.srv", "rosidl_generator_py")
+LIBRARIES = ("numba.np.arraymath", "numpy.ma", "rcl_interfaces.srv", "rosidl_generator_py", "std_srvs.srv")
+IMPORTED = (*NODES, *(f"{name}.msg" for name in MESSAGES), *LIBRARIES)
 """What they share; kernels are loaded by each process, as where a user starts it."""
 
 
