@@ -27,8 +27,13 @@ demo: $(READY_DEMO)
 WORKERS ?= $(shell n=$$((2 * $$(nproc))); echo $$((n < 6 ? n : 6)))
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
 
-test: $(READY)
+test: $(VENV)/.collected
 	$(PYTEST) -m "not slow"
+
+# once for each environment: all workers at once would compile the bytecode of the tests and of all that they import
+$(VENV)/.collected: $(READY)
+	@$(BIN)/python -m pytest --collect-only -qq > /dev/null || true
+	@touch $@
 
 test-all: test
 	$(PYTEST) -m slow
@@ -89,8 +94,10 @@ $(MADE): pyproject.toml
 	touch $(MADE)
 	@echo 'installing what pyproject.toml names: some minutes, without further output'
 
+# colcon brings coverage, which numba imports wherever it is installed: a twentieth of a second in each of those processes
 $(READY): $(MADE)
 	$(call install,-e '.[$(EXTRAS)]')
+	$(if $(findstring coverage,$(EXTRAS)),,$(BIN)/python -m pip --quiet --disable-pip-version-check uninstall --yes coverage pytest-cov)
 	touch $(READY)
 
 # the model comes first: its kernels are compiled while the rest is installed

@@ -10,7 +10,6 @@ from ..arrays import frozen, spread
 from ..body.body import Body
 from ..body.drive import Drive
 from ..body.planar_loads import split_target
-from ..crawler.crawler import Crawler
 from ..errors import SceneError
 from ..rounding import EPS
 from ..theory.stasis import bound_distances
@@ -100,6 +99,8 @@ def relax_loaded(assembly: Assembly) -> Assembly:
 
 def _step_to(assembly: Assembly, before: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Compute where a body ends in one catch-up step from its start, shape (N,) [m]."""
+    from ..crawler.crawler import Crawler  # most scenes are loaded without kernels
+
     crawler = Crawler(assembly, "catch_up").placed(assembly.start_displacement, before)
     crawler.follow(target[None])
     return crawler.displacement

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.drive import Drive
-from ..crawler.crawler import Crawler
 from .assembly import Assembly
 
 _TICKS = 32
@@ -81,6 +80,8 @@ def measure_gains(assembly: Assembly) -> np.ndarray:
     Returns:
         The net translation gained in each of two periods after the first; without a period, that at each waypoint [m].
     """
+    from ..crawler.crawler import Crawler
+
     body, drive = assembly.body, assembly.drive
     targets = drive.targets[_choose_rows(drive)[1:]]
     records = np.empty((targets.shape[0], 2 * body.contacts + body.springs))
@@ -103,6 +104,8 @@ def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]
         The net translation gained in each period after the first (without a period: at each waypoint), corrected for
         the points at rest, which is accurate to second order; and these points.
     """
+    from ..crawler.crawler import Crawler
+
     body, drive = assembly.body, assembly.drive
     rows = _choose_rows(drive)
     ramps = rows.size - 1

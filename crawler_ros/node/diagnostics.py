@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import time
 from contextlib import AbstractContextManager
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from crawler_model import Crawler
 from crawler_model.body.drive import NS
-from crawler_model.body.plan import Plan
-from crawler_model.crawler.yields import YieldTimes
 from crawler_model.run.orientation import shape_orientation
-from crawler_model.theory.regularity import Regularity
 
-from ..viewer.feed import ViewerFeed
-from .certificates import Certificates
-from .counts import Counts
-from .intake.commands import CommandQueue
-from .intake.intake import LENGTH_TOPICS, Intake
-from .intake.peers import publishers_of, rivals_on_commands, rivals_on_states
-from .stepper import Stepper
+from .intake.peers import LENGTH_TOPICS, publishers_of, rivals_on_commands, rivals_on_states
+
+if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
+    from crawler_model import Crawler
+    from crawler_model.body.plan import Plan
+    from crawler_model.crawler.yields import YieldTimes
+    from crawler_model.theory.regularity import Regularity
+
+    from ..viewer.feed import ViewerFeed
+    from .certificates import Certificates
+    from .counts import Counts
+    from .intake.commands import CommandQueue
+    from .intake.intake import Intake
+    from .stepper import Stepper
 
 OK, WARN, ERROR = 0, 1, 2
 Status = tuple[int, str, str, str, list[tuple[str, str]]]

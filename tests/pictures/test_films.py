@@ -74,15 +74,15 @@ def test_a_frame_is_the_one_that_was_looked_at(films, name):
 
 def test_an_mp4_has_every_frame_in_order(films, tmp_path):
     av = pytest.importorskip("av")
-    film = films["two_anchor_a"].sample(frame_times(0.0, 1.0, 25.0, 1.0))
+    film = films["two_anchor_a"].sample(frame_times(0.0, 0.4, 25.0, 1.0))
     write_mp4(film, tmp_path / "x.mp4", 25.0, lambda part: None)
     with av.open(str(tmp_path / "x.mp4")) as container:
         (stream,) = container.streams
         assert (stream.codec_context.name, stream.average_rate, stream.width, stream.height) == ("h264", 25, 1280, 720)
         shown = [frame.to_ndarray(format="rgb24").astype(int) for frame in container.decode(stream)]
-    assert len(shown) == film.time.size == 26
+    assert len(shown) == film.time.size == 11
     stage = Stage(film)
-    for k in (0, 13, 25):
+    for k in (0, 5, 10):
         errors = [np.abs(picture - stage.draw(k)).mean() for picture in shown]
         assert int(np.argmin(errors)) == k
 

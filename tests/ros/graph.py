@@ -23,6 +23,8 @@ from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_ros.node.life.domains import domain_environment, reserved_domain
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
+from .forked import Forked
+
 _kept = ExitStack()
 
 
@@ -45,13 +47,10 @@ def node_command(module: str, *parameters: str, arguments: tuple[str, ...] = ())
 class Process:
     """A process and what it says."""
 
-    def __init__(self, command: list[str], environment: dict[str, str], log: Path) -> None:
+    def __init__(self, process: subprocess.Popen[bytes] | Forked, log: Path) -> None:
         self.log = log
         self._asked = False
-        self._stream = log.open("w")
-        self.process = subprocess.Popen(
-            command, env=environment, stdout=self._stream, stderr=subprocess.STDOUT, start_new_session=True
-        )
+        self.process = process
 
     @property
     def said(self) -> str:
@@ -75,8 +74,6 @@ class Process:
             self.process.kill()
             self.process.wait()
             raise AssertionError(f"it does not end; it said:\n{self.said}") from None
-        finally:
-            self._stream.close()
 
 
 class Graph:
@@ -105,15 +102,31 @@ class Graph:
 
     def run(self, command: list[str], **more: str | None) -> Process:
         """Start a command, with more in its environment; what is None is taken out of it."""
-        given = environment(self.domain) | more
-        log = self.folder / f"process_{len(self.processes)}.log"
-        process = Process(command, {k: v for k, v in given.items() if v is not None}, log)
-        self.processes.append(process)
-        return process
+        given = {k: v for k, v in (environment(self.domain) | more).items() if v is not None}
+        log = self._new_log()
+        with log.open("w") as stream:
+            process = subprocess.Popen(
+                command, env=given, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+            )
+        self.processes.append(Process(process, log))
+        return self.processes[-1]
 
     def start(self, module: str, *parameters: str, arguments: tuple[str, ...] = ()) -> Process:
-        """Start a node as a user would."""
-        return self.run(node_command(module, *parameters, arguments=arguments))
+        """Start a node, forked from a process that has imported it; `run` starts it as a user would."""
+        _, _, _, *words = node_command(module, *parameters, arguments=arguments)
+        return self._fork(module, words)
+
+    def command(self, *words: str) -> Process:
+        """Start the command `crawler` in the same way."""
+        return self._fork("crawler_command.app", [*words])
+
+    def _fork(self, module: str, words: list[str]) -> Process:
+        log = self._new_log()
+        self.processes.append(Process(Forked(module, words, environment(self.domain), log), log))
+        return self.processes[-1]
+
+    def _new_log(self) -> Path:
+        return self.folder / f"process_{len(self.processes)}.log"
 
     def simulator(
         self, *parameters: str, arguments: tuple[str, ...] = (), hear: tuple[str, ...] = ("joint_states",)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import sys
 from typing import Any
 
 import pytest
@@ -26,8 +25,7 @@ SCENE = "two_contacts_anisotropic"
 
 def start(ros: Graph, scene: str = SCENE) -> str:
     """Start a console and return the address that it prints."""
-    code = "from crawler_command.app import main; main()"
-    process: Process = ros.run([sys.executable, "-c", code, "play", scene, "--ros"])
+    process: Process = ros.command("play", scene, "--ros")
     wait_until(lambda: "Ctrl-C" in process.said or process.process.poll() is not None, what="the address")
     return re.search(r"http://\S+", process.said)[0]
 
@@ -172,9 +170,8 @@ def test_it_holds_when_the_page_falls_silent(tmp_path):
     ],
 )
 def test_a_mistake_is_answered_in_one_line(tmp_path, options, expected):
-    code = "from crawler_command.app import main; main()"
     with graph(tmp_path) as ros:
-        process = ros.run([sys.executable, "-c", code, "play", SCENE, *options])
+        process = ros.command("play", SCENE, *options)
         assert process.wait() == 1
         (line,) = process.said.splitlines()
         assert line.startswith(f"crawler: {expected}")

@@ -175,7 +175,7 @@ def places(ros) -> np.ndarray:
 def drive(folder, left: float, waypoints: np.ndarray = WAYPOINTS, parameters: tuple[str, ...] = ()):
     """Drive along waypoints; return the positions on the way, and how far along and beside each line ended."""
     with graph(folder) as ros:
-        ros.simulator(f"scene:={inchworm(folder, left)}", "lock_step:=true", hear=("pose",))
+        ros.simulator(f"scene:={inchworm(folder, left)}", "lock_step:=true", "rate:=25.0", hear=("pose",))
         process = ros.start(PATH, f"waypoints:={waypoints.ravel().tolist()}", *parameters)
         wait_until(lambda: process.process.poll() is not None, what="the last waypoint")
         assert process.process.returncode == 0, process.said

@@ -28,6 +28,7 @@ from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 from crawler_ros.viewer.frames import frames_of_recording
 
+from .forked import finish
 from .graph import environment, graph, seconds
 from .test_recording import DECODE
 
@@ -316,12 +317,11 @@ WRONG = [
 def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
     (tmp_path / "file").write_text("mine")
     words = [w for p in parameters for w in ("-p", p)]
-    command = [sys.executable, "-m", "crawler_ros.node.simulator", "--ros-args", *words]
-    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S, cwd=tmp_path)
-    assert done.returncode == 1
-    assert said in done.stderr
-    assert len([line for line in done.stderr.splitlines() if line.startswith("simulator: ")]) == 1
-    assert "Traceback" not in done.stderr
+    status, text = finish(tmp_path, "crawler_ros.node.simulator", "--ros-args", *words, environment=environment())
+    assert status == 1
+    assert said in text
+    assert len([line for line in text.splitlines() if line.startswith("simulator: ")]) == 1
+    assert "Traceback" not in text
 
 
 @pytest.mark.parametrize(
@@ -333,12 +333,11 @@ def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
         (["--ros-args", "-p", "scene=two_anchor_a"], "pass parameters as in"),
     ],
 )
-def test_a_wrong_command_line_is_one_line(words, said):
-    command = [sys.executable, "-m", "crawler_ros.node.simulator", *words]
-    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
-    assert done.returncode == 1
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
+def test_a_wrong_command_line_is_one_line(tmp_path, words, said):
+    status, text = finish(tmp_path, "crawler_ros.node.simulator", *words, environment=environment())
+    assert status == 1
+    assert said in text
+    assert "Traceback" not in text
 
 
 def test_help_of_a_node_names_its_parameters():
@@ -388,7 +387,7 @@ def test_a_reset_starts_a_run_of_its_own_in_the_recording(ros, tmp_path):
 def test_a_player_without_a_drive_says_so(tmp_path):
     scene = Path(tmp_path) / "idle.yaml"
     scene.write_text("{name: idle, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}")
-    command = [sys.executable, "-m", "crawler_ros.node.gait_player", "--ros-args", "-p", f"scene:={scene}"]
-    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
-    assert done.returncode == 1
-    assert "idle has no drive to play" in done.stderr
+    words = ("--ros-args", "-p", f"scene:={scene}")
+    status, text = finish(tmp_path, "crawler_ros.node.gait_player", *words, environment=environment())
+    assert status == 1
+    assert "idle has no drive to play" in text

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import typer
@@ -15,7 +17,7 @@ from crawler_command.app import app
 from crawler_command.executables import _EXTRA_OF
 
 from ..pages import ROOT
-from .test_start import end, start
+from .test_start import HOOK, end, start
 
 EXTRAS = " ".join((*_EXTRA_OF, "rclpy", "std_msgs", "sensor_msgs", "builtin_interfaces", "onnxruntime", "dask"))
 FIT = ("--scene", "two_anchor_a", "--fit", "friction.forward")
@@ -52,9 +54,56 @@ WORKS = {
 """Verbs that need nothing more."""
 
 
-def in_a_base_installation(folder: Path, *words: str, **more: str) -> tuple[int, list[str]]:
-    """Run the command where only the requirements are installed."""
-    return end(start(folder, "crawler", *words, NOT_INSTALLED=EXTRAS, **more))
+ONE_BY_ONE = """
+import contextlib, io, json, pathlib, sys
+from crawler_command import executables
+
+answers = {}
+for name, words in json.loads(sys.argv[1]).items():
+    sys.argv, said, status = ["crawler", *words], io.StringIO(), 0
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        try:
+            status = executables.crawler()
+        except SystemExit as left:
+            status = left.code or 0
+    answers[name] = status, said.getvalue(), any(pathlib.Path().rglob("*.nbc"))
+pathlib.Path("answers.json").write_text(json.dumps(answers))
+"""
+"""Runs commands one after another in one process: its status, its errors, and whether kernels lie in its folder."""
+
+
+class Answer(NamedTuple):
+    status: int
+    said: str
+    compiled: bool
+
+
+def in_a_base_installation(folder: Path, commands: dict[str, list[str]], **more: str) -> dict[str, Answer]:
+    """Run commands where only the requirements are installed."""
+    (folder / "sitecustomize.py").write_text(HOOK)
+    paths = {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "NOT_INSTALLED": EXTRAS}
+    words = [sys.executable, "-c", ONE_BY_ONE, json.dumps(commands)]
+    subprocess.run(words, cwd=folder, env=os.environ | paths | more, check=True, timeout=200)
+    return {name: Answer(*found) for name, found in json.loads((folder / "answers.json").read_text()).items()}
+
+
+@pytest.fixture(scope="module")
+def working(tmp_path_factory) -> dict[str, Answer]:
+    return in_a_base_installation(
+        tmp_path_factory.mktemp("base"), {verb: [verb, *words] for verb, words in WORKS.items()}
+    )
+
+
+@pytest.fixture(scope="module")
+def refusals(tmp_path_factory) -> dict[str, Answer]:
+    """What cannot work, run with no kernel in the cache."""
+    folder = tmp_path_factory.mktemp("base")
+    (folder / "bag").mkdir()
+    for name in ("m.csv", "fit.json"):
+        (folder / name).touch()
+    commands = {verb: [verb, *words] for verb, (words, _) in NEEDS.items()}
+    commands |= {what: words for what, (words, _) in MORE.items()}
+    return in_a_base_installation(folder, commands, XDG_CACHE_HOME=str(folder), NUMBA_CACHE_DIR="")
 
 
 def test_every_verb_is_walked():
@@ -62,32 +111,36 @@ def test_every_verb_is_walked():
 
 
 @pytest.mark.parametrize("verb", WORKS)
-def test_a_verb_of_the_base_works_there(verb, tmp_path):
-    assert in_a_base_installation(tmp_path, verb, *WORKS[verb]) == (0, [])
+def test_a_verb_of_the_base_works_there(working, verb):
+    assert working[verb].status == 0
+    assert [line for line in working[verb].said.splitlines() if "compiling" not in line] == []
 
 
-def check_refusal(folder: Path, words: list[str], missing: str) -> None:
-    """Run what cannot work, with no kernel in the cache."""
-    (folder / "bag").mkdir()
-    for name in ("m.csv", "fit.json"):
-        (folder / name).touch()
-    status, (line,) = in_a_base_installation(folder, *words, XDG_CACHE_HOME=str(folder), NUMBA_CACHE_DIR="")
+def check_refusal(status: int, said: str, missing: str) -> None:
+    """Check what a command said that cannot work."""
     assert status == 1
+    (line,) = said.splitlines()
     assert f"{missing} {'are' if ',' in missing else 'is'} not installed; " in line
     (extras,) = re.findall(r"pip install 'crawler-ros\[(.+)\]'", line)
     assert {*extras.split(",")} == {_EXTRA_OF.get(name, "ros") for name in missing.split(", ")}
-    assert not any(folder.rglob("*.nbc"))  # nothing was compiled before
 
 
 @pytest.mark.parametrize("verb", NEEDS)
-def test_a_verb_names_what_it_needs_before_it_computes(verb, tmp_path):
-    words, missing = NEEDS[verb]
-    check_refusal(tmp_path, [verb, *words], missing)
+def test_a_verb_names_what_it_needs_before_it_computes(refusals, verb):
+    check_refusal(refusals[verb].status, refusals[verb].said, NEEDS[verb][1])
+    assert not refusals[verb].compiled
 
 
 @pytest.mark.parametrize("what", MORE)
-def test_an_option_names_what_it_needs_before_it_computes(what, tmp_path):
-    check_refusal(tmp_path, *MORE[what])
+def test_an_option_names_what_it_needs_before_it_computes(refusals, what):
+    check_refusal(refusals[what].status, refusals[what].said, MORE[what][1])
+    assert not refusals[what].compiled
+
+
+def test_the_executable_names_it_too(tmp_path):
+    (tmp_path / "bag").mkdir()
+    status, lines = end(start(tmp_path, "crawler", "replay", "bag", NOT_INSTALLED=EXTRAS))
+    check_refusal(status, "\n".join(lines), NEEDS["replay"][1])
 
 
 def test_importing_the_environments_without_their_library_names_the_extra(tmp_path):

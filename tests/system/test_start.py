@@ -72,7 +72,7 @@ def end(process: subprocess.Popen[str]) -> tuple[int, list[str]]:
 def test_ctrl_c_during_imports_is_one_line(name, module, tmp_path):
     if name in NODES:
         pytest.importorskip("rclpy")
-    words = ("scenes",) if name == "crawler" else ()
+    words = ("simulate", "two_anchor_a") if name == "crawler" else ()
     status, said = end(start(tmp_path, name, *words, INTERRUPTED_AT=module))
     assert said == [f"{'crawler' if name == 'replay' else name}: stopped"]
     assert status == 130
@@ -112,7 +112,7 @@ def test_a_missing_package_names_the_extra_that_brings_it(name, words, missing, 
 
 @pytest.mark.parametrize("package", ["numba", "yaml", "typer"])
 def test_a_missing_requirement_is_named(package, tmp_path):
-    status, said = end(start(tmp_path, "crawler", "scenes", NOT_INSTALLED=package))
+    status, said = end(start(tmp_path, "crawler", "simulate", "two_anchor_a", NOT_INSTALLED=package))
     assert said == [f"crawler: {package} is not installed; install with: pip install crawler-ros"]
     assert status == 1
 

@@ -91,6 +91,11 @@ def test_a_chain_loads_nothing_that_other_bodies_need():
     assert "scipy.sparse" not in modules_of(code) - modules_of("import numba, scipy.linalg")  # as numba does
 
 
+def test_who_only_reads_scenes_loads_no_kernels():
+    pytest.importorskip("rclpy")
+    assert "numba" not in loaded_by("import crawler_ros.node.gait_player as player; player.load_scene('two_anchor_a')")
+
+
 def test_the_command_loads_nothing_that_it_was_not_asked_for():
     assert not loaded_by("import crawler_command.app") & {"rclpy", "rerun", "mcap", "matplotlib", "rosbags", "pyarrow"}
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 _OVERHEAD_BYTES = 1 << 16  # header, labels of dimensions
 _LARGEST_BYTES = 1 << 26
-LENGTH_TOPICS = ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory")
-"""Topics whose commands replace each other."""
 
 
 class Intake:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+LENGTH_TOPICS = ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory")
+"""Topics whose commands replace each other."""
 _MOST_STREAMS = 64
 
 

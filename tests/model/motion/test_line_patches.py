@@ -231,9 +231,10 @@ def linear(stiffness: Fraction) -> RationalCurve:
     return RationalCurve([far], [stiffness * far], stiffness, stiffness)
 
 
-def test_tied_jumps_are_those_of_rational_numbers() -> None:
+@pytest.mark.parametrize("first", range(0, 100, 25))
+def test_tied_jumps_are_those_of_rational_numbers(first: int) -> None:
     jumps = ties = 0
-    for seed in range(100):
+    for seed in range(first, first + 25):
         parts, lengths = draw_tied(np.random.default_rng(seed), symmetric=seed % 4 > 0)
         position, stiffness, friction, (begin, end, factor) = parts
         rational, n = [Fraction(f) for f in friction], len(friction)
@@ -259,8 +260,8 @@ def test_tied_jumps_are_those_of_rational_numbers() -> None:
             ties += seed % 4 > 0 and truth.jumps > before
         jumps += truth.jumps
         assert abs(ours.account[RESIDUAL]) < 1e-12
-    assert jumps > 100
-    assert ties > 40
+    assert jumps > 25
+    assert ties > 10
 
 
 def test_a_step_that_completes_a_ramp_finds_the_ground_that_it_leads_to() -> None:
