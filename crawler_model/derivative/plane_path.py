@@ -23,7 +23,8 @@ from ..run.account import tolerance_of
 from ..run.screw import gain_in_frame, to_frame
 from .parameters import Derivatives
 from .path import Stretch, Vertices
-from .plane_tangent import Course, Rates, differentiate_part, find_velocity
+from .plane_part import Course, differentiate_part, find_velocity
+from .plane_step import Rates
 
 _TOLERANCE = 1e-8
 """Tolerance of the path, relative to its largest change of length: derivatives of points that stop are known to about

@@ -1,27 +1,21 @@
-"""Derivatives of implicit steps in the plane, and of parts of ramps that are extrapolated from them.
+"""Derivatives of parts of ramps in the plane.
 
-At the end of an implicit step the miss of each point that moves is zero, see `motion.plane.friction`, and so is its
-derivative: the places of the points change by the matrix of the Newton search that found them, with another right side.
-A point that sticks takes the derivative of its place along. Derivatives are extrapolated as displacements are, because
-they depend on the length of the steps in the same way; their error is known from the extrapolation, too.
+They are extrapolated from equal implicit steps as displacements are, because they depend on the length of the steps in
+the same way; their error is known from the extrapolation, too.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ..compiled import compiled, lean
-from ..motion.plane.elastic import pull, stretch_link, stretch_vector, turn_joint
-from ..motion.plane.frame import columns_of, friction_of
-from ..motion.plane.friction import axis_of, linearise
-from ..motion.plane.polygon import corner_of, nearest_face
 from ..motion.plane.ramp import glance
-from ..motion.plane.stage import find_step, solve_stage
+from ..motion.plane.stage import solve_stage
 from ..motion.plane.translation import choose_translation
 from ..motion.plane.walk import command_at
+from .plane_step import differentiate_step, work_rate
 
 _WALKS = 8
 """Largest number of walks that are extrapolated."""
@@ -32,20 +26,6 @@ _ALLOWED, _LEAST_LENGTH = 1e-9, 2.0**-12
 """A part is divided as long as its error is larger, down to this length relative to the part."""
 _LEAST_SIZE = 1e-3
 """Derivatives are compared with the largest of their parameter, and at least with this [m per unit]."""
-
-
-class Rates(NamedTuple):
-    """Derivatives of what makes a body, with respect to P parameters.
-
-    Attributes:
-        stiffness: of the stiffnesses, as in a `Frame`, shape (K, P).
-        rest: of the rest lengths and angles, shape (K, P).
-        offset: of the angles of the axes of friction, shape (N, P).
-    """
-
-    stiffness: np.ndarray
-    rest: np.ndarray
-    offset: np.ndarray
 
 
 class Course(NamedTuple):
@@ -64,197 +44,6 @@ class Course(NamedTuple):
     d_command: np.ndarray
     d_target: np.ndarray
     part: float
-
-
-@lean
-def _stretch(frame, command, x, spring, slope):
-    """Compute the tension of a link, of a component of a vector spring, or the torque of a joint."""
-    links = frame.ends.shape[0]
-    if frame.vector:
-        return stretch_vector(frame, command, x, spring // 2, spring % 2)
-    if spring < links:
-        return stretch_link(frame, command, x, spring)[0]
-    return turn_joint(frame, command, x, spring - links, slope)[0]
-
-
-@lean
-def _stretch_rate(frame, command, x, spring, rate, slope):
-    """Compute how a length, a component of a length, or an angle changes with places that change by `rate`."""
-    links = frame.ends.shape[0]
-    if frame.vector:
-        a, b = frame.ends[spring // 2]
-        return rate[b, spring % 2] - rate[a, spring % 2]
-    if spring < links:
-        a, b = frame.ends[spring]
-        _, _, e0, e1 = stretch_link(frame, command, x, spring)
-        return e0 * (rate[b, 0] - rate[a, 0]) + e1 * (rate[b, 1] - rate[a, 1])
-    turn_joint(frame, command, x, spring - links, slope)
-    total = 0.0
-    for k in range(3):
-        i = frame.joints[spring - links, k]
-        total += slope[2 * k] * rate[i, 0] + slope[2 * k + 1] * rate[i, 1]
-    return total
-
-
-@lean
-def _add_force(frame, command, x, spring, tension, force):
-    """Add the forces of a link, or of a component of a vector spring, on its points, were this its tension."""
-    if frame.vector:
-        a, b = frame.ends[spring // 2]
-        force[a, spring % 2] += tension
-        force[b, spring % 2] -= tension
-        return
-    a, b = frame.ends[spring]
-    _, _, e0, e1 = stretch_link(frame, command, x, spring)
-    force[a, 0] += tension * e0
-    force[a, 1] += tension * e1
-    force[b, 0] -= tension * e0
-    force[b, 1] -= tension * e1
-
-
-@compiled
-def _force_rate(frame, rates, commands, x, p, force):
-    """Compute how the force on each point changes with a parameter while no point moves, shape (N, 2)."""
-    command, d_command = commands
-    slope = np.empty(6)
-    links = frame.ends.shape[0]
-    loads = frame.stiffness.shape[0] + columns_of(frame) * x.shape[0]
-    for i in range(x.shape[0]):
-        for c in range(2):
-            force[i, c] = d_command[loads + 2 * i + c, p] if loads < command.shape[0] else 0.0
-    for k in range(frame.stiffness.shape[0]):
-        stiffness = frame.stiffness[k]
-        if rates.stiffness[k, p] == 0.0 and rates.rest[k, p] == 0.0 and d_command[k, p] == 0.0:
-            continue
-        change = rates.stiffness[k, p] * (_stretch(frame, command, x, k, slope) / stiffness)
-        change -= stiffness * (rates.rest[k, p] + d_command[k, p])
-        if frame.vector or k < links:
-            _add_force(frame, command, x, k, change, force)
-            continue
-        for q in range(3):
-            i = frame.joints[k - links, q]
-            force[i, 0] -= change * slope[2 * q]
-            force[i, 1] -= change * slope[2 * q + 1]
-
-
-@lean
-def _miss_rate(frame, commands, state, turn, i):
-    """Compute how the miss of a point that moves changes with its friction and its axis, at fixed force and places.
-
-    `commands` holds the command and its derivative, shape (C,), and `turn` is the derivative of the angle of the axis.
-    """
-    command, change = commands
-    x, base, force, rows = state
-    at, least, most = friction_of(frame, command, i)
-    v0 = x[i, 0] - base[i, 0]
-    v1 = x[i, 1] - base[i, 1]
-    if frame.directions.shape[0] > 0:
-        m = frame.directions.shape[0]
-        r = frame.grip[i]
-        face, _, _ = nearest_face(frame, command, at, force[i, 0] + r * v0, force[i, 1] + r * v1, 0.0)
-        if face >= m:
-            c0, c1 = corner_of(frame, change, at, face - m)
-            return -c0 / most, -c1 / most
-        along = change[at + max(face, 0)] / most
-        return -along * frame.directions[face, 0], -along * frame.directions[face, 1]
-    cos, sin, _, _ = axis_of(frame, x, i)
-    s0 = cos * force[i, 0] + sin * force[i, 1]
-    s1 = cos * force[i, 1] - sin * force[i, 0]
-    w0 = cos * v0 + sin * v1
-    w1 = cos * v1 - sin * v0
-    ahead = at if s0 >= 0.0 else at + 1
-    left = at + 2 if s1 >= 0.0 else at + 3
-    u0 = s0 / command[ahead]
-    u1 = s1 / command[left]
-    du0 = -u0 * change[ahead] / command[ahead]
-    du1 = -u1 * change[left] / command[left]
-    rho = frame.grip[i] / (least * most)
-    dz0 = du0
-    dz1 = du1
-    r0 = r1 = rho * most
-    if not frame.along_velocity:
-        ahead = ahead if w0 == 0.0 else at if w0 > 0.0 else at + 1
-        left = left if w1 == 0.0 else at + 2 if w1 > 0.0 else at + 3
-        r0 = rho * command[ahead]
-        r1 = rho * command[left]
-        dz0 += rho * change[ahead] * w0
-        dz1 += rho * change[left] * w1
-    z0 = u0 + r0 * w0
-    z1 = u1 + r1 * w1
-    length = math.hypot(z0, z1)
-    across = (z0 * dz1 - z1 * dz0) / (length * length * length)
-    return du0 + across * z1 + rows[i, 10] * turn, du1 - across * z0 + rows[i, 11] * turn
-
-
-@compiled
-def _differentiate_step(frame, rates, commands, base, x, place, rests):
-    """Carry the derivatives of the places of all points through an implicit step.
-
-    Args:
-        frame: the body.
-        rates: its derivatives.
-        commands: the command at the end of the step, shape (C,), and its derivatives, shape (C, P).
-        base: displacements at its start, shape (N, 2) [m].
-        x: displacements at its end, shape (N, 2) [m].
-        place: changed in place: derivatives of the places, shape (N, 2, P).
-        rests: points that are taken to stick, shape (N,).
-    """
-    n, _, columns = place.shape
-    force = np.empty((n, 2))
-    change = np.empty((n, 2))
-    step = np.empty((n, 2))
-    rows = np.empty((n, 13))
-    size = np.empty(n)
-    pull(frame, commands[0], x, force, size)
-    linearise(frame, commands[0], x, base, force, size, rows)
-    for i in range(n):
-        rows[i, 12] = 0.0 if rests[i] else rows[i, 12]
-    column = np.empty(commands[0].shape[0])
-    for p in range(columns):
-        for k in range(column.shape[0]):
-            column[k] = commands[1][k, p]
-        _force_rate(frame, rates, commands, x, p, change)
-        for i in range(n):
-            d0 = step[i, 0] = place[i, 0, p]
-            d1 = step[i, 1] = place[i, 1, p]
-            row = rows[i]
-            row[0] = row[1] = 0.0
-            if row[12] == 0.0:
-                continue
-            if friction_of(frame, commands[0], i)[2] > 0.0:
-                row[0], row[1] = _miss_rate(frame, (commands[0], column), (x, base, force, rows), rates.offset[i, p], i)
-            row[0] += row[2] * change[i, 0] + row[3] * change[i, 1] + row[6] * d0 + row[7] * d1
-            row[1] += row[4] * change[i, 0] + row[5] * change[i, 1] + row[8] * d0 + row[9] * d1
-        find_step(frame, commands[0], x, rows, step, 0.0)
-        for i in range(n):
-            place[i, 0, p] = step[i, 0]
-            place[i, 1, p] = step[i, 1]
-
-
-@compiled
-def _work_rate(frame, rates, before, after, x, place, work):
-    """Add half the derivative of the work of the actuators while the command changes and no point moves, shape (P,).
-
-    `before` and `after` hold the command, shape (C,), and its derivatives, shape (C, P).
-    """
-    n, _, columns = place.shape
-    slope = np.empty(6)
-    rate = np.empty((n, 2))
-    for p in range(columns):
-        for i in range(n):
-            rate[i, 0] = place[i, 0, p]
-            rate[i, 1] = place[i, 1, p]
-        for k in range(frame.stiffness.shape[0]):
-            change = after[0][k] - before[0][k]
-            d_change = after[1][k, p] - before[1][k, p]
-            if change == 0.0 and d_change == 0.0:
-                continue
-            stiffness = frame.stiffness[k]
-            tension = _stretch(frame, before[0], x, k, slope)
-            lengthens = _stretch_rate(frame, before[0], x, k, rate, slope) - rates.rest[k, p] - before[1][k, p]
-            middle = tension - 0.5 * stiffness * change
-            d_middle = rates.stiffness[k, p] * (middle / stiffness) + stiffness * (lengthens - 0.5 * d_change)
-            work[p] -= 0.5 * (middle * d_change + d_middle * change)
 
 
 @lean
@@ -308,9 +97,9 @@ def _differentiate_walk(frame, rates, course, pieces, start, found):
             unique = False
         if piece == pieces - 1:
             last_place = place.copy()
-        _work_rate(frame, rates, before, now, base, place, work)
-        _differentiate_step(frame, rates, now, base, x, place, rests)
-        _work_rate(frame, rates, before, now, x, place, work)
+        work_rate(frame, rates, before, now, base, place, work)
+        differentiate_step(frame, rates, now, base, x, place, rests)
+        work_rate(frame, rates, before, now, x, place, work)
         before[0][:] = now[0]
         before[1][:] = now[1]
     for i in range(n):
@@ -447,7 +236,7 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
         solved, _ = solve_stage(frame, now[0], base, x, force, 0.0)
         if not solved:
             return np.inf, unique
-        _differentiate_step(frame, rates, now, base, x, place, rests)
+        differentiate_step(frame, rates, now, base, x, place, rests)
         length *= 2.0
     return total, unique
 
