@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.body import Body
+from ..body.drive import NS
 from ..body.plan import Plan
 from ..errors import CommandError
 from ..motion.plane.elastic import pull
@@ -27,8 +28,7 @@ from .plane_part import Course, differentiate_part, find_velocity
 from .plane_step import Rates
 
 _TOLERANCE = 1e-8
-"""Tolerance of the path, relative to its largest change of length: derivatives of points that stop are known to about
-its square root times their change in the last part before."""
+"""Tolerance of the path, relative to its largest change of length."""
 _RESTS = 0.03
 """A point that moves by this part of the tolerance while a part of a ramp is followed has started at its end."""
 _AT_BOUND = 4.0
@@ -142,15 +142,15 @@ class PlanePath:
             d_target = self._motion.expand(d_target[None])[0]
             begin = self._state.command.copy()
             target = self._motion.expand(vertices.targets[v : v + 1])[0]
-            work[v] = self._follow_ramp(target, d_target, d_work[v])
+            work[v] = self._follow_ramp(target, d_target, d_work[v], vertices.time_ns[v] / NS)
             x[v], dx[v] = self._state.displacement, self.dx
             if vertices.d_time[v].any():
                 speed[v] = self._find_velocity(target - begin)
             self._ramps += 1
         return Stretch(x, np.zeros_like(x), work, dx, d_work, speed)
 
-    def _follow_ramp(self, target: np.ndarray, d_target: np.ndarray, d_work: np.ndarray) -> float:
-        """Follow a ramp part by part; return its work."""
+    def _follow_ramp(self, target: np.ndarray, d_target: np.ndarray, d_work: np.ndarray, until: float) -> float:
+        """Follow a ramp, which ends at some time [s], part by part; return its work."""
         motion, state = self._motion, self._state
         arrays = state.x, state.gained, state.command, state.turned
         progress = np.array([0.0, 1.0, motion.tolerance, math.inf, 0.0])
@@ -165,7 +165,10 @@ class PlanePath:
             gap = self._gaps(motion.frame, command, x)
             if not follow_ramp(motion.frame, arrays, target, motion.tolerance, self._velocity, account, progress):
                 if not motion.frame.vector:
-                    raise CommandError("the body jumps, as no stable equilibrium is left; no derivative exists")
+                    raise CommandError(
+                        f"sensitivities: before {until:g} s the body jumps, as no stable equilibrium is left; no "
+                        "derivative exists from there on: choose a shorter duration"
+                    )
                 force_step(motion.frame, arrays, target, account, progress)
             length = progress[PLACE] - place
             part = 1.0 if progress[PLACE] == 1.0 else length / (1.0 - place)
@@ -223,9 +226,7 @@ class PlanePath:
     def _find_holds(self, now: _Part, place: float, unique: bool) -> None:
         """Find points that rest at the boundary of their sets, and whether friction alone decides the translation."""
         state = self._state
-        stays = (
-            np.hypot(*(state.force - now.force).T) <= self._zero
-        )  # it may have gone to another place of the boundary
+        stays = np.hypot(*(state.force - now.force).T) <= self._zero  # it may have crossed to another side of its set
         bound = np.maximum(now.gap, self._gaps(self._motion.frame, state.command, state.x)) <= self._zero[:, None]
         holds = bound & (~now.slides & stays & self._rough)[:, None]
         if now.length >= _LONG and holds.any():

@@ -369,14 +369,14 @@ def test_chains_that_turn_agree_with_differences(seed: int) -> None:
 
 
 def test_a_body_that_jumps_has_no_derivative() -> None:
-    body, drive = {"points": [[0, 0], [1, 0.1], [2, 0]], "links": {"stiffness": 50.0}, "springs": "length"}, {}
+    body = {"points": [[0, 0], [1, 0.1], [2, 0]], "links": {"stiffness": 50.0}, "springs": "length"}
     joints = {"stiffness": 0.05, "between": [[0, 1, 2]]}
     drive = {"times": [0, 1], "actuation": [[0.0, 0.0, 0.0], [0.0, 0.0, 1.2]]}
     document = {"name": "x", "dimension": 2, "body": body | {"joints": joints}, "drive": drive}
     document["friction"] = {"forward": 0.5, "backward": 0.5, "left": 0.05, "right": 0.05}
     scene = Scene.model_validate(document)
     assert simulate(scene, 1.0, 4.0).jumps
-    with pytest.raises(CommandError, match="jumps"):
+    with pytest.raises(CommandError, match=r"before [0-9.]+ s the body jumps"):
         sensitivities(scene, ["body.links.stiffness"], 1.0, 4.0)
 
 
