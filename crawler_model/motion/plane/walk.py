@@ -373,7 +373,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
         for i in range(n):
             for c in range(2):
                 step[i, c] = one[i, c] / (pieces + 1.0)
-    if error <= allowed:  # a single step may end short of a change
+    if error <= tolerance:  # a single step may end short of a change
         crossing = _find_crossing(frame, way, part, best, force, negligible)
         if crossing < 1.0:
             return CROSS, np.inf, crossing, unique

@@ -231,14 +231,15 @@ def test_energies_keep_the_tolerance(seed):
     assert abs(residual) < 1e-7 * sum(step.work for step in steps)
 
 
-@pytest.mark.parametrize("seed", [1, 7, 9, 11, 19])
+@pytest.mark.parametrize("seed", [3, 7, 9, 11, 19])
 def test_small_tolerances_are_kept_without_false_jumps(seed):
     """Starts, stops and changes to other quarters of the sets of friction are found as closely as needed."""
     scene, goals = wriggle(seed)
-    exact, steps = follow(scene, goals, 1e-8)
-    body, _ = follow(scene, goals, 1e-7)
+    exact, steps = follow(scene, goals, 1e-9)
     assert not any(step.jumps for step in steps)
-    assert np.abs(body.displacement - exact.displacement).max() < 1e-7 * len(goals)
+    for tolerance in (1e-7, 1e-8):
+        body, _ = follow(scene, goals, tolerance)
+        assert np.abs(body.displacement - exact.displacement).max() < 0.3 * tolerance * np.abs(goals).max()
 
 
 @pytest.mark.parametrize("ticks", [1, 10, 100])
