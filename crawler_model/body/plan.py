@@ -80,19 +80,3 @@ def check_plan(scene: Any, call: str) -> None:
         f"{call}: {given} is not a Scene; load_scene builds one from a path or a gallery name, "
         "Scene.model_validate from a mapping"
     )
-
-
-def refuse_turning(scene: Plan | None, call: str) -> None:
-    """Raise an error for a body that turns.
-
-    Args:
-        scene: the scene; None if it is not known.
-        call: name of what is not available for it.
-
-    Raises:
-        SceneError: if springs of its body have lengths, so that it turns.
-    """
-    if scene is not None and scene.body.turning is not None:
-        raise SceneError(
-            f"{call}: {scene.name} has `springs: length`, so that it turns; {call} is not available for such bodies yet"
-        )

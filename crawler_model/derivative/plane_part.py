@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import compiled, lean
+from ..motion.plane.equal_steps import extrapolate_number
 from ..motion.plane.ramp import glance
 from ..motion.plane.stage import solve_stage
 from ..motion.plane.translation import choose_translation
@@ -121,13 +122,7 @@ def _extrapolate(table, newest, pieces, scale, compared):
     """
     error = 0.0
     for i in range(newest.shape[0]):
-        value = newest[i]
-        before = value
-        for column in range(pieces - 1):
-            before = value
-            value = before + (before - table[column, i]) * ((pieces - column - 1.0) / (column + 1.0))
-            table[column, i] = before
-        table[pieces - 1, i] = value
+        value, before = extrapolate_number(table, i, newest[i], pieces)
         newest[i] = value
         if i < compared:
             error = max(error, abs(value - before) / scale[i % scale.shape[0]])
@@ -186,8 +181,7 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
         d_work: added to: derivatives of the work of the actuators, shape (P,).
 
     Returns:
-        An estimate of the error of the derivatives relative to the largest of the same parameter, infinite if no step
-        was solved; and whether the displacement is unique.
+        Whether all steps were solved, and whether the displacement is unique.
     """
     x0, moved, velocity, slowing = way
     place, rate = tangent
@@ -199,7 +193,6 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
     x = x0.copy()
     guess = np.empty((n, 2))
     now = course.command.copy(), course.d_command.copy()
-    total = 0.0
     unique = True
     done = 0.0
     length = 1.0
@@ -216,8 +209,9 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
         if error > _ALLOWED and length > _LEAST_LENGTH:
             length *= 0.5
             continue
+        if error == np.inf:
+            return False, unique
         unique = unique and also
-        total += error
         done += length
         for i in range(n):
             for c in range(2):
@@ -235,10 +229,10 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
         _command_on(course, course.part * done, now[0], now[1])
         solved, _ = solve_stage(frame, now[0], base, x, force, 0.0)
         if not solved:
-            return np.inf, unique
+            return False, unique
         differentiate_step(frame, rates, now, base, x, place, rests)
         length *= 2.0
-    return total, unique
+    return True, unique
 
 
 @compiled

@@ -42,7 +42,7 @@ _SHORT_OF = 1.0 - 1e-8
 _STEP = 1e-7
 """Step of the differences of gaps, relative to what changes with a parameter."""
 _ROUNDING = 1e-12
-"""Rounding errors of a gap, relative to the largest friction."""
+"""Rounding errors of a gap, relative to the largest number of the command."""
 _SAME = 1e-4
 """Derivatives that differ by no more than this part are taken to be equal when kinks are looked for."""
 
@@ -129,7 +129,7 @@ class PlanePath:
             Displacements and work at the vertices, with their derivatives.
 
         Raises:
-            CommandError: if the body jumps.
+            CommandError: if the body jumps, or a step has no solution.
         """
         count, n, columns = vertices.time_ns.size, self._plan.body.contacts, self._place.shape[2]
         x, work = np.empty((count, n, 2)), np.empty(count)
@@ -182,7 +182,9 @@ class PlanePath:
             short = _SHORT_OF if part < 1.0 and motion.frame.directions.size else 1.0
             course = Course(command, target, self._d_command, d_target, short * part)
             ways, tangent = (x, moved, now.velocity, now.slowing), (self._place, now.rate)
-            _, unique = differentiate_part(motion.frame, self._rates, course, ways, ~slides, tangent, d_work)
+            solved, unique = differentiate_part(motion.frame, self._rates, course, ways, ~slides, tangent, d_work)
+            if not solved:
+                raise CommandError(f"sensitivities: before {until:g} s a step has no solution, and no derivative")
             self._d_command = self._d_command + part * (d_target - self._d_command)
             self._find_holds(now, progress[PLACE], bool(unique))
             if last is not None and now.length < _SHORT * last.length and (last.slides == slides).all():

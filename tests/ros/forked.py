@@ -63,9 +63,7 @@ class Forked:
         log.touch()
         place = folder or Path.cwd()
         words = (module, arguments, environment, log, place)
-        self._process = _server().Process(
-            target=_run, args=words, daemon=True
-        )  # the end of the tests waits for no other
+        self._process = _server().Process(target=_run, args=words, daemon=True)  # the end of the tests does not wait
         self._process.start()
         assert self._process.pid is not None
         self.pid = self._process.pid

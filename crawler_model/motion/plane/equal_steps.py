@@ -24,6 +24,28 @@ def farthest(a, n):
     return most
 
 
+@lean
+def extrapolate_number(table, at, value, pieces):
+    """Add a number that a walk found to the Aitken-Neville scheme in 1/steps.
+
+    Args:
+        table: what walks of fewer steps left, a column for each number, shape (walks, m), changed in place.
+        at: the column.
+        value: the number.
+        pieces: number of steps of the walk.
+
+    Returns:
+        The extrapolated number, and the one before in the scheme.
+    """
+    before = value
+    for column in range(pieces - 1):
+        previous = table[column, at]
+        table[column, at] = before = value
+        value = before + (before - previous) * ((pieces - column - 1.0) / (column + 1.0))
+    table[pieces - 1, at] = value
+    return value, before
+
+
 @compiled
 def find_stop(velocity, part, total, last, pieces, negligible):
     """Estimate the part of a walk up to where the first point stops, from its velocity before and in the last step.

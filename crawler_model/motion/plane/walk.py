@@ -12,7 +12,7 @@ import numpy as np
 
 from ...compiled import compiled, lean, merged
 from .elastic import pull, stretch_link, stretch_vector, turn_joint
-from .equal_steps import farthest, find_stop
+from .equal_steps import extrapolate_number, farthest, find_stop
 from .frame import friction_of, load_of
 from .friction import gap_of, load_part, resistance
 from .polygon import ON
@@ -234,13 +234,7 @@ def _extrapolate(table, newest, pieces, n, per_force):
     for i in range(newest.shape[0]):
         change = 0.0
         for c in range(2):
-            value = newest[i, c]
-            before = value
-            for column in range(pieces - 1):
-                before = value
-                value = before + (before - table[column, i, c]) * ((pieces - column - 1.0) / (column + 1.0))
-                table[column, i, c] = before
-            table[pieces - 1, i, c] = value
+            value, before = extrapolate_number(table, 2 * i + c, newest[i, c], pieces)
             newest[i, c] = value
             change = math.hypot(change, value - before)
         if i <= n:
@@ -326,7 +320,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
     expected = np.empty((n, 2))
     step = np.empty((n, 2))
     one = np.empty((n, 2))
-    table = np.zeros((_WALKS, n + 2, 2))
+    table = np.zeros((_WALKS, 2 * (n + 2)))
     error = np.inf
     growth = 0.0
     unique = True

@@ -231,7 +231,7 @@ def test_energies_keep_the_tolerance(seed):
     assert abs(residual) < 1e-7 * sum(step.work for step in steps)
 
 
-@pytest.mark.parametrize("seed", [3, 7, 9, 11, 19])
+@pytest.mark.parametrize("seed", [1, 3, 7, 9, 11, 19])
 def test_small_tolerances_are_kept_without_false_jumps(seed):
     """Starts, stops and changes to other quarters of the sets of friction are found as closely as needed."""
     scene, goals = wriggle(seed)
