@@ -50,9 +50,9 @@ def within(body: Driven, ramps: int = 1) -> float:
 
 
 def known(body: Drawn, steps: list[Step], parts: int = 1) -> np.ndarray:
-    """Return after which ramps the state is determined: flat springs may leave one open, and what follows from it."""
+    """Return after which ramps the state is determined: flat springs and tied jumps may leave one open."""
     sound = [step.unique and not step.unsolved and not step.overspent for step in steps]
-    each = np.array(sound) | ("bent" not in body.kind)
+    each = np.array(sound) | ("bent" not in body.kind and "patches" not in body.kind)
     return np.logical_and.accumulate(each)[parts - 1 :: parts]
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ...compiled import compiled
+from ...compiled import lean
 
 
-@compiled
+@lean
 def solve_band(band, reach, right):
     """Solve a banded system by Gaussian elimination with partial pivoting.
 
@@ -20,36 +20,45 @@ def solve_band(band, reach, right):
     n = right.shape[0]
     middle = 2 * reach
     least = 1.0
+    end = 0
     for j in range(n):
         last = min(n, j + reach + 1)
-        pivot = j
         scale = 0.0
-        for r in range(max(0, j - reach), last):
-            scale = max(scale, abs(band[j, middle + r - j]))
-        for r in range(j + 1, last):
-            if abs(band[j, middle + r - j]) > abs(band[j, middle + pivot - j]):
-                pivot = r
-        top = band[j, middle + pivot - j]
+        above = band[j, middle - min(j, reach) : middle]
+        for k in range(above.shape[0]):
+            scale = max(scale, abs(above[k]))
+        pivot = 0
+        below = band[j, middle : middle + last - j]
+        for k in range(below.shape[0]):
+            if abs(below[k]) > abs(below[pivot]):
+                pivot = k
+        top = below[pivot]
         if top == 0.0:
             return 0.0
-        least = min(least, abs(top) / scale)
-        end = min(n, j + middle + 1)
-        if pivot != j:
+        least = min(least, abs(top) / max(scale, abs(top)))
+        end = max(end, min(n, j + pivot + reach + 1))  # of the upper triangle, which grows by pivoting
+        if pivot > 0:
             for c in range(j, end):
                 at = middle + j - c
-                other = middle + pivot - c
-                band[c, at], band[c, other] = band[c, other], band[c, at]
-            right[j], right[pivot] = right[pivot], right[j]
-        for r in range(j + 1, last):
-            band[j, middle + r - j] /= top
-            right[r] -= band[j, middle + r - j] * right[j]
+                band[c, at], band[c, at + pivot] = band[c, at + pivot], band[c, at]
+            right[j], right[j + pivot] = right[j + pivot], right[j]
+        below = below[1:]
+        rest = right[j + 1 : last]
+        for k in range(below.shape[0]):
+            below[k] /= top
+        for k in range(below.shape[0]):
+            rest[k] -= below[k] * right[j]
         for c in range(j + 1, end):
             factor = band[c, middle + j - c]
             if factor != 0.0:
-                for r in range(j + 1, last):
-                    band[c, middle + r - c] -= band[j, middle + r - j] * factor
+                column = band[c, middle + j + 1 - c : middle + last - c]
+                for k in range(below.shape[0]):
+                    column[k] -= below[k] * factor
     for j in range(n - 1, -1, -1):
         right[j] /= band[j, middle]
-        for r in range(max(0, j - middle), j):
-            right[r] -= band[j, middle + r - j] * right[j]
+        first = max(0, j - middle)
+        rest = right[first:j]
+        above = band[j, middle + first - j : middle]
+        for k in range(above.shape[0]):
+            rest[k] -= above[k] * right[j]
     return least

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ...compiled import compiled, lean
+from ...compiled import lean
 
 
 @lean
@@ -46,7 +46,7 @@ def extrapolate_number(table, at, value, pieces):
     return value, before
 
 
-@compiled
+@lean
 def find_stop(velocity, part, total, last, pieces, negligible):
     """Estimate the part of a walk up to where the first point stops, from its velocity before and in the last step.
 

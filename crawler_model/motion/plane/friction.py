@@ -77,7 +77,7 @@ def resistance(frame, command, x, i, v0, v1):
     across = command[at + 2] if w1 >= 0.0 else command[at + 3]
     if frame.along_velocity:
         return (along * w0 * w0 + across * w1 * w1) / math.hypot(w0, w1)
-    return math.hypot(along * w0, across * w1)
+    return math.sqrt((along * w0) ** 2 + (across * w1) ** 2)
 
 
 @lean
@@ -125,13 +125,13 @@ def gap_of(frame, command, x, i, force):
         at, _, most = friction_of(frame, command, i)
         return gap_in(frame, command, at, force[i, 0], force[i, 1]) if most > 0.0 else np.inf
     u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
-    size = math.hypot(u0, u1)
+    size = math.sqrt(u0 * u0 + u1 * u1)
     if size == 0.0:
         return friction_of(frame, command, i)[1]
-    return (1.0 - size) * math.hypot(force[i, 0], force[i, 1]) / size if size < np.inf else np.inf
+    return (1.0 - size) * math.sqrt(force[i, 0] ** 2 + force[i, 1] ** 2) / size if size < np.inf else np.inf
 
 
-@compiled
+@lean
 def linearise(frame, command, x, base, force, size, rows):
     """Compute by how much each point misses the law of friction, and the derivatives of that.
 
@@ -162,7 +162,7 @@ def linearise(frame, command, x, base, force, size, rows):
             row[1] = force[i, 1] / scale
             row[2] = row[5] = 1.0 / scale
             row[12] = 1.0
-            miss = math.hypot(row[0], row[1])
+            miss = math.sqrt(row[0] * row[0] + row[1] * row[1])
             worst = max(worst, miss / _CLOSE)
             largest = max(largest, miss)
             continue
@@ -194,12 +194,12 @@ def linearise(frame, command, x, base, force, size, rows):
         u1 = s1 / mu1
         z0 = u0 + r0 * w0
         z1 = u1 + r1 * w1
-        length = math.hypot(z0, z1)
+        length = math.sqrt(z0 * z0 + z1 * z1)
         rounding = _CLOSE * (1.0 + size[i] / least)
         if length <= 1.0 or (length <= 1.0 + SLACK * rounding and w0 == 0.0 and w1 == 0.0):
-            miss = math.hypot(r0 * w0, r1 * w1)
             row[0] = -r0 * w0
             row[1] = -r1 * w1
+            miss = math.sqrt(row[0] * row[0] + row[1] * row[1])
             worst = max(worst, miss / rounding)
             largest = max(largest, miss)
             continue
@@ -208,7 +208,7 @@ def linearise(frame, command, x, base, force, size, rows):
         row[0] = u0 - n0
         row[1] = u1 - n1
         rounding += _CLOSE * max(r0, r1) * (abs(x[i, 0]) + abs(x[i, 1])) / length
-        miss = math.hypot(row[0], row[1])
+        miss = math.sqrt(row[0] * row[0] + row[1] * row[1])
         worst = max(worst, miss / rounding)
         largest = max(largest, miss)
         e00 = n1 * n1 / length

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import lean
 from .frame import friction_of
 
 ON = 1e-11
@@ -109,7 +109,7 @@ def work_against(frame, command, at, v0, v1):
     return most
 
 
-@compiled
+@lean
 def nearest_face(frame, command, at, z0, z1, close):
     """Find the face of a polygon that is nearest to a force.
 
@@ -158,7 +158,7 @@ def nearest_face(frame, command, at, z0, z1, close):
     return face, p0, p1
 
 
-@compiled
+@lean
 def linearise_polygon(frame, command, point, force, moved, limits, row):
     """Compute by how much a point misses the law of friction, and the derivatives of that.
 

@@ -28,7 +28,7 @@ from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .translation import choose_translation
-from .walk import AT_END, AT_ONCE, CROSS, FAILED, START, STOP, TAKEN, attempt, command_at, walk
+from .walk import AT_END, AT_ONCE, BORDER, CROSS, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
 _GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-4, 1e-2
 """Parts of a ramp in which velocities are measured: in general, and with polygons, whose paths are straight; and by how
@@ -44,6 +44,8 @@ _BEYOND = 0.3 * AT_ONCE
 """A part ends where a point that starts has moved by this part of the tolerance."""
 _SHORT_OF = 0.95
 """A part is shortened at least by this factor where a point stops inside, or starts unseen."""
+_FAR_BEYOND = 1.5
+"""A change in the first half of a part is looked for again in a part that is so much longer: the estimate is coarse."""
 _SPENT, _AT_ONCE = 0.02, 0.125
 """Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
 that it may take."""
@@ -52,7 +54,7 @@ _LEAST_SHARE = 1e-5
 _BALANCED, _ROUNDING = 0.01, 1e-12
 """The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
 _EDGE = 1e-6
-"""A length that is a power of 2 but for rounding is not rounded down to the next one."""
+"""A length that is such a power but for rounding is not rounded down to the next one."""
 _LAST_STEP = 1.0 / 256.0
 """Length of a step that is taken whatever its error, as part of the ramp."""
 _MOST_TRIALS = 100
@@ -140,9 +142,9 @@ def glance(frame, way, negligible, velocity, force):
 
 
 @lean
-def _dyadic(frame, length):
-    """Round a length down to a power of 2 where a body turns: rounding errors must not decide about its parts."""
-    return length if frame.vector else 2.0 ** math.floor(math.log2(length) + _EDGE)
+def _round_down(frame, length):
+    """Round a length down to a power of 2^(1/4) where a body turns: rounding errors must not decide about its parts."""
+    return length if frame.vector else 2.0 ** (0.25 * math.floor(4.0 * math.log2(length) + _EDGE))
 
 
 @merged
@@ -243,23 +245,23 @@ def _take(frame, state, target, part, best, after, account):
 
 
 @lean
-def _find_start(length, moved, later, guess, beyond):
-    """Estimate the length of a part that ends just beyond the start of a point.
+def _find_end(length, excess, later, guess, beyond):
+    """Estimate the length of a part that ends just beyond an event.
 
     Args:
         length: of a part that is too long.
-        moved: by how much the point moved in it [m].
+        excess: by how much it goes beyond the event, in any unit.
         later: the same two of a longer part, infinite if there is none.
         guess: estimate of the factor without a longer part.
-        beyond: by how much the point shall move [m].
+        beyond: by how much the part shall go beyond the event.
 
     Returns:
         The length.
     """
-    if not moved < later[1] or later[0] == np.inf:
+    if not excess < later[1] or later[0] == np.inf:
         return max(guess, 0.3) * length
-    speed = (later[1] - moved) / (later[0] - length)
-    return min(max(length - (moved - beyond) / speed, 0.1 * length), 0.999 * length)
+    speed = (later[1] - excess) / (later[0] - length)
+    return min(max(length - (excess - beyond) / speed, 0.1 * length), 0.999 * length)
 
 
 @merged
@@ -277,7 +279,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         first += _BEYOND * tolerance / fastest
     aim = first * rest
     wanted = progress[LENGTH]
-    later = moved = np.inf
+    longer = crossed = np.inf, np.inf
     stops = 0
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
@@ -286,14 +288,16 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         limits = max(share, _SPENT * progress[LEFT]), tolerance, determined
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
-            aim = _find_start(length, error, (later, moved), growth, _BEYOND * tolerance)
-            later = length
-            moved = error
+            aim = _find_end(length, error, longer, growth, _BEYOND * tolerance)
+            longer = length, error
         elif outcome == STOP:
             stops += 1
             aim = min(growth, _SHORT_OF) ** stops * length  # the first estimates of a far stop are too long
         elif outcome == CROSS:
-            aim = growth * length
+            guess = growth * (1.0 + 0.5 * BORDER if growth > 0.5 else _FAR_BEYOND)
+            excess = 1.0 / growth - 1.0
+            aim = _find_end(length, excess, crossed, guess, 0.5 * BORDER)
+            crossed = length, excess
         else:
             paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
@@ -305,15 +309,15 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                 if settled:
                     account[RESIDUAL] += residual
                     progress[LEFT] -= paid
-                    growth = min(max(growth, 0.3), 4.0) * length
-                    progress[LENGTH] = max(wanted, _dyadic(frame, growth)) if length >= aim else _dyadic(frame, growth)
+                    after_this = _round_down(frame, min(max(growth, 0.3), 4.0) * length)
+                    progress[LENGTH] = max(wanted, after_this) if length >= aim else after_this
                     _take(frame, state, target, part, best, after, account)
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
                     return part
                 if length < _LEAST_FALL:
                     break
                 growth = 0.5
-            wanted = _dyadic(frame, (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
+            wanted = _round_down(frame, (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
         if aim < _LEAST_STRAIGHT or wanted < (_LEAST_STRAIGHT if frame.vector else _LEAST_PART):
             break
     return 0.0

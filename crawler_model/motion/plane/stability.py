@@ -25,7 +25,7 @@ _ROUNDS, _DOWNHILL = 40, 0.3
 """Rounds of the search for a forward motion in which the energy decreases, and the length of its steps."""
 
 
-@compiled
+@lean
 def _list_axes(frame, command, moved, freedom, owner, axis, first):
     """List the directions in which points are free; return their number.
 
@@ -157,7 +157,7 @@ def stiffness_of(frame, command, x, moved, freedom):
     return matrix, owner[:count], axis[:count]
 
 
-@compiled
+@lean
 def _has_below(matrix, shift, work):
     """Return whether an eigenvalue lies below a shift, by the signs of the pivots."""
     count, width = matrix.shape

@@ -32,23 +32,27 @@ _LONGEST = 0.25
 
 
 @lean
-def _join(system, i, j, block):
-    """Add how the miss of point i changes with the position of j, by the force -block . change.
+def _join(system, i, j, stiffness, corner, sign):
+    """Add how the miss of point i, which moves, changes with the position of j, by the force -sign stiffness . change.
 
-    A point that sticks moves by `jump`, which belongs to the right side.
+    The stiffness consists of two rows and columns of the array, from its corner on. A point that sticks moves by
+    `jump`, which belongs to the right side.
     """
     rows, place, jump, band, right, reach = system
-    if place[i] < 0:
-        return
+    u, v = corner
+    other = place[j]
     for p in range(2):
         r = 2 * place[i] + p
-        for q in range(2):
-            change = rows[i, 2 + 2 * p] * block[0, q] + rows[i, 3 + 2 * p] * block[1, q]
-            if place[j] >= 0:
-                c = 2 * place[j] + q
-                band[c, 2 * reach + r - c] -= change
-            else:
-                right[r] += change * jump[j, q]
+        by0 = sign * rows[i, 2 + 2 * p]
+        by1 = sign * rows[i, 3 + 2 * p]
+        change0 = by0 * stiffness[u, v] + by1 * stiffness[u + 1, v]
+        change1 = by0 * stiffness[u, v + 1] + by1 * stiffness[u + 1, v + 1]
+        if other >= 0:
+            at = 2 * reach + r - 2 * other
+            band[2 * other, at] -= change0
+            band[2 * other + 1, at - 1] -= change1
+        else:
+            right[r] += change0 * jump[j, 0] + change1 * jump[j, 1]
 
 
 @lean
@@ -56,7 +60,7 @@ def _distance(place, i, j):
     return abs(place[i] - place[j]) if place[i] >= 0 and place[j] >= 0 else 0
 
 
-@compiled
+@lean
 def _reach_of(frame, place):
     """Compute the largest distance of two coupled points that move."""
     apart = 0
@@ -80,7 +84,6 @@ def _assemble(frame, command, x, eta, system):
     middle = 2 * reach
     block = np.empty((2, 2))
     whole = np.empty((6, 6))
-    other = np.empty((2, 2))
     for i in range(x.shape[0]):
         if place[i] < 0:
             continue
@@ -112,23 +115,21 @@ def _assemble(frame, command, x, eta, system):
         if place[a] < 0 and place[b] < 0:
             continue
         stiffen_link(frame, command, x, s, block)
-        for p in range(2):
-            for q in range(2):
-                other[p, q] = -block[p, q]
-        _join(system, a, a, block)
-        _join(system, b, b, block)
-        _join(system, a, b, other)
-        _join(system, b, a, other)
+        for _ in range(2):
+            if place[a] >= 0:
+                _join(system, a, a, block, (0, 0), 1.0)
+                _join(system, a, b, block, (0, 0), -1.0)
+            a, b = b, a
     for j in range(frame.joints.shape[0]):
         points = frame.joints[j]
         if place[points[0]] < 0 and place[points[1]] < 0 and place[points[2]] < 0:
             continue
         stiffen_joint(frame, command, x, j, whole)
         for p in range(3):
+            if place[points[p]] < 0:
+                continue
             for q in range(3):
-                for r in range(4):
-                    block[r // 2, r % 2] = whole[2 * p + r // 2, 2 * q + r % 2]
-                _join(system, points[p], points[q], block)
+                _join(system, points[p], points[q], whole, (2 * p, 2 * q), 1.0)
 
 
 @merged

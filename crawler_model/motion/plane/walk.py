@@ -26,10 +26,8 @@ _CONVERGING = 0.3
 """Another walk follows as long as the last one reduced the error at least to this part."""
 _AT_ONE_PLACE = 0.1
 """A force is on the boundary of its set if its contact starts within this part of what is negligible."""
-_BORDER = 1e-3
+BORDER = 1e-3
 """A force that changes to another quarter of its set within this part of an end of a part of the way does so there."""
-_FAR_BEYOND = 1.5
-"""A change in the first half of a part is looked for again in a part that is so much longer: the estimate is coarse."""
 FAILED, START, STOP, CROSS, TAKEN, AT_END = range(6)
 """Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; the force on one changes to
 another quarter of its set inside; done, with some error; done in one step of vector springs, at whose end friction
@@ -50,7 +48,7 @@ def command_at(command, target, part, now):
         now[k] = target[k] if part == 1.0 else command[k] + part * (target[k] - command[k])
 
 
-@compiled
+@lean
 def work_of(frame, x, before, after, slope):
     """Compute the work of the actuators while the body does not move.
 
@@ -145,7 +143,7 @@ def walk(frame, way, parts, step, total, slid):
     return True, unique
 
 
-@compiled
+@lean
 def _foresee(frame, way, moved, expected, force, negligible):
     """Find whether a point starts inside a part of the way, from the forces at its start, or stops at once.
 
@@ -183,7 +181,7 @@ def _find_crossing(frame, way, part, moved, force, negligible):
 
     The boundary has another curvature there, and so have paths: extrapolation across it converges by chance alone.
 
-    Returns the factor up to just beyond it; 1 if there is none inside.
+    Returns the part; 1 if there is none inside.
     """
     if frame.vector:
         return 1.0
@@ -207,10 +205,8 @@ def _find_crossing(frame, way, part, moved, force, negligible):
         for c in range(2):
             if before[c] * later[c] < 0.0 and command[at + 2 * c] != command[at + 2 * c + 1]:
                 place = before[c] / (before[c] - later[c])
-                first = min(first, place) if place > _BORDER else first
-    if first >= 1.0 - _BORDER:
-        return 1.0
-    return first * (1.0 + 0.5 * _BORDER if first > 0.5 else _FAR_BEYOND)
+                first = min(first, place) if place > BORDER else first
+    return first if first < 1.0 - BORDER else 1.0
 
 
 @lean

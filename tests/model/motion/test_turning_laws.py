@@ -78,6 +78,14 @@ def test_energies_balance_and_forces_stay_in_their_sets(seed):
     assert body.margins.min() > -1e-8
 
 
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_finer_tolerance_finds_no_more_jumps(seed):
+    """Forces change quarters in most parts of the way; where none was found short enough, the body jumped in place."""
+    document = tree(seed) | {"tolerance": 1e-6}
+    document["drive"] = {key: value[:4] for key, value in document["drive"].items()}
+    assert not any(step.jumps for step in follow(document)[2])
+
+
 def turned(document: dict[str, Any], angle: float) -> dict[str, Any]:
     cos, sin = math.cos(angle), math.sin(angle)
     points = np.array(document["body"]["points"]) @ np.array([[cos, sin], [-sin, cos]])

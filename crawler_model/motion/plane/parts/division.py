@@ -57,7 +57,7 @@ def list_neighbours(ends, n):
     return Neighbours(first, other)
 
 
-@compiled
+@lean
 def mark_beyond(frame, command, force, part, marked):
     """Mark the contacts whose force is beyond a part of their friction.
 
