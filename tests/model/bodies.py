@@ -54,6 +54,34 @@ class Driven:
             data["ground"] = {"patches": [_moved(patch, by) for patch in data["ground"]["patches"]]}
         return Driven(data, self.rows)
 
+    def renumbered(self, seed: int) -> tuple[Driven, np.ndarray]:
+        """Return the same body with its links, and in the plane its contacts, in another order, and that of contacts."""
+        rng, body = np.random.default_rng(seed), self.data["body"]
+        links, count = body["links"], len(body["contacts"])
+        order = rng.permutation(count) if self.scene.body.dimension == 2 else np.arange(count)
+        ways, new = rng.permutation(len(links["between"])), np.argsort(order)
+
+        def of_links(row: Any) -> np.ndarray:
+            return np.concatenate((np.asarray(row)[ways], np.asarray(row)[ways.size :]))
+
+        def of_contacts(row: Any) -> np.ndarray:
+            return np.concatenate((np.asarray(row)[order], np.asarray(row)[count:]))
+
+        between = [[int(new[end]) if isinstance(end, int) else end for end in links["between"][k]] for k in ways]
+        links = links | {"stiffness": of_links(links["stiffness"]).tolist(), "between": between}
+        drive = self.data["drive"] | {"actuation": [of_links(row).tolist() for row in self.data["drive"]["actuation"]]}
+        if "friction" in drive:
+            sides = drive["friction"].items()
+            drive["friction"] = {side: [of_contacts(row).tolist() for row in rows] for side, rows in sides}
+        sides = self.data["friction"].items()
+        data = {
+            "body": body | {"contacts": [body["contacts"][k] for k in order], "links": links},
+            "friction": {side: row if side == "directions" else of_contacts(row).tolist() for side, row in sides},
+            "drive": drive,
+        }
+        held = [(of_links(a), *(None if f is None else of_contacts(f) for f in rest)) for a, *rest in self.rows]
+        return Driven(self.data | data, tuple(held)), order
+
     def run(self, method: str, parts: int = 1) -> tuple[np.ndarray, list[Any]]:
         """Follow every ramp in so many equal parts: the displacement at the end of each, and all steps."""
         crawler = Crawler(self.scene, method)

@@ -158,6 +158,18 @@ def test_where_the_body_stands_does_not_matter(body, method):
     assert there[sure] == pytest.approx(here[sure], abs=100 * within(body.driven(), 10))
 
 
+@law(*((kind, method) for kind, method in EVERY if "bent" not in kind and "segment" not in kind))
+def test_the_numbers_of_links_and_contacts_do_not_matter(body, method):
+    """On a line contacts are numbered as they lie."""
+    here, steps = body.driven().run(method)
+    other, order = body.driven().renumbered(body.seed)
+    there, others = other.run(method)
+    order = np.append(order, np.arange(order.size, here.shape[1]))
+    sure = known(body, steps) & known(body, others)
+    assert there[sure] == pytest.approx(here[:, order][sure], abs=within(body.driven(), 10))
+    assert [step.unique for step in others] == [step.unique for step in steps]
+
+
 SCALES = st.sampled_from([1e-9, 1e-3, 7.0, 1e9])
 
 
