@@ -54,7 +54,7 @@ _LEAST_SHARE = 1e-5
 _BALANCED, _ROUNDING = 0.01, 1e-12
 """The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
 _EDGE = 1e-6
-"""A length that is such a power but for rounding is not rounded down to the next one."""
+"""A length that is a power of 2 but for rounding is not rounded down to the next one."""
 _LAST_STEP = 1.0 / 256.0
 """Length of a step that is taken whatever its error, as part of the ramp."""
 _MOST_TRIALS = 100
@@ -143,8 +143,8 @@ def glance(frame, way, negligible, velocity, force):
 
 @lean
 def _round_down(frame, length):
-    """Round a length down to a power of 2^(1/4) where a body turns: rounding errors must not decide about its parts."""
-    return length if frame.vector else 2.0 ** (0.25 * math.floor(4.0 * math.log2(length) + _EDGE))
+    """Round a length down to a power of 2 where a body turns: rounding errors must not decide about its parts."""
+    return length if frame.vector else 2.0 ** math.floor(math.log2(length) + _EDGE)
 
 
 @merged
