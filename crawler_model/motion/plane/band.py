@@ -9,6 +9,8 @@ from ...compiled import lean
 def solve_band(band, reach, right):
     """Solve a banded system by Gaussian elimination with partial pivoting.
 
+    Loops run over slices: an index with an offset may be negative to numba, which then does not vectorize.
+
     Args:
         band: element (r, c) of the matrix at [c, 2 reach + r - c], shape (n, 3 reach + 1), overwritten.
         reach: largest distance of an element from the diagonal.
