@@ -61,25 +61,24 @@ class Driven:
         order = rng.permutation(count) if self.scene.body.dimension == 2 else np.arange(count)
         ways, new = rng.permutation(len(links["between"])), np.argsort(order)
 
-        def of_links(row: Any) -> np.ndarray:
-            return np.concatenate((np.asarray(row)[ways], np.asarray(row)[ways.size :]))
-
-        def of_contacts(row: Any) -> np.ndarray:
-            return np.concatenate((np.asarray(row)[order], np.asarray(row)[count:]))
+        def sort(row: Any, by: np.ndarray) -> np.ndarray:
+            return np.concatenate((np.asarray(row)[by], np.asarray(row)[by.size :]))
 
         between = [[int(new[end]) if isinstance(end, int) else end for end in links["between"][k]] for k in ways]
-        links = links | {"stiffness": of_links(links["stiffness"]).tolist(), "between": between}
-        drive = self.data["drive"] | {"actuation": [of_links(row).tolist() for row in self.data["drive"]["actuation"]]}
+        links = links | {"stiffness": sort(links["stiffness"], ways).tolist(), "between": between}
+        drive = self.data["drive"] | {
+            "actuation": [sort(row, ways).tolist() for row in self.data["drive"]["actuation"]]
+        }
         if "friction" in drive:
             sides = drive["friction"].items()
-            drive["friction"] = {side: [of_contacts(row).tolist() for row in rows] for side, rows in sides}
+            drive["friction"] = {side: [sort(row, order).tolist() for row in rows] for side, rows in sides}
         sides = self.data["friction"].items()
         data = {
             "body": body | {"contacts": [body["contacts"][k] for k in order], "links": links},
-            "friction": {side: row if side == "directions" else of_contacts(row).tolist() for side, row in sides},
+            "friction": {side: row if side == "directions" else sort(row, order).tolist() for side, row in sides},
             "drive": drive,
         }
-        held = [(of_links(a), *(None if f is None else of_contacts(f) for f in rest)) for a, *rest in self.rows]
+        held = [(sort(a, ways), *(None if f is None else sort(f, order) for f in rest)) for a, *rest in self.rows]
         return Driven(self.data | data, tuple(held)), order
 
     def run(self, method: str, parts: int = 1) -> tuple[np.ndarray, list[Any]]:

@@ -49,10 +49,10 @@ def within(body: Driven, ramps: int = 1) -> float:
     return share * body.extent
 
 
-def known(body: Drawn, steps: list[Step], parts: int = 1) -> np.ndarray:
-    """Return after which ramps the state is determined: flat springs and tied jumps may leave one open."""
+def known(body: Drawn, steps: list[Step], parts: int = 1, doubtful: tuple[str, ...] = ("bent",)) -> np.ndarray:
+    """Return after which ramps the state is determined: flat springs may leave one open, and what follows from it."""
     sound = [step.unique and not step.unsolved and not step.overspent for step in steps]
-    each = np.array(sound) | ("bent" not in body.kind and "patches" not in body.kind)
+    each = np.array(sound) | all(kind not in body.kind for kind in doubtful)
     return np.logical_and.accumulate(each)[parts - 1 :: parts]
 
 
@@ -81,9 +81,11 @@ def test_the_path_matters_and_the_speed_does_not(body, method, rate):
 
 @law(*FOLLOWED, parts=st.integers(2, 9))
 def test_a_ramp_split_in_parts_leads_to_the_same_place(body, method, parts):
+    """Which of several solutions follows tied jumps on patches, rounding decides."""
     whole, steps = body.driven().run(method)
     split, others = body.driven().run(method, parts)
-    sure = known(body, steps) & known(body, others, parts)
+    doubtful = ("bent", "patches")
+    sure = known(body, steps, 1, doubtful) & known(body, others, parts, doubtful)
     assert split[sure] == pytest.approx(whole[sure], abs=within(body.driven(), 5 * (parts + 1)))
 
 
